@@ -1,4 +1,4 @@
-"""Where compiled and extracted files are kept between runs."""
+"""The cache of compiled and extracted files."""
 
 from __future__ import annotations
 
@@ -329,7 +329,7 @@ class Entry:
 
 
 def entries(digest: str = "", *, kinds: Iterable[str] = KINDS) -> Iterator[Entry]:
-    """What the cache holds: of the FMU with this SHA-256, or all."""
+    """The entries of the cache: of the FMU with this SHA-256, or all."""
     root = cache_directory()
     for kind in kinds:
         for path in (root / kind).glob(f"{digest}*"):

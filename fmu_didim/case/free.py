@@ -1,5 +1,4 @@
-"""What a case leaves free beside the base parameters: gains of the controller or of drives, the delay, the log's
-clock."""
+"""Free parameters of a case beside the base parameters: gains of controller or drives, the delay, the log's clock."""
 
 from __future__ import annotations
 
@@ -34,7 +33,7 @@ def beside_the_plant(document: CaseDocument) -> Mapping[str, IdentifiedParameter
 
 
 def free_parameters(document: CaseDocument, parameters: Parameters, system: System) -> FreeParameters:
-    """All that the case leaves free: base parameters, own ones of experiments, and what ``identify`` lists beside them.
+    """The free parameters: base parameters, own ones of experiments, and those that ``identify`` lists beside them.
 
     Raises:
         InputError, UnknownNameError: an entry names no part of the loop, or an experiment something that is not free.

@@ -12,6 +12,7 @@ import marshal
 import pickle
 import re
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from hashlib import sha256
 from pathlib import Path
@@ -70,7 +71,7 @@ class Memory:
         )
 
     def of(self, names: Sequence[str]) -> Memory:
-        """What stands under these names; signals of files stay."""
+        """The objects under these names; signals of files stay."""
         return Memory(
             {name: s for name, s in self.signals.items() if name in names or not is_in_memory(name)},
             {name: o for name, o in self.objects.items() if name in names},
@@ -262,14 +263,9 @@ def _code(function: Any) -> bytes:
         text = inspect.getsource(code).encode()
     except (OSError, TypeError):
         text = marshal.dumps(code)
-    captured = [cell.cell_contents for cell in getattr(function, "__closure__", None) or () if _is_full(cell)]
+    captured = []
+    for cell in getattr(function, "__closure__", None) or ():
+        with suppress(ValueError):  # an empty cell
+            captured.append(cell.cell_contents)
     values = [np.asarray(v).tobytes() for v in captured if isinstance(v, int | float | np.ndarray)]
     return b"\0".join([text, repr(getattr(function, "__defaults__", None)).encode(), *values])
-
-
-def _is_full(cell: Any) -> bool:
-    try:
-        _ = cell.cell_contents
-    except ValueError:
-        return False
-    return True

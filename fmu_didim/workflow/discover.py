@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Unpack
 
 from fmu_didim.base.diagnostics import refuse_problems
 from fmu_didim.base.errors import InputError, UnknownNameError
-from fmu_didim.case import Case, CaseObjects, Log, Reference
+from fmu_didim.case import Case, CaseObjects, with_objects
 from fmu_didim.discovery.constants import DECIDING
 from fmu_didim.discovery.progress import Progress
 from fmu_didim.discovery.request import Request
@@ -27,18 +27,12 @@ from fmu_didim.workflow.output.discovered_files import result_folder
 from fmu_didim.workflow.output.result_folder import ResultFolder, checked_case
 
 
+@with_objects
 @one_blas_thread
 def discover(
     case: Case | Path | str | Mapping[str, Any] | None = None,
     out: Path | str | None = None,
     *,
-    robot: Any = None,
-    plant: Any = None,
-    controller: Any = None,
-    log: Log | Any = None,
-    reference: Reference | Any = None,
-    validation: tuple[Log, Reference] | Any = None,
-    loop: Mapping[str, Any] | None = None,
     forbid: Sequence[str | type[Effect]] = (),
     prefer: Sequence[str | type[Effect]] = (),
     effects: Sequence[str | type[Effect]] = (),
@@ -48,6 +42,7 @@ def discover(
     figures: bool = False,
     progress: Callable[[str], None] | None = None,
     show: Callable[[Discovered], None] | None = None,
+    **objects: Unpack[CaseObjects],
 ) -> Discovered:
     """Find the physical effects that the model of a case lacks, name them, add them, and show the gap shrink.
 
@@ -74,7 +69,6 @@ def discover(
     """
     search = Progress.limited(progress or (lambda text: None), time_limit)
     folder = None if out is None else result_folder(out, figures=figures)
-    objects = CaseObjects(robot, plant, controller, log, reference, validation, loop)
     case = checked_case(case, folder, objects)
     model = case.model
     places = (Path(), case.folder)

@@ -297,7 +297,9 @@ def test_a_path_too_long_for_windows_is_told(
         cached_folder("loop", "key", refused)
     short = "too long for Windows (260 characters): name another folder by FMU_DIDIM_CACHE with a short path"
     assert (short in str(caught.value)) is too_long
-    told = str(unwritable(tmp_path, error)), str(result_folder._unwritable(tmp_path, error))
+    with pytest.raises(InputError) as of_results, result_folder.reported_unwritable(tmp_path):
+        raise error
+    told = str(unwritable(tmp_path, error)), str(of_results.value)
     assert ["short path" in text for text in told] == [too_long] * 2
 
 

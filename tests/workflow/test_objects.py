@@ -29,6 +29,8 @@ from fmu_didim import (
     read_trajectory,
     simulate,
     to_control,
+    trajectory,
+    write_csv,
 )
 from fmu_didim.base.diagnostics import DiagnosedError
 from fmu_didim.base.documents import validate
@@ -138,6 +140,32 @@ def test_units_of_arrays(case: Case, log: Log, reference: Reference) -> None:
     for label in ("q1", "dq2", "ddq2"):
         one, other = (m.experiments["estimation"].reference.column(label) for m in (found, case.model))
         np.testing.assert_allclose(one, other, rtol=1e-12, atol=1e-12)
+
+
+NAMED = {"identify": {"ZZ2": {"start": 0.06}, "Fv1": {}, "Fc1": {}}, "estimator": {"kind": "clie"}}
+"""A plant without a regressor, as an FMU of another tool is."""
+
+
+@pytest.mark.parametrize("plant", [{}, NAMED], ids=["robot", "named parameters"])
+def test_angles_in_degrees_without_their_unit_are_reported(
+    case: Case, reference: Reference, plant: dict[str, Any]
+) -> None:
+    given = case.with_(**plant)
+    assert not [d for d in check(given).diagnostics if "unit" in d.code.name]
+    found = check(given, reference=Reference(reference.time, np.rad2deg(reference.position)))
+    (told,) = (d for d in found.diagnostics if "unit" in d.code.name)
+    assert told.code.name == "reference-unit" and "unit='deg'" in told.advice
+
+
+@pytest.mark.parametrize(("degrees", "code"), [(False, []), (True, ["positions-unit"])])
+def test_measured_positions_in_degrees_are_reported_in_arrays_and_in_files(
+    case: Case, reference: Reference, tmp_path: Path, degrees: bool, code: list[str]
+) -> None:
+    rows = np.rad2deg(reference.position) if degrees else np.asarray(reference.position)
+    write_csv(trajectory(reference.time, {"q1": rows[:, 0], "q2": rows[:, 1]}), tmp_path / "motion.csv")
+    for positions in (Reference(reference.time, rows), {"file": str(tmp_path / "motion.csv")}):
+        found = check(case.with_(train={"positions": positions}))
+        assert [d.code.name for d in found.diagnostics if "unit" in d.code.name] == code
 
 
 def test_derivatives_that_are_left_out_are_computed_and_told(log: Log, reference: Reference) -> None:

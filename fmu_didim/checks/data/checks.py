@@ -17,7 +17,7 @@ from fmu_didim.checks.data.robot import LINK_LENGTH, TORQUE_SCALE, another_robot
 from fmu_didim.checks.data.runs import run_diagnostics
 from fmu_didim.checks.data.timing import timing
 from fmu_didim.checks.data.torque_channel import torque_channel_diagnostics
-from fmu_didim.checks.data.units import unit_diagnostics
+from fmu_didim.checks.data.units import position_diagnostics, unit_diagnostics
 from fmu_didim.cosim.system import REFERENCE
 from fmu_didim.data.signals import Array
 from fmu_didim.model.loop_model import LoopModel
@@ -48,8 +48,9 @@ def data_diagnostics(model: LoopModel, *, without_torque: Sequence[str] = (), ca
         found += plant_diagnostics(run) if label == model.first else []
         given = expected(run)
         found += log_diagnostics(experiment, label, given, 1 / run.step_size)
-        of_log = unit_diagnostics(run, given) or torque_channel_diagnostics(given, gains, label)
-        found += of_log
+        of_units = unit_diagnostics(run, given)
+        of_log = of_units or torque_channel_diagnostics(given, gains, label)
+        found += [*of_log, *([] if of_units else position_diagnostics(run))]
         held_out = experiment.role == "validation"
         if not causes or of_log or (held_out and explained) or (fitted := fitted_motion(model.on(label))) is None:
             continue

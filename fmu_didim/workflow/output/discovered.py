@@ -1,4 +1,4 @@
-"""What ``discover`` returns: the findings, the models they come from, and views of both."""
+"""The result of a discovery: the findings, the models they come from, and views of both."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ _ADDED: Any = {"files": True, "notes": True, "findings": {"__all__": {"experimen
 
 @dataclass(frozen=True, repr=False, eq=False)
 class Discovered:
-    """What :func:`~fmu_didim.discover` returns, and :meth:`load` reads from a folder.
+    """The result of :func:`~fmu_didim.discover`, which :meth:`load` reads from a folder.
 
     Two are equal if their documents are, apart from what saving adds: files, the notes on them, proposed motions.
 
@@ -70,7 +70,7 @@ class Discovered:
 
     @classmethod
     def load(cls, path: Path | str) -> Discovered:
-        """What was saved in a folder, or in its ``findings.json``; raises InputError if that is no discovery."""
+        """The discovery of a folder, or of its ``findings.json``; raises InputError if there is no discovery."""
         document, path = load_findings(path), Path(path)
         return cls(document, folder=path if path.is_dir() else path.parent)
 
@@ -148,7 +148,7 @@ class Discovered:
 
     @property
     def exit_code(self) -> int:
-        """What the command line ends with."""
+        """The exit code of the command line."""
         return EXIT_CODES[self.verdict]
 
     @property
@@ -223,12 +223,12 @@ class Discovered:
 
     @property
     def notes(self) -> list[str]:
-        """What the user should know of the data and of the search."""
+        """Remarks on the data and on the search."""
         return self.document.notes
 
     @property
     def files(self) -> Mapping[str, str]:
-        """What was written beside ``findings.json``; empty without an output folder."""
+        """Files beside ``findings.json``; empty without an output folder."""
         return self.document.files
 
     @property

@@ -171,7 +171,7 @@ def test_the_truth_wins_on_the_proposed_motion(
     truth: str, values: tuple[tuple[str, float], ...], names: tuple[str, str], rate_hz: float,
     present: dict[str, float], scales: dict[str, float],
 ) -> None:  # fmt: skip
-    """Data of the proposed motion decide for the truth (BIC difference beyond 10), whichever noise is drawn, and by much
+    """Data of the proposed motion decide for the truth (BIC difference beyond 10), whatever noise is drawn, and by much
     more than those of the present motion would."""
     hidden, reference = plant(truth, values), motion(**present)
     (rival,) = set(names) - {truth}
