@@ -18,8 +18,7 @@ from numpy.typing import NDArray
 
 from fmu_didim.components import Component, FmuComponent
 from fmu_didim.components.fmu.isolation.process import START_LIMIT, NotCarriedError, ProcessEndedError, Worker
-from fmu_didim.components.fmu.isolation.trust import record_trust
-from fmu_didim.components.fmu.reuse.reset import log_isolation
+from fmu_didim.components.fmu.isolation.trust import log_isolation, record_trust
 from fmu_didim.components.fmu.settings import PROCESS, Rerun
 from fmu_didim.cosim.execution.compiled import loop_library
 from fmu_didim.cosim.execution.in_process import compiled_components, run_in_process

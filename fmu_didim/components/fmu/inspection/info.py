@@ -1,4 +1,4 @@
-"""What an FMU says about itself, as text."""
+"""The description of an FMU as text."""
 
 from __future__ import annotations
 
