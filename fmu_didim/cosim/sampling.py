@@ -140,13 +140,8 @@ def sample_operator(
     """
     position = (times - start) / step
     last = tick_count
-    match kind:
-        case "point":  # it needs a period that begins there
-            end = last - JITTER
-        case "average":  # its window may end where the last period does
-            end = last + JITTER
-        case _:
-            assert_never(kind)
+    # A point needs a period that begins there; the window of an average may end where the last period does.
+    end = last - JITTER if kind == "point" else last + JITTER
     first_bad = np.flatnonzero((position < -JITTER) | (position >= end))
     if first_bad.size:
         t = times[first_bad[0]]

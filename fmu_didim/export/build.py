@@ -122,19 +122,15 @@ def find_compiler(platform: Platform | None = None) -> Compiler:
     except PackageNotFoundError as error:
         advice = "pip install ziglang" + (", or set the environment variable CC." if target == host else ".")
         raise BuildError(f"There is no C compiler for {target.name}.", next_step=advice) from error
-    flags = (*flags, *(() if "-s" in flags else ("-s",)), "-fno-sanitize=undefined", *_zig_target(target, host))
-    found = Compiler(
-        (sys.executable, "-P", "-m", "ziglang", "cc"), flags, f"zig {release}", libraries, named=_NAMED[target.system]
-    )
+    flags = (*flags, *(() if "-s" in flags else ("-s",)), "-fno-sanitize=undefined")
+    other_libc = target == host and target.system == "linux" and libc_ver()[0] != "glibc"  # such as Alpine, with musl
+    if target.zig_target and not other_libc:  # any model of the processor, and an old C library
+        flags = (*flags, "-target", target.zig_target)
+    command = (sys.executable, "-P", "-m", "ziglang", "cc")
+    found = Compiler(command, flags, f"zig {release}", libraries, named=_NAMED[target.system])
     if target.system == "windows":
         return replace(found, lean=("-nostdlib",), runtime="windows.c", lean_libraries=_WINDOWS_LIBRARIES)
     return replace(found, lean=("-rtlib=none",), lean_libraries=libraries)
-
-
-def _zig_target(target: Platform, host: Platform) -> tuple[str, ...]:
-    """Zig's option for a platform: any model of its processor, and an old C library."""
-    native = target == host and target.system == "linux" and libc_ver()[0] != "glibc"  # such as Alpine, with musl
-    return ("-target", target.zig_target) if target.zig_target and not native else ()
 
 
 def compile_shared_library(source_dir: Path, output: Path, *, main: str, compiler: Compiler | None = None) -> None:

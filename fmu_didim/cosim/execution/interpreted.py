@@ -2,15 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-
 import numpy as np
 
-from fmu_didim.components import Instance
 from fmu_didim.cosim.execution.algebraic_loops import LoopSolver
-from fmu_didim.cosim.execution.running import CHECK_INTERVAL, LoopRun
-
-Observer = Callable[[int, Mapping[str, Instance]], None]
+from fmu_didim.cosim.execution.running import CHECK_INTERVAL, LoopRun, Observer
 
 
 def run_interpreted(

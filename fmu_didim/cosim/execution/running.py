@@ -22,6 +22,19 @@ CHECK_INTERVAL = 32
 
 Beat = Callable[[], None]
 """Called while a run goes on, at every tick or every few."""
+Observer = Callable[[int, Mapping[str, Instance]], None]
+
+
+@dataclass(frozen=True)
+class Order:
+    """What to run, as of :func:`fmu_didim.cosim.simulate`."""
+
+    system: System
+    reference: Trajectory
+    ticks: NDArray[np.int64] | None = None
+    bounds: Mapping[str, tuple[float, float]] | None = None
+    observe: Observer | None = None
+    compiled: bool | None = None
 
 
 class Wiring:
@@ -178,7 +191,7 @@ class LoopRun:
         """Time of tick 0, s."""
         return float(self.reference.time[0])
 
-    def prepare(self, ticks: NDArray[np.int64], bounds: Mapping[str, tuple[float, float]]) -> None:
+    def prepare(self, ticks: NDArray[np.int64], bounds: Mapping[str, tuple[float, float]] | None) -> None:
         """The buffer of the recording at these ticks, and the bounds by signal."""
         self.ticks = ticks
         self.lag = max(part.lag for part in self.parts)
@@ -187,7 +200,7 @@ class LoopRun:
         self.applied = self.record[:, : len(self.names)]
         self.sampled = recording_buffer(ticks.size, len(self.names)) if self.delayed else self.applied
         self.lowest, self.highest = np.full(len(self.names), -1e100), np.full(len(self.names), 1e100)
-        for name, (low, high) in bounds.items():
+        for name, (low, high) in (bounds or {}).items():
             if name not in self.names:
                 raise UnknownNameError("signal", name, self.names, where="bounds")
             i = self.names.index(name)
