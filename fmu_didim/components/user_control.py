@@ -15,7 +15,7 @@ from fmu_didim.data.signals import Array, Variable
 
 
 def is_control(value: object) -> bool:
-    """Whether an object is a python-control system, of whatever class."""
+    """Whether an object is a python-control system of any class."""
     return hasattr(value, "nstates") and hasattr(value, "input_labels")
 
 
@@ -171,7 +171,7 @@ def wrap_law(function: Callable[..., Any], joint_count: int, *, origin: str = ""
 
 
 def _try(command: Callable[[Array], Array], stems: int, joint_count: int, origin: str) -> None:
-    """Raise InputError where a law does not run, gives another number of commands, or remembers what it was given."""
+    """Raise InputError where a law does not run, returns another number of commands, or keeps a state."""
     one = np.linspace(0.1, 0.2, stems * joint_count)
     found = [
         run_code(lambda u=u: command(u), what="control law", where=origin, got=origin)  # type: ignore[misc]

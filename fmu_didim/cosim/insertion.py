@@ -115,7 +115,7 @@ def insert_effect(
 ) -> System:
     """The system with an effect of a drive or a sensor at one joint, as the component ``<effect><joint>``.
 
-    Effects of one drive lie in the order of their ranks, whatever the order in which they are added, so that
+    Effects of one drive lie in the order of their ranks, independent of the order in which they are added, so that
     :func:`logged_torque` knows where the torque log is taken.
 
     Args:

@@ -21,7 +21,7 @@ Indices = NDArray[np.signedinteger[Any]]
 Kind = Literal["point", "average"]
 Window = Literal["preceding", "centred", "following"]
 JITTER = 0.01
-"""Part of a control period by which the stamp of an instant may lie before its tick: clocks are rounded."""
+"""[1] Fraction of a control period by which the stamp of an instant may lie before its tick: clocks are rounded."""
 MOST_SAMPLES = 5_000_000
 """[1] Samples of a log at another rate at most: an hour at 1 kHz, which fits into memory."""
 _SHIFT = {"preceding": -1.0, "centred": -0.5, "following": 0.0}

@@ -91,9 +91,9 @@ def copied(path: Path, directory: Path) -> Path:
 
 
 def _content_digest(block: Block, fmi: WrittenVersion) -> str:
-    """SHA-256 of everything that decides what the FMU computes, whatever compiler builds it.
+    """SHA-256 of everything that decides what the FMU computes, the compiler aside.
 
-    The source of the exporter itself is part of it: whoever changes it never meets files of the old one.
+    The source of the exporter itself is part of it, so that a changed exporter takes no file of the old one.
     """
     state = hashlib.sha256(f"{__version__} casadi {version('casadi')} FMI {fmi.name}".encode())
     state.update(block.digest().encode())

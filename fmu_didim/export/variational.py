@@ -31,7 +31,7 @@ MAIN = "variational.c"
 LANES_MULTIPLE = 4
 """The number of lanes is a multiple of this, the doubles in a vector register."""
 MANY_LANES = 16
-"""From here on code for this very processor pays."""
+"""[1] Lanes from which on code for the processor of this machine pays off."""
 
 
 def lane_count(parameters: int) -> int:

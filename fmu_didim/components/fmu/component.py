@@ -87,7 +87,7 @@ class FmuComponent(FmuSettings):
         return self.fmu.tool.startswith(OWN_TOOL)
 
     def for_separate_process(self, *, run_before: bool) -> tuple[FmuComponent, Rerun | None]:
-        """The FMU as it goes to a process of loops, where it is run again as has been found here; and how that is.
+        """The FMU to send to a process of loops, and how it is run again there, as far as that is known here.
 
         Args:
             run_before: whether it has run there before, so that the way to run it again matters; else it is not asked.

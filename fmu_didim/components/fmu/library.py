@@ -87,7 +87,7 @@ _log = logging.getLogger(__name__)
 _EXPORT = "Export it with a binary for this platform (as the exporting tool calls it, e.g. Linux 64 bit)."
 _INCLUDED = re.compile(r'^\s*#\s*include\s*"([^"]+\.c)"', re.MULTILINE)
 LONGEST_SOURCE = 2**20
-"""Bytes of a source file that are searched for its includes."""
+"""[bytes] Part of a source file that is searched for its includes."""
 
 
 def source_files(folder: Path, interface: Interface) -> tuple[list[str], list[str]] | None:

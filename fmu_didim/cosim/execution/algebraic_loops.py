@@ -19,7 +19,7 @@ from fmu_didim.data.signals import Array
 TOLERANCE = 1e-12
 MAXIMUM_ITERATIONS = 50
 _FELT = 1e-8
-"""Part of the largest derivative that still counts as a dependence."""
+"""[1] Fraction of the largest derivative that still counts as a dependence."""
 
 
 def algebraic_loops(system: System) -> list[list[str]]:
@@ -63,10 +63,10 @@ def _cycles(follows: dict[str, list[str]]) -> list[list[str]]:
 
 
 def really_closed(run: LoopRun, loops: list[list[str]]) -> list[list[str]]:
-    """Those of the loops around which a change does travel at the present instant of an initialised run.
+    """Those of the loops around which a change travels at the present instant of an initialised run.
 
-    The derivatives of the outputs on a loop by the inputs on it decide: where they are zero, the structure promised
-    more than the component does.
+    The derivatives of the outputs on a loop by the inputs on it decide: where they are zero, the structure states a
+    dependence that the component does not have.
     """
     return [loop for loop in loops if _is_closed(run, loop)]
 

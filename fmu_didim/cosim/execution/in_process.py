@@ -71,7 +71,7 @@ def _running(order: Order, pool: InstancePool | None, beat: Beat | None) -> Iter
 
 
 def compiled_components(system: System) -> System:
-    """The system with components that are compiled, if all can be; a part of them would gain nothing."""
+    """The system with the compiled form of each component that has one."""
     forms = {name: component.compiled() for name, component in system.components.items()}
     for name, form in forms.items():
         if form is not system.components[name]:

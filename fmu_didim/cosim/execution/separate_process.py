@@ -26,7 +26,7 @@ from fmu_didim.cosim.system import System
 
 _log = logging.getLogger(__name__)
 BEATS_A_LIMIT = 5
-"""Signs of life that a process gives within the time limit of a call, while it runs a loop."""
+"""[1] Signs of life of a process within the time limit of a call, while it runs a loop."""
 
 
 class LoopProcess:
@@ -80,7 +80,7 @@ def _run(there: Any, order: Order) -> tuple[Recording, dict[str, Any] | None]:
 def run_in_separate_process(order: Order, fmus: Mapping[str, FmuComponent], pool: InstancePool | None) -> Recording:
     """Run a loop in a process of its own because of some FMUs; with a pool, in the one that it ran in before."""
     key = frozenset((name, c.digest, c.interface.kind, c.time_limit_s) for name, c in fmus.items())
-    if pool is not None and pool.is_noted(key):
+    if pool is not None and key in pool.noted:
         return _run_isolated(order, fmus, pool)
     process = pool.borrow(key) if pool is not None else None
     system, once = _as_sent(order.system, run_before=process is not None)
@@ -99,7 +99,7 @@ def run_in_separate_process(order: Order, fmus: Mapping[str, FmuComponent], pool
             "tens of times slower: perhaps they cannot share a process.", names, error.what,
         )  # fmt: skip
         if pool is not None:
-            pool.note(key)
+            pool.noted.add(key)
         return found
     except NotCarriedError as error:
         _log.warning(
@@ -107,7 +107,7 @@ def run_in_separate_process(order: Order, fmus: Mapping[str, FmuComponent], pool
             "slower, until it is trusted; isolated: false, if you trust it: %s.", error.got, names,
         )  # fmt: skip
         if pool is not None:
-            pool.note(key)
+            pool.noted.add(key)
         return _run_isolated(order, fmus, pool)
     finally:
         if keep and pool is not None:
@@ -124,7 +124,7 @@ def needing_own_process(system: System) -> dict[str, FmuComponent]:
 
 
 def _as_sent(system: System, *, run_before: bool) -> tuple[System, bool]:
-    """The system as it goes to the process, and whether an FMU of it needs a new process for each run."""
+    """The system to send to the process, and whether an FMU of it needs a new process for each run."""
     if loop_library() is not None:
         system = compiled_components(system)
     components: dict[str, Component] = {}

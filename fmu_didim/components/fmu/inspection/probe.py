@@ -140,14 +140,14 @@ def probe_fmu(
     component, ends = replace(component, isolated=False), clock.monotonic() + whole_s
     h = step_size or step_of(component)
     say("whether it can be run again")
-    facts = find_facts(TrialRunner(component, h, min(time_limit_s, TIME_LIMIT)))
-    found: dict[str, Any] = {}
-    if not facts.failure:
-        left = ends - clock.monotonic()
-        with closing(TrialRunner(component, h, time_limit_s, left, shared=facts.deterministic, progress=say)) as run:
-            found = _further_trials(component, facts, run)
-        more = [name for name in (*run.crashed, *run.unfinished) if name in _IN_EVERY_RUN]
-        facts = replace(facts, crashed=(*facts.crashed, *more), unfinished=(*facts.unfinished, *run.unfinished))
+    with closing(TrialRunner(component, h, min(time_limit_s, TIME_LIMIT))) as run:
+        facts, found = find_facts(run), {}
+        if not facts.failure:
+            run.shared = facts.deterministic
+            run.unfinished.clear()
+            found = _further_trials(run, facts, time_limit_s, ends, say)
+            more = [name for name in (*run.crashed, *run.unfinished) if name in _IN_EVERY_RUN]
+            facts = replace(facts, crashed=(*facts.crashed, *more), unfinished=(*facts.unfinished, *run.unfinished))
     rerun = remember_rerun(component, facts)
     is_disturbed = "side by side" in found.get("failed", ()) or found.get("side_by_side") is False
     if is_disturbed and rerun.strategy in (RESET, STATE):
@@ -156,8 +156,11 @@ def probe_fmu(
     return FmuProbe(component.path.name, component.interface.kind, h, steps, outputs, facts, rerun, **found)
 
 
-def _further_trials(component: FmuComponent, facts: Facts, run: TrialRunner) -> dict[str, Any]:
+def _further_trials(
+    run: TrialRunner, facts: Facts, limit_s: float, ends: float, say: Callable[[str], None]
+) -> dict[str, Any]:
     """Attribute of the probe -> answer."""
+    component = run.component
     has_effects = facts.deterministic and bool(component.outputs)
     possible: dict[Callable[..., Any], bool] = {
         trials.side_by_side: not (facts.single or component.interface.once_per_process),
@@ -168,14 +171,23 @@ def _further_trials(component: FmuComponent, facts: Facts, run: TrialRunner) -> 
         trials.reading: facts.deterministic,
         trials.saved_state: True,
     }
-    answers: dict[str, Any] = {}
+    found: dict[str, Any] = {}
+    failed: dict[str, str] = {}
     for trial in (trial for trial, is_possible in possible.items() if is_possible):
-        limit = [run.left_s / 2] * (trial in (trials.parameters, trials.tunable))  # in which they end by themselves
-        answers[trial.__name__] = run(trial, *limit)
-    failed = {name: trials.in_words(a) for name, a in answers.items() if isinstance(a, FmuDidimError)}
-    found = {name: answer for name, answer in answers.items() if name not in failed}
+        title, run.limit_s = trials.title(trial), min(limit_s, ends - clock.monotonic())
+        if run.limit_s <= 0:
+            run.unfinished.append(title)
+            failed[title] = "the time was up"
+            continue
+        say(title)
+        own_limit = [run.limit_s / 2] * (trial in (trials.parameters, trials.tunable))  # by which they end themselves
+        answer = run(trial, *own_limit)
+        if isinstance(answer, FmuDidimError):
+            failed[title] = trials.in_words(answer)
+        else:
+            found[trial.__name__] = answer
     if (stated := component.feedthrough()) is not None:
         declared = {output for output, _ in stated}
         at_once = [name for name, when in found.get("response", {}).items() if when == AT_ONCE]
         found["undeclared"] = tuple(name for name in at_once if name not in declared)
-    return {**found, "failed": {name.replace("_", " "): why for name, why in failed.items()}}
+    return {**found, "failed": failed}

@@ -1,4 +1,4 @@
-"""Which FMUs of other tools are trusted to run in this process: those whose loop has run and ended well before.
+"""FMUs of other tools that may run in this process: those whose loop has run without error before.
 
 A record in the cache, under the content of the FMU, states how many instances of it ran at once in a process of its own
 that ended without an error. While it runs in an ordinary process a mark lies beside that record: a mark that outlives
@@ -48,7 +48,7 @@ def record_trust(component: FmuSettings, instances: int = 1) -> None:
 
 
 def mark_running(component: FmuSettings) -> None:
-    """Mark that a trusted FMU runs in this process, until this ends in order."""
+    """Mark that a trusted FMU runs in this process; the mark goes when the process ends normally."""
     path = _path(component)
     if path in _marks or sys.platform == "win32" or not path.is_file():
         return

@@ -11,9 +11,7 @@ from __future__ import annotations
 import hashlib
 import json
 import logging
-import math
 import threading
-import time as clock
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -22,8 +20,8 @@ from typing import Any
 import numpy as np
 
 from fmu_didim.base.cache import cache_directory, read_record, write_record
-from fmu_didim.base.errors import FmuDidimError, SimulationError
-from fmu_didim.components.fmu.isolation.process import ProcessEndedError, ReusedWorker
+from fmu_didim.base.errors import FmuDidimError
+from fmu_didim.components.fmu.isolation.process import START_LIMIT, ProcessEndedError, Worker, hold, run_held
 from fmu_didim.components.fmu.reuse import trials
 from fmu_didim.components.fmu.reuse.trials import RESTORES
 from fmu_didim.components.fmu.settings import AGAIN, AUTO, PROCESS, RESET, STATE, FmuSettings, Rerun
@@ -37,10 +35,6 @@ TIME_LIMIT = 30.0
 """[s] For each trial: far more than 50 steps of any sensible model take."""
 TOGETHER = "several instances in one process"
 """The trial in which an FMU crashed, if each of the ways to run it again works alone."""
-IN_TURN = "one instance after the other in one process"
-"""The same, if a process can hold a single instance only."""
-ONLY_QUIET = "with pseudo-random inputs, while it does with its inputs at their start values"
-"""Start of the failure of an FMU whose inputs may not have any value."""
 _FORMAT = 5
 _log = logging.getLogger(__name__)
 _lock = threading.Lock()
@@ -50,49 +44,40 @@ _known: dict[Path, Rerun] = {}
 class TrialRunner:
     """Runs trials of an FMU in other processes.
 
-    Args:
-        limit_s: for each trial; whole_s: for all of them together, from now on.
-        shared: whether the trials share a process, as long as it lives.
-        progress: called with the name of each trial before it starts.
-
     Attributes:
+        limit_s: for each trial; shared: whether the trials share a process, as long as it lives.
         crashed: the trials in which the FMU ended its process.
         unfinished: the trials that took too long, or whose process was killed or did not start. A busy machine may be
             the reason, so what follows from them is not kept for later runs.
     """
 
-    def __init__(
-        self, component: FmuSettings, h: float, limit_s: float, whole_s: float = math.inf, *, shared: bool = False,
-        progress: Callable[[str], None] = lambda name: None,
-    ) -> None:  # fmt: skip
-        self.component, self.h, self.limit_s, self._progress, self._shared = component, h, limit_s, progress, shared
-        self._ends = clock.monotonic() + whole_s
-        self._worker = ReusedWorker(str(component.path))
-        self.close = self._worker.close
+    def __init__(self, component: FmuSettings, h: float, limit_s: float) -> None:
+        self.component, self.h, self.limit_s, self.shared = component, h, limit_s, False
+        self._worker: Worker | None = None
         self.crashed: list[str] = []
         self.unfinished: list[str] = []
 
-    @property
-    def left_s(self) -> float:
-        """Time for the next trial, s."""
-        return min(self.limit_s, self._ends - clock.monotonic())
-
     def __call__(self, trial: Callable[..., Any], *arguments: Any) -> Any:
         """Run a trial; returns its value, or the FmuDidimError that ended it."""
-        name = trial.__name__.replace("_", " ")
-        if self.left_s <= 0:
-            self.unfinished.append(name)
-            return SimulationError("Not tried: the time was up.")
-        self._progress(name)
         try:
-            return self._worker.run(trial, self.component, self.h, *arguments, time_limit=self.left_s)
+            self._worker = self._worker or Worker(str(self.component.path), self.limit_s)
+            held = trial, (self.component, self.h, *arguments)
+            self._worker.request("start", hold, *held, limit=max(self.limit_s, START_LIMIT))
+            return self._worker.request("the run", run_held, limit=self.limit_s)
         except FmuDidimError as error:
             if isinstance(error, ProcessEndedError):
-                (self.crashed if error.by_fmu else self.unfinished).append(name)
+                self.close()
+                (self.crashed if error.by_fmu else self.unfinished).append(trials.title(trial))
             return error
         finally:
-            if not self._shared:
+            if not self.shared:
                 self.close()
+
+    def close(self) -> None:
+        """End the process; the next trial starts a new one."""
+        if self._worker is not None:
+            self._worker.close()
+            self._worker = None
 
 
 @dataclass(frozen=True)
@@ -132,14 +117,14 @@ def find_facts(run: TrialRunner) -> Facts:
     if isinstance(found, FmuDidimError):
         failure = " ".join(str(found).split())
         if not isinstance(run(trials.quiet), FmuDidimError):  # pseudo-random inputs may be more than the model supports
-            failure = f"{ONLY_QUIET}: {failure}"
+            failure = f"with pseudo-random inputs, while it does with its inputs at their start values: {failure}"
         return Facts(failure, ("runs",) * has_crashed, unfinished=tuple(run.unfinished))
     (first, *second), answers, took = found
     crashed: tuple[str, ...] = ()
     if not answers:
         tried = {way: run(trials.restarted, first, way) for way in (RESET, STATE)}
         answers = [trials.in_words(answer) for answer in tried.values()]
-        crashed = (IN_TURN,) * has_crashed
+        crashed = ("one instance after the other in one process",) * has_crashed
         if second:
             crashed = tuple(way for way, a in tried.items() if isinstance(a, ProcessEndedError)) or (TOGETHER,)
     is_finite, repeated = np.isfinite(first).all(axis=0), run(trials.once)

@@ -6,7 +6,7 @@ A trial runs the FMU for some steps with pseudo-random held inputs, and raises w
 from __future__ import annotations
 
 import time as clock
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import closing, contextmanager, suppress
 from typing import Any
 
@@ -37,8 +37,13 @@ def same(a: Array, b: Array) -> bool:
     return a.shape == b.shape and np.allclose(a, b, rtol=0.0, atol=SAME * largest, equal_nan=True)
 
 
+def title(trial: Callable[..., Any]) -> str:
+    """The name of a trial in messages."""
+    return trial.__name__.replace("_", " ")
+
+
 def in_words(answer: Any) -> Any:
-    """The answer of a trial, or why there is none."""
+    """The answer of a trial, or why it failed."""
     if not isinstance(answer, FmuDidimError):
         return answer
     return answer.what.rstrip(".") + (f" ({answer.got})" if answer.got else "")
