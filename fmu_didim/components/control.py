@@ -58,13 +58,13 @@ class ControlComponent(Component):
         if isinstance(self.system, _state_space()):  # python-control's own holds a function that cannot be pickled
             s = self.system
             names = {"inputs": s.input_labels, "outputs": s.output_labels, "states": s.state_labels, "name": s.name}
-            state["system"] = _Matrices((s.A, s.B, s.C, s.D), {**names, "dt": s.dt})
+            state["system"] = (s.A, s.B, s.C, s.D), {**names, "dt": s.dt}
         return state
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        if isinstance(state["system"], _Matrices):
-            matrices = state["system"]
-            state = {**state, "system": state_space(*matrices.arguments, **matrices.names)}
+        if isinstance(state["system"], tuple):
+            matrices, names = state["system"]
+            state = {**state, "system": state_space(*matrices, **names)}
         self.__dict__.update(state)
 
     def with_names(self, inputs: tuple[Variable, ...], outputs: tuple[Variable, ...]) -> ControlComponent:
@@ -104,14 +104,6 @@ class ControlComponent(Component):
             "sample_time": self.sample_time,
             "substeps": self.substeps or "automatic",
         }
-
-
-@dataclass(frozen=True)
-class _Matrices:
-    """A ``StateSpace`` as it is pickled."""
-
-    arguments: tuple[Any, ...]
-    names: dict[str, Any]
 
 
 def _state_space() -> Any:

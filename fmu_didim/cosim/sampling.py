@@ -221,7 +221,7 @@ def decimated_times(time: Array, rate_hz: float, phase_s: float = 0.0) -> Array:
     wanted = float(np.floor((time[-1] - first) / period + 1e-6)) + 1
     if not wanted <= MOST_SAMPLES:
         raise InputError(
-            "The log has not so many samples.", where="torque.rate_hz", got=f"{rate_hz:g} Hz",
+            "The log has fewer samples than that.", where="torque.rate_hz", got=f"{rate_hz:g} Hz",
             valid=f"at most {MOST_SAMPLES} samples", next_step="Leave rate_hz out to take all that the log has.",
         )  # fmt: skip
     count = int(wanted)

@@ -103,8 +103,8 @@ def run_in_separate_process(order: Order, fmus: Mapping[str, FmuComponent], pool
         return found
     except NotCarriedError as error:
         _log.warning(
-            "The loop cannot go to another process (%s). So each of these FMUs runs in one of its own, tens of times "
-            "slower, until it is trusted; isolated: false, if you trust it: %s.", error.got, names,
+            "The loop cannot be sent to another process (%s). So each of these FMUs runs in one of its own, tens of "
+            "times slower, until it is trusted; isolated: false, if you trust it: %s.", error.got, names,
         )  # fmt: skip
         if pool is not None:
             pool.noted.add(key)

@@ -87,7 +87,8 @@ class _Resolving(pickle.Unpickler):
 
 def not_carried(error: Exception, where: str = "") -> NotCarriedError:
     """The error of something that cannot be packed or unpacked."""
-    return NotCarriedError("This cannot go to another process.", where=where, got=f"{type(error).__name__}: {error}")
+    got = f"{type(error).__name__}: {error}"
+    return NotCarriedError("This cannot be sent to another process.", where=where, got=got)
 
 
 def worker_command() -> list[str]:
