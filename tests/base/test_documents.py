@@ -230,8 +230,8 @@ def changed_case(folder: Path, entry: str, value: object) -> Path:
 @pytest.mark.parametrize(
     ("entry", "value", "told"),
     [
-        ("train.torque.rate_hz", 1e12, "The log has not so many samples"),
-        ("train.torque.rate_hz", 1e300, "The log has not so many samples"),
+        ("train.torque.rate_hz", 1e12, "The log has fewer samples than that"),
+        ("train.torque.rate_hz", 1e300, "The log has fewer samples than that"),
         ("loop.rate_hz", 1e12, "too long for its rate"),
         ("loop.rate_hz", 1e-9, "One instant is no motion"),
         ("train.reference.duration_s", 1e-9, "One instant is no motion"),
