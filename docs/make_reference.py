@@ -24,7 +24,7 @@ from fmu_didim.base.diagnostics import Severity
 from fmu_didim.campaigns.planning.document import CampaignDocument
 from fmu_didim.case.document import CaseDocument
 from fmu_didim.cli.examples import examples
-from fmu_didim.cli.main import _parser
+from fmu_didim.cli.main import command_parser
 from fmu_didim.controllers import LAWS
 from fmu_didim.dynamics.effects import DEFAULT_EFFECTS, EFFECTS, Effect, Parameter
 from fmu_didim.dynamics.robot import RobotDescription
@@ -78,7 +78,7 @@ def pages() -> dict[str, str]:
         "codes.md": _page("Codes of diagnostics", *_codes()),
         "result.md": _page("Keys of result.json", result, *_model(ResultDocument)),
         "findings.md": _page("Keys of findings.json", findings, *_model(FindingsDocument)),
-        "commands.md": _page("Commands", *_commands(_parser())),
+        "commands.md": _page("Commands", *_commands(command_parser())),
         "api.md": _page("Python", *_api()),
         "../examples.md": _examples(),
     }

@@ -20,7 +20,9 @@ from fmu_didim.dynamics.block import Block
 from fmu_didim.dynamics.robot import RobotDescription, RobotModel, read_robot
 from fmu_didim.export import build_fmu
 from fmu_didim.model.experiment import Experiment
+from fmu_didim.model.experiments import Experiments
 from fmu_didim.model.free_parameter import base_free_parameters
+from fmu_didim.model.loop import Loop
 from fmu_didim.model.loop_model import LoopModel
 from fmu_didim.model.parameters import Parameters
 
@@ -134,8 +136,8 @@ def model_on(system: System, parameters: Parameters, motion: Trajectory, times: 
     )  # fmt: skip
     empty = Experiment(motion, times, np.zeros((times.size, parameters.joint_count)), operator)
     return LoopModel(
-        {"estimation": system}, {"estimation": empty}, parameters, system.components["plant"],
-        free_parameters=base_free_parameters(parameters),
+        Loop({"estimation": system}, parameters, system.components["plant"]), Experiments({"estimation": empty}),
+        base_free_parameters(parameters),
     )  # fmt: skip
 
 
@@ -145,16 +147,10 @@ def with_torque(model: LoopModel, torque: np.ndarray, label: str | None = None) 
     return model.with_experiment(label, replace(model.experiments[label], torque=torque))
 
 
-def with_delay(model: LoopModel, samples: float) -> LoopModel:
-    """The model with a delay of the command, in control periods, that is known."""
-    systems = {label: system.with_delay(model.plant_name, samples) for label, system in model.systems.items()}
-    return replace(model, systems=systems)
-
-
 def with_component(model: LoopModel, name: str, part: Component) -> LoopModel:
     """The model with another component in all its loops; the plant included."""
-    systems = {label: system.replace(name, part) for label, system in model.systems.items()}
-    return replace(model, systems=systems, plant=part if name == model.plant_name else model.plant)
+    systems = {label: system.replace(name, part) for label, system in model.loop.systems.items()}
+    return model.with_loop(systems=systems, plant=part if name == model.loop.plant_name else model.loop.plant)
 
 
 def drive(part: Component, inputs: np.ndarray, period: float, start: float = 0.0) -> np.ndarray:

@@ -5,23 +5,15 @@ python examples/emps/loop_delay.py
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 from fmu_didim.case import load_case
 from fmu_didim.checks.validation import validate
 from fmu_didim.estimators import Didim
 from fmu_didim.fit.estimate import Estimate
-from fmu_didim.model.loop_model import LoopModel
 
 HERE = Path(__file__).parent
 DELAYS = (0.0, 0.5, 1.0)
-
-
-def delayed(model: LoopModel, samples: float) -> LoopModel:
-    """The model with a known delay of the command in all its experiments."""
-    systems = {label: system.with_delay(model.plant_name, samples) for label, system in model.systems.items()}
-    return replace(model, systems=systems)
 
 
 def rows() -> list[tuple[str, Estimate, float, float]]:
@@ -31,10 +23,10 @@ def rows() -> list[tuple[str, Estimate, float, float]]:
     assert model is not None
     result = []
     for delay in (*DELAYS, None):
-        there = delayed(model, delay or 0.0)
+        there = model.with_delay(delay or 0.0)
         estimate = Didim(estimate_delay=delay is None).estimate(there)
         if delay is None:
-            there = delayed(model, float(estimate.value[-1]))
+            there = model.with_delay(float(estimate.value[-1]))
         direct, cross = (validate(there, estimate.base_value, label) for label in ("estimation", "validation"))
         result.append(
             ("estimated" if delay is None else f"{delay:g}", estimate, direct.total_percent, cross.total_percent)

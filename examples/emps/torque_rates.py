@@ -55,7 +55,7 @@ def full_rate(case: Case) -> LoopModel:
 
 def thinned(model: LoopModel, rate_hz: float, phase_s: float) -> LoopModel:
     """Point samples of the log at phase + i / rate."""
-    experiment, step = model.experiments["estimation"], model.systems["estimation"].step_size
+    experiment, step = model.experiments["estimation"], model.loop.systems["estimation"].step_size
     start = float(experiment.reference.time[0])
     times = decimated_times(experiment.time, rate_hz, phase_s)
     operator = sample_operator(times, start=start, step=step, tick_count=experiment.reference.time.size)

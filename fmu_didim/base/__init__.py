@@ -1,1 +1,1 @@
-"""What everything stands on: errors, documents, files, cache, terminal, version."""
+"""Basics: errors, documents, files, cache, terminal, version."""

@@ -1,4 +1,4 @@
-"""Where compiled and extracted files are kept between runs."""
+"""The cache of compiled and extracted files."""
 
 from __future__ import annotations
 
@@ -47,7 +47,6 @@ KINDS = {
     "loop": "the compiled loop",
     "variational": "compiled sensitivities",
     "reruns": "how FMUs are run again",
-    "probes": "how FMUs behave",
     "proofs": "which FMUs of other tools have run and ended well",
     "fmu_slots": "which runs use an FMU at the same time",
     COMPILER: "parts of the C compiler",
@@ -329,7 +328,7 @@ class Entry:
 
 
 def entries(digest: str = "", *, kinds: Iterable[str] = KINDS) -> Iterator[Entry]:
-    """What the cache holds: of the FMU with this SHA-256, or all."""
+    """The entries of the cache: of the FMU with this SHA-256, or all."""
     root = cache_directory()
     for kind in kinds:
         for path in (root / kind).glob(f"{digest}*"):

@@ -9,14 +9,14 @@ from __future__ import annotations
 from collections.abc import Iterable
 from types import ModuleType
 
+Deciding = Iterable[tuple[ModuleType, tuple[str, ...]]]
+"""Modules, and the names of constants in each."""
 
-def recorded(constants: Iterable[tuple[ModuleType, tuple[str, ...]]]) -> dict[str, float | list[float]]:
+
+def recorded(constants: Deciding) -> dict[str, float | list[float]]:
     """Name -> value of constants, as they are written into a result.
 
     The name of ``BIC`` in ``fmu_didim.discovery.selection.decide`` is ``discovery.selection.decide.bic``.
-
-    Args:
-        constants: modules, and the names of constants in each.
     """
     found: dict[str, float | list[float]] = {}
     for module, names in constants:

@@ -1,13 +1,13 @@
-"""Diagnostics: what is wrong with data, a model or an answer, each kind under a stable code.
+"""Diagnostics: problems of data, a model or an answer, each kind under a stable code.
 
-A module writes the codes of what it can find down once, where the catalogue hands each of them back:
+A module lists its codes once, and the catalogue returns each of them:
 
     CLOCK_LATE = CATALOGUE(
         "clock-late", DOUBT, rank=20, meaning="The clock of the log runs behind ...", next_step="Free log_delay ..."
     )
 
-and makes a :class:`Diagnostic` of it with the figures of a case. Codes are part of the interface: scripts decide by
-them, so a code never changes its meaning.
+From a code and the figures of a case it makes a :class:`Diagnostic`. Scripts decide by codes, so that a code never
+changes its meaning.
 """
 
 from __future__ import annotations
@@ -20,14 +20,14 @@ from fmu_didim.base.errors import InputError
 
 
 class Severity(Enum):
-    """What a diagnostic means for an answer."""
+    """The meaning of a diagnostic for an answer."""
 
     PROBLEM = "problem"
-    """Nothing can be identified before it is mended."""
+    """Nothing can be identified before it is fixed."""
     DOUBT = "doubt"
     """The answer may be wrong, or less certain than it says."""
     REMARK = "remark"
-    """To be known; the answer stands."""
+    """Good to know; the answer stands."""
 
 
 PROBLEM, DOUBT, REMARK = Severity.PROBLEM, Severity.DOUBT, Severity.REMARK
@@ -72,7 +72,7 @@ class Diagnostic:
 
     @property
     def advice(self) -> str:
-        """What to do about it: here, or about its kind."""
+        """The next step: its own, or that of its code."""
         return self.next_step or self.code.next_step
 
     @property
@@ -116,7 +116,7 @@ class DiagnosedError(InputError):
 
 
 def refuse_problems(found: Iterable[Diagnostic]) -> list[Diagnostic]:
-    """What was found, in order of weight; raises DiagnosedError where a problem is among it."""
+    """The diagnostics in order of weight; raises DiagnosedError where a problem is among them."""
     ordered = by_weight(found)
     if any(d.code.severity is PROBLEM for d in ordered):
         raise DiagnosedError(d for d in ordered if d.code.severity is PROBLEM)
@@ -136,8 +136,8 @@ class Catalogue:
         self._codes: dict[str, Code] = {}
 
     def __call__(self, name: str, severity: Severity, *, rank: int, meaning: str, next_step: str) -> Code:
-        """Write a code down; returns it."""
-        assert name not in self._codes, f"the code {name} is written down twice"
+        """Add a code and return it."""
+        assert name not in self._codes, f"the code {name} is there twice"
         self._codes[name] = Code(name, severity, rank, meaning, next_step)
         return self._codes[name]
 

@@ -1,4 +1,4 @@
-"""What docstrings say of keys, attributes and arguments, entry by entry: for schemas and for the reference."""
+"""Descriptions of keys, attributes and arguments from docstrings, for schemas and the reference."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def section(documented: object, name: str) -> str:
 
 
 def entries(documented: object, name: str, known: Collection[str]) -> dict[str, str]:
-    """Each known name of a section -> what it says of it.
+    """Each known name of a section -> its description.
 
     Entries are ``name: text`` or ``one, another: text`` at the start of a line, or after a semicolon.
     """
@@ -39,7 +39,7 @@ def entries(documented: object, name: str, known: Collection[str]) -> dict[str, 
 
 
 def key_texts(documented: type, known: Collection[str]) -> dict[str, str]:
-    """What a class and those it is derived from say of their attributes, the nearest class first."""
+    """Attribute -> description, by a class and its base classes; the nearest class counts."""
     found: dict[str, str] = {}
     for base in reversed(documented.__mro__):
         found |= entries(base, "Attributes", known)

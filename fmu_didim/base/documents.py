@@ -132,7 +132,7 @@ def load_yaml(path: Path | str) -> dict[str, Any]:
             valid=f"at most {MAXIMUM_BYTES}", next_step="Put signals into CSV, MAT or Parquet files.",
         )  # fmt: skip
     try:
-        content = _content(raw.decode("utf-8"))
+        content = parse_yaml(raw.decode("utf-8"))
     except UnicodeDecodeError as error:
         line = raw.count(b"\n", 0, error.start) + 1
         raise InputError(
@@ -146,10 +146,14 @@ def load_yaml(path: Path | str) -> dict[str, Any]:
     return content
 
 
-def _content(text: str, loader: type[Any] | None = None) -> Any:
-    """What a YAML text holds; its errors quote the line."""
+def parse_yaml(text: str, loader: type[Any] | None = None) -> Any:
+    """The content of a YAML text; raises YAMLError, which quotes the line.
+
+    Args:
+        loader: :class:`PythonLoader`, or by default :data:`LOADER`, the fastest that PyYAML has here.
+    """
     try:
-        return (loader or _LOADER)(text).get_single_data()
+        return (loader or LOADER)(text).get_single_data()
     except ReaderError as error:
         error.name = "the file"
         raise
@@ -216,7 +220,7 @@ class _Loader(Composer, SafeConstructor, Resolver):
             raise ConstructorError(None, None, str(error), node.start_mark) from error
 
 
-class _InPython(_Loader, Reader, Scanner, Parser):
+class PythonLoader(_Loader, Reader, Scanner, Parser):
     """Events of PyYAML's own parser."""
 
     def __init__(self, text: str) -> None:
@@ -226,18 +230,18 @@ class _InPython(_Loader, Reader, Scanner, Parser):
         _Loader.__init__(self)
 
 
-_LOADER: type[Any] = _InPython
+LOADER: type[Any] = PythonLoader
 if yaml.__with_libyaml__:
     from yaml.cyaml import CParser  # type: ignore[attr-defined]
 
-    class _InC(_Loader, CParser):
+    class _CLoader(_Loader, CParser):
         """Events of libyaml, in a fifth of the time."""
 
         def __init__(self, text: str) -> None:
             CParser.__init__(self, text)
             _Loader.__init__(self)
 
-    _LOADER = _InC
+    LOADER = _CLoader
 
 
 def _refusal(problem: str, mark: Any) -> ComposerError:
@@ -260,7 +264,7 @@ def validate(
     """``content`` as a ``model``; raises one InputError that lists every problem with its path.
 
     Args:
-        lines: of the file that the content is from; problems are then told with theirs.
+        lines: of the file that the content is from; problems are then reported with theirs.
         folder: of that file; None: the working folder.
     """
     open_ = [] if lines is None else [f"{place}: still to be filled in{note}" for place, note in lines.unfilled()]
@@ -276,10 +280,7 @@ def validate(
 
 
 KINDS = {
-    "a controller description": (
-        "law",
-        "Name it in a case, controller: {source: ...}; fmu-didim export makes an FMU.",
-    ),
+    "a controller description": ("law", "Name it in a case, controller: {source: ...}; fmu-didim export makes an FMU."),
     "a campaign": ("vary", "fmu-didim campaign run takes it."),
     "a case": ("train", "fmu-didim identify, check and discover take it; with --ssp export does, too."),
     "a case of several experiments": ("experiments", "fmu-didim identify, check and discover take it."),
@@ -296,8 +297,7 @@ def _other_kind(content: dict[str, Any], model: type[BaseModel]) -> str:
 
 
 def problems(error: ValidationError, model: type[BaseModel], lines: Lines | None = None) -> list[str]:
-    """What is wrong with a document, each with its line, its path and the valid names; what is to be filled in is
-    left out."""
+    """The problems of a document, each with its line, path and valid names, without those that are to be filled in."""
     details = [d for d in error.errors(include_url=False) if lines is None or d.get("input") != TO_FILL_IN]
     return [("" if lines is None else lines.of(d["loc"])) + _problem(d, model) for d in details]
 
@@ -328,8 +328,7 @@ class Lines:
     @cached_property
     def _root(self) -> yaml.Node | None:
         try:
-            root: yaml.Node | None = _LOADER(self._text).get_single_node()
-            return root
+            return LOADER(self._text).get_single_node()  # type: ignore[no-any-return]
         except yaml.YAMLError:  # load_yaml reports it
             return None
 

@@ -10,7 +10,7 @@ import difflib
 import platform
 import re
 from collections.abc import Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import Any, Self
 
 MOST_NAMES = 60
@@ -46,19 +46,18 @@ class FmuDidimError(Exception):
         super().__init__(self._text())
 
     def in_component(self, name: str, time: float | None) -> Self:
-        """This error, told as that of a component of the loop at a time in s; None: in its initialisation.
+        """This error as that of a component of the loop, at a time in s; None: in its initialisation.
 
-        The first component to which it is told counts.
+        The first component that is named stays.
         """
         if not self.component:
             when = " in its initialisation" if time is None else f" at t = {time:.6g} s"
-            told = f"The {name} failed{'' if ' at t = ' in self.what else when}: {self.what}"
-            self.component, self.what = name, told
-            self.args = (self._text(),)
+            self.what = f"The {name} failed{'' if ' at t = ' in self.what else when}: {self.what}"
+            self.component, self.args = name, (self._text(),)
         return self
 
     def locate(self, place: str) -> None:
-        """Put a file and its line before where it is: ``case.yaml, line 12, ``."""
+        """Name a file and its line before the place: ``case.yaml, line 12, ``."""
         self.where = f"{place}{self.where}"
         self.args = (self._text(),)
 
@@ -95,13 +94,8 @@ class UnknownNameError(InputError):
     def __init__(self, kind: str, name: str, valid: Iterable[str], *, where: str = "") -> None:
         names = list(valid)
         near = difflib.get_close_matches(name[:LONGEST_NAME], [n for n in names if len(n) <= LONGEST_NAME], n=1)
-        super().__init__(
-            f"There is no {kind} named '{name}'.",
-            where=where,
-            got=name,
-            valid=names,
-            next_step=f"Did you mean '{near[0]}'?" if near else "",
-        )
+        step = f"Did you mean '{near[0]}'?" if near else ""
+        super().__init__(f"There is no {kind} named '{name}'.", where=where, got=name, valid=names, next_step=step)
 
 
 class FmuError(FmuDidimError):
@@ -138,20 +132,18 @@ class LibraryError(FmuDidimError):
     def __init__(self, name: str, *, got: object) -> None:
         version, bounds = _installed(name)
         super().__init__(
-            f"The library {name} does not work as it is installed.",
-            where=f"{name} {version}".strip() + f", Python {platform.python_version()}",
-            got=got,
-            valid=bounds,
+            f"The library {name} does not work as it is installed.", got=got, valid=bounds,
+            where=f"{name} {version}, Python {platform.python_version()}",
             next_step=f'pip install --upgrade "{bounds or name}"',
-        )
+        )  # fmt: skip
 
 
 @contextmanager
 def loading(name: str, *, absent: FmuDidimError | None = None) -> Iterator[None]:
-    """What goes wrong while a library is imported is reported as its own fault, not as that of what needs it.
+    """Report an error during the import of a library as that of the library.
 
     Args:
-        name: of its module. absent: what to say where it is not installed at all.
+        name: of its module; absent: raised where it is not installed at all.
 
     Raises:
         LibraryError: it is there and does not work, or is absent and always needed; ``absent``.
@@ -168,14 +160,9 @@ def _installed(name: str) -> tuple[str, str]:
     """The version of a library, "not installed" if there is none, and the versions that this package needs."""
     from importlib.metadata import PackageNotFoundError, requires, version
 
-    def of(package: str) -> str:
-        try:
-            return version(package)
-        except PackageNotFoundError:
-            return "not installed"
-
-    try:
+    found, bounds = "not installed", list[str]()
+    with suppress(PackageNotFoundError):
+        found = version(name)
+    with suppress(PackageNotFoundError):  # the package may run from its folder
         bounds = [line.partition(";")[0].strip() for line in requires("fmu_didim") or ()]
-    except PackageNotFoundError:
-        bounds = []  # the package runs from its folder
-    return of(name), next((line for line in bounds if re.match(rf"{name}\b(?!-)", line)), "")
+    return found, next((line for line in bounds if re.match(rf"{name}\b(?!-)", line)), "")

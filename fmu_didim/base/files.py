@@ -95,7 +95,7 @@ def follow(path: Path, folder: Path) -> None:
 
 
 def _handed_down(folder: Path) -> int:
-    """What permissions a folder hands down: a group writes only where it shares the folder (setgid), others never."""
+    """The permissions that a folder hands down: a group writes only where it shares it (setgid), others never."""
     found = folder.stat().st_mode
     return found & (0o2775 if found & stat.S_ISGID else 0o755)
 

@@ -1,11 +1,11 @@
 """Objects outside the tree, named ``module:name`` or ``path/to/file.py:name``.
 
-One rule says where all of them are looked for, controllers, plants and effects alike. A file is relative to the folder
-of the file that names it, or to the working folder where it is named on the command line or in memory. A module is a
-file ``module.py`` in that same folder, else one on Python's import path, else a file of the working folder, so that
-nothing there takes the place of what is installed.
+One rule holds for controllers, plants and effects. A file is relative to the folder of the file that names it, or to
+the working folder where it is named on the command line or in memory. A module is a file ``module.py`` in that same
+folder, else one on Python's import path, else a file of the working folder, so that nothing there replaces an installed
+module.
 
-To name one is to run its code. Where a case or a robot description comes from somebody else, the environment variable
+To name one is to run its code. For a case or a robot description from somebody else, the environment variable
 ``FMU_DIDIM_NO_CODE`` (on the command line ``--no-code``) refuses all of them.
 """
 
@@ -42,10 +42,10 @@ def is_reference(text: str) -> bool:
 def located(reference: str, *folders: Path) -> str:
     """The reference by the absolute path of its file, where it means a file; runs nothing.
 
-    What is neither a reference nor found stays as it is; importing it reports what is wrong.
+    Other texts, and files that are not found, stay as they are; importing them reports the error.
 
     Args:
-        folders: of what names it, the first one that has the file counts; none: the working folder.
+        folders: to look in, the first one that has the file counts; the working folder by default.
     """
     match = _REFERENCE.fullmatch(reference)
     if match is None:
@@ -60,6 +60,13 @@ def located(reference: str, *folders: Path) -> str:
         searched.append(Path())
     found = next((folder / file for folder in searched if is_file(folder / file)), None)
     return reference if found is None else f"{found.resolve()}:{name}"
+
+
+def source_file(reference: str) -> Path | None:
+    """The file of the module that a reference names, once that was imported; None without one, as in a notebook."""
+    module = located(reference).rpartition(":")[0]
+    file = module if module.endswith(".py") else getattr(sys.modules.get(module), "__file__", None)
+    return None if file is None else Path(file)
 
 
 def without_folder(reference: str) -> str:
@@ -109,10 +116,10 @@ def check_allowed(reference: str, *, where: str) -> None:
 
 
 def run_code(function: Callable[[], Result], *, what: str, where: str, got: str) -> Result:
-    """What a function of the user returns.
+    """The return value of a user's function.
 
     Args:
-        what: it is in words; where: it is named; got: its name.
+        what: the function in words; where: the place that names it; got: its name.
 
     Raises:
         InputError: it raised something, or ended the program, with the line in which it did.
@@ -129,7 +136,7 @@ def run_code(function: Callable[[], Result], *, what: str, where: str, got: str)
 
 
 def raised(error: BaseException) -> str:
-    """What was raised and where, as far as possible in the user's own file, in one line."""
+    """An error and its place, in the user's own file if possible, in one line."""
     text = " ".join(str(error).split())[:300]
     what = "it exits" if isinstance(error, SystemExit) else type(error).__name__
     if isinstance(error, SyntaxError):

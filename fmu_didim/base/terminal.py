@@ -1,4 +1,4 @@
-"""What the command line writes to: a terminal, a file or a pipe, of any encoding, that may be gone before the end."""
+"""Output of the command line: a terminal, a file or a pipe, of any encoding, that may be closed before the end."""
 
 from __future__ import annotations
 

@@ -15,13 +15,13 @@ from typing import Any
 from fmu_didim.base.documents import load_yaml, problems_error
 from fmu_didim.base.errors import InputError, UnknownNameError
 from fmu_didim.base.files import file_name
+from fmu_didim.campaigns.planning.fields import plain
 from fmu_didim.campaigns.planning.identity import code_digest
 from fmu_didim.campaigns.planning.plan import Plan, PlannedRun
 from fmu_didim.campaigns.reporting.results import Results
 from fmu_didim.campaigns.reporting.sections import duration
 from fmu_didim.campaigns.running.execute import Task, Trial, execute
 from fmu_didim.campaigns.running.runner import (
-    Progress,
     ProgressCallback,
     RunWorker,
     close_workers,
@@ -33,18 +33,15 @@ from fmu_didim.campaigns.running.runner import (
 from fmu_didim.campaigns.running.store import FAILURES, Store
 from fmu_didim.campaigns.validation import case_problems, read_campaign
 from fmu_didim.case import Case
+from fmu_didim.case.memory import Memory
 from fmu_didim.workflow.output.result_folder import check_writable
 
 _log = logging.getLogger(__name__)
 
 
-def _silent(_: Progress) -> None:
-    pass
-
-
 @dataclass(frozen=True)
 class DryRun:
-    """What a campaign would do.
+    """The runs of a campaign and their estimated time.
 
     Attributes:
         name: of the campaign; count: different runs; equal: further runs that equal one of these.
@@ -106,11 +103,12 @@ class Campaign:
         with _engine(workers, None) as (engine, count):
             tried = self._check(engine, count)
         todo, known = self._todo(None)
-        seconds = self._estimate([run for run, _ in todo], count) if todo else None
         runs = self.plan.runs
-        equal = self.plan.combination_count - len(runs)
-        cases = len({run.design for run in runs})
-        return DryRun(self.plan.document.name, len(runs), equal, known, cases, tried, count, runs[:3], seconds)
+        return DryRun(
+            name=self.plan.document.name, count=len(runs), equal=self.plan.combination_count - len(runs), known=known,
+            cases=len({run.design for run in runs}), tried=tried, workers=count, first=runs[:3],
+            seconds=self._estimate([run for run, _ in todo], count) if todo else None,
+        )  # fmt: skip
 
     def _estimate(self, todo: Sequence[PlannedRun], workers: int) -> float:
         """[s] Estimated run time: the first run of a case loads it, those with other seeds reuse it."""
@@ -151,12 +149,10 @@ class Campaign:
                 _log.info("%s also runs this campaign; what it has done is not run here", ", ".join(others))
             todo, known = self._todo(only or None)
             if others:
-                todo = [
-                    *todo[len(todo) // 2 :],
-                    *todo[: len(todo) // 2],
-                ]  # the other runner started with the first half
+                half = len(todo) // 2
+                todo = [*todo[half:], *todo[:half]]  # the other runner started with the first half
             if todo:
-                run_all(self.plan, store, todo, engine, count, known, progress or _silent)
+                run_all(self.plan, store, todo, engine, count, known, progress or (lambda _: None))
         return Results(store)
 
     def failed(self) -> list[str]:
@@ -186,9 +182,8 @@ class Campaign:
             return found
 
         found, tried = case_problems(self.plan, attempt)
-        found = [*self._problems, *found]
-        if found:
-            raise problems_error(found, where=str(self.plan.document.name))
+        if found := [*self._problems, *found]:
+            raise problems_error(found, where=self.plan.document.name)
         return tried
 
     def _todo(self, only: Iterable[str] | None) -> tuple[list[tuple[PlannedRun, int]], int]:
@@ -197,13 +192,13 @@ class Campaign:
         rows = store.rows(()).to_pylist() if self.out.is_dir() else []
         attempts = {row["id"]: row["attempt"] or 1 for row in rows}
         known = sum(run.id in attempts for run in self.plan.runs)
-        if only is not None:
-            wanted = list(only)
-            for name in wanted:
-                if name not in self.plan.by_id:
-                    raise UnknownNameError("run of this plan", name, list(self.plan.by_id)[:10], where=str(self.out))
-            return [(self.plan.by_id[name], attempts.get(name, 0) + 1) for name in wanted], known
-        return [(run, 1) for run in self.plan.runs if run.id not in attempts], known
+        if only is None:
+            return [(run, 1) for run in self.plan.runs if run.id not in attempts], known
+        wanted = list(only)
+        for name in wanted:
+            if name not in self.plan.by_id:
+                raise UnknownNameError("run of this plan", name, list(self.plan.by_id)[:10], where=str(self.out))
+        return [(self.plan.by_id[name], attempts.get(name, 0) + 1) for name in wanted], known
 
 
 @contextmanager
@@ -240,20 +235,19 @@ def campaign(
         folder: to which the paths of a content are relative.
 
     Raises:
-        InputError: it has too many errors to plan anything; :meth:`Campaign.check` reports all others.
+        InputError: it holds an object that only this process has, or too many errors to plan anything;
+            :meth:`Campaign.check` reports all others.
     """
     if isinstance(source, Mapping):
-        content, folder, stem = dict(source), Path(folder), file_name(str(source.get("name", "campaign")))
-        file = ""
+        content, folder, file = plain(source, Memory()), Path(folder), ""
+        where = stem = file_name(str(source.get("name", "campaign")))
     else:
-        content, folder = load_yaml(source), Path(source).parent
-        file = Path(source).name
+        content, folder, file, where = load_yaml(source), Path(source).parent, Path(source).name, str(source)
         stem = f"{Path(source).resolve().parent.name}-{Path(source).stem}"
     plan, found = read_campaign(content, folder)
     if plan is None:
-        raise problems_error(found, where=stem if isinstance(source, Mapping) else str(source))
-    out = Path(out) if out is not None else Path("results") / stem
-    return Campaign(replace(plan, file=file), out, problems=found)
+        raise problems_error(found, where=where)
+    return Campaign(replace(plan, file=file), Path(out or Path("results") / stem), problems=found)
 
 
 def study(
@@ -277,8 +271,7 @@ def study(
         InputError: as of :func:`campaign`.
     """
     if isinstance(case, Case):
-        content: Any = case.content
-        folder = case.folder
+        content, folder = plain(case.content, case.memory, "case"), case.folder
     else:
         content = dict(case) if isinstance(case, Mapping) else str(case)
     name = entries.pop("name", None) or (f"study of {Path(content).stem}" if isinstance(content, str) else "study")

@@ -66,9 +66,7 @@ def _leave_out(content: dict[str, Any], place: list[str]) -> None:
             content["vary"] = {path: values for path, values in vary.items() if path not in wrong}
             return
     content.pop(place[0], None)
-    left: dict[str, Any] = {"name": "campaign", "noise": {}}
-    if place[0] in left:
-        content[place[0]] = left[place[0]]
+    content |= {key: value for key, value in (("name", "campaign"), ("noise", {})) if key == place[0]}
 
 
 def case_problems(plan: Plan, attempt: LoadCases | None) -> tuple[list[str], int]:
@@ -94,21 +92,20 @@ def case_problems(plan: Plan, attempt: LoadCases | None) -> tuple[list[str], int
             if rest is not None:
                 good.setdefault(tuple(map(id, rest)), rest)
     if len(variants) < CHECKED_CASES:
-        found |= {name: form.not_named(name) for name in sorted(set(plan.document.limits.instances) - form.sources)}
+        valid = ", ".join(sorted(form.sources)) or "none"
+        for name in sorted(set(plan.document.limits.instances) - form.sources):
+            found[name] = f"limits.instances: no case names '{name}' as a source (they name: {valid})"
     tried = list(good.values())[:LOADED_CASES]
     if attempt is not None and tried:
-        tasks = [_task(plan, settings) for settings in tried]
+        runs = [(next(plan.identities.runs(settings)), plan.content(settings)) for settings in tried]
+        verb = plan.document.verb
+        tasks = [Task(run.id, run.design, run.data, run.seed, verb, content) for run, content in runs]
         for settings, trial in zip(tried, attempt(tasks), strict=True):
             if trial.problem and trial.problem not in found:
                 found[trial.problem] = _placed(trial.problem, settings, tried[0])
             if trial.doubt:
                 _log.warning("Runs will fail at %s", _placed(trial.doubt, settings, tried[0]))
     return list(found.values()), len(tried)
-
-
-def _task(plan: Plan, settings: tuple[Setting, ...]) -> Task:
-    run = next(plan.identities.runs(settings))
-    return Task(run.id, run.design, run.data, run.seed, plan.document.verb, plan.content(settings))
 
 
 def _placed(text: str, settings: Sequence[Setting], common: Sequence[Setting]) -> str:
@@ -129,11 +126,6 @@ class _Form:
         self._plan, self._scratch = plan, scratch
         self._read: dict[Path, list[str]] = {}
         self.sources: set[str] = set()
-
-    def not_named(self, name: str) -> str:
-        """The message that the limit of an FMU has no effect."""
-        valid = ", ".join(sorted(self.sources)) or "none"
-        return f"limits.instances: no case names '{name}' as a source (they name: {valid})"
 
     def without_errors(self, settings: tuple[Setting, ...], messages: list[str]) -> tuple[Setting, ...] | None:
         """The settings without wrong ones, which hide further errors; None where the case itself has an error."""
@@ -182,24 +174,25 @@ class _Form:
             yield from problems(error, CaseDocument)
         controller = case.get("controller")
         law = controller.get("source") if isinstance(controller, Mapping) else None
-        described: list[tuple[str, Any, Callable[[Path], Any]]] = [("robot", case.get("robot"), read_robot)]
-        for place, name, read in (*described, ("controller.source", law, read_controller)):
-            if isinstance(name, str) and name.endswith((".yaml", ".yml")) and (folder / name).is_file():
-                yield from self._of_description(place, folder / name, read)
-
-    def _of_description(self, place: str, path: Path, read: Callable[[Path], Any]) -> list[str]:
-        if path not in self._read:
-            self._read[path] = []
-            try:
-                read(path)
-            except InputError as error:
-                listed = [line.removeprefix("  - ") for line in error.what.splitlines()[1:]]
-                if path.parent == self._scratch:  # a copy, whose line numbers mean nothing to the user
-                    listed = [f"{place}.{re.sub(r'^line [0-9]+, ', '', line)}" for line in listed]
-                else:
-                    listed = [f"{place} ({path.name}): {line}" for line in listed]
-                self._read[path] = listed or [f"{place}: {error}"]
-        return self._read[path]
+        readers: tuple[tuple[str, Any, Callable[[Path], Any]], ...] = (
+            ("robot", case.get("robot"), read_robot), ("controller.source", law, read_controller),
+        )  # fmt: skip
+        for place, name, read in readers:
+            if not isinstance(name, str) or not name.endswith((".yaml", ".yml")) or not (folder / name).is_file():
+                continue
+            path = folder / name
+            if path not in self._read:
+                self._read[path] = []
+                try:
+                    read(path)
+                except InputError as error:
+                    listed = [line.removeprefix("  - ") for line in error.what.splitlines()[1:]]
+                    if path.parent == self._scratch:  # a copy, whose line numbers mean nothing to the user
+                        listed = [f"{place}.{re.sub(r'^line [0-9]+, ', '', line)}" for line in listed]
+                    else:
+                        listed = [f"{place} ({path.name}): {line}" for line in listed]
+                    self._read[path] = listed or [f"{place}: {error}"]
+            yield from self._read[path]
 
 
 def _without(part: Mapping[str, Any]) -> dict[str, Any]:

@@ -2,7 +2,17 @@
 
 from fmu_didim.case.arrays import Log, Reference
 from fmu_didim.case.build import Case, case_of, load_case
-from fmu_didim.case.changes import CaseObjects
+from fmu_didim.case.changes import CaseObjects, with_objects
 from fmu_didim.case.document import CaseDocument, read_case
 
-__all__ = ["Case", "CaseDocument", "CaseObjects", "Log", "Reference", "case_of", "load_case", "read_case"]
+__all__ = [
+    "Case",
+    "CaseDocument",
+    "CaseObjects",
+    "Log",
+    "Reference",
+    "case_of",
+    "load_case",
+    "read_case",
+    "with_objects",
+]

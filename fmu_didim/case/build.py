@@ -14,7 +14,7 @@ import numpy as np
 from fmu_didim.base.documents import validate
 from fmu_didim.base.errors import InputError, UnknownNameError
 from fmu_didim.base.files import is_file
-from fmu_didim.case.changes import CaseChanges, CaseObjects, merged
+from fmu_didim.case.changes import CaseChanges, CaseObjects, changes_by, merged
 from fmu_didim.case.document import CaseDocument, make_estimator, read_case
 from fmu_didim.case.experiment import read_experiment
 from fmu_didim.case.free import free_parameters
@@ -37,6 +37,8 @@ from fmu_didim.data.signals import Trajectory
 from fmu_didim.dynamics.robot import RobotDescription, RobotModel, read_robot
 from fmu_didim.estimators import Estimator
 from fmu_didim.model.experiment import Experiment
+from fmu_didim.model.experiments import Experiments
+from fmu_didim.model.loop import Loop
 from fmu_didim.model.loop_model import LoopModel
 from fmu_didim.model.parameters import Parameters
 
@@ -46,8 +48,8 @@ class Case:
     """A case that is ready to run; made by :func:`load_case`.
 
     Attributes:
-        document: what the file says; path: the file; folder: where it lies.
-        parameters: what is identified of the plant; plant, controller: the components; no controller where an archive
+        document: the content of its file; path, folder: of that file.
+        parameters: the identified ones of the plant; plant, controller: the components; no controller where an archive
             or a list of components gives the whole loop.
         base: that loop; step_size: communication step of the loop in s.
         estimator: with its options.
@@ -78,7 +80,7 @@ class Case:
 
     @property
     def content(self) -> dict[str, Any]:
-        """What the case file says, as a mapping that :func:`load_case` takes."""
+        """The content of the case file, as a mapping that :func:`load_case` takes."""
         return contents_of(self.document)
 
     @property
@@ -127,7 +129,7 @@ class Case:
                 raise UnknownNameError("file in the case", name, self.document.files, where=self.name)
         changed = replace(self, memory=self.memory | Memory(signals))
         if "model" in self.__dict__:
-            _ = changed.model  # what does not fit is found now
+            _ = changed.model  # errors are found now
         return changed
 
     @property
@@ -175,15 +177,11 @@ class Case:
         first = next(iter(systems.values()))
         low_pass = document.low_pass
         return LoopModel(
-            systems=systems,
-            experiments=experiments,
-            parameters=self.parameters,
-            plant=first.components[self.plant_name],
-            plant_name=self.plant_name,
-            free_parameters=free_parameters(document, self.parameters, first),
+            Loop(systems, self.parameters, first.components[self.plant_name], self.plant_name),
+            Experiments(experiments, None if low_pass is None else LowPass(low_pass.cutoff_hz, low_pass.order)),
+            free_parameters(document, self.parameters, first),
             torque_deviation=None if document.torque_std is None else np.array(document.torque_std),
             joint_weights=document.joint_weights,
-            low_pass=None if low_pass is None else LowPass(low_pass.cutoff_hz, low_pass.order),
         )
 
 
@@ -194,15 +192,15 @@ def load_case(
     signals: Mapping[str, Trajectory] | None = None,
     require_torque: bool = True,
 ) -> Case:
-    """Read a case, build its FMUs and load its data; all that can be wrong is found here.
+    """Read a case, build its FMUs and load its data; all its errors are found here.
 
     Args:
         source: the case file, or its content, in which objects may stand where a file names other files: a
             :class:`Log`, a :class:`Reference`, a robot description, a component, a python-control system or a function.
         folder: to which the paths of a content are relative; those of a file are relative to its own folder.
         signals: name of a data file as the case has it -> signals in memory that are taken instead.
-        require_torque: whether the torque logs are read at once, if the case names them: one without is simulated, and
-            refused by what needs them.
+        require_torque: whether the torque logs are read at once, if the case names them; without them it can only be
+            simulated.
 
     Raises:
         InputError, FmuError, BuildError: with what, where, got, valid and next step.
@@ -226,7 +224,7 @@ def case_of(
     Raises:
         InputError, FmuError, BuildError: as of :func:`load_case`; or the case does not tell which entry is meant.
     """
-    if case is None or objects.given:
+    if case is None or any(value is not None for value in objects.values()):
         folder, memory, document = Path(), Memory(), None
         if isinstance(case, Case):
             folder, memory, document = case.folder, case.memory, case.document
@@ -235,7 +233,7 @@ def case_of(
             document = validate(CaseDocument, content, where="case")
         elif case is not None:
             folder, document = Path(case).parent, read_case(case)
-        changes = objects.changes(document)
+        changes = changes_by(objects, document)
         if document is None:
             content, memory = named(changes, folder)
             return _of_content(content, folder, memory, require_torque=require_torque)
@@ -253,7 +251,7 @@ def _changed(
 
 
 def contents_of(document: CaseDocument) -> dict[str, Any]:
-    """What a case file says, as a mapping."""
+    """The content of a case file, as a mapping."""
     return document.model_dump(mode="json", by_alias=True, exclude_unset=True)
 
 
@@ -286,7 +284,7 @@ def _loaded(document: CaseDocument, folder: Path, path: Path, memory: Memory, *,
     estimator = make_estimator(document.estimator)
     case = Case(document, folder, parameters, plant, controller, base, step, estimator, path, memory, robot)
     if require_torque and all(run.torque is not None for run in document.runs.values() if run.role == "estimation"):
-        _ = case.model  # what is wrong with the data is found now
+        _ = case.model  # errors in the data are found now
     return case
 
 
@@ -329,18 +327,11 @@ def _with_data(case: Case) -> LoopModel:
     document = case.document
     experiments = {
         label: read_experiment(
-            run,
-            case.folder,
-            step=case.step_size,
-            drive_gains=document.loop.drive_gains,
-            torque_units=case.parameters.torque_units,
-            label=label,
-            needed=case.needed,
-            signals=case.signals,
+            run, case.folder, step=case.step_size, drive_gains=document.loop.drive_gains,
+            torque_units=case.parameters.torque_units, label=label, needed=case.needed, signals=case.signals,
         )
-        for label, run in document.runs.items()
-        if run.role == "estimation" or run.torque is not None
-    }
+        for label, run in document.runs.items() if run.role == "estimation" or run.torque is not None
+    }  # fmt: skip
     for name in document.loop.injections.values():
         if not any(name in e.reference.names for e in experiments.values()):
             known = next(iter(experiments.values())).reference.names
@@ -358,10 +349,10 @@ def _check(document: CaseDocument, model: LoopModel, estimator: Estimator) -> No
         for label in model.estimation_labels:
             estimator.positions(model, label)
     if model.parameters.has_regressor:
-        _check_motion(model.plant, n, ("q", "dq"))  # accelerations can be had by differences
+        _check_motion(model.loop.plant, n, ("q", "dq"))  # accelerations can be had by differences
     elif model.parameters.is_probed:
-        _check_motion(model.plant, n, ("ddq",))
-    offered = {v.name for v in model.plant.parameters}
+        _check_motion(model.loop.plant, n, ("ddq",))
+    offered = {v.name for v in model.loop.plant.parameters}
     absent = [name for name in model.parameters.plant_names if name not in offered]
     if absent:
         raise InputError(

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
-from typing import Any, TypedDict
+from collections.abc import Callable, Mapping, Sequence
+from functools import wraps
+from inspect import Parameter, signature
+from typing import Any, ParamSpec, TypedDict, TypeVar
 
 from fmu_didim.base.errors import InputError
+from fmu_didim.case.arrays import Log, Reference
 from fmu_didim.case.document import CaseDocument
 from fmu_didim.case.memory import OF_THE_FILE, InMemory, Whole, pair
+
+_Arguments = ParamSpec("_Arguments")
+_Result = TypeVar("_Result")
 
 
 class CaseChanges(TypedDict, total=False):
@@ -63,59 +68,65 @@ def _is_another(key: str, old: Mapping[str, Any], new: Mapping[str, Any]) -> boo
     return key in ("reference", "estimator") and (other_kind or ("file" in new and "file" not in old))
 
 
-@dataclass(frozen=True)
-class CaseObjects:
-    """What a verb takes beside a case, or in the place of one.
+class CaseObjects(TypedDict, total=False):
+    """Objects that a verb takes beside a case, whose entries they replace, or in place of a case.
 
     Attributes:
         robot, plant, controller, loop: entries of a case; log, reference: of its experiment for the estimation.
         validation: log and reference of its held-out experiment.
     """
 
-    robot: Any = None
-    plant: Any = None
-    controller: Any = None
-    log: Any = None
-    reference: Any = None
-    validation: Any = None
-    loop: Mapping[str, Any] | None = None
+    robot: Any
+    plant: Any
+    controller: Any
+    log: Log | Any
+    reference: Reference | Any
+    validation: tuple[Log, Reference] | Any
+    loop: Mapping[str, Any] | None
 
-    @property
-    def given(self) -> bool:
-        """Whether there is any."""
-        return any(getattr(self, entry.name) is not None for entry in fields(self))
 
-    def changes(self, document: CaseDocument | None) -> dict[str, Any]:
-        """The entries of a case that they are.
+def with_objects(verb: Callable[_Arguments, _Result]) -> Callable[_Arguments, _Result]:
+    """A verb whose signature lists the keys of :class:`CaseObjects` in place of ``**objects``, and takes no others."""
+    *own, _ = signature(verb).parameters.values()
+    keys = {name: annotation.__forward_arg__ for name, annotation in CaseObjects.__annotations__.items()}
+    added = [Parameter(name, Parameter.KEYWORD_ONLY, default=None, annotation=text) for name, text in keys.items()]
+    first = sum(p.kind is not Parameter.KEYWORD_ONLY for p in own)
+    shown = signature(verb).replace(parameters=[*own[:first], *added, *own[first:]])
 
-        Args:
-            document: of the case that they change; None: they are the whole case.
+    @wraps(verb)
+    def checked(*arguments: _Arguments.args, **options: _Arguments.kwargs) -> _Result:
+        shown.bind(*arguments, **options)  # raises TypeError
+        return verb(*arguments, **options)
 
-        Raises:
-            InputError: the case has several experiments that may be meant, or the objects are no whole case.
-        """
-        entries = {name: getattr(self, name) for name in ("robot", "plant", "controller", "loop")}
-        found = {name: value for name, value in entries.items() if value is not None}
-        run = {name: v for name, v in (("torque", self.log), ("reference", self.reference)) if v is not None}
-        if document is None:
-            self._check_whole()
-            found = {"name": "case in memory", **found}
-        if run:
-            _add(found, document, "estimation", run)
-        if self.validation is not None:
-            _add(found, document, "validation", self.validation)
-        return found
+    checked.__signature__ = shown  # type: ignore[attr-defined]
+    return checked
 
-    def _check_whole(self) -> None:
-        needed = ("robot", "controller", "reference")
-        lacking = [name for name in needed if getattr(self, name) is None]
-        if lacking:
+
+def changes_by(objects: CaseObjects, document: CaseDocument | None) -> dict[str, Any]:
+    """The entries of a case that objects replace.
+
+    Args:
+        document: of that case; None where the objects are the whole case.
+
+    Raises:
+        InputError: the case has several experiments that may be meant, or the objects are no whole case.
+    """
+    given: dict[str, Any] = {name: value for name, value in objects.items() if value is not None}
+    found: dict[str, Any] = {name: given[name] for name in ("robot", "plant", "controller", "loop") if name in given}
+    if document is None:
+        if lacking := [name for name in ("robot", "controller", "reference") if name not in given]:
             raise InputError(
-                "There is no case, and what was given is not a whole one.", got=f"no {', '.join(lacking)}",
+                "There is no case, and the objects are not a whole one.", got=f"no {', '.join(lacking)}",
                 valid="a case, or robot, controller, log and reference",
                 next_step="identify(robot=..., controller=..., log=Log(t, tau), reference=Reference(t, q)), or "
                 "identify('case.yaml').",
             )  # fmt: skip
+        found = {"name": "case in memory", **found}
+    if run := {key: given[name] for key, name in (("torque", "log"), ("reference", "reference")) if name in given}:
+        _add(found, document, "estimation", run)
+    if "validation" in given:
+        _add(found, document, "validation", given["validation"])
+    return found
 
 
 def _add(found: dict[str, Any], document: CaseDocument | None, role: str, run: Any) -> None:

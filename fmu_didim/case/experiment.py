@@ -1,4 +1,4 @@
-"""From what a case says of one run to its experiment: reference, torque log, and how the log follows from the loop."""
+"""From the entry of one run to its experiment: reference, torque log, and how the log follows from the loop."""
 
 from __future__ import annotations
 

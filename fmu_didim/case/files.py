@@ -49,7 +49,7 @@ def resolve(source: SignalFile, folder: Path) -> Path:
 
 
 def how_to_get(file: str, obtain: str = "") -> str:
-    """What a user whose data file is absent does next.
+    """The next step of a user whose data file is absent.
 
     Args:
         file: as the case names it; obtain: what the case says of where to get it.
@@ -77,7 +77,7 @@ def read_signals(
 
 
 def found_in(told: Iterable[Diagnostic], file: str) -> tuple[Diagnostic, ...]:
-    """What was found in a file, under the name that the case gives it."""
+    """Diagnostics of a file, under the name that the case gives it."""
     return tuple(replace(diagnostic, place=file) for diagnostic in told)
 
 

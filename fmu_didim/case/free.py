@@ -1,5 +1,4 @@
-"""What a case leaves free beside the base parameters: gains of the controller or of drives, the delay, the log's
-clock."""
+"""Free parameters of a case beside the base parameters: gains of controller or drives, the delay, the log's clock."""
 
 from __future__ import annotations
 
@@ -16,6 +15,7 @@ from fmu_didim.model.free_parameter import (
     LOG,
     PLANT,
     FreeParameter,
+    FreeParameters,
     base_free_parameters,
     delay_parameter,
     log_shift_parameter,
@@ -32,8 +32,8 @@ def beside_the_plant(document: CaseDocument) -> Mapping[str, IdentifiedParameter
     return {name: e for name, e in (document.identify or {}).items() if e.of not in (PLANT, document.plant_name)}
 
 
-def free_parameters(document: CaseDocument, parameters: Parameters, system: System) -> tuple[FreeParameter, ...]:
-    """All that the case leaves free: base parameters, own ones of experiments, and what ``identify`` lists beside them.
+def free_parameters(document: CaseDocument, parameters: Parameters, system: System) -> FreeParameters:
+    """The free parameters: base parameters, own ones of experiments, and those that ``identify`` lists beside them.
 
     Raises:
         InputError, UnknownNameError: an entry names no part of the loop, or an experiment something that is not free.
@@ -48,7 +48,7 @@ def free_parameters(document: CaseDocument, parameters: Parameters, system: Syst
                 raise UnknownNameError("free parameter", name, valid, where=f"experiments.{label}.own")
     base = {label: [name for name in names if name in parameters.names] for label, names in own.items()}
     others = [of_experiment(further[name], label) for label, names in own.items() for name in names if name in further]
-    return (*base_free_parameters(parameters, base), *further.values(), *others)
+    return FreeParameters((*base_free_parameters(parameters, base), *further.values(), *others))
 
 
 def _check_each_once(further: Mapping[str, FreeParameter], parameters: Parameters) -> None:

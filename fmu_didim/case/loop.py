@@ -32,20 +32,13 @@ def communication_step(document: CaseDocument, controller: Component) -> float:
         if rate is not None:
             return 1.0 / rate
     if controller.sample_time is None:
-        raise InputError(
-            "The control rate is unknown.", where="loop", next_step=_rate_to_give(controller),
-        )  # fmt: skip
+        advice = "Give loop: {rate_hz: ...}; this controller states none."
+        if isinstance(controller, FmuComponent) and controller.fmu.experiment.step:
+            hz = f"{1 / controller.fmu.experiment.step:.6g}"
+            advice = f"If it is the {hz} Hz that the FMU suggests for its default experiment, "
+            advice += f"give loop: {{rate_hz: {hz}}}."
+        raise InputError("The control rate is unknown.", where="loop", next_step=advice)
     return controller.sample_time
-
-
-def _rate_to_give(controller: Component) -> str:
-    suggested = controller.fmu.experiment.step if isinstance(controller, FmuComponent) else None
-    if not suggested:
-        return "Give loop: {rate_hz: ...}; this controller states none."
-    return (
-        f"If it is the {1 / suggested:.6g} Hz that the FMU suggests for its default experiment, "
-        f"give loop: {{rate_hz: {1 / suggested:.6g}}}."
-    )
 
 
 def delay_in_samples(document: CaseDocument, step: float) -> float:
@@ -65,17 +58,12 @@ def loop_of_components(
     """
     step = communication_step(document, controller)
     system = closed_loop(
-        plant,
-        controller,
-        joint_count=joint_count,
-        step_size=step,
-        drive_gains=document.loop.drive_gains,
-        delay_samples=delay_in_samples(document, step),
-        jacobi=document.loop.algorithm == "jacobi",
+        plant, controller, joint_count=joint_count, step_size=step, drive_gains=document.loop.drive_gains,
+        delay_samples=delay_in_samples(document, step), jacobi=document.loop.algorithm == "jacobi",
         # Not every experiment has the test signal; that one of them does is checked when the case is loaded.
         injections={c: name for c, name in document.loop.injections.items() if name in reference_names},
         reference_names=reference_names,
-    )
+    )  # fmt: skip
     return _with_timing(system, document)
 
 
@@ -124,7 +112,11 @@ def loop_of_archive(document: CaseDocument, folder: Path) -> System:
     path = folder / document.system.source
     system = read_ssp(path, step_size=None if loop.rate_hz is None else 1.0 / loop.rate_hz)
     system = _with_plant(system, document, f"plant.component: {path}")
-    columns = _columns(system, document.system.inputs, path)
+    given = [c.source.removeprefix(f"{REFERENCE}.") for c in system.connections if c.source.startswith(f"{REFERENCE}.")]
+    for name in document.system.inputs.values():
+        if name not in given:
+            raise UnknownNameError("input of the system", name, dict.fromkeys(given), where=f"system.inputs: {path}")
+    columns = {f"{REFERENCE}.{own}": f"{REFERENCE}.{column}" for column, own in document.system.inputs.items()}
     system = replace(
         system, connections=tuple(replace(c, source=columns.get(c.source, c.source)) for c in system.connections)
     )  # fmt: skip
@@ -167,7 +159,13 @@ def loop_of_parts(document: CaseDocument, parts: Mapping[str, Component]) -> Sys
         UnknownNameError: a connection names what does not exist.
     """
     loop, plant = document.loop, document.plant_name
-    step = 1.0 / loop.rate_hz if loop.rate_hz is not None else _shortest_period(parts)
+    periods = [part.sample_time for part in parts.values() if part.sample_time is not None]
+    if loop.rate_hz is None and not periods:
+        raise InputError(
+            "The control rate is unknown.", where="loop",
+            next_step="Give loop: {rate_hz: ...}; none of the components states one.",
+        )  # fmt: skip
+    step = 1.0 / loop.rate_hz if loop.rate_hz is not None else min(periods)
     links = [
         Connection(source, target, gain)
         for target, text in document.connections.items()
@@ -181,16 +179,6 @@ def loop_of_parts(document: CaseDocument, parts: Mapping[str, Component]) -> Sys
     system = _with_plant(_with_timing(system, document), document, "plant.component")
     _check_fed(system, plant)
     return system
-
-
-def _shortest_period(parts: Mapping[str, Component]) -> float:
-    periods = [part.sample_time for part in parts.values() if part.sample_time is not None]
-    if not periods:
-        raise InputError(
-            "The control rate is unknown.", where="loop",
-            next_step="Give loop: {rate_hz: ...}; none of the components states one.",
-        )  # fmt: skip
-    return min(periods)
 
 
 _SUM = re.compile(r"\s+([+-])\s+")
@@ -214,7 +202,7 @@ def _terms(text: str, where: str) -> list[tuple[float, str]]:
 
 
 def _check_fed(system: System, plant: str) -> None:
-    """Tell which inputs nothing is connected to; a torque of the plant among them is refused."""
+    """Warn of inputs that nothing is connected to; refuse a torque of the plant among them."""
     fed = {c.target for c in system.connections}
     loose = [
         f"{n}.{v.name}" for n, part in system.components.items() for v in part.inputs if f"{n}.{v.name}" not in fed
@@ -227,15 +215,6 @@ def _check_fed(system: System, plant: str) -> None:
         )  # fmt: skip
     if loose:
         _log.warning("Nothing is connected to %s: they keep their start values.", ", ".join(loose))
-
-
-def _columns(system: System, inputs: Mapping[str, str], path: Path) -> dict[str, str]:
-    """Input of the system -> column of the reference, both as sources of connections."""
-    given = [c.source.removeprefix(f"{REFERENCE}.") for c in system.connections if c.source.startswith(f"{REFERENCE}.")]
-    for name in inputs.values():
-        if name not in given:
-            raise UnknownNameError("input of the system", name, dict.fromkeys(given), where=f"system.inputs: {path}")
-    return {f"{REFERENCE}.{own}": f"{REFERENCE}.{column}" for column, own in inputs.items()}
 
 
 def with_inserted_effects(system: System, robot: RobotDescription, *, plant: str = "plant") -> System:

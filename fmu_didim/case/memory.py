@@ -12,6 +12,7 @@ import marshal
 import pickle
 import re
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from hashlib import sha256
 from pathlib import Path
@@ -32,6 +33,8 @@ from fmu_didim.dynamics.robot import RobotDescription, RobotModel
 OF_THE_FILE = ("columns", "time", "csv", "obtain")
 """Entries of a data file that say how it is written; they do not hold for arrays in its place."""
 RUNS = ("train", "validation")
+_ADDRESS = re.compile(" at 0x[0-9a-fA-F]+")
+"""In the ``repr`` of an object: another one in each session."""
 
 
 def is_in_memory(name: str) -> bool:
@@ -68,7 +71,7 @@ class Memory:
         )
 
     def of(self, names: Sequence[str]) -> Memory:
-        """What stands under these names; signals of files stay."""
+        """The objects under these names; signals of files stay."""
         return Memory(
             {name: s for name, s in self.signals.items() if name in names or not is_in_memory(name)},
             {name: o for name, o in self.objects.items() if name in names},
@@ -217,7 +220,7 @@ def named(content: Mapping[str, Any], folder: Path) -> tuple[dict[str, Any], Mem
 
 
 def digest(value: Any) -> str:
-    """SHA-256 of an object: of a robot's description, the matrices or functions of a system, the source of code."""
+    """SHA-256 of an object: a robot's description, the matrices or functions of a system, the source of code."""
     state = sha256()
     for part in _contents(value):
         state.update(part if isinstance(part, bytes) else str(part).encode())
@@ -242,6 +245,11 @@ def _contents(value: Any) -> list[Any]:
         polynomials = [repr(getattr(value, name)) for name in ("num_array", "den_array") if hasattr(value, name)]
         return [value.dt, value.input_labels, value.output_labels, getattr(value, "params", {}), *matrices, *functions,
                 *polynomials]  # fmt: skip
+    if isinstance(value, type):
+        own = [part for name, part in sorted(vars(value).items()) if not name.startswith("__")]
+        flat = [each for part in own for each in (part if isinstance(part, tuple) else (part,))]
+        flat = [getattr(each, "fget", each) for each in flat]  # of a property
+        return [value.__qualname__, *(_code(e) if inspect.isroutine(e) else _ADDRESS.sub("", repr(e)) for e in flat)]
     return [_code(value)]
 
 
@@ -255,14 +263,9 @@ def _code(function: Any) -> bytes:
         text = inspect.getsource(code).encode()
     except (OSError, TypeError):
         text = marshal.dumps(code)
-    captured = [cell.cell_contents for cell in getattr(function, "__closure__", None) or () if _is_full(cell)]
+    captured = []
+    for cell in getattr(function, "__closure__", None) or ():
+        with suppress(ValueError):  # an empty cell
+            captured.append(cell.cell_contents)
     values = [np.asarray(v).tobytes() for v in captured if isinstance(v, int | float | np.ndarray)]
     return b"\0".join([text, repr(getattr(function, "__defaults__", None)).encode(), *values])
-
-
-def _is_full(cell: Any) -> bool:
-    try:
-        _ = cell.cell_contents
-    except ValueError:
-        return False
-    return True

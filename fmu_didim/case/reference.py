@@ -201,36 +201,26 @@ def with_derivatives(found: Trajectory, needed: frozenset[str]) -> tuple[Traject
                 break
             order += 1
             rate = derivative(found.time, made.get(name[1:], found.column(given)))
-            if not {name, f"d{name}"} & needed and (name[:2] == "dd" or not _is_moving(rate)):
+            size = float(rate.std())
+            if not {name, f"d{name}"} & needed and (name[:2] == "dd" or abs(rate[0]) <= STARTS_MOVING * size):
                 break
             made[name] = rate
-            scatter = _scatter(found.column(given), rate, found.step, order) if name in needed else 0.0
-            worst, worst_name = max((worst, worst_name), (scatter, name))
+            if name in needed and size:
+                noise = white_noise(found.column(given)) * _NOISE_GAINS[order] / found.step**order
+                worst, worst_name = max((worst, worst_name), (noise / size, name))
     if not made:
         return found, []
     text = f"Computed by cubic splines, because the reference lacks them: {', '.join(made)}."
     told = [Diagnostic(REFERENCE_DERIVED, text, found.source)]
     if worst > DIFFERENTIATED_NOISE:
-        text = (
-            f"{worst_name} of the reference was computed from a noisy or rounded column: {100 * worst:.2g} % of it is "
-        )
-        told.append(Diagnostic(REFERENCE_ROUGH, f"{text}noise.", found.source, worst, DIFFERENTIATED_NOISE, "1"))
+        text = f"{worst_name} of the reference was computed from a noisy or rounded column: {100 * worst:.2g} % noise."
+        told.append(Diagnostic(REFERENCE_ROUGH, text, found.source, worst, DIFFERENTIATED_NOISE, "1"))
     variables = (*found.variables, *(Variable(name) for name in made))
     return replace(found, variables=variables, values=np.column_stack([found.values, *made.values()])), told
 
 
-def _is_moving(rate: Array) -> bool:
-    return bool(abs(rate[0]) > STARTS_MOVING * rate.std())
-
-
-def _scatter(given: Array, rate: Array, step: float, order: int) -> float:
-    """Noise of a derivative of some order that was computed from a column (N,), of the derivative's own deviation."""
-    size = float(rate.std())
-    return white_noise(given) * _NOISE_GAINS[order] / step**order / size if size else 0.0
-
-
 def resampled(found: Trajectory, step: float) -> tuple[Trajectory, list[Diagnostic]]:
-    """The reference at t_0 + k step, by cubic splines through its rows; what is to be told of it.
+    """The reference at t_0 + k step, by cubic splines through its rows, and its diagnostics.
 
     Args:
         step: control period, s.
@@ -252,9 +242,7 @@ def resampled(found: Trajectory, step: float) -> tuple[Trajectory, list[Diagnost
     lacking = int(places[-1]) + 1 - found.time.size
     if lacking:
         longest = float(np.diff(found.time).max())
-        text = (
-            f"{lacking} rows of the reference are missing, up to {1000 * longest:.4g} ms in a row; a spline fills in."
-        )
+        text = f"{lacking} rows of the reference are missing, up to {1000 * longest:.4g} ms long; a spline fills in."
         told.append(Diagnostic(REFERENCE_GAPS, text, found.source, float(lacking), 0.0, "rows"))
     between = CubicSpline(found.time[::2], found.values[::2])(found.time[1:-1:2]) - found.values[1:-1:2]
     size = np.maximum(np.ptp(found.values, axis=0), np.finfo(float).tiny)

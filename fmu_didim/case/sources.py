@@ -1,4 +1,4 @@
-"""What a case says of its components, its loop and its data: the parts of the case document."""
+"""The entries of a case document for components, loop and data."""
 
 from __future__ import annotations
 
@@ -48,9 +48,9 @@ class ComponentSource(Strict):
         rate_hz: own communication rate, a whole multiple or divisor of that of the loop; the loop's by default.
         outputs_after_step: its outputs at an instant are those after the step that begins there, as of a controller
             FMU that computes its command in the step.
-        isolated, time_limit_s: whether an FMU runs in a process of its own, by default until it has been seen to run
-            and to end as it should; and for how long a call may take there.
-        rerun: how an FMU is run again; by default what a trial of it shows to be right.
+        isolated, time_limit_s: whether an FMU runs in a process of its own, by default until it has run and ended
+            without fault; and for how long a call may take there.
+        rerun: how an FMU is run again; by default as a trial shows to be right.
         event_mode: whether the events of FMI 3.0 co-simulation are handled.
         tolerance: relative tolerance that is passed to an FMU for its own step control; its own by default.
     """

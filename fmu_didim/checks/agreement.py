@@ -18,11 +18,12 @@ Proceedings of the Cambridge Philosophical Society 44 (1948); D. D. Boos, The Am
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 import numpy as np
+from pydantic import Field
 from scipy import stats
 
+from fmu_didim.base.documents import Saved
 from fmu_didim.data.signals import Array
 from fmu_didim.fit.fit import Fit
 from fmu_didim.fit.fit_uncertainty import unfiltered_residual
@@ -36,35 +37,31 @@ RANK = 1e-9
 """[1] Eigenvalues below this fraction of the largest one are directions that an experiment does not show."""
 
 
-@dataclass(frozen=True)
-class Agreement:
-    """How an experiment agrees with the others.
+class AgreementResult(Saved):
+    """Whether an experiment agrees with the others on shared parameters.
 
     Attributes:
-        label: of the experiment.
-        p_value: of as much disagreement by noise alone; agrees: whether it is above the level for so many experiments.
-        parameter: the shared one that would change most, by ``change_in_std`` standard deviations, if it were its own.
+        agrees: whether the p-value is above the level of the test.
     """
 
-    label: str
-    p_value: float
+    p_value: float = Field(description="of as much disagreement by noise alone")
     agrees: bool
-    parameter: str
-    change_in_std: float
+    differs_most: str = Field(description="shared parameter that would change most if the experiment had its own")
+    change_in_std: float = Field(description="by how many standard deviations")
 
-    def warning(self) -> str:
-        """What the user should know where it does not agree."""
+    def warning(self, label: str) -> str:
+        """The warning about an experiment of this label that does not agree."""
         return (
-            f"Experiment {self.label} does not agree with the others on shared parameters (p = {self.p_value:.1e}): "
-            f"{self.parameter} would differ most, by {self.change_in_std:.1f} standard deviations. If it changed in "
-            f"between, say so: experiments: {{{self.label}: {{own: [{self.parameter}]}}}}."
+            f"Experiment {label} does not agree with the others on shared parameters (p = {self.p_value:.1e}): "
+            f"{self.differs_most} would differ most, by {self.change_in_std:.1f} standard deviations. If it changed in "
+            f"between, say so: experiments: {{{label}: {{own: [{self.differs_most}]}}}}."
         )
 
 
-def agreement(fit: Fit) -> Mapping[str, Agreement]:
-    """Label of each experiment -> how it agrees with the others at their common minimum; empty where fewer than two are
+def agreement(fit: Fit) -> Mapping[str, AgreementResult]:
+    """Label of each experiment -> how it agrees with the others at their common minimum; empty if fewer than two are
     fitted."""
-    rows = fit.model.rows
+    rows = fit.model.experiments.rows
     if len(rows) < 2:
         return {}
     count = fit.jacobian.shape[2]
@@ -81,12 +78,12 @@ def agreement(fit: Fit) -> Mapping[str, Agreement]:
         score = np.einsum("mjp,mj->p", table[part], residual[part])
         gram, own = grams[label], grams[label] @ inverse @ moved[label]
         slope, spread = gram - gram @ inverse @ gram, moved[label] - own - own.T + gram @ every @ gram
-        found[label] = _judged(label, fit.model.names, score * shared, slope * both, spread * both, len(rows))
+        found[label] = _judged(fit.model.names, score * shared, slope * both, spread * both, len(rows))
     return found
 
 
 def _moved(fit: Fit, label: str, table: Array, residual: Array, log: Array) -> Array:
-    """(p, p) covariance of the score of an experiment, by what it leaves with values of its own.
+    """(p, p) covariance of the score of an experiment, by its residual with values of its own.
 
     Args:
         table: (N, n, p) sensitivity; residual: (N, n); log: (N, n) the same without a filter.
@@ -96,7 +93,7 @@ def _moved(fit: Fit, label: str, table: Array, residual: Array, log: Array) -> A
     sensitivity = (left[:, kept] * sizes[kept]).reshape(*residual.shape, -1)
     influence = (left[:, kept] / sizes[kept]).reshape(sensitivity.shape)
     own = log - sensitivity @ np.einsum("mjp,mj->p", influence, residual)
-    influence = fit.model.filtered(influence, label)
+    influence = fit.model.experiments.filtered(influence, label)
     leverage = np.einsum("mjp,mjp->mj", sensitivity, influence)
     deviation = noise_deviation(own, leverage, floor=np.full(own.shape[1], TINY))
     found = uncertainty(own, sensitivity, influence, deviation, stretches([fit.model.experiments[label].time]))
@@ -104,17 +101,19 @@ def _moved(fit: Fit, label: str, table: Array, residual: Array, log: Array) -> A
     return np.asarray(back @ found.covariance @ back.T)
 
 
-def _judged(label: str, names: tuple[str, ...], score: Array, slope: Array, covariance: Array, count: int) -> Agreement:
+def _judged(names: tuple[str, ...], score: Array, slope: Array, covariance: Array, count: int) -> AgreementResult:
     """From the score (p,) of an experiment, its slope (p, p) and its covariance by noise alone."""
     values, vectors = np.linalg.eigh(slope)
     kept = values > RANK * max(float(values.max()), TINY)
     if not kept.any():
-        return Agreement(label, 1.0, True, "", 0.0)
+        return AgreementResult(p_value=1.0, agrees=True, differs_most="", change_in_std=0.0)
     root = vectors[:, kept] / np.sqrt(values[kept])
     along, noise = root.T @ score, root.T @ covariance @ root
     p_value = float(stats.chi2.sf(float(along @ np.linalg.pinv(noise, hermitian=True) @ along), int(kept.sum())))
     change = root @ along
     spread = np.sqrt(np.maximum(np.einsum("pi,ij,pj->p", root, noise, root), TINY))
     most = int(np.argmax(np.abs(change) / spread))
-    agrees = p_value >= SIGNIFICANCE / count
-    return Agreement(label, p_value, agrees, names[most], float(abs(change[most]) / spread[most]))
+    return AgreementResult(
+        p_value=p_value, agrees=p_value >= SIGNIFICANCE / count, differs_most=names[most],
+        change_in_std=float(abs(change[most]) / spread[most]),
+    )  # fmt: skip

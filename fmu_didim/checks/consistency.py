@@ -1,13 +1,12 @@
-"""Whether a given plant and the robot description say the same: torque and regressor, point by point.
+"""Whether a plant of its own agrees with the robot description: torque and regressor, point by point.
 
-Where a case gives a robot description and, apart from it, a plant that is to run (an FMU of another tool), the
-regressor comes from the description and the motion from the plant. The two must obey the same equation,
+Where a case gives a robot description and a plant beside it (an FMU of another tool), the regressor comes from the
+description and the motion from the plant. Both must obey the same equation at each instant of any motion,
 
-    tau = W(q, dq, ddq) theta + known,
+    tau = W(q, dq, ddq) theta + known.
 
-at each instant of any motion. It is looked at along the first part of the reference with the values of the
-description: the torque that acts against the right-hand side, and each column of W against the one that is measured
-on the running plant.
+It is tested along the first part of the reference with the values of the description: the torque against the
+right-hand side, and each column of W against the one measured on the running plant.
 """
 
 from __future__ import annotations
@@ -16,8 +15,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field
 
 from fmu_didim.base.diagnostics import CATALOGUE, DOUBT, Diagnostic
+from fmu_didim.base.documents import Number, Saved
 from fmu_didim.base.errors import SimulationError
 from fmu_didim.checks.mismatch import unlike_torque
 from fmu_didim.checks.plant import CHANGE
@@ -31,7 +32,7 @@ from fmu_didim.model.numerical_regressor import RegressorProbe
 from fmu_didim.model.prediction import drive_torque
 
 POINTS = 20
-"""[instants] Compared, spread over what is simulated."""
+"""[instants] Compared, spread over the simulation."""
 LENGTHS = (2000, 200, 20, 10)
 """[ticks] Of the reference that are simulated; fewer where the loop does not run for so long."""
 TORQUE_TOLERANCE = 1e-3
@@ -41,11 +42,11 @@ COLUMN_TOLERANCE = 1e-2
 DIFFERENCE_TOLERANCE = 5e-2
 """[1] The same of both where accelerations are differences of velocities."""
 QUIET_JOINT = 1e-3
-"""[1] Fraction of the torque of all joints with which a joint is compared that hardly needs any itself."""
+"""[1] Of the torque of all joints: the least size with which the difference of a joint is compared."""
 UNEXCITED = 1e-12
 """[SI] A column that is nowhere larger is not excited by the motion."""
 SILENT_COLUMN = 1e-6
-"""[1] Fraction of a column below which the plant's is what differences leave of nothing."""
+"""[1] Fraction of a column below which that of the plant is the error of differences."""
 
 PLANT_DIFFERS = CATALOGUE(
     "plant-differs", DOUBT, rank=33,
@@ -55,23 +56,16 @@ PLANT_DIFFERS = CATALOGUE(
 )  # fmt: skip
 
 
-@dataclass(frozen=True)
-class Column:
-    """A column of the regressor, from the plant against from the description.
+class ColumnResult(Saved):
+    """A column of the regressor, of the plant against that of the robot description."""
 
-    Attributes:
-        difference: relative, |plant - description| / |description|.
-        cosine, size: of the angle between the two, and the ratio of their norms; NaN and 0 if it does not act.
-        joint: where they differ most, from 1.
-    """
-
-    difference: float
-    cosine: float
-    size: float
-    joint: int
+    difference: float = Field(description="relative")
+    cosine: Number = Field(description="of the angle between the two; null if the parameter has no effect")
+    size: float = Field(description="norm in the plant over norm by the description")
+    joint: int = Field(description="where they differ most")
 
     def text(self, name: str) -> str:
-        """What is wrong, for the user."""
+        """The difference in words."""
         if self.size == 0:
             return f"{name}: it has no effect in the plant"
         return (
@@ -82,21 +76,20 @@ class Column:
 
 @dataclass(frozen=True)
 class Consistency:
-    """What the comparison gave.
+    """The result of the comparison.
 
     Attributes:
         points: instants compared; torque: (n,) RMS difference of each joint, relative to the RMS of all its torque.
-        columns: by name of the parameter; those that the motion does not excite are left out.
+        columns: by name of the parameter, as far as the motion excites them.
         method: how the plant's columns were found: ``probed``, or ``simulated again`` where a parameter cannot be
             changed in a run; empty if they were not.
         by_differences: whether accelerations are differences of velocities.
-        causes: what would explain a difference of the torque, if anything was found.
-        failure: why nothing was compared; empty otherwise.
+        causes: that would explain a difference of the torque; failure: why nothing was compared, or empty.
     """
 
     points: int = 0
     torque: tuple[float, ...] = ()
-    columns: dict[str, Column] | None = None
+    columns: dict[str, ColumnResult] | None = None
     method: str = ""
     by_differences: bool = False
     causes: tuple[str, ...] = ()
@@ -109,7 +102,7 @@ class Consistency:
         return max(found) if found else float("nan")
 
     def warnings(self) -> list[str]:
-        """What differs, a line each; empty if plant and description agree."""
+        """The differences, a line each; empty if plant and description agree."""
         if self.failure:
             return [f"The plant could not be compared with the robot description: {self.failure}"]
         torque_limit = DIFFERENCE_TOLERANCE if self.by_differences else TORQUE_TOLERANCE
@@ -126,8 +119,8 @@ def check_consistency(model: LoopModel) -> Consistency:
 
     Two simulations of at most 2 000 ticks; one more a parameter if the plant's parameters cannot be changed in a run.
     """
-    model = model.on(model.first).base_alone()
-    offered = {v.name for v in model.plant.outputs}
+    model = model.on(model.first).with_free(model.free_parameters.shared_base)
+    offered = {v.name for v in model.loop.plant.outputs}
     absent = [name for name in model.parameters.observed if name not in offered]
     if absent:
         return Consistency(failure=f"its torque also depends on {', '.join(absent)}, which the plant does not give.")
@@ -138,9 +131,9 @@ def check_consistency(model: LoopModel) -> Consistency:
     theta = run.theta
     ticks = np.unique(np.linspace(1, count - 2, POINTS).astype(np.int64))
     columns: Array | None = None
-    method, by_differences = "", not model.gives_acceleration
+    method, by_differences = "", not model.loop.gives_acceleration
     try:
-        probe = RegressorProbe(model.plant_name, model.parameters, theta, ticks.size)
+        probe = RegressorProbe(model.loop.plant_name, model.parameters, theta, ticks.size)
         if by_differences:
             points = _points(run, ticks)
         else:
@@ -149,7 +142,8 @@ def check_consistency(model: LoopModel) -> Consistency:
                 columns, method = probe.columns, "probed"
             except SimulationError:  # parameters that are fixed in a run, or no feed-through
                 points = _points(run, ticks)
-        if columns is None or not np.isfinite(columns).all() or _silent(columns, points[1]).any():
+        acts = points[1].any(axis=(0, 1))  # by the description
+        if columns is None or not np.isfinite(columns).all() or (acts & ~columns.any(axis=(0, 1))).any():
             columns, method = _simulated_columns(run, ticks, points), "simulated again"
     except SimulationError as error:
         return Consistency(failure=error.what)
@@ -167,11 +161,11 @@ def check_consistency(model: LoopModel) -> Consistency:
 
 
 Points = tuple[Array, Array, Array, tuple[Array, Array, Array], Array]
-"""Torque (K, n), regressor (K, n, p), known torque (K, n), the motion they belong to and what else they depend on."""
+"""Torque (K, n), regressor (K, n, p), known torque (K, n), motion, and further signals (K, no) of the regressor."""
 
 
 def _longest_run(model: LoopModel) -> tuple[Simulation, int] | None:
-    """With the description's own values, or those that the reference gives, and for how many ticks the loop runs."""
+    """The longest run and its ticks, with the values of the description or, failing those, of the reference."""
     total = model.experiments[model.first].reference.time.size
     for count in sorted({min(total, length) for length in LENGTHS}, reverse=True):
         for choose in (lambda m: m.start, from_reference):
@@ -189,29 +183,24 @@ def _longest_run(model: LoopModel) -> tuple[Simulation, int] | None:
 
 def _points(run: Simulation, ticks: NDArray[np.int64], observe: Observer | None = None) -> Points:
     model = run.model
-    if model.gives_acceleration:
+    if model.loop.gives_acceleration:
         recording = run.record(ticks=ticks, observe=observe)
-        motion = [recording.table(model.joint_signals(name)) for name in ("q", "dq", "ddq")]
+        motion = [recording.table(model.loop.joint_signals(name)) for name in ("q", "dq", "ddq")]
         torque, rows = drive_torque(model, recording), np.arange(ticks.size)
     else:
         # While a torque is held, the mean acceleration of the period belongs to its middle.
         both = np.unique(np.concatenate([ticks, ticks + 1]))
         recording = run.record(ticks=both)
-        here, after = np.searchsorted(both, ticks), np.searchsorted(both, ticks + 1)
-        rows = here
-        q, dq = (recording.table(model.joint_signals(name)) for name in ("q", "dq"))
+        rows = here = np.searchsorted(both, ticks)
+        after = np.searchsorted(both, ticks + 1)
+        q, dq = (recording.table(model.loop.joint_signals(name)) for name in ("q", "dq"))
         acceleration = (dq[after] - dq[here]) / run.step_size
         motion = [(q[here] + q[after]) / 2, (dq[here] + dq[after]) / 2, acceleration]
         torque = drive_torque(model, recording)[here]
-    names = [f"{model.plant_name}.{name}" for name in model.parameters.observed]
+    names = [f"{model.loop.plant_name}.{name}" for name in model.parameters.observed]
     observed = recording.table(names)[rows] if names else np.zeros((ticks.size, 0))
     regressor, known = model.parameters.regressor(*motion, observed=observed)
     return torque, regressor, known, (motion[0], motion[1], motion[2]), observed
-
-
-def _silent(columns: Array, analytic: Array) -> NDArray[np.bool_]:
-    """Parameters of the plant that show no effect where the description has one."""
-    return np.asarray(~columns.any(axis=(0, 1)) & analytic.any(axis=(0, 1)), dtype=np.bool_)
 
 
 def _simulated_columns(run: Simulation, ticks: NDArray[np.int64], points: Points) -> Array:
@@ -234,26 +223,23 @@ def _simulated_columns(run: Simulation, ticks: NDArray[np.int64], points: Points
     return columns
 
 
-def _compared(names: tuple[str, ...], plant: Array, analytic: Array) -> dict[str, Column]:
+def _compared(names: tuple[str, ...], plant: Array, analytic: Array) -> dict[str, ColumnResult]:
     scale = np.abs(analytic).max(axis=(0, 1))
     found = {}
     for i, name in enumerate(names):
+        if scale[i] <= UNEXCITED:
+            continue
         ours, theirs = analytic[:, :, i], plant[:, :, i]
         norm, other = float(np.linalg.norm(ours)), float(np.linalg.norm(theirs))
-        if scale[i] <= UNEXCITED:
-            continue  # the motion says nothing of this parameter
         cosine = float((ours * theirs).sum() / (norm * other)) if other else float("nan")
         joint = int(np.argmax(np.linalg.norm(theirs - ours, axis=0))) + 1
-        # What differences leave of nothing counts as nothing.
-        silent = other <= SILENT_COLUMN * norm
-        found[name] = Column(
-            float(np.linalg.norm(theirs - ours)) / norm, cosine, 0.0 if silent else other / norm, joint
-        )
+        size = 0.0 if other <= SILENT_COLUMN * norm else other / norm
+        difference = float(np.linalg.norm(theirs - ours)) / norm
+        found[name] = ColumnResult(difference=difference, cosine=cosine, size=size, joint=joint)
     return found
 
 
 def plant_diagnostics(consistency: Consistency | None) -> list[Diagnostic]:
-    """Where a plant of its own differs from the robot description."""
-    return [
-        Diagnostic(PLANT_DIFFERS, text, "plant") for text in ([] if consistency is None else consistency.warnings())
-    ]
+    """The differences between a plant of its own and the robot description."""
+    warnings = [] if consistency is None else consistency.warnings()
+    return [Diagnostic(PLANT_DIFFERS, text, "plant") for text in warnings]

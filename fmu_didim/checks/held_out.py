@@ -1,13 +1,13 @@
 """Whether held-out experiments are predicted as well as the fitted ones, joint by joint.
 
-The residual of a held-out experiment holds the noise and what the uncertainty C of the values makes of its torque,
+The residual of a held-out experiment holds the noise and the effect of the uncertainty C of the values on its torque,
 
     expected variance of joint j    v_j = s_j^2 + mean_k (S_v C S_v')_kj,kj
 
-with the variance s_j^2 that the fit leaves and the sensitivity S_v of the held-out torque. The ratio of the two
-variances is compared with Fisher's F; residuals with a colour of their own count as the fewer independent samples
-that they are. A joint is predicted worse if its residual is larger both as it is and relative to the torque: model
-error and some noise grow with the torque, other noise does not.
+with the residual variance s_j^2 of the fit and the sensitivity S_v of the held-out torque. The ratio of the two
+variances is compared with Fisher's F, by the number of independent samples. A joint is predicted worse if its residual
+is larger both as it is and relative to the torque: model error and some noise grow with the torque, other noise does
+not.
 """
 
 from __future__ import annotations
@@ -27,8 +27,8 @@ from fmu_didim.fit.noise.noise import TINY, effective_fraction
 from fmu_didim.model.loop_model import LoopModel
 
 HELD_OUT_RATIO = 1.25
-"""[1] Residual of a joint in a held-out experiment over that of the fit, from which it is predicted worse: half of
-what anybody would see in a plot."""
+"""[1] Residual of a joint in a held-out experiment over that of the fit, from which it is predicted worse: half as much
+as shows in a plot."""
 HELD_OUT_CHANCE = 1e-3
 """[1] Probability, for all joints together, with which noise alone may make it so."""
 
@@ -52,18 +52,14 @@ NO_HELD_OUT = CATALOGUE(
 
 @dataclass(frozen=True)
 class Residual:
-    """What simulation leaves of measured torque.
-
-    Attributes:
-        values: (N, n) N.m or N; torque: (n,) root mean square of the measured torque.
-    """
+    """A torque residual (N, n) in N.m or N, and the RMS (n,) of the measured torque."""
 
     values: Array
     torque: Array
 
     @staticmethod
     def of(measured: Array, simulated: Array) -> Residual:
-        """That of torques (N, n)."""
+        """The residual of torques (N, n)."""
         return Residual(measured - simulated, np.maximum(np.sqrt(np.mean(measured**2, axis=0)), TINY))
 
     @property
@@ -75,11 +71,11 @@ class Residual:
 def held_out_diagnostics(
     model: LoopModel, covariance: Array, fitted: Residual, held: Mapping[str, Residual], failures: Mapping[str, str]
 ) -> list[Diagnostic]:
-    """What held-out experiments say of the values of a model, known with a covariance (p, p).
+    """Whether held-out experiments contradict the values of a model, known with a covariance (p, p).
 
     Args:
-        fitted: of all experiments that were fitted.
-        held: label -> that of each that was not; failures: label -> why one could not be simulated.
+        fitted: residual of all fitted experiments; held: label -> that of each held-out one.
+        failures: label -> why one could not be simulated.
     """
     found = [Diagnostic(NOT_SIMULATED, f"The simulation failed: {why}", place=label) for label, why in failures.items()]
     for label, residual in held.items():
@@ -90,9 +86,8 @@ def held_out_diagnostics(
             worse = worse_than_fitted(fitted, residual, count=count, extra=extra)
         found += [_worse(fitted, residual, int(j), label) for j in worse]
     if not held and not failures:
-        found.append(
-            Diagnostic(NO_HELD_OUT, "No experiment was held out: the prediction of another motion is untested.")
-        )
+        text = "No experiment was held out: the prediction of another motion is untested."
+        found.append(Diagnostic(NO_HELD_OUT, text))
     return found
 
 
@@ -100,7 +95,7 @@ def worse_than_fitted(fitted: Residual, held: Residual, *, count: int, extra: Ar
     """Joints (from 0) of which a held-out residual is larger than that of the fit, beyond chance and by a good part.
 
     Args:
-        count: parameters that were fitted; extra: (n,) mean variance that their uncertainty makes.
+        count: of fitted parameters; extra: (n,) mean variance by their uncertainty.
     """
     samples, n = fitted.values.shape
     left = max(samples - count / n, 1.0)
@@ -133,11 +128,6 @@ def _by_uncertainty(model: LoopModel, covariance: Array) -> Array:
 def _worse(fitted: Residual, held: Residual, joint: int, label: str) -> Diagnostic:
     before, after = (100 * float(np.sqrt(r.variance[joint]) / r.torque[joint]) for r in (fitted, held))
     ratio = float(np.sqrt(held.variance[joint] / fitted.variance[joint]))
-    return Diagnostic(
-        WORSE_HELD_OUT,
-        f"The torque error is {after:.3g} % against {before:.3g} % in the fit, and {ratio:.3g} times as large.",
-        place=f"{label}: joint {joint + 1}",
-        value=min(ratio, after / max(before, TINY)),
-        bound=HELD_OUT_RATIO,
-        unit="1",
-    )
+    text = f"The torque error is {after:.3g} % against {before:.3g} % in the fit, and {ratio:.3g} times as large."
+    value = min(ratio, after / max(before, TINY))
+    return Diagnostic(WORSE_HELD_OUT, text, f"{label}: joint {joint + 1}", value, HELD_OUT_RATIO, "1")

@@ -1,4 +1,4 @@
-"""The judgement of an identification: everything that speaks for or against its values, gathered from the diagnosis."""
+"""All checks of an identification, and the judgement of its values."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ import numpy as np
 
 from fmu_didim.base.diagnostics import CATALOGUE, DOUBT, REMARK, Diagnostic
 from fmu_didim.base.errors import UnknownNameError
-from fmu_didim.checks.agreement import Agreement, agreement
+from fmu_didim.checks.agreement import AgreementResult, agreement
 from fmu_didim.checks.data.checks import confirmed
 from fmu_didim.checks.held_out import Residual, held_out_diagnostics
 from fmu_didim.checks.judgement import Judgement, judgement
 from fmu_didim.checks.motion_dependence import dependence_of_fit, motion_diagnostics
 from fmu_didim.checks.physical import physical_diagnostics
-from fmu_didim.checks.residual import ResidualTest, lack_of_fit, residual_diagnostics, slow_diagnostics
+from fmu_didim.checks.residual import NoiseResult, lack_of_fit, residual_diagnostics, slow_diagnostics
 from fmu_didim.checks.validation import Validation
 from fmu_didim.fit.estimate import Estimate, Status
 from fmu_didim.fit.noise.noise import motion_frequency
@@ -25,16 +25,15 @@ from fmu_didim.model.loop_model import LoopModel
 from fmu_didim.model.parameters import RobotParameters
 
 NEAR_LIMIT = 0.01
-"""[standard deviations] A value so near to a limit lies at it: there the solver stops."""
+"""[standard deviations] Distance from a limit within which a value lies at it: there the solver stops."""
 VISIBLE_SHIFT = 0.2
-"""[standard deviations] A value that finer steps would move by more is reported as too coarsely integrated: a tenth of
-a 95 % interval."""
+"""[standard deviations] Move of a value by finer steps above which the integration is too coarse: a tenth of a 95 %
+interval."""
 SECOND_STEP = 0.1
-"""[1] A standard deviation that a second step of the sensitivities changes by a larger part is reported: 3-sigma then
-means 2.7."""
+"""[1] Change of a standard deviation by a second step of the sensitivities that is reported: 3-sigma then means 2.7."""
 JITTER = 0.1
-"""[standard deviations] Jitter of a simulated torque, in those of its residual, that is reported: the values scatter by
-it as by noise, and the steps end up to half a deviation from the minimum."""
+"""[standard deviations] Jitter of a simulated torque, in those of its residual, that is reported: the values scatter as
+by noise, and the steps end up to half a deviation from the minimum."""
 
 AT_LIMIT = CATALOGUE(
     "at-limit", DOUBT, rank=40,
@@ -77,29 +76,29 @@ OTHER_MINIMUM = CATALOGUE(
 
 @dataclass(frozen=True)
 class Checks:
-    """What the checks of an estimate found.
+    """The results of the checks of an estimate.
 
     Attributes:
-        judgement: of its values; residual: what the residual of each joint says of the model.
+        judgement: of its values; residual: the test of the residual of each joint.
         agreements: label -> how an experiment agrees with the others, where several were fitted.
     """
 
     judgement: Judgement
-    residual: tuple[ResidualTest, ...]
-    agreements: Mapping[str, Agreement]
+    residual: tuple[NoiseResult, ...]
+    agreements: Mapping[str, AgreementResult]
 
 
-def residual_tests(estimate: Estimate) -> tuple[ResidualTest, ...]:
-    """What the residual of each joint says of the model."""
+def residual_tests(estimate: Estimate) -> tuple[NoiseResult, ...]:
+    """The tests of the residual of each joint."""
     return lack_of_fit(estimate.colours, estimate.known_noise, stated=estimate.noise_is_stated)
 
 
 def checked(estimate: Estimate, validations: Sequence[Validation], *, before: Iterable[Diagnostic] = ()) -> Checks:
-    """Everything that can be checked of an estimate.
+    """Run all checks of an estimate.
 
     Args:
         validations: of all experiments.
-        before: what was found before the work; what the fit has cleared up is left out.
+        before: diagnostics of the data and the plant; those that the fit has refuted are left out.
     """
     model = estimate.model
     held = [v for v in validations if v.role == "validation"]
@@ -109,7 +108,7 @@ def checked(estimate: Estimate, validations: Sequence[Validation], *, before: It
         *confirmed(model, before),
         *held_parameters(model),
         *limit_diagnostics(estimate),
-        *agreement_diagnostics(agreements.values()),
+        *agreement_diagnostics(agreements),
         *held_out_diagnostics(
             model, estimate.covariance, Residual.of(estimate.measured, estimate.simulated),
             {v.label: Residual.of(v.measured, v.simulated) for v in held if not v.failure},
@@ -135,19 +134,17 @@ def checked(estimate: Estimate, validations: Sequence[Validation], *, before: It
 
 
 def _bands(model: LoopModel) -> tuple[float, float]:
-    """Highest frequency of the motions that were fitted, infinite where a reference has none, and the cut-off of the
-    low-pass of the torque, Hz."""
+    """Highest frequency of the fitted motions, infinite where a reference has none, and the low-pass cut-off, Hz."""
     references = [model.experiments[label].reference for label in model.estimation_labels]
     try:
         highest = max(motion_frequency(reference, model.joint_count) for reference in references)
     except UnknownNameError:
         highest = np.inf
-    return highest, np.inf if model.low_pass is None else model.low_pass.cutoff_hz
+    return highest, np.inf if model.experiments.low_pass is None else model.experiments.low_pass.cutoff_hz
 
 
 def held_parameters(model: LoopModel) -> list[Diagnostic]:
-    """Parameters of the robot that act on the torque with a value of the description, without being called known; one
-    of zero is not in the model at all."""
+    """Parameters of the robot that keep a nonzero value of the description without being listed as known."""
     if not isinstance(model.parameters, RobotParameters):
         return []
     base = model.parameters.base
@@ -160,7 +157,7 @@ def held_parameters(model: LoopModel) -> list[Diagnostic]:
 
 
 def roughness_diagnostics(rough: Roughness | None, model: LoopModel) -> list[Diagnostic]:
-    """Where the step control of a foreign plant or controller limits the answer, and whose it is where that shows."""
+    """Where the step control of a foreign plant or controller limits the answer, and of which one if that shows."""
     if rough is None:
         return []
     found = []
@@ -177,7 +174,7 @@ def roughness_diagnostics(rough: Roughness | None, model: LoopModel) -> list[Dia
     if not cause:
         return found
     text = f" Where the {cause} gives its outputs after its step, nearly nothing is left of that."
-    advice = f"Say so of the {cause}, if that is how it computes them: {cause}: {{outputs_after_step: true}}."
+    advice = f"If the {cause} computes its outputs after its step, state that: {cause}: {{outputs_after_step: true}}."
     return [replace(d, text=d.text + text, next_step=advice) for d in found]
 
 
@@ -186,8 +183,8 @@ def limit_diagnostics(estimate: Estimate) -> list[Diagnostic]:
     found = []
     for parameter, deviation in zip(estimate.model.free_parameters, estimate.standard_deviation, strict=True):
         value = parameter.value
-        natural = parameter.owner == DELAY  # no delay at all is no limit that anybody set
-        for limit in (parameter.highest,) if natural else (parameter.lowest, parameter.highest):
+        is_delay = parameter.owner == DELAY  # whose lower limit, none at all, nobody has set
+        for limit in (parameter.highest,) if is_delay else (parameter.lowest, parameter.highest):
             if abs(value - limit) <= NEAR_LIMIT * deviation:
                 text = f"{parameter.name} = {value:.4g} {parameter.unit} lies at its limit."
                 found.append(Diagnostic(AT_LIMIT, text, parameter.name, value, float(limit), parameter.unit))
@@ -195,10 +192,10 @@ def limit_diagnostics(estimate: Estimate) -> list[Diagnostic]:
     return found
 
 
-def agreement_diagnostics(found: Iterable[Agreement]) -> list[Diagnostic]:
+def agreement_diagnostics(found: Mapping[str, AgreementResult]) -> list[Diagnostic]:
     """Experiments that do not agree with the others."""
     return [
-        Diagnostic(DISAGREE, agreement.warning(), agreement.label, agreement.change_in_std, unit="standard deviations")
-        for agreement in found
-        if not agreement.agrees
+        Diagnostic(DISAGREE, one.warning(label), label, one.change_in_std, unit="standard deviations")
+        for label, one in found.items()
+        if not one.agrees
     ]

@@ -1,4 +1,4 @@
-"""One judgement of an answer, for all verbs: whether it may be used, and the reasons why not."""
+"""The judgement of an answer, the same for all verbs: whether it may be used, and the reasons if not."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Literal
 
 from pydantic import Field
 
-from fmu_didim.base.diagnostics import DOUBT, PROBLEM, REMARK, Diagnostic, by_weight
+from fmu_didim.base.diagnostics import PROBLEM, REMARK, Diagnostic, by_weight
 from fmu_didim.base.documents import Number, Saved
 
 Verdict = Literal["valid", "doubtful", "not_settled", "refused"]
@@ -36,7 +36,7 @@ class Judgement:
 
     Attributes:
         verdict: ``valid``; ``doubtful``, usable with the reasons in mind; ``not_settled``; ``refused``.
-        reasons: why it is not valid, the most important first; remarks: what else is to be known.
+        reasons: why it is not valid, the most important first; remarks: further diagnostics.
     """
 
     verdict: Verdict
@@ -49,20 +49,15 @@ class Judgement:
 
 
 def judgement(found: Iterable[Diagnostic], *, settled: bool = True) -> Judgement:
-    """The judgement of an answer by what was found of it.
-
-    Args:
-        settled: whether the iterations came to an end.
-    """
+    """The judgement of an answer by its diagnostics; ``settled``: whether the iterations came to an end."""
     ordered = by_weight(found)
     reasons = tuple(d for d in ordered if d.code.severity is not REMARK)
-    severities = {d.code.severity for d in reasons}
     verdict: Verdict = "valid"
-    if PROBLEM in severities:
+    if any(d.code.severity is PROBLEM for d in reasons):
         verdict = "refused"
     elif not settled:
         verdict = "not_settled"
-    elif DOUBT in severities:
+    elif reasons:
         verdict = "doubtful"
     return Judgement(verdict, reasons, tuple(d for d in ordered if d.code.severity is REMARK))
 
@@ -74,11 +69,6 @@ CASE = "CASE.yaml"
 def diagnostic_result(found: Diagnostic, case: str = "") -> DiagnosticResult:
     """A diagnostic as it is saved; ``case``: file of the case, for the commands that it names."""
     return DiagnosticResult(
-        code=found.code.name,
-        place=found.place,
-        text=found.text,
-        value=found.value,
-        bound=found.bound,
-        unit=found.unit,
-        next_step=found.advice.replace(CASE, case or CASE),
-    )
+        code=found.code.name, place=found.place, text=found.text, value=found.value, bound=found.bound,
+        unit=found.unit, next_step=found.advice.replace(CASE, case or CASE),
+    )  # fmt: skip

@@ -1,4 +1,4 @@
-"""What would explain that the torque of a plant is not that of the robot description."""
+"""Causes that would explain a difference between the torque of a plant and of the robot description."""
 
 from __future__ import annotations
 
@@ -31,14 +31,12 @@ def unlike_torque(
     change, left = _fit(gravity, difference)
     if left < EXPLAINED:
         own = np.array(parameters.model.description.gravity)
-        # Digits far below the largest are those of rounding; 0.0 is added so that none is shown as -0.
         total = own + change
         shown = np.abs(total) > SHOWN_GRAVITY * np.abs(total).max()
-        values = ", ".join(f"{v + 0.0:.4g}" for v in np.where(shown, total, 0.0))
+        values = ", ".join(f"{v + 0.0:.4g}" for v in np.where(shown, total, 0.0))  # not -0
         found.append(f"gravity: ({values}) m/s2 in the plant would explain the torque")
     rows = parameters.model.regressor_rows(*motion, observed=observed)
-    others = [i for i in parameters.model.active if i not in parameters.base.index]
-    for i in others:
+    for i in (i for i in parameters.model.active if i not in parameters.base.index):
         change, left = _fit(rows[:, :, [i]], difference)
         if left < EXPLAINED:
             name = parameters.base.standard_names[i]
@@ -47,7 +45,7 @@ def unlike_torque(
 
 
 def _fit(columns: Array, difference: Array) -> tuple[Array, float]:
-    """Least squares of the difference, and the part that is left of it."""
+    """Least squares of the difference, and the fraction of it that is left."""
     flat, target = columns.reshape(-1, columns.shape[2]), difference.reshape(-1)
     if not np.abs(flat).any():
         return np.zeros(columns.shape[2]), 1.0

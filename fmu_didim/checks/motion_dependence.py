@@ -1,14 +1,13 @@
-"""Whether what a model leaves of the torque still depends on the motion: then it is not noise, whatever its size.
+"""Whether the residual torque still depends on the motion: then it is not noise, whatever its size.
 
 The residual r of a joint is regressed on its sensitivities S, which the fit has used up, and on functions F of the
 simulated motion that the model does not have:
 
     r = S a + F b + e,      all filtered by the autoregression of the noise, so that e is white.
 
-That b explains as much by noise alone has the probability of Fisher's F with as many degrees of freedom as F has
-columns of its own and as samples are left; that one of the m columns alone does, m times that of Student's t at most
-(Bonferroni). The smaller one counts, twice because there are two. It needs neither a known noise nor periods that
-repeat.
+Two tests ask whether noise alone explains b: Fisher's F for all columns together, and Student's t for the strongest of
+the m columns, times m (Bonferroni). The smaller p value counts, twice because there are two. Neither a known noise nor
+periods that repeat are needed.
 """
 
 from __future__ import annotations
@@ -37,23 +36,23 @@ from fmu_didim.model.loop_model import LoopModel, Simulation
 MOTION_CHANCE = 1e-3
 """[1] Probability, for all joints together, with which noise alone may be said to depend on the motion."""
 BAND = 1.8
-"""[samples] Of filtered data in a period of the cut-off frequency that the test for motion looks at: what a
-Butterworth filter of order 4 passes forwards and backwards is white at that rate, to a tenth."""
+"""[samples] Of filtered data in a period of the cut-off frequency that are tested: the output of a Butterworth filter
+of order 4, forwards and backwards, is white at that rate, to a tenth."""
 ENDS = 1
-"""[samples] Of those at each end of a log that are left out: there the filter makes up what it lacks."""
+"""[samples] Of those at each end of a log that are left out: there the filter extrapolates."""
 SAMPLES_A_FUNCTION = 8.0
 """[samples] At least, for each function of the motion that a residual is compared with."""
 CLOCK_ALONE = 0.8
-"""[1] Share of what the motion explains of a residual, from which the rate of the torque alone is the cause: a clock
-5 ms late gives 0.9 and more, steeper friction or other gains less than 0.6."""
+"""[1] Share in the explained part of a residual from which the rate of the torque is the only cause: a clock 5 ms late
+gives 0.9 and more, steeper friction or other gains less than 0.6."""
 SIGNIFICANT = 2.0
 """[standard deviations] From which a value is different from zero."""
 OWN_PART = 1e-6
-"""[1] Part of a column that others must leave of it, if it is to say anything of its own."""
+"""[1] Least fraction of a column that is independent of the others."""
 TURNING = 0.05
 """[1] Fraction of the largest speed of a joint over which its direction changes."""
 CREEPING = 0.005
-"""[1] The same of what happens at standstill only, such as steeper friction."""
+"""[1] The same near standstill, for steeper friction."""
 
 DEPENDS_ON_MOTION = CATALOGUE(
     "residual-depends-on-motion", DOUBT, rank=60,
@@ -70,7 +69,7 @@ UNTESTED = CATALOGUE(
 )  # fmt: skip
 
 TORQUE_RATE = "rate of the torque"
-"""The function of the motion that a shift of the log's clock leaves."""
+"""The function of the motion by which a shifted clock of the log shows."""
 
 
 @dataclass(frozen=True)
@@ -79,9 +78,9 @@ class Dependence:
 
     Attributes:
         joint: from 1; p_value: of as much by noise alone; share: of the sum of squares that the motion explains.
-        most: the function of the motion that explains most by itself; most_share: its share of what all explain.
+        most: the function of the motion that explains most by itself; most_share: its share in the explained part.
         slope, deviation: of the residual over that function, with its standard deviation.
-        samples: that were too few to ask; None where it was asked.
+        samples: their number where they are too few for a test.
     """
 
     joint: int
@@ -99,7 +98,7 @@ class Dependence:
 
 
 def motion_diagnostics(found: Sequence[Dependence]) -> list[Diagnostic]:
-    """The joints whose residual depends on the motion beyond chance, or may; of those that show another clock which."""
+    """The joints whose residual depends on the motion beyond chance, by another clock or otherwise, or is untested."""
     level = MOTION_CHANCE / max(len(found), 1)
     clock = [d for d in found if d.p_value < level and d.most == TORQUE_RATE and d.most_share > CLOCK_ALONE]
     return [_clock(d) for d in clock] + [
@@ -132,7 +131,7 @@ def motion_dependence(
     coefficients: Mapping[tuple[int, float], Array],
     rows: Mapping[str, Indices] = MappingProxyType({}),
 ) -> list[Dependence]:
-    """How the residual of each joint depends on the simulated motion; nothing where that breaks off.
+    """How the residual of each joint depends on the simulated motion; nothing where the simulation fails.
 
     Args:
         residuals, sensitivities: label of each fitted experiment -> (N, n) and (N, n, p).
@@ -163,15 +162,14 @@ def motion_dependence(
 def dependence_of_fit(fit: Fit, colours: Sequence[Colour]) -> list[Dependence]:
     """How the residual of each joint depends on the motion at a point of the closed loop.
 
-    What was filtered is looked at in so many samples as it has room for in its band, without the ends of the log,
-    where the filter makes up what was before and after; their noise has a colour of its own.
+    A filtered log is tested at as many samples as its band holds, without its ends.
 
     Args:
         colours: of the noise of the log as it is.
     """
-    if fit.model.low_pass is not None:
-        return _dependence_in_band(fit, fit.model.low_pass.cutoff_hz)
-    rows, residual = fit.model.rows, fit.residual
+    if fit.model.experiments.low_pass is not None:
+        return _dependence_in_band(fit, fit.model.experiments.low_pass.cutoff_hz)
+    rows, residual = fit.model.experiments.rows, fit.residual
     return motion_dependence(
         fit.model, fit.values, {label: residual[part] for label, part in rows.items()},
         {label: fit.jacobian[part] for label, part in rows.items()},
@@ -180,9 +178,9 @@ def dependence_of_fit(fit: Fit, colours: Sequence[Colour]) -> list[Dependence]:
 
 
 def _dependence_in_band(fit: Fit, cutoff_hz: float) -> list[Dependence]:
-    """The same for a fit of filtered samples."""
+    """How the residual of a filtered fit depends on the motion."""
     model, chosen, times, residuals, sensitivities = fit.model, {}, [], {}, {}
-    for label, part in model.rows.items():
+    for label, part in model.experiments.rows.items():
         experiment = model.experiments[label]
         every = max(round(experiment.rate_hz / (BAND * cutoff_hz)), 1)
         rows = np.flatnonzero(experiment.places % every == 0)[ENDS:-ENDS]
@@ -202,16 +200,16 @@ def _dependence_in_band(fit: Fit, cutoff_hz: float) -> list[Dependence]:
 
 
 def _at(experiment: Experiment, rows: Indices | None) -> Experiment:
-    """An experiment with these samples alone; its operator is that of all."""
-    return (
-        experiment if rows is None else replace(experiment, time=experiment.time[rows], torque=experiment.torque[rows])
-    )
+    """An experiment with these samples alone; its operator remains that of all."""
+    if rows is None:
+        return experiment
+    return replace(experiment, time=experiment.time[rows], torque=experiment.torque[rows])
 
 
 def dependence(residual: Array, nuisance: Array, motion: Array, names: Sequence[str], *, joint: int) -> Dependence:
     """How a residual (N,) with white noise depends on functions (N, m) of the motion, beside nuisances (N, p).
 
-    Of the functions as many are used as the samples allow, the first ones first.
+    As many of the first functions are used as the samples allow.
     """
     known = _basis(nuisance)
     room = int((residual.size - known.shape[1]) / SAMPLES_A_FUNCTION)
@@ -230,29 +228,18 @@ def dependence(residual: Array, nuisance: Array, motion: Array, names: Sequence[
     ratio = (explained / first) / (max(total - explained, TINY) / second)
     power, product = np.sum(own**2, axis=0), own.T @ rest
     most = int(np.argmax(product**2 / power))
-    share = float(product[most] ** 2 / power[most]) / max(explained, TINY)
     deviation = float(np.sqrt(max(total - explained, 0.0) / second / power[most]))
+    largest, freedom = float(product[most] ** 2 / power[most]), second + first - 1
+    student = np.sqrt(largest / (max(total - largest, TINY) / freedom))
+    both = (stats.f.sf(ratio, first, second), power.size * 2 * stats.t.sf(student, freedom))
     return Dependence(
-        joint, _chance(total, product**2 / power, ratio, first, second), explained / total, left[most], share,
+        joint, float(min(2 * min(both), 1.0)), explained / total, left[most], largest / max(explained, TINY),
         slope=float(product[most] / power[most]), deviation=deviation,
     )  # fmt: skip
 
 
-def _chance(total: float, explained: Array, ratio: float, first: int, second: int) -> float:
-    """Probability of as much by noise alone: of all columns together, or of the one that explains most.
-
-    Args:
-        total: sum of squares; explained: (m,) what each column explains of it; ratio: Fisher's, with these degrees of
-            freedom.
-    """
-    most, freedom = float(explained.max()), second + first - 1
-    student = np.sqrt(most / (max(total - most, TINY) / freedom))
-    both = (stats.f.sf(ratio, first, second), explained.size * 2 * stats.t.sf(student, freedom))
-    return float(min(2 * min(both), 1.0))
-
-
 def _basis(columns: Array) -> Array:
-    """(N, r) orthonormal basis of the columns (N, m), those that depend on others left out."""
+    """(N, r) orthonormal basis of columns (N, m), without those that depend on others."""
     length = np.linalg.norm(columns, axis=0)
     nonzero = length > TINY
     if not nonzero.any():
@@ -263,22 +250,22 @@ def _basis(columns: Array) -> Array:
 
 
 def filtered(table: Array, coefficients: Array, experiment: Experiment) -> Array:
-    """What an autoregression leaves of the columns (N, m) of an experiment; rows whose past is missing are left out."""
+    """The columns (N, m) of an experiment, whitened by an autoregression; rows whose past is missing are left out."""
     whitening = np.append(1.0, -coefficients)
     on_grid = experiment.with_gaps(table)
     count = on_grid.shape[0] - coefficients.size
-    left = sum(a * on_grid[coefficients.size - k : coefficients.size - k + count] for k, a in enumerate(whitening))
-    left = np.asarray(left)
+    parts = (a * on_grid[coefficients.size - k : coefficients.size - k + count] for k, a in enumerate(whitening))
+    left = np.asarray(sum(parts))
     return np.asarray(left[np.isfinite(left).all(axis=1)])
 
 
 def functions_of_motion(run: Simulation) -> list[dict[str, Array]]:
-    """Functions (N,) of the simulated motion of each joint at the samples, by name; the most telling ones first.
+    """Functions (N,) of the simulated motion of each joint at the samples, by name, the most significant ones first.
 
-    Velocities and positions are there as far as the plant gives them; raises SimulationError.
+    Velocities and positions are included as far as the plant gives them; raises SimulationError.
     """
     recording, model, step = run.record(all_ticks=True), run.model, run.step_size
-    offered = {v.name for v in model.plant.outputs}
+    offered = {v.name for v in model.loop.plant.outputs}
 
     def sampled(signal: Array) -> Array:
         return np.asarray(run.sampled(signal[run.operator.ticks, None])[:, 0])
@@ -289,7 +276,7 @@ def functions_of_motion(run: Simulation) -> list[dict[str, Array]]:
         rate = np.gradient(torque[:, j], step)
         functions = {TORQUE_RATE: rate}
         if f"dq{j + 1}" in offered:
-            dq = recording.table([f"{model.plant_name}.dq{j + 1}"])[:, 0]
+            dq = recording.table([f"{model.loop.plant_name}.dq{j + 1}"])[:, 0]
             fast = max(float(np.abs(dq).max()), STANDSTILL)
             acceleration = np.gradient(dq, step)
             functions |= {
@@ -311,7 +298,7 @@ def functions_of_motion(run: Simulation) -> list[dict[str, Array]]:
                 "jerk": np.gradient(acceleration, step),
             }
         if f"q{j + 1}" in offered:
-            q = recording.table([f"{model.plant_name}.q{j + 1}"])[:, 0]
+            q = recording.table([f"{model.loop.plant_name}.q{j + 1}"])[:, 0]
             q = q - q.mean()
             functions |= {"position": q, "square of the position": q**2, "cube of the position": q**3}
         functions |= {

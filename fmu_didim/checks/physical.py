@@ -1,4 +1,4 @@
-"""Whether a machine can have the values of an estimate: friction, links, and inertia wherever it can stand."""
+"""Whether the values of an estimate are physical: friction, links, and the inertia matrix in all positions."""
 
 from __future__ import annotations
 
@@ -21,15 +21,14 @@ from fmu_didim.model.parameters import POSITIVE, RobotParameters
 EIGENVALUE_TOLERANCE = 1e-9
 """[1] To which the smallest scaled eigenvalue of the inertia matrix is searched for."""
 NEGATIVE_FRICTION = 2.0
-"""[standard deviations] Friction that lies farther below zero would drive the machine: one of forty does so by
-chance."""
+"""[standard deviations] Below zero, beyond which friction would drive the machine: one of forty is by chance."""
 FALSE_UNPHYSICAL = 1e-3
-"""[1] Probability with which noise alone puts a physical robot so far from physical values. The square of the
-distance is a chi-square of as many degrees as inequalities hold the nearest values back."""
+"""[1] Probability with which noise alone moves a physical robot so far from physical values. The squared distance is a
+chi-square with as many degrees of freedom as inequalities are active at the nearest values."""
 POPULATION = 15
 """[points a joint] Of positions among which the smallest eigenvalue is searched: usual."""
 GENERATIONS = 60
-"""[generations] Of them: more move the eigenvalue by less than 1 % of its size."""
+"""[generations] More of them move the eigenvalue by less than 1 %."""
 
 FRICTION_NEGATIVE = CATALOGUE(
     "friction-negative", DOUBT, rank=60,
@@ -52,20 +51,18 @@ MASS_INDEFINITE = CATALOGUE(
 
 
 def physical_diagnostics(model: LoopModel, covariance: Array) -> list[Diagnostic]:
-    """Which values of a model, known with a covariance (p, p), are physically impossible.
+    """Physically impossible values of a model, known with a covariance (p, p); none without a robot description.
 
-    A plant without robot description gives no diagnostics. Where experiments have values of their own, those of each
-    are checked.
+    Where experiments have values of their own, those of each are checked.
     """
     if not isinstance(model.parameters, RobotParameters):
         return []
     robot, base, values = model.parameters.model, model.parameters.base, model.start
     low, high = joint_range(model)
     found: dict[tuple[str, str], Diagnostic] = {}
-    for label in model.experiments if any(map(model.has_own_base, model.experiments)) else (model.first,):
-        place = model.theta(np.arange(values.size, dtype=float), label).astype(
-            np.int64
-        )  # which of the free parameters act there
+    has_own = any(map(model.free_parameters.has_own_base, model.experiments))
+    for label in model.experiments if has_own else (model.first,):
+        place = model.theta(np.arange(values.size, dtype=float), label).astype(np.int64)  # of what acts there
         theta, part = values[place], covariance[np.ix_(place, place)]
         of_experiment = [*negative_friction(base, theta, part), *far_from_physical(robot, base, theta, part)]
         for diagnostic in (*of_experiment, *indefinite(model.parameters, theta, part, low, high)):
@@ -74,8 +71,8 @@ def physical_diagnostics(model: LoopModel, covariance: Array) -> list[Diagnostic
 
 
 def joint_range(model: LoopModel) -> tuple[Array, Array]:
-    """Lowest and highest positions (n,) each: by the description, else a whole turn, and of a prismatic joint what the
-    references reach."""
+    """Lowest and highest positions (n,): those of the description, else a whole turn; of a prismatic joint without
+    limits the range of the references."""
     assert isinstance(model.parameters, RobotParameters)
     low, high = [], []
     for j, joint in enumerate(model.parameters.model.description.joints, start=1):
@@ -98,19 +95,17 @@ def negative_friction(base: BaseParameters, theta: Array, covariance: Array) -> 
     for name, standard, unit, value, sigma in zip(base.names, base.standard, base.units, theta, deviation, strict=True):
         stem = standard.rstrip("0123456789")
         if stem in FRICTION and value < -NEGATIVE_FRICTION * sigma:
-            excess = value / sigma if sigma > 0 else -np.inf
+            excess, place = float(value / sigma if sigma > 0 else -np.inf), f"joint {standard.removeprefix(stem)}"
             text = f"{name} = {value:.3g} ± {sigma:.2g} {unit} is negative by {-excess:.1f} standard deviations."
-            place = f"joint {standard.removeprefix(stem)}"
-            bound = -NEGATIVE_FRICTION
-            found.append(Diagnostic(FRICTION_NEGATIVE, text, place, float(excess), bound, "standard deviations"))
+            found.append(Diagnostic(FRICTION_NEGATIVE, text, place, excess, -NEGATIVE_FRICTION, "standard deviations"))
     return found
 
 
 def far_from_physical(robot: RobotModel, base: BaseParameters, theta: Array, covariance: Array) -> list[Diagnostic]:
     """Base parameters that physical links cannot have within their uncertainty: all together, else one by one.
 
-    Together they show what none shows alone; but where many inequalities hold the nearest values back, chance explains
-    a distance that is too far for one.
+    Together they show more than each alone; but where many inequalities are active, chance explains a distance that is
+    too far for a single one.
     """
     try:
         near = nearest_physical(robot, base, theta, covariance)

@@ -1,4 +1,4 @@
-"""Checks of a plant before a long computation: whether its parameters have an effect, and where it starts."""
+"""Checks of a plant before a long computation: the influence of its parameters, and its start."""
 
 from __future__ import annotations
 
@@ -17,15 +17,13 @@ from fmu_didim.model.loop_model import LoopModel
 from fmu_didim.model.numerical_regressor import RegressorProbe
 
 CHANGE = 1e-2
-"""[1] Relative change of a parameter by which its column is found, and whether it acts at all: large against the
-jitter of any integrator."""
+"""[1] Relative change of a parameter by which its influence is measured: large against the jitter of integrators."""
 FIRST_TICKS = 200
-"""[ticks] Simulated first; what shows no effect there is simulated to the end."""
+"""[ticks] Simulated first; parameters without influence there are simulated to the end."""
 COMPARED_TICKS = 50
 """[ticks] At which the signals are compared."""
 START_TOLERANCE = 1e-3
-"""[1] Distance of the plant from the start of the reference, relative to the range of the reference, from which the
-user is warned."""
+"""[1] Distance of the plant from the start of the reference, as a fraction of its range, that is reported."""
 
 PARAMETER_IDLE = CATALOGUE(
     "parameter-idle", PROBLEM, rank=30,
@@ -45,27 +43,25 @@ PLANT_START = CATALOGUE(
     "the reference where the plant stands.",
 )  # fmt: skip
 UNSEEN = (LOG, EXTERNAL_TORQUE)
-"""Owners of parameters that change no signal of the loop, or not in its first part."""
+"""Owners of parameters that change no signal of the loop, or only later ones."""
 
 
 def check_parameter_influence(model: LoopModel) -> None:
-    """Simulate with each parameter changed: one that changes nothing at all cannot be identified.
-
-    Needs one short simulation a parameter, and for the regressor measured on the plant one short simulation.
+    """Simulate with each parameter changed, a short run each: one that changes nothing cannot be identified.
 
     Raises:
-        DiagnosedError: parameters do not act in the plant, such as those that an FMU reads only when instantiated.
+        DiagnosedError: parameters have no effect in the plant, as those that an FMU reads only when instantiated.
     """
     theta = model.start
     if mass_matrix_problem(model, theta):
-        return  # nothing can be simulated with these values; the estimator starts elsewhere
+        return  # the estimator starts elsewhere
     total = max(model.experiments[label].reference.time.size for label in model.estimation_labels)
     idle = [i for i, parameter in enumerate(model.free_parameters) if parameter.owner not in UNSEEN]
     try:
         for count in sorted({min(FIRST_TICKS, total), total}):
             idle = _idle(model, theta, count, idle) if idle else []
     except SimulationError:
-        return  # the estimator says more about a loop that does not run
+        return  # the estimator reports a loop that does not run
     if idle:
         text = f"Some parameters have no effect in the plant: {_listed(model, idle)}."
         raise DiagnosedError([Diagnostic(PARAMETER_IDLE, text, "plant")])
@@ -92,11 +88,11 @@ def _ticks(count: int) -> NDArray[np.int64]:
 
 
 def _idle(model: LoopModel, values: Array, count: int, asked: list[int]) -> list[int]:
-    """Which of these parameters leave every signal of the loop as it is, in the first ticks of an experiment."""
+    """Those of these parameters that change no signal of the loop in the first ticks of an experiment."""
     found = []
     base: dict[str, Recording] = {}
     for i in asked:
-        label = next(label for label in model.estimation_labels if model.acts(i, label))
+        label = next(label for label in model.estimation_labels if model.free_parameters.acts(i, label))
         ticks = _ticks(min(count, model.experiments[label].reference.time.size))
         if label not in base:
             base[label] = model.simulation(values, label).record(ticks=ticks)
@@ -116,37 +112,34 @@ def _idle(model: LoopModel, values: Array, count: int, asked: list[int]) -> list
 def _silent(model: LoopModel, theta: Array, count: int) -> list[int]:
     """Parameters whose measured column is zero everywhere."""
     ticks = _ticks(min(count, model.experiments[model.first].reference.time.size))
-    probe = RegressorProbe(model.plant_name, model.parameters, model.theta(theta), ticks.size)
+    probe = RegressorProbe(model.loop.plant_name, model.parameters, model.theta(theta), ticks.size)
     try:
         model.simulation(theta).record(ticks=ticks, observe=probe)
     except SimulationError:
-        return []  # the estimator says why
+        return []  # the estimator reports why
     return [int(i) for i in np.flatnonzero(~np.abs(probe.columns).any(axis=(0, 1)))]
 
 
 def start_diagnostics(model: LoopModel) -> list[Diagnostic]:
-    """Joints that the plant starts elsewhere than the reference."""
-    theta = model.start
+    """Joints whose plant starts elsewhere than the reference."""
     reference = model.experiments[model.first].reference
     try:
-        first = model.simulation(theta).record(ticks=np.zeros(1, dtype=np.int64))
+        first = model.simulation(model.start).record(ticks=np.zeros(1, dtype=np.int64))
     except SimulationError:
         return []
     found = []
     for name, what in (("q", "q_start"), ("dq", "dq_start")):
-        for j, signal in enumerate(model.joint_signals(name), start=1):
+        for j, signal in enumerate(model.loop.joint_signals(name), start=1):
             if signal not in first.applied or f"{name}{j}" not in reference.names:
                 continue
             column = reference.select([f"{name}{j}"])
             at_start, wanted = float(first.applied[signal][0]), float(column[0, 0])
-            bound = START_TOLERANCE * max(float(np.ptp(column)), STANDSTILL)
-            if abs(at_start - wanted) > bound:
+            bound, away = START_TOLERANCE * max(float(np.ptp(column)), STANDSTILL), abs(at_start - wanted)
+            if away > bound:
                 text = f"The plant starts at {name}{j} = {at_start:.4g} while the reference starts at {wanted:.4g}."
                 step = (
                     f"Name its start value: plant: {{parameter_names: {{{what}{j}: name in the plant}}}}, or start "
                     "the reference where the plant stands."
                 )
-                found.append(
-                    Diagnostic(PLANT_START, text, f"plant: joint {j}", abs(at_start - wanted), bound, next_step=step)
-                )
+                found.append(Diagnostic(PLANT_START, text, f"plant: joint {j}", away, bound, next_step=step))
     return found

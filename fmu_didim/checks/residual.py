@@ -1,36 +1,36 @@
 """Whether the residual of a fit is noise: as large as the noise, and white once its colour is taken out.
 
-Model error shows in both. At high rates it makes neighbouring samples alike, whatever the noise is; at low rates it
-shows only as a residual that is larger than the noise, where that is known.
+Model error shows in both. At high rates neighbouring samples become alike, whatever the noise is; at low rates only a
+known noise shows it, by a larger residual.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
+from pydantic import Field
 
 from fmu_didim.base.diagnostics import CATALOGUE, DOUBT, REMARK, Diagnostic
+from fmu_didim.base.documents import Number, Saved
 from fmu_didim.data.signals import Array
 from fmu_didim.fit.uncertainty import Colour, chi_square_bounds
 
 SLOW_SHARE = 0.5
-"""[1] Of the power of a residual that lies in the band of the motion, from which it is doubted: noise with a memory
-of 50 ms has 12 to 25 % below 1.25 Hz."""
+"""[1] Of the power of a residual in the band of the motion, from which it is doubted: noise with a memory of 50 ms has
+12 to 25 % below 1.25 Hz."""
 SLOW_CONTRAST = 30.0
 """[1] Density of its spectrum there over that above: noise with a memory of 50 ms at 200 Hz has up to 23, a missing
 offset of five times the noise 900."""
 MOTION_BAND = 0.5
-"""[1] Of the frequencies of a log that the motion may fill: there must be others to compare with."""
+"""[1] Of the frequencies of a log that the motion may fill, so that there are others to compare with."""
 SPECTRUM_POINTS = 1000
 """[points] Of the spectrum of an autoregression in a band."""
 STILL_NOT_WHITE = 1e-4
-"""[1] Probability, by Ljung and Box, below which what the colour of a residual leaves is said to be no white
-noise."""
+"""[1] p value of Ljung and Box below which a residual, with its colour taken out, is no white noise."""
 COMPARED = 1 / 3
-"""[1] Fraction of the samples of a log that repeats by which its noise is known: one and a half periods, the fewest
-that are compared, have a third in their difference."""
+"""[1] Fraction of the samples of a repeating log that determine its noise: of one and a half periods, the fewest that
+are compared, a third."""
 
 NOISE_COLOURED = CATALOGUE(
     "noise-coloured", REMARK, rank=80,
@@ -64,55 +64,44 @@ RESIDUAL_SLOW = CATALOGUE(
 )  # fmt: skip
 
 
-@dataclass(frozen=True)
-class ResidualTest:
-    """The residual of a joint, in all fitted logs of one rate.
+class NoiseResult(Saved):
+    """Noise of the residual of a joint, in all fitted logs of one rate.
 
     Attributes:
-        joint: counted from 1; rate_hz: of the logs.
-        chi_square_per_sample: variance of the noise by the residual over the known one, 1 if the model is right; None
-            where the noise is not known. chi_square_bound, chi_square_least: what chance hardly leaves.
-        noise_is_stated: whether the case states that noise; else periods that repeat show it.
-        lag1: correlation of neighbouring samples.
-        order, coefficients: of the autoregression that gives the colour; 0 where the residual counts as white.
-        whiteness_p: p value of Ljung and Box's test of what the autoregression leaves.
-        inflation: standard deviations that come from the joint, over those with white noise.
+        rate_hz: of the logs.
     """
 
-    joint: int
+    joint: int = Field(description="counted from 1")
     rate_hz: float
-    chi_square_per_sample: float | None
-    chi_square_bound: float | None
-    chi_square_least: float | None
-    noise_is_stated: bool
-    lag1: float
-    order: int
-    coefficients: Array
-    whiteness_p: float
-    inflation: float
+    order: int = Field(description="of the autoregression e_t = a_1 e_(t-1) + ... + u_t; 0: white")
+    coefficients: list[float] = Field(description="a_1 ... of it")
+    lag1: float = Field(description="correlation of neighbouring samples")
+    whiteness_p: float = Field(description="p value of Ljung and Box's test with the autoregression taken out")
+    inflation: float = Field(description="of the standard deviations that come from the joint, over white noise")
+    chi_square_per_sample: Number = Field(description="of the residual over the known noise; null if it is not known")
+    chi_square_bound: Number = Field(description="above which the residual is larger than the noise")
+    chi_square_least: Number = Field(description="below which it is smaller")
+    noise_is_stated: bool = Field(description="by the case; otherwise periods that repeat give it")
 
     @property
     def exceeds_noise(self) -> bool:
         """Whether the residual is larger than the known noise."""
-        if self.chi_square_per_sample is None or self.chi_square_bound is None:
-            return False
-        return self.chi_square_per_sample > self.chi_square_bound
+        ratio, bound = self.chi_square_per_sample, self.chi_square_bound
+        return ratio is not None and bound is not None and ratio > bound
 
     @property
     def is_below_noise(self) -> bool:
         """Whether it is smaller."""
-        if self.chi_square_per_sample is None or self.chi_square_least is None:
-            return False
-        return self.chi_square_per_sample < self.chi_square_least
+        ratio, bound = self.chi_square_per_sample, self.chi_square_least
+        return ratio is not None and bound is not None and ratio < bound
 
 
-def lack_of_fit(colours: Sequence[Colour], deviation: Array | None, *, stated: bool = True) -> tuple[ResidualTest, ...]:
-    """What the residual of each joint says of the model.
+def lack_of_fit(colours: Sequence[Colour], deviation: Array | None, *, stated: bool = True) -> tuple[NoiseResult, ...]:
+    """The test of the residual of each joint.
 
     Args:
-        colours: as an estimate has them.
-        deviation: (n,) known standard deviation of the noise, of a case or of periods that repeat; None: not known.
-        stated: whether the case states it; periods know it from a part of the samples only.
+        colours: of an estimate; deviation: (n,) known standard deviation of the noise, None if it is not known.
+        stated: whether the case states it; periods that repeat give it from a part of the samples only.
     """
     found = []
     for colour in colours:
@@ -120,70 +109,51 @@ def lack_of_fit(colours: Sequence[Colour], deviation: Array | None, *, stated: b
         least, most = chi_square_bounds(colour.samples, known_from)
         ratio = None if deviation is None else colour.residual_variance / deviation[colour.joint - 1] ** 2
         found.append(
-            ResidualTest(
-                joint=colour.joint,
-                rate_hz=colour.rate_hz,
-                chi_square_per_sample=ratio,
-                chi_square_bound=None if ratio is None else most,
-                chi_square_least=None if ratio is None else least,
+            NoiseResult(
+                joint=colour.joint, rate_hz=colour.rate_hz, order=colour.coefficients.size,
+                coefficients=colour.coefficients.tolist(), lag1=colour.lag_one, whiteness_p=colour.whiteness,
+                inflation=colour.inflation, chi_square_per_sample=ratio,
+                chi_square_bound=None if ratio is None else most, chi_square_least=None if ratio is None else least,
                 noise_is_stated=stated,
-                lag1=colour.lag_one,
-                order=colour.coefficients.size,
-                coefficients=colour.coefficients,
-                whiteness_p=colour.whiteness,
-                inflation=colour.inflation,
             )
-        )
+        )  # fmt: skip
     return tuple(found)
 
 
-def residual_diagnostics(tests: Sequence[ResidualTest]) -> list[Diagnostic]:
-    """What the user should know of the residual."""
+def residual_diagnostics(tests: Sequence[NoiseResult]) -> list[Diagnostic]:
+    """The diagnostics of these tests."""
     found, rates = [], {test.rate_hz for test in tests}
     for test in tests:
         place = f"joint {test.joint}" + (f", logs at {test.rate_hz:g} Hz" if len(rates) > 1 else "")
+        ratio, most, least = test.chi_square_per_sample, test.chi_square_bound, test.chi_square_least
         if test.exceeds_noise:
-            found.append(
-                Diagnostic(
-                    RESIDUAL_ABOVE_NOISE,
-                    f"the residual is larger than the known noise (chi-square per sample "
-                    f"{test.chi_square_per_sample:.3g}, by chance at most {test.chi_square_bound:.3g}); the standard "
-                    "deviations contain this lack of fit.",
-                    place, test.chi_square_per_sample, test.chi_square_bound,
-                )
-            )  # fmt: skip
+            text = (
+                f"the residual is larger than the known noise (chi-square per sample {ratio:.3g}, by chance at most "
+                f"{most:.3g}); the standard deviations contain this lack of fit."
+            )
+            found.append(Diagnostic(RESIDUAL_ABOVE_NOISE, text, place, ratio, most))
         if test.is_below_noise and test.noise_is_stated:
-            found.append(
-                Diagnostic(
-                    STATED_NOISE_LARGE,
-                    f"the residual is smaller than the stated noise (chi-square per sample "
-                    f"{test.chi_square_per_sample:.3g}, by chance at least {test.chi_square_least:.3g}); the standard "
-                    "deviations are those of the stated noise.",
-                    place, test.chi_square_per_sample, test.chi_square_least,
-                )
-            )  # fmt: skip
+            text = (
+                f"the residual is smaller than the stated noise (chi-square per sample {ratio:.3g}, by chance at least "
+                f"{least:.3g}); the standard deviations are those of the stated noise."
+            )
+            found.append(Diagnostic(STATED_NOISE_LARGE, text, place, ratio, least))
         if test.order:
-            found.append(
-                Diagnostic(
-                    NOISE_COLOURED,
-                    f"the residual is not white (neighbouring samples correlate by {test.lag1:.2f}): standard "
-                    f"deviations are some {test.inflation:.2g} times those with white noise.",
-                    place, test.inflation, 1.0, "1",
-                )
-            )  # fmt: skip
+            text = (
+                f"the residual is not white (neighbouring samples correlate by {test.lag1:.2f}): standard deviations "
+                f"are some {test.inflation:.2g} times those with white noise."
+            )
+            found.append(Diagnostic(NOISE_COLOURED, text, place, test.inflation, 1.0, "1"))
         if test.whiteness_p < STILL_NOT_WHITE:
-            found.append(
-                Diagnostic(
-                    COLOUR_NOT_MODELLED,
-                    f"what is left after the colour of the residual (order {test.order}) is not white either "
-                    f"(p = {test.whiteness_p:.1e}).",
-                    place, test.whiteness_p, STILL_NOT_WHITE, "1",
-                )
-            )  # fmt: skip
+            text = (
+                f"the residual is not white even with its colour (order {test.order}) taken out "
+                f"(p = {test.whiteness_p:.1e})."
+            )
+            found.append(Diagnostic(COLOUR_NOT_MODELLED, text, place, test.whiteness_p, STILL_NOT_WHITE, "1"))
     return found
 
 
-def slow_diagnostics(tests: Sequence[ResidualTest], motion_hz: float, cutoff_hz: float = np.inf) -> list[Diagnostic]:
+def slow_diagnostics(tests: Sequence[NoiseResult], motion_hz: float, cutoff_hz: float = np.inf) -> list[Diagnostic]:
     """The joints whose residual is as slow as the motion, by the spectrum of its autoregression.
 
         S(f) = 1 / |1 - sum_k a_k exp(-2 pi i f k / rate)|^2
@@ -209,7 +179,7 @@ def slow_diagnostics(tests: Sequence[ResidualTest], motion_hz: float, cutoff_hz:
     return found
 
 
-def _mean_density(test: ResidualTest, lowest: float, highest: float) -> float:
+def _mean_density(test: NoiseResult, lowest: float, highest: float) -> float:
     """Mean of the spectral density of a residual between two frequencies, with innovations of variance one."""
     frequency = np.linspace(lowest, highest, SPECTRUM_POINTS)
     turns = np.exp(-2j * np.pi * np.outer(frequency / test.rate_hz, np.arange(1, test.order + 1)))

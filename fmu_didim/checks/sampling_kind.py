@@ -1,14 +1,14 @@
-"""Whether the torque log shows points or averages, other than the case says.
+"""Whether the torque log shows points or averages, unlike the case states.
 
-An average over the preceding sample period lies half of it late and is smoothed; taken for a point it looks like a log
-whose clock is late, or like a lag. So the model that was found, without a shift of the log, is simulated once more and
-sampled in each way, y_k = S_k tau; what its parameters can absorb is projected out of the residuals, and the best way
-is fitted and compared with the model that was found.
+An average over the preceding sample period lies half of it late and is smoothed; taken for a point it looks like a late
+clock or a lag. So the final model, without a shift of the log, is simulated again and sampled in each way, y_k = S_k
+tau; what its parameters can absorb is projected out of the residuals, and the best way is fitted and compared with the
+final model.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -23,8 +23,7 @@ from fmu_didim.fit.solver.least_squares import minimise
 from fmu_didim.model.loop_model import LoopModel, Simulation
 
 NEARLY = 1.1
-"""[1] Instead of a shift, a way of sampling is fitted if it leaves less than this many times the chi-square of what
-was found."""
+"""[1] Instead of a shift, a way of sampling is fitted if its chi-square is below so many times that of the model."""
 SAME_OPERATOR = 1e-9
 """[1] Ways of sampling whose weights differ by less are the same."""
 
@@ -39,8 +38,7 @@ class Way:
     """A way of sampling.
 
     Attributes:
-        gain: BIC by which it is better than the model that was found.
-        instead: whether that model has a shift of the log, which it does without.
+        gain: BIC by which it is better than the model that was found; instead: whether it replaces a shift of the log.
     """
 
     kind: Kind
@@ -50,14 +48,10 @@ class Way:
 
     def text(self, seconds: float) -> str:
         """The sentence about it; ``seconds``: sample period."""
-        over = f"the {1000 * seconds:.4g} ms {WORDS[self.window]} each stamp"
-        shows, entry = {
-            "point": ("points", "sampling: point"),
-            "average": (f"averages over {over}", f"sampling: average, window: {self.window}"),
-        }[self.kind]
-        how = "without a shift, and as well" if self.instead else "better than what was found"
+        shows, entry = way_text(self.kind, self.window, 1000 * seconds)
+        how = "without a shift, and as well" if self.instead else "better than the final model"
         return (
-            f"The log may show {shows}, other than the case says: that explains it {how} (BIC difference "
+            f"The log may show {shows}, unlike the case states: that explains it {how} (BIC difference "
             f"{self.gain:.0f}). Find out how the logger samples; if so, write torque: {{{entry}}}."
         )
 
@@ -88,27 +82,39 @@ def other_sampling(fit: Fit, model: LoopModel, *, saved: float, threshold: float
 def _sampled(
     model: LoopModel, fit: Fit, most: float
 ) -> list[tuple[float, tuple[Kind, Window], Mapping[str, SampleOperator]]]:
-    """Other ways that leave less than ``most`` times what the fit leaves: chi-square to first order, way, operators."""
+    """Other ways with less than ``most`` times the chi-square of the fit: chi-square to first order, way, operators."""
     runs = {label: model.simulation(model.start, label) for label in model.estimation_labels}
     commands = {label: run.logged_torque(run.record(all_ticks=True)) for label, run in runs.items()}
     base = BaseProjection.of_fit(fit)
     limit = most * float(np.sum(base.rest_of(base.weighted(fit.residual)) ** 2))
     found: list[tuple[float, tuple[Kind, Window], Mapping[str, SampleOperator]]] = []
+    for kind, window, operators in other_ways(runs):
+        simulated = [
+            model.experiments.filtered(o.apply(commands[label][o.ticks]), label) for label, o in operators.items()
+        ]
+        residual = model.measured - np.concatenate(simulated)
+        size = float(np.sum(base.rest_of(base.weighted(residual)) ** 2))
+        if size < limit:
+            found.append((size, (kind, window), operators))
+    return found
+
+
+def way_text(kind: Kind, window: Window, period_ms: float) -> tuple[str, str]:
+    """The values of a log that is sampled in this way, in words, and the entry of a case for it."""
+    if kind == "point":
+        return "points", "sampling: point"
+    return f"averages over the {period_ms:.4g} ms {WORDS[window]} each stamp", f"sampling: average, window: {window}"
+
+
+def other_ways(runs: Mapping[str, Simulation]) -> Iterator[tuple[Kind, Window, dict[str, SampleOperator]]]:
+    """The ways of sampling that differ from those of these experiments, with their operators by label."""
     for kind, window in WAYS:
         try:
             operators = {label: sampled_as(run, kind, window) for label, run in runs.items()}
         except InputError:  # an instant at the end of the data, where a point or a window has no tick
             continue
-        simulated = [
-            model.filtered(operator.apply(commands[label][operator.ticks]), label)
-            for label, operator in operators.items()
-        ]
-        residual = model.measured - np.concatenate(simulated)
-        size = float(np.sum(base.rest_of(base.weighted(residual)) ** 2))
-        is_new = not all(same_sampling(o, runs[label].experiment.operator) for label, o in operators.items())
-        if size < limit and is_new:
-            found.append((size, (kind, window), operators))
-    return found
+        if not all(_is_same(o, runs[label].experiment.operator) for label, o in operators.items()):
+            yield kind, window, operators
 
 
 def sampled_as(run: Simulation, kind: Kind, window: Window) -> SampleOperator:
@@ -121,6 +127,5 @@ def sampled_as(run: Simulation, kind: Kind, window: Window) -> SampleOperator:
     return operator.stamped_later(experiment.operator.lag, count)
 
 
-def same_sampling(one: SampleOperator, other: SampleOperator) -> bool:
-    """Whether two operators weigh the same ticks alike."""
+def _is_same(one: SampleOperator, other: SampleOperator) -> bool:
     return np.array_equal(one.ticks, other.ticks) and abs(one.matrix - other.matrix).max() < SAME_OPERATOR

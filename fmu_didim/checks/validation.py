@@ -42,7 +42,7 @@ class Validation:
 
 def validate(model: LoopModel, values: Array, label: str) -> Validation:
     """Simulate an experiment with values (p,) and compare the torques."""
-    run, measured = model.simulation(values, label), model.measured_in(label)
+    run, measured = model.simulation(values, label), model.experiments.measured_in(label)
     every, motion = None, dict[str, Array]()
     try:
         simulated, failure = run.torque(), ""

@@ -44,7 +44,7 @@ def add_campaign(commands: Any, say: Say) -> None:
     one = task("run", _run, "run what is not in the folder yet; the exit code is 3 where runs have failed")
     one.add_argument("campaign", type=Path, metavar="CAMPAIGN.yaml", help="the campaign file")
     one.add_argument("--out", type=Path, metavar="RUN", help="folder of the results (results/<campaign>)")
-    one.add_argument("--dry-run", action="store_true", help="check all, tell count, first runs and time, by two trials")
+    one.add_argument("--dry-run", action="store_true", help="check all, show count, first runs and time, by two trials")
     two = task("retry", _retry, "run again what has failed, or the runs named by --only")
     for each in (one, two):
         each.add_argument("--only", nargs="+", default=[], metavar="ID", help="only these runs, again if need be")
@@ -69,7 +69,7 @@ def _run(options: argparse.Namespace, say: Say) -> int:
         for line in found.dry_run(workers=options.workers).lines():
             say(line)
         return 0
-    return _told(found, options, say)
+    return _reported(found, options, say)
 
 
 def _retry(options: argparse.Namespace, say: Say) -> int:
@@ -80,11 +80,11 @@ def _retry(options: argparse.Namespace, say: Say) -> int:
     if not options.only:
         say("No run has failed.")
         return 0
-    return _told(found, options, say)
+    return _reported(found, options, say)
 
 
-def _told(found: Campaign, options: argparse.Namespace, say: Say) -> int:
-    """Run, and tell what happens."""
+def _reported(found: Campaign, options: argparse.Namespace, say: Say) -> int:
+    """Run, and report the progress."""
     from fmu_didim.campaigns.reporting.sections import duration
 
     def progress(now: Progress) -> None:

@@ -1,4 +1,4 @@
-"""What a long job shows: plain lines in a file or a pipe; colour, a live table and a running clock in a terminal."""
+"""Progress of a long job: plain lines in a file or a pipe; colour, a live table and a running clock in a terminal."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ ROWS = 12
 
 
 def begin() -> None:
-    """A command begins now: what its process did before, such as the shell that it was, is not counted."""
+    """Start the clock of a command: earlier work of its process is not counted."""
     _begun[0] = time.perf_counter()
 
 
@@ -54,7 +54,7 @@ def raw(stream: Any) -> TextIO:
 
 
 def is_terminal(stream: Any) -> bool:
-    """Whether what is written there is seen by a person, who sees colours, too."""
+    """Whether a stream is a terminal that shows colours."""
     try:
         return bool(raw(stream).isatty()) and os.environ.get("TERM") != "dumb"
     except (AttributeError, ValueError):
@@ -77,7 +77,7 @@ def show(text: str, *, stream: Any = None, console: Console | None = None) -> No
 
 
 class Display:
-    """What ``identify`` and ``discover`` show while they work; a context.
+    """The progress of ``identify`` and ``discover``; a context.
 
     Args:
         quiet: whether nothing is shown; console: to write to, for tests.
@@ -117,7 +117,7 @@ class Display:
             self._console.print(self._table(self._iterations))
 
     def say(self, text: str) -> None:
-        """Tell what is done now, with the time since the command began."""
+        """Show the present work, with the time since the command began."""
         if self._quiet:
             return
         now = since_start()
@@ -130,12 +130,16 @@ class Display:
         self._live.refresh()
 
     def iteration(self, iteration: Iteration) -> None:
-        """Tell of a step of an estimator."""
+        """Show a step of an estimator."""
         if self._quiet:
             return
         now = since_start()
         if self._live is None:
-            print(_line(iteration, now), flush=True)
+            error = iteration.relative_error_percent
+            text = f"torque error {error:7.3f} %" if math.isfinite(error) else "no simulation       "
+            change = f", change {iteration.change:.2e}" if math.isfinite(iteration.change) else ""
+            note = f"  [{iteration.note}]" if iteration.note else ""
+            print(f"{now:6.1f} s  {iteration.stage:>6} {iteration.number}: {text}{change}{note}", flush=True)
             return
         self._iterations.append((now, iteration))
         self._live.refresh()
@@ -157,22 +161,14 @@ class Display:
         from rich.table import Table
 
         table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
-        for name, side in (
-            ("time", "right"),
-            ("step", "left"),
-            ("torque error", "right"),
-            ("change", "right"),
-            ("", "left"),
-        ):
-            table.add_column(name, justify="right" if side == "right" else "left")
+        for name in ("time", "step", "torque error", "change", ""):
+            table.add_column(name, justify="left" if name in ("step", "") else "right")
         for now, it in rows:
-            error = (
-                f"{it.relative_error_percent:.3f} %" if math.isfinite(it.relative_error_percent) else "no simulation"
-            )
+            percent = it.relative_error_percent
+            error = f"{percent:.3f} %" if math.isfinite(percent) else "no simulation"
             change = f"{it.change:.2e}" if math.isfinite(it.change) else ""
-            table.add_row(
-                f"{now:.1f} s", f"{it.stage} {it.number}", error, change, harmless(it.note).replace("[", "\\[")
-            )
+            note = harmless(it.note).replace("[", "\\[")
+            table.add_row(f"{now:.1f} s", f"{it.stage} {it.number}", error, change, note)
         return table
 
 
@@ -186,11 +182,3 @@ class CurrentStderr(logging.StreamHandler[TextIO]):
     def stream(self) -> TextIO:  # type: ignore[override]
         """Standard error as it is now."""
         return sys.stderr
-
-
-def _line(iteration: Iteration, now: float) -> str:
-    error = iteration.relative_error_percent
-    text = f"torque error {error:7.3f} %" if math.isfinite(error) else "no simulation       "
-    change = f", change {iteration.change:.2e}" if math.isfinite(iteration.change) else ""
-    note = f"  [{iteration.note}]" if iteration.note else ""
-    return f"{now:6.1f} s  {iteration.stage:>6} {iteration.number}: {text}{change}{note}"

@@ -83,7 +83,7 @@ def examples() -> dict[str, Example]:
     Raises:
         InputError: this installation holds none.
     """
-    content = tomllib.loads((_root() / INDEX).read_text(encoding="utf-8"))
+    content = tomllib.loads((examples_root() / INDEX).read_text(encoding="utf-8"))
     return {
         name: Example(name, entry["is"], tuple(Run(**run) for run in entry["run"]), entry.get("needs", ""))
         for name, entry in content.items()
@@ -99,7 +99,7 @@ def write_example(name: str, folder: Path) -> Written:
     known = examples()
     if name not in known:
         raise UnknownNameError("example", name, known)
-    example, adapted = known[name], _Adapted(_root())
+    example, adapted = known[name], _Adapted(examples_root())
     step = f"Name another folder: fmu-didim example {name} FOLDER."
     try:
         if folder.is_dir() and any(folder.iterdir()):
@@ -116,7 +116,7 @@ def write_example(name: str, folder: Path) -> Written:
     return Written(replace(example, runs=runs), folder, tuple(files))
 
 
-def _root() -> Path:
+def examples_root() -> Path:
     """The folder that holds the three trees: inside an installed package, or the project around it."""
     package = Path(__file__).parents[1]
     for root in (package / _PACKED, package.parent):

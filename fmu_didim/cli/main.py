@@ -38,13 +38,12 @@ def main(arguments: list[str] | None = None) -> int:
     begin()
     with printable():
         typed = sys.argv[1:] if arguments is None else arguments
-        return _run(_parser().parse_args(typed), typed)
+        return _run(command_parser().parse_args(typed), typed)
 
 
 def _run(options: argparse.Namespace, typed: Sequence[str]) -> int:
     try:
-        with _told(quiet=getattr(options, "quiet", False)), _code_allowed(not getattr(options, "no_code", False)):
-            _check_current_folder()
+        with _logged(quiet=getattr(options, "quiet", False)), _code_allowed(not getattr(options, "no_code", False)):
             _check_names(typed)
             return int(options.run(options))
     except KeyboardInterrupt:
@@ -85,19 +84,16 @@ def _code_allowed(allowed: bool) -> Iterator[None]:
             os.environ.pop(NO_CODE, None)
 
 
-def _check_current_folder() -> None:
+def _check_names(typed: Sequence[str]) -> None:
+    """Raise InputError where the current folder is gone, or a name cannot be written into any result or FMU."""
     try:
-        os.getcwd()  # noqa: PTH109 - Path.cwd() is the same
+        folder = os.getcwd()  # noqa: PTH109 - as the system gives it
     except OSError as error:
         raise InputError(
             "The current folder does not exist any more.", got=str(error), next_step="Change to another folder."
         ) from error
-
-
-def _check_names(typed: Sequence[str]) -> None:
-    """Raise InputError where a name could be handed to the system, but not be written into any result or FMU."""
     places = [os.environ.get(name, "") for name in ("HOME", "TMPDIR", "XDG_CACHE_HOME", "FMU_DIDIM_CACHE")]
-    for name in (*typed, os.getcwd(), *places):  # noqa: PTH109 - as the system gives it
+    for name in (*typed, folder, *places):
         try:
             name.encode("utf-8")
         except UnicodeEncodeError as error:
@@ -109,8 +105,8 @@ def _check_names(typed: Sequence[str]) -> None:
 
 
 @contextmanager
-def _told(*, quiet: bool) -> Iterator[None]:
-    """What the package logs stands on standard error: what takes long the first time, and what to know of an FMU."""
+def _logged(*, quiet: bool) -> Iterator[None]:
+    """Write what the package logs to standard error: work that takes long the first time, and warnings."""
     logger, handler = logging.getLogger("fmu_didim"), CurrentStderr()
     level = logger.level
     logger.addHandler(handler)
@@ -122,7 +118,7 @@ def _told(*, quiet: bool) -> Iterator[None]:
         logger.setLevel(level)
 
 
-def _parser() -> argparse.ArgumentParser:
+def command_parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="fmu-didim",
         description="Identify the dynamic parameters of robots and drives from motor torque alone (DIDIM).",
@@ -131,7 +127,12 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--version", action="version", version=f"%(prog)s {__version__}")
     parser.add_argument("--debug", action="store_true", help=_DEBUG)
-    parser.set_defaults(run=partial(_no_command, parser))
+
+    def no_command(_: argparse.Namespace) -> int:
+        parser.print_help(sys.stderr)
+        return EXIT_USAGE
+
+    parser.set_defaults(run=no_command)
     commands = parser.add_subparsers(metavar="COMMAND")
     for verb in add_prepare_verbs(commands, parser=parser):
         _add_common(verb, code=True)
@@ -139,13 +140,8 @@ def _parser() -> argparse.ArgumentParser:
     _add_export(commands)
     _add_fmu(commands)
     _add_cache(commands)
-    add_campaign(commands, _say)
+    add_campaign(commands, partial(print, flush=True))
     return parser
-
-
-def _no_command(parser: argparse.ArgumentParser, options: argparse.Namespace) -> int:
-    parser.print_help(sys.stderr)
-    return EXIT_USAGE
 
 
 _BEGIN = """begin with an example that ships with the package:
@@ -171,7 +167,7 @@ def _add_case_verbs(commands: _Commands) -> None:
     one.add_argument("--out", type=Path, metavar="DIR", help="folder for result.json and report.html (results/<case>)")
     one.add_argument("--figures", action="store_true", help=FIGURES)
     _add_output(one, "the result")
-    checked = _case_verb(commands, "check", _check, "look at a case before any long work", optional=True)
+    checked = _case_verb(commands, "check", _check, "check a case before any long work", optional=True)
     checked.add_argument("--codes", action="store_true", help="print all codes of diagnostics instead")
     checked.add_argument("--json", action="store_true", help="print what was found as JSON")
     two = _case_verb(commands, "simulate", _simulate, "simulate the closed loop of a case")
@@ -258,27 +254,17 @@ EXAMPLES: Mapping[str, Sequence[str]] = {
 def _add_export(commands: _Commands) -> None:
     help_ = "build the FMU of a robot or controller description, or write the loop of a case as an SSP archive"
     three = _verb(commands, "export", _export, help_)
-    three.add_argument(
-        "description",
-        type=Path,
-        metavar="DESCRIPTION.yaml",
-        help="a robot, a controller or a Modelica file; with --ssp a case",
-    )
-    three.add_argument(
-        "--ssp", type=Path, metavar="FILE.ssp", help="write the closed loop of a case, its FMUs and values"
-    )
-    three.add_argument(
-        "--result", type=Path, metavar="result.json", help="with --ssp: the identified values instead of the robot's"
-    )
+    help_ = "a robot, a controller or a Modelica file; with --ssp a case"
+    three.add_argument("description", type=Path, metavar="DESCRIPTION.yaml", help=help_)
+    help_ = "write the closed loop of a case, its FMUs and values"
+    three.add_argument("--ssp", type=Path, metavar="FILE.ssp", help=help_)
+    help_ = "with --ssp: the identified values instead of the robot's"
+    three.add_argument("--result", type=Path, metavar="result.json", help=help_)
     three.add_argument("--out", type=Path, default=Path(), metavar="DIR", help="folder for the FMU (this folder)")
     three.add_argument("--fmi", metavar="VERSION", help="version of the standard, such as 3.0")
-    three.add_argument(
-        "--platform",
-        action="append",
-        metavar="NAME",
-        help="machine to build for, may be repeated: linux-x86_64, linux-arm64, windows-x86_64, macos-x86_64, "
-        "macos-arm64 (this one)",
-    )
+    names = "linux-x86_64, linux-arm64, windows-x86_64, macos-x86_64, macos-arm64"
+    help_ = f"machine to build for, may be repeated: {names} (this one)"
+    three.add_argument("--platform", action="append", metavar="NAME", help=help_)
 
 
 def _add_fmu(commands: _Commands) -> None:
@@ -333,7 +319,7 @@ def _identify(options: argparse.Namespace) -> int:
 
 
 def _check(options: argparse.Namespace) -> int:
-    """Look at plant, parameters, data and start of a case; the exit code is 1 where something must be fixed."""
+    """Check plant, parameters, data and start of a case; the exit code is 1 where something must be fixed."""
     from fmu_didim.workflow import check
     from fmu_didim.workflow.reference.codes import codes_text
 
@@ -343,7 +329,7 @@ def _check(options: argparse.Namespace) -> int:
     if options.case is None:
         raise InputError("check needs a case.", next_step="fmu-didim check CASE.yaml, or fmu-didim check --codes.")
     with Display(quiet=options.json or not is_terminal(sys.stdout)) as display:
-        display.say(f"Looking at {options.case} ...")
+        display.say(f"Checking {options.case} ...")
         found = check(options.case)
     if options.json:
         print(json.dumps(found.saved(str(options.case)), indent=1))
@@ -407,7 +393,7 @@ def _export(options: argparse.Namespace) -> int:
 
 
 def _fmu_info(options: argparse.Namespace) -> int:
-    """Tell what an FMU is: version, interfaces, platforms, variables with units and start values."""
+    """Describe an FMU: version, interfaces, platforms, variables with units and start values."""
     from fmu_didim.workflow.fmu import fmu_info
 
     print(fmu_info(options.file))
@@ -429,7 +415,7 @@ def _fmu_check(options: argparse.Namespace) -> int:
 
 
 def _cache_show(options: argparse.Namespace) -> int:
-    """Tell where compiled and extracted files are kept, and how much of each kind."""
+    """Show where compiled and extracted files are kept, and how much of each kind."""
     from fmu_didim.base.cache import KINDS, LIMIT, cache_directory, entries
 
     found = list(entries())
@@ -472,12 +458,8 @@ def _stem(case: Path) -> str:
     return f"{case.resolve().parent.name}-{case.stem}"
 
 
-def _say(text: str) -> None:
-    print(text, flush=True)
-
-
 def _summary_on(display: Display, options: argparse.Namespace) -> Callable[[Result | Discovered], None]:
-    """What shows the table, before anything is written: it is there even if the disk is full."""
+    """A function that shows the table before anything is written: even if the disk is full."""
 
     def shown(found: Result | Discovered) -> None:
         display.close()

@@ -47,12 +47,25 @@ def add_prepare_verbs(commands: Commands, *, parser: argparse.ArgumentParser) ->
     Args:
         parser: of all verbs, whose options are completed.
     """
-    add = (_add_example, _add_init, _add_validate, _add_effects, _add_schema)
-    verbs = [one(commands) for one in add]
+    example, init = _add_example(commands), _add_init(commands)
+    validate = _verb(
+        commands, "validate", "find all mistakes in a case and in the files that it names, at once", _VALIDATE
+    )
+    validate.add_argument("case", type=Path, metavar="CASE.yaml", help="the case file")
+    validate.add_argument("--json", action="store_true", help="print them as JSON")
+    validate.set_defaults(run=_validate)
+    effects = _verb(commands, "effects", "list the physical effects, or explain one", _EFFECTS)
+    effects.add_argument("name", nargs="?", metavar="NAME", help="an effect, or my.py:Name of one of your own")
+    effects.add_argument("--json", action="store_true", help="print the entry, or all of them, as JSON")
+    effects.set_defaults(run=_effects)
+    help_ = "print the JSON Schema of a case, robot, controller or campaign file, or of an effect"
+    schema = _verb(commands, "schema", help_, _SCHEMA)
+    schema.add_argument("kind", choices=KINDS, help=", ".join(KINDS))
+    schema.set_defaults(run=_schema)
     shell = _verb(commands, "completion", "print the completion of commands and options for a shell", _COMPLETION)
     shell.add_argument("shell", choices=SHELLS, help=", ".join(SHELLS))
     shell.set_defaults(run=_completion, parser=parser)
-    return [*verbs, shell]
+    return [example, init, validate, effects, schema, shell]
 
 
 def _verb(commands: Commands, name: str, help_: str, examples: str) -> argparse.ArgumentParser:
@@ -89,34 +102,6 @@ def _add_init(commands: Commands) -> argparse.ArgumentParser:
     verb.add_argument("--plant", type=Path, metavar="FILE", help="the FMU or .mo file that is the plant")
     verb.add_argument("--controller", type=Path, metavar="FILE", help="the FMU or .mo file that is the controller")
     verb.set_defaults(run=_init)
-    return verb
-
-
-def _add_validate(commands: Commands) -> argparse.ArgumentParser:
-    verb = _verb(commands, "validate", "find all mistakes in a case and in the files that it names, at once", _VALIDATE)
-    verb.add_argument("case", type=Path, metavar="CASE.yaml", help="the case file")
-    verb.add_argument("--json", action="store_true", help="print them as JSON")
-    verb.set_defaults(run=_validate)
-    return verb
-
-
-def _add_effects(commands: Commands) -> argparse.ArgumentParser:
-    verb = _verb(commands, "effects", "list the physical effects, or explain one", _EFFECTS)
-    verb.add_argument("name", nargs="?", metavar="NAME", help="an effect, or my.py:Name of one of your own")
-    verb.add_argument("--json", action="store_true", help="print the entry, or all of them, as JSON")
-    verb.set_defaults(run=_effects)
-    return verb
-
-
-def _add_schema(commands: Commands) -> argparse.ArgumentParser:
-    verb = _verb(
-        commands,
-        "schema",
-        "print the JSON Schema of a case, robot, controller or campaign file, or of an effect",
-        _SCHEMA,
-    )
-    verb.add_argument("kind", choices=KINDS, help=", ".join(KINDS))
-    verb.set_defaults(run=_schema)
     return verb
 
 

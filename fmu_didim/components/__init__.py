@@ -1,4 +1,4 @@
-"""What runs in the loop: FMUs, python-control systems and CasADi models behind one interface."""
+"""The components of a loop: FMUs, python-control systems and CasADi models behind one interface."""
 
 from fmu_didim.components.base import Component, Instance, SameObject, rename
 from fmu_didim.components.block_control import to_control

@@ -193,9 +193,9 @@ class Component(ABC):
         return None
 
     def response_key(self) -> Hashable | None:
-        """All that decides how it answers to its inputs, values of its parameters included.
+        """Key of the response to the inputs, parameter values included: equal keys, equal responses.
 
-        None: that is not known, or it need not answer twice alike, such as an FMU of another tool.
+        None: it is not known, or two runs may differ, as of an FMU of another tool.
         """
         return None
 
@@ -259,7 +259,7 @@ def block_feedthrough(block: Block) -> frozenset[tuple[str, str]]:
 
 
 class SampleClock:
-    """Which instants t0 + n T of a sampled system fall into a step; counted, never accumulated."""
+    """The sample instants t0 + n T of a system; n is counted, so that rounding does not add up."""
 
     def __init__(self, start: float, period: float) -> None:
         self.start, self.period, self.count = start, period, 0

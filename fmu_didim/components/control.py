@@ -6,7 +6,6 @@ from collections.abc import Callable, Hashable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-import casadi as ca
 import numpy as np
 
 from fmu_didim.base.errors import FmuDidimError, SimulationError
@@ -15,9 +14,8 @@ from fmu_didim.components.base import Component, Instance, SameObject, SampleClo
 from fmu_didim.components.block_control import state_space, to_control
 from fmu_didim.components.native import Native, NativeLinear
 from fmu_didim.data.signals import Array, Variable
-from fmu_didim.dynamics.block import FEWEST_EXPLICIT, MAXIMUM_SUBSTEPS, Block, choose_substeps, runge_kutta_step
+from fmu_didim.dynamics.block import MAXIMUM_SUBSTEPS, Block, choose_substeps, runge_kutta_step
 
-StartFunction = Callable[[Array, Array], Array]
 DEFAULT_SUBSTEPS = 10
 
 
@@ -31,10 +29,8 @@ class ControlComponent(Component):
     Attributes:
         system: the python-control system.
         inputs, outputs, parameters: its variables, in the order of the system's signals.
-        initial_state: (nx,) start value of the state.
-        start: (u, p) -> x, instead of ``initial_state``, when the start follows from the first inputs.
-        rate: p -> fastest rate in 1/s, from which the substeps follow when ``substeps`` is None.
-        substeps: RK4 substeps in a communication step.
+        initial_state: (nx,) start value of the state; that of a block follows from the first inputs.
+        substeps: in a communication step; None: 10, or chosen from the rate of the block.
         origin: where the system comes from, for the provenance.
         block: the equations, if the system was made from a block; its matrices follow the parameters.
     """
@@ -44,8 +40,6 @@ class ControlComponent(Component):
     outputs: tuple[Variable, ...]
     parameters: tuple[Variable, ...] = ()
     initial_state: tuple[float, ...] = ()
-    start: StartFunction | None = None
-    rate: Callable[[Array], float] | None = None
     substeps: int | None = None
     origin: str = ""
     sample_time: float | None = field(default=None)
@@ -64,13 +58,13 @@ class ControlComponent(Component):
         if isinstance(self.system, _state_space()):  # python-control's own holds a function that cannot be pickled
             s = self.system
             names = {"inputs": s.input_labels, "outputs": s.output_labels, "states": s.state_labels, "name": s.name}
-            state["system"] = _Matrices((s.A, s.B, s.C, s.D), {**names, "dt": s.dt})
+            state["system"] = (s.A, s.B, s.C, s.D), {**names, "dt": s.dt}
         return state
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        if isinstance(state["system"], _Matrices):
-            matrices = state["system"]
-            state = {**state, "system": state_space(*matrices.arguments, **matrices.names)}
+        if isinstance(state["system"], tuple):
+            matrices, names = state["system"]
+            state = {**state, "system": state_space(*matrices, **names)}
         self.__dict__.update(state)
 
     def with_names(self, inputs: tuple[Variable, ...], outputs: tuple[Variable, ...]) -> ControlComponent:
@@ -112,14 +106,6 @@ class ControlComponent(Component):
         }
 
 
-@dataclass(frozen=True)
-class _Matrices:
-    """A ``StateSpace`` as it is pickled."""
-
-    arguments: tuple[Any, ...]
-    names: dict[str, Any]
-
-
 def _state_space() -> Any:
     import control
 
@@ -156,8 +142,9 @@ class _ControlInstance(Instance):
         self._initialising = False
 
     def _start(self) -> None:
-        if self._component.start is not None:
-            self._x = np.asarray(self._component.start(self._held, self._p), dtype=float)
+        block = self._component.block
+        if block is not None and block.states:
+            self._x = block.start(self._held, self._p).full().ravel()
 
     def set(self) -> None:
         self._held[:] = self.inputs
@@ -184,7 +171,7 @@ class _ControlInstance(Instance):
         self._time = time + size
 
     def _failed(self, what: str, error: BaseException) -> SimulationError:
-        """What a function of the user raised."""
+        """The error of a function of the user."""
         return SimulationError(
             f"its {what} function cannot be run: {raised(error)}.", where=self._component.origin,
             next_step="Fix the python-control system.",
@@ -207,12 +194,12 @@ class _ControlInstance(Instance):
         self._x = x
 
     def _choose(self, size: float) -> int:
-        rate = self._component.rate
+        block = self._component.block
+        if block is None or block.step_rate is None:
+            return DEFAULT_SUBSTEPS
         if size not in self._chosen:  # the rate belongs to the parameters, which do not change in a run
-            block = self._component.block
-            fewest = block.fewest_substeps if block is not None else FEWEST_EXPLICIT
-            found = DEFAULT_SUBSTEPS if rate is None else choose_substeps(rate(self._p), size, minimum=fewest)
-            self._chosen[size] = found
+            rate = float(block.step_rate(block.start(np.zeros(len(block.inputs)), self._p), self._p))
+            self._chosen[size] = choose_substeps(rate, size, minimum=block.fewest_substeps)
         return self._chosen[size]
 
     def _sample(self, time: float, size: float) -> None:
@@ -276,24 +263,6 @@ def _functions(system: Any, parameters: dict[str, float]) -> tuple[Callable[...,
     )
 
 
-@dataclass(frozen=True)
-class _BlockStart:
-    function: ca.Function
-
-    def __call__(self, u: Array, p: Array) -> Array:
-        return np.asarray(self.function(u, p).full()).ravel()
-
-
-@dataclass(frozen=True)
-class _BlockRate:
-    block: Block
-
-    def __call__(self, p: Array) -> float:
-        u = np.zeros(len(self.block.inputs))
-        assert self.block.step_rate is not None
-        return float(self.block.step_rate(self.block.start(u, p), p))
-
-
 def block_as_control(block: Block, *, substeps: int | None = None) -> ControlComponent:
     """A block run as a python-control system, with the start, the substeps and the integration method of the block."""
     return ControlComponent(
@@ -302,8 +271,6 @@ def block_as_control(block: Block, *, substeps: int | None = None) -> ControlCom
         outputs=block.outputs,
         parameters=block.parameters,
         initial_state=(0.0,) * len(block.states),
-        start=_BlockStart(block.start) if block.states else None,
-        rate=_BlockRate(block) if block.step_rate is not None else None,
         substeps=substeps,
         origin=f"block '{block.name}'",
         block=block,

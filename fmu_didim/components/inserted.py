@@ -16,7 +16,7 @@ from fmu_didim.dynamics.effects.inserted import InsertedEffect
 
 @dataclass(frozen=True)
 class InsertedComponent(ModelComponent):
-    """A component that knows which effect it is; by that its place in the drive is found.
+    """A component that holds its effect, from which its place in the drive follows.
 
     Attributes:
         effect: the effect whose block it is.

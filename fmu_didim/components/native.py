@@ -1,4 +1,4 @@
-"""What the compiled loop needs to know of a running instance: C functions and the memory they work on."""
+"""A running instance for the compiled loop: C functions and the memory they work on."""
 
 from __future__ import annotations
 

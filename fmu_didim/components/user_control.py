@@ -15,7 +15,7 @@ from fmu_didim.data.signals import Array, Variable
 
 
 def is_control(value: object) -> bool:
-    """Whether an object is a python-control system, of whatever class."""
+    """Whether an object is a python-control system of any class."""
     return hasattr(value, "nstates") and hasattr(value, "input_labels")
 
 
@@ -83,7 +83,7 @@ def _with_states(system: Any, origin: str) -> Any:
         )
     if None in (system.nstates, system.ninputs, system.noutputs):
         raise InputError(
-            "The python-control system does not say its sizes.",
+            "The sizes of the python-control system are unknown.",
             where=origin,
             next_step="Give inputs, outputs and states to control.nlsys.",
         )
@@ -116,7 +116,7 @@ def law_arguments(function: Callable[..., Any], *, origin: str = "") -> tuple[st
     unknown = [name for name in names if name not in (*LAW_INPUTS, "t")]
     if odd or unknown:
         raise InputError(
-            "A control law has arguments that nothing gives: they go by their names, not by their order.",
+            "A control law has unknown arguments: they are passed by name, not by position.",
             where=origin, got=", ".join([*odd, *unknown]), valid=(*LAW_INPUTS, "t"),
             next_step="Write it as def law(q_ref, dq_ref, q, dq): return the (n,) commands; values with a default, "
             "kp=10.0, become parameters of the controller.",
@@ -129,7 +129,7 @@ def _signature(function: Callable[..., Any], origin: str) -> inspect.Signature:
         return inspect.signature(function)
     except (TypeError, ValueError) as error:
         raise InputError(
-            "This callable does not tell its arguments.", where=origin, got=type(function).__name__,
+            "The arguments of this callable are unknown.", where=origin, got=type(function).__name__,
             next_step="Wrap it: def law(q_ref, dq_ref, q, dq): ...",
         ) from error  # fmt: skip
 
@@ -171,7 +171,7 @@ def wrap_law(function: Callable[..., Any], joint_count: int, *, origin: str = ""
 
 
 def _try(command: Callable[[Array], Array], stems: int, joint_count: int, origin: str) -> None:
-    """Raise InputError where a law does not run, gives another number of commands, or remembers what it was given."""
+    """Raise InputError where a law does not run, returns another number of commands, or keeps a state."""
     one = np.linspace(0.1, 0.2, stems * joint_count)
     found = [
         run_code(lambda u=u: command(u), what="control law", where=origin, got=origin)  # type: ignore[misc]

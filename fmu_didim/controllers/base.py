@@ -1,4 +1,4 @@
-"""What a control law is: its options as a document, and the sampled block it builds.
+"""The base class of control laws: options as a document, and the sampled block built from them.
 
 A new law is one file with one class derived from :class:`ControlLaw`, and one row in
 ``fmu_didim.controllers.LAWS``. Inputs are named ``q_ref<j>``, ``dq_ref<j>``, ``ddq_ref<j>``, ``q<j>``

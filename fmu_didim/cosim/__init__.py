@@ -1,7 +1,7 @@
 """The master: wiring, order and time of the loop, and its recording."""
 
 from fmu_didim.cosim.execution.instance_pool import InstancePool
-from fmu_didim.cosim.execution.interpreted import Observer
+from fmu_didim.cosim.execution.running import Observer
 from fmu_didim.cosim.insertion import insert_after_output, insert_before_input, insert_effect, logged_torque
 from fmu_didim.cosim.recording import Recording
 from fmu_didim.cosim.recording_cache import KeptRecordings, response_key

@@ -57,7 +57,7 @@ def insert_after_output(system: System, name: str, component: Component, *, of: 
     _check_place(system, source, variable, kind="output")
     takers = [c.target.partition(".")[0] for c in system.connections if c.source == of]
     if not takers:
-        raise InputError("Nothing takes this output.", where=f"insertion of '{name}'", got=of)
+        raise InputError("Nothing is connected to this output.", where=f"insertion of '{name}'", got=of)
     moved = tuple(replace(c, source=outside) if c.source == of else c for c in system.connections)
     first = next(each for each in system.order if each in takers)
     return _with_component(system, name, component, (*moved, Connection(of, inside)), before=first)
@@ -115,7 +115,7 @@ def insert_effect(
 ) -> System:
     """The system with an effect of a drive or a sensor at one joint, as the component ``<effect><joint>``.
 
-    Effects of one drive lie in the order of their ranks, whatever the order in which they are added, so that
+    Effects of one drive lie in the order of their ranks, independent of the order in which they are added, so that
     :func:`logged_torque` knows where the torque log is taken.
 
     Args:

@@ -1,4 +1,4 @@
-"""What a run of the loop leaves."""
+"""The signals recorded in a run of the loop."""
 
 from __future__ import annotations
 

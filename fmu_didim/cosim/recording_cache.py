@@ -1,6 +1,6 @@
-"""Recordings kept for those who ask for the same run again.
+"""Recordings kept for runs that are asked for again.
 
-A fit, what judges it, what is written of it and the next round of discovery all look at the loop with the same values.
+A fit, its checks, its report and the next round of discovery run the loop with the same values.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from fmu_didim.cosim.recording import Recording
 from fmu_didim.cosim.system import System
 
 MOST_NUMBERS = 1 << 23
-"""Numbers that are kept at most (64 MiB): some 40 runs of six joints at the samples of a log, or three at all ticks."""
+"""[1] Numbers kept at most (64 MiB): some 40 runs of six joints at the samples of a log, or three at all ticks."""
 
 
 class KeptRecordings:

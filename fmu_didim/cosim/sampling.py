@@ -21,7 +21,7 @@ Indices = NDArray[np.signedinteger[Any]]
 Kind = Literal["point", "average"]
 Window = Literal["preceding", "centred", "following"]
 JITTER = 0.01
-"""Part of a control period by which the stamp of an instant may lie before its tick: clocks are rounded."""
+"""[1] Fraction of a control period by which the stamp of an instant may lie before its tick: clocks are rounded."""
 MOST_SAMPLES = 5_000_000
 """[1] Samples of a log at another rate at most: an hour at 1 kHz, which fits into memory."""
 _SHIFT = {"preceding": -1.0, "centred": -0.5, "following": 0.0}
@@ -140,13 +140,8 @@ def sample_operator(
     """
     position = (times - start) / step
     last = tick_count
-    match kind:
-        case "point":  # it needs a period that begins there
-            end = last - JITTER
-        case "average":  # its window may end where the last period does
-            end = last + JITTER
-        case _:
-            assert_never(kind)
+    # A point needs a period that begins there; the window of an average may end where the last period does.
+    end = last - JITTER if kind == "point" else last + JITTER
     first_bad = np.flatnonzero((position < -JITTER) | (position >= end))
     if first_bad.size:
         t = times[first_bad[0]]
@@ -226,7 +221,7 @@ def decimated_times(time: Array, rate_hz: float, phase_s: float = 0.0) -> Array:
     wanted = float(np.floor((time[-1] - first) / period + 1e-6)) + 1
     if not wanted <= MOST_SAMPLES:
         raise InputError(
-            "The log has not so many samples.", where="torque.rate_hz", got=f"{rate_hz:g} Hz",
+            "The log has fewer samples than that.", where="torque.rate_hz", got=f"{rate_hz:g} Hz",
             valid=f"at most {MOST_SAMPLES} samples", next_step="Leave rate_hz out to take all that the log has.",
         )  # fmt: skip
     count = int(wanted)

@@ -14,8 +14,8 @@ from fmu_didim.base.errors import FmuDidimError
 from fmu_didim.components.fmu.library import CURRENT_FOLDER
 from fmu_didim.cosim.execution.in_process import check_reference, run_in_process
 from fmu_didim.cosim.execution.instance_pool import InstancePool
-from fmu_didim.cosim.execution.interpreted import Observer
-from fmu_didim.cosim.execution.separate_process import Order, needing_own_process, run_in_separate_process
+from fmu_didim.cosim.execution.running import Observer, Order
+from fmu_didim.cosim.execution.separate_process import needing_own_process, run_in_separate_process
 from fmu_didim.cosim.recording import Recording
 from fmu_didim.cosim.system import System
 from fmu_didim.data.signals import Trajectory
@@ -55,14 +55,13 @@ def simulate(
             the error names it.
         SimulationError, FmuError: a component refused a call, or ended its process.
     """
+    order = Order(system, reference, ticks, bounds, observe, compiled)
     try:
         if fmus := needing_own_process(system):
-            check_reference(system, reference, ticks)
-            return run_in_separate_process(Order(system, reference, ticks, bounds, observe, compiled), fmus, pool)
+            check_reference(order)
+            return run_in_separate_process(order, fmus, pool)
         with _same_folder():
-            return run_in_process(
-                system, reference, ticks=ticks, bounds=bounds, observe=observe, pool=pool, compiled=compiled
-            )  # fmt: skip
+            return run_in_process(order, pool)
     except FmuDidimError as error:
         if pool is not None and error.component and system.components[error.component].equations() is None:
             pool.failure = pool.failure or error  # known equations fail by the values they are given

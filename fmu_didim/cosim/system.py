@@ -212,7 +212,7 @@ def closed_loop(
 
 
 def _to_controller(controller: Component, plant_outputs: set[str], reference_names: Sequence[str]) -> list[Connection]:
-    """What gives the inputs of the controller, by their names."""
+    """The connections to the inputs of the controller, by their names."""
     connections = []
     for variable in controller.inputs:
         for gain, name in _terms(variable.name):

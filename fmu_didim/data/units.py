@@ -22,7 +22,7 @@ _log = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class UnitDefinition:
-    """What a unit is in SI base units.
+    """A unit in SI base units.
 
     Attributes:
         exponents: of :data:`BASE_UNITS`.
@@ -73,7 +73,7 @@ _FACTOR = re.compile(r"([A-Za-z]+|1)\^?([+-]?\d+)?")
 
 
 def parse_unit(unit: str) -> UnitDefinition | None:
-    """What a unit string means; None if it is not known or may mean two things.
+    """The unit of a string; None if it is not known or ambiguous.
 
     Syntax as in FMI and Modelica: factors ``symbol[exponent]`` joined by ``.``, at most one ``/`` followed by one
     factor or by several in parentheses: ``kg.m2``, ``mN.m``, ``deg/s``, ``W/(m2.K)``.
@@ -100,13 +100,10 @@ def parse_unit(unit: str) -> UnitDefinition | None:
 
 
 def _symbol(name: str) -> UnitDefinition | None:
-    known = _SYMBOLS.get(name)
-    if known is not None:
-        return known
-    if name[:1] in _PREFIXES and name[1:] in _PREFIXED:
+    if name not in _SYMBOLS and name[:1] in _PREFIXES and name[1:] in _PREFIXED:
         base = _SYMBOLS[name[1:]]
         return UnitDefinition(base.exponents, _PREFIXES[name[0]] * base.factor)
-    return None
+    return _SYMBOLS.get(name)
 
 
 # Words of drives and loggers that a library of units does not know, or takes for something else: Nm is no nanometre,
@@ -125,9 +122,9 @@ _SHORT = re.compile(r"(?!.*\d\d\d)[A-Za-z0-9µμΩ°%‰^*/.()\- ]{1,30}")
 
 @cache
 def known_unit(text: str) -> UnitDefinition | None:
-    """What a unit in a file or a case means, as people write it: ``°``, ``Nm``, ``µm``, ``in``, ``U/min``, ``deg/s^2``.
+    """The unit of a text, as people write it: ``°``, ``Nm``, ``µm``, ``in``, ``U/min``, ``deg/s^2``.
 
-    As :func:`parse_unit`, and beyond it all units of ``pint``. None if it is not known or may mean two things.
+    As :func:`parse_unit`, and beyond it all units of ``pint``. None if it is not known or ambiguous.
     """
     text = text.strip().replace("²", "2").replace("³", "3").replace("·", ".").replace("⋅", ".")
     if text in _TWO_MEANINGS or not _SHORT.fullmatch(text):
@@ -163,9 +160,8 @@ def _by_pint(text: str) -> UnitDefinition | None:
     exponents = [powers.pop(_PINT_BASE[name], 0) for name in BASE_UNITS]
     if powers or any(power != int(power) for power in exponents):
         return None
-    offset = (
-        0.0 if registry.Quantity(1, unit)._is_multiplicative else float(registry.Quantity(0, unit).to_base_units().m)
-    )
+    zero = registry.Quantity(0, unit)
+    offset = 0.0 if zero._is_multiplicative else float(zero.to_base_units().m)
     return UnitDefinition(tuple(int(power) for power in exponents), float(factor), offset)
 
 

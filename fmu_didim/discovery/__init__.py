@@ -1,1 +1,1 @@
-"""Discovery: where simulation and measurement disagree, what is missing, and the model with it."""
+"""Discovery: the effects that a model lacks, and the model with them."""

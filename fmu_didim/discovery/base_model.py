@@ -29,17 +29,16 @@ FIRST_NOISE = 1e-9
 """[N.m or N] Smallest deviation of a torque with which the first fit weights a joint."""
 
 BASE_FIT = Stopping(exact=True)
-"""The base model is fitted once, and what it can absorb is projected out of all candidates: with the best
-sensitivities."""
+"""The best sensitivities, which are projected out of all candidates."""
 NO_REPETITION = (
-    "The motion does not repeat: the noise is taken from what the residual holds above the frequencies of the motion, "
+    "The motion does not repeat: the noise is taken from the residual above the frequencies of the motion, "
     "an upper bound."
 )
 
 
 @dataclass(frozen=True)
 class Prepared:
-    """The base model, fitted with the noise of its data, and what there is to say of that."""
+    """The base model, fitted with the noise of its data, and notes on it."""
 
     fit: Fit
     notes: tuple[str, ...] = ()
@@ -48,10 +47,8 @@ class Prepared:
 def prepare(model: LoopModel) -> Prepared:
     """Noise and base fit of a loop model, from its own values or, where the loop fails with them, as identification.
 
-    A robot of which nothing is known, as ``init`` writes it, has no inertia at all.
-
     Raises:
-        InputError: the torque logs are too short; SimulationError: no start holds.
+        InputError: the torque logs are too short; SimulationError: the loop fails with all start values.
     """
     try:
         return _from_start(model)
@@ -76,7 +73,9 @@ def _from_start(model: LoopModel) -> Prepared:
         )
     model = with_nuisances(model)
     repeated, notes = repeated_noise(model)
-    first = pooled(list(repeated.values())) if repeated else _any_noise(model)
+    spread = np.maximum(np.std(model.measured, axis=0), FIRST_NOISE)
+    # Without repetition all joints are weighted alike at first; then the residual shows the noise.
+    first = pooled(list(repeated.values())) if repeated else Noise(spread, np.zeros(spread.size), "residual")
     known = first.deviation if repeated else None
     fit = minimise(with_fitting_substeps(model, model.start, known), first, stopping=BASE_FIT)
     if repeated:
@@ -86,16 +85,10 @@ def _from_start(model: LoopModel) -> Prepared:
     return Prepared(integrated(fit), (*notes, NO_REPETITION))
 
 
-def _any_noise(model: LoopModel) -> Noise:
-    """For a first fit without repetition: all joints alike; then the noise is what the residual shows."""
-    spread = np.std(model.measured, axis=0)
-    return Noise(np.maximum(spread, FIRST_NOISE), np.zeros(spread.size), "residual")
-
-
 def with_nuisances(model: LoopModel) -> LoopModel:
     """The model with the smoothing velocity of each joint's Coulomb friction free: left fixed, its error would be taken
     for friction at low speed."""
-    offered = {v.name: v for v in model.plant.parameters}
+    offered = {v.name: v for v in model.loop.plant.parameters}
     references = [model.experiments[label].reference for label in model.estimation_labels]
     free_parameters = []
     for j in range(1, model.joint_count + 1):
@@ -105,9 +98,8 @@ def with_nuisances(model: LoopModel) -> LoopModel:
         speed = max(float(np.abs(joint_reference(reference, j)[1]).max()) for reference in references)
         if speed <= 0:
             continue
-        scale, value = SMOOTHING_SCALE, offered[name].start  # what is known of the robot lies within the limits
+        unit, value = offered[name].unit, offered[name].start  # which lies within the limits
         low, high = min(SMOOTHING[0] * speed, value), max(SMOOTHING[1] * speed, value)
-        free_parameters.append(
-            FreeParameter(name, offered[name].unit, PLANT, name, value, scale * value, low, high, is_shape=True)
-        )
-    return model.with_free(free_parameters)
+        scale = SMOOTHING_SCALE * value
+        free_parameters.append(FreeParameter(name, unit, PLANT, name, value, scale, low, high, is_shape=True))
+    return model.with_free((*model.free_parameters, *free_parameters))

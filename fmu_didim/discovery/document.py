@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
-from typing import Any
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from fmu_didim.base.diagnostics import Diagnostic
 from fmu_didim.base.errors import SimulationError
 from fmu_didim.data.signals import Array
 from fmu_didim.discovery.augmentation.builder import LoopModelBuilder
 from fmu_didim.discovery.friction import friction_curves
 from fmu_didim.discovery.judge import answer_of, judged
-from fmu_didim.discovery.localise import Region, force_windows
+from fmu_didim.discovery.localise import force_windows
+from fmu_didim.discovery.request import Request
 from fmu_didim.discovery.selection.decide import Step
 from fmu_didim.discovery.selection.rounds import Discovery, Ending
 from fmu_didim.discovery.unfinished import unfinished_search
@@ -23,7 +21,6 @@ from fmu_didim.fit.gap import Ratio, joint_gaps, total_gap
 from fmu_didim.fit.noise.noise import Noise
 from fmu_didim.fit.statistics import confidence_interval, relative_error_percent
 from fmu_didim.model.free_parameter import FreeParameter
-from fmu_didim.model.loop_description import EffectAtJoint
 from fmu_didim.results.findings import (
     ANSWER_TEXT,
     Answer,
@@ -42,77 +39,65 @@ Residuals = dict[str, tuple[Array, Array]]
 """Label of each experiment -> residuals (N, n) of the base and of the final model."""
 
 
-@dataclass(frozen=True)
-class Circumstances:
-    """What is known of a discovery apart from its findings.
-
-    Attributes:
-        name: of the case; case: its file, for the commands that reasons name; limit_s: time that the search had.
-        notes: further remarks; doubts: what is wrong with the data; provenance: where all of it comes from.
-    """
-
-    name: str
-    case: str
-    limit_s: float | None
-    notes: Sequence[str]
-    doubts: Sequence[Diagnostic]
-    provenance: Mapping[str, Any]
-
-
 def findings_document(
-    about: Circumstances,
+    request: Request,
     discovery: Discovery,
     builder: LoopModelBuilder,
     *,
     ratio: Ratio | None,
-    outside: Sequence[FindingResult] = (),
-    windows: Sequence[WindowResult] = (),
-    found_regions: Sequence[Region] = (),
+    notes: Sequence[str],
+    outside: Sequence[FindingResult],
+    windows: Sequence[WindowResult],
+    regions: Sequence[RegionResult],
 ) -> FindingsDocument:
     """Everything that was found, with intervals and gaps.
 
     Args:
-        discovery: base, final model and the steps between.
         ratio: of the held-out RMS of final and base model, None if nothing was added or held out.
         outside: torques from outside, which come first; windows: when they acted.
-        found_regions: where the base model disagrees.
+        regions: where the base model disagrees.
     """
     residuals = _residuals(discovery)
-    unfinished_diagnostic, unfinished = unfinished_search(discovery, about.limit_s)
-    judgement = judged(discovery, unfinished_diagnostic, about.doubts)
+    unfinished_diagnostic, unfinished = unfinished_search(discovery, request.progress.limit_s)
+    judgement = judged(discovery, unfinished_diagnostic, request.doubts)
     answer: Answer = "unfinished" if unfinished is not None else answer_of(discovery, judgement)
-    units = discovery.base.model.parameters.torque_units
+    base = discovery.base
     return FindingsDocument(
-        name=about.name,
+        name=request.name,
         answer=answer,
         text=ANSWER_TEXT[answer],
         verdict=judgement.verdict,
-        reasons=judgement.saved(about.case),
+        reasons=judgement.saved(request.case),
         unfinished=unfinished,
         findings=[*outside, *(_finding(step, discovery, builder) for step in discovery.steps)],
-        roles={label: e.role for label, e in discovery.base.model.experiments.items()},
-        gap={label: gap_pair(before, after, discovery.base.noise) for label, (before, after) in residuals.items()},
+        roles={label: e.role for label, e in base.model.experiments.items()},
+        gap={label: gap_pair(before, after, base.noise) for label, (before, after) in residuals.items()},
         error_percent=_errors(discovery, residuals),
         ratio_interval=(ratio.low, ratio.high) if ratio is not None else None,
-        noise=_noise(discovery.base.noise),
-        regions=[RegionResult(**asdict(region)) for region in found_regions],
+        noise=NoiseResult(
+            source=base.noise.source, std=base.noise.deviation.tolist(), correlation=base.noise.correlation.tolist(),
+            period_s=base.noise.period_s, periods=base.noise.periods,
+        ),
+        regions=list(regions),
         windows=[*windows, *(() if discovery.ending is Ending.RUNNING else _windows(discovery, residuals))],
         refused=[(a.effect, a.joint, why) for a, why in discovery.refused],
         candidates=_candidates(discovery),
         base_parameters=values_found(discovery.final, lambda parameter: parameter.effect is None),
-        base_fit=values_found(discovery.base, lambda parameter: parameter.effect is None),
-        regrouping=discovery.base.model.parameters.relations(),
-        friction=friction_curves(builder, discovery.base, discovery.final),
-        torque_unit=list(units),
+        base_fit=values_found(base, lambda parameter: parameter.effect is None),
+        regrouping=base.model.parameters.relations(),
+        friction=friction_curves(builder, base, discovery.final),
+        torque_unit=list(base.model.parameters.torque_units),
         seconds=0.0,
-        notes=[*about.notes, *(step.remark for step in discovery.steps if step.remark)],
+        notes=[*notes, *(step.remark for step in discovery.steps if step.remark)],
         files={},
-        provenance={**about.provenance, "catalogue": sorted(builder.effects)},
+        provenance={
+            **request.provenance, "options": request.options.record(), "catalogue": sorted(builder.effects),
+        },
     )  # fmt: skip
 
 
 def _candidates(discovery: Discovery) -> list[CandidateResult]:
-    """What became of each candidate, round by round."""
+    """The outcome of each candidate, round by round."""
     last = {t.effect_at: number for number, comparison in enumerate(discovery.tried, start=1) for t in comparison}
     added = {step.effect_at for step in discovery.steps}
     return [
@@ -139,7 +124,10 @@ def _finding(step: Step, discovery: Discovery, builder: LoopModelBuilder) -> Fin
         parameters=values_found(discovery.final, lambda parameter: parameter.effect == index),
         share_of_gap=step.share,
         delta_bic=step.delta_bic,
-        ambiguous=[_rival(a, behind, builder) for a, behind in step.ambiguous],
+        ambiguous=[
+            Rival(effect=a.effect, title=builder.effect(a).title, joint=a.joint, bic_behind=behind)
+            for a, behind in step.ambiguous
+        ],
         experiment=effect.experiment,
         gap={
             label: GapPair(
@@ -150,11 +138,6 @@ def _finding(step: Step, discovery: Discovery, builder: LoopModelBuilder) -> Fin
         },
         ratio_interval=(step.ratio.low, step.ratio.high) if step.ratio is not None else None,
     )  # fmt: skip
-
-
-def _rival(effect_at: EffectAtJoint, behind: float, builder: LoopModelBuilder) -> Rival:
-    title = builder.effect(effect_at).title
-    return Rival(effect=effect_at.effect, title=title, joint=effect_at.joint, bic_behind=behind)
 
 
 def gap_pair(before: Array, after: Array, noise: Noise) -> GapPair:
@@ -193,7 +176,7 @@ def _residuals(discovery: Discovery) -> Residuals:
             try:
                 pair.append(fit.residual_in(label))
             except SimulationError:
-                pair.append(np.full(discovery.base.model.measured_in(label).shape, np.inf))
+                pair.append(np.full(discovery.base.model.experiments.measured_in(label).shape, np.inf))
         result[label] = (pair[0], pair[1])
     return result
 
@@ -201,31 +184,21 @@ def _residuals(discovery: Discovery) -> Residuals:
 def _errors(discovery: Discovery, residuals: Residuals) -> dict[str, tuple[float | None, float | None]]:
     result = {}
     for label, pair in residuals.items():
-        measured = discovery.base.model.measured_in(label)
+        measured = discovery.base.model.experiments.measured_in(label)
         percent = [relative_error_percent(measured, measured - r)[0] if np.isfinite(r).all() else None for r in pair]
         result[label] = (percent[0], percent[1])
     return result
 
 
 def _windows(discovery: Discovery, residuals: Residuals) -> list[WindowResult]:
-    """Intervals with a force of their own, in what the final model leaves: the drive must make up for it."""
-    result = []
-    for label, (_, residual) in residuals.items():
-        if not np.isfinite(residual).all():
-            continue
-        for w in force_windows(residual, discovery.final.model.experiments[label].time, discovery.final.noise):
-            result.append(WindowResult(**asdict(replace(w, torque=-w.torque)), experiment=label))
-    return result
-
-
-def _noise(noise: Noise) -> NoiseResult:
-    return NoiseResult(
-        source=noise.source,
-        std=noise.deviation.tolist(),
-        correlation=noise.correlation.tolist(),
-        period_s=noise.period_s,
-        periods=noise.periods,
-    )
+    """Intervals of time in which the residual of the final model shows a torque from outside."""
+    final = discovery.final
+    return [
+        window
+        for label, (_, residual) in residuals.items()
+        if np.isfinite(residual).all()
+        for window in force_windows(residual, final.model.experiments[label].time, final.noise, label)
+    ]
 
 
 def _norm(gaps: Array) -> float:

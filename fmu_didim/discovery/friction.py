@@ -7,7 +7,7 @@ over all effects of the joint whose columns depend on nothing but its velocity, 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
@@ -15,7 +15,7 @@ from scipy import stats
 
 from fmu_didim.data.signals import Array
 from fmu_didim.discovery.augmentation.builder import LoopModelBuilder
-from fmu_didim.dynamics.effects import UNITS, Surroundings, TorqueEffect
+from fmu_didim.dynamics.effects import UNITS, Surroundings
 from fmu_didim.dynamics.robot import RobotDescription
 from fmu_didim.dynamics.robot.description import Joint
 from fmu_didim.fit.fit import Fit
@@ -28,8 +28,7 @@ from fmu_didim.results.findings import FrictionResult
 CURVE_POINTS = 161
 """[points] Of a friction curve on the page: a line without visible corners."""
 CURVE_DENSITY = 4.0
-"""[1] c of the velocities sinh(c x) / sinh(c): where friction turns they are seven times as dense as if equally
-spaced."""
+"""[1] c of the velocities sinh(c x) / sinh(c): seven times as dense about zero as equally spaced ones."""
 CURVE_STEP = 1e-5
 """[1] Step of the differences that give its band, as a fraction of a value or, where that is larger, of its standard
 deviation: between what rounding and what curvature would spoil."""
@@ -38,7 +37,7 @@ CURVE_SMALLEST = 1e-9
 
 
 def friction_curves(builder: LoopModelBuilder, base: Fit, final: Fit) -> list[FrictionResult]:
-    """The curves of the joints where the final model has such an effect that the base model lacks."""
+    """The curves of the joints that got an effect of this kind."""
     before, after = builder.description, builder.described(final.model.added_effects)
     added = {e.joint for e in final.model.added_effects}
     if before is None or after is None:
@@ -64,20 +63,21 @@ def friction_curves(builder: LoopModelBuilder, base: Fit, final: Fit) -> list[Fr
     return found
 
 
+@dataclass(frozen=True)
 class _Curve:
     """The friction of a joint as a compiled function of its velocity and of named parameters."""
 
-    def __init__(self, names: Sequence[str], function: ca.Function) -> None:
-        self.names, self._function = tuple(names), function
+    names: tuple[str, ...]
+    function: ca.Function
 
     def at(self, velocity: Array, values: dict[str, float]) -> Array:
         """Torque (m,) at velocities (m,)."""
         point = np.array([values[name] for name in self.names])
-        return np.array(self._function(velocity[None, :], point)).reshape(-1)
+        return np.array(self.function(velocity[None, :], point)).reshape(-1)
 
 
 def _curve(joint: Joint, number: int) -> _Curve | None:
-    """What of the joint's effects depends on its velocity alone; None without any."""
+    """The torque of the joint that depends on its velocity alone; None without any."""
     q, dq, ddq = (ca.SX.sym(name) for name in ("q", "dq", "ddq"))
     at = Surroundings(0, joint.type, q, dq, ddq)
     torque, symbols = ca.SX(0), dict[str, ca.SX]()
@@ -86,24 +86,18 @@ def _curve(joint: Joint, number: int) -> _Curve | None:
             continue
         amplitudes = {v.name: ca.SX.sym(v.name) for v in effect.parameters(joint.type)}
         shapes = {v.name: symbols.get(f"{v.name}_{number}", ca.SX.sym(v.name)) for v in effect.shapes(joint.type)}
-        own = _torque(effect, at, amplitudes, shapes)
-        if own is None or not ca.depends_on(own, dq) or ca.depends_on(own, ca.vertcat(q, ddq)):
+        columns = effect.columns(at, shapes)
+        if any(not isinstance(column, ca.SX) for column in columns):  # it acts on other joints
+            continue
+        own = ca.SX(sum(a * c for a, c in zip(amplitudes.values(), columns, strict=True)))
+        if not ca.depends_on(own, dq) or ca.depends_on(own, ca.vertcat(q, ddq)):
             continue
         torque += own
         symbols |= {f"{name}{number}": s for name, s in amplitudes.items()}
         symbols |= {f"{name}_{number}": s for name, s in shapes.items()}
     if not symbols:
         return None
-    return _Curve(list(symbols), ca.Function("friction", [dq, ca.vertcat(*symbols.values())], [torque]))
-
-
-def _torque(
-    effect: TorqueEffect, at: Surroundings, amplitudes: dict[str, ca.SX], shapes: dict[str, ca.SX]
-) -> ca.SX | None:
-    columns = effect.columns(at, shapes)
-    if any(not isinstance(column, ca.SX) for column in columns):  # it acts on other joints
-        return None
-    return ca.SX(sum(a * c for a, c in zip(amplitudes.values(), columns, strict=True)))
+    return _Curve(tuple(symbols), ca.Function("friction", [dq, ca.vertcat(*symbols.values())], [torque]))
 
 
 def _named(robot: RobotDescription, model: LoopModel, values: Array) -> dict[str, float]:
@@ -120,8 +114,7 @@ def _velocities(fit: Fit, joint: int) -> Array | None:
     if any(f"dq{joint}" not in table.names for table in tables):
         return None
     columns = np.concatenate([table.column(f"dq{joint}") for table in tables])
-    dense = CURVE_DENSITY
-    spaced = np.sinh(np.linspace(-dense, dense, CURVE_POINTS)) / np.sinh(dense)
+    spaced = np.sinh(np.linspace(-CURVE_DENSITY, CURVE_DENSITY, CURVE_POINTS)) / np.sinh(CURVE_DENSITY)
     return np.asarray(np.where(spaced < 0, -spaced * min(columns.min(), 0.0), spaced * max(columns.max(), 0.0)))
 
 
@@ -132,10 +125,8 @@ def _variance(curve: _Curve, velocity: Array, robot: RobotDescription, fit: Fit)
     for i, value in enumerate(fit.values):
         known = float(deviation[i]) if np.isfinite(deviation[i]) else 0.0
         step = CURVE_STEP * max(abs(float(value)), known, CURVE_SMALLEST)
-        moved = [fit.values.copy() for _ in range(2)]
-        moved[0][i] += step
-        moved[1][i] -= step
-        up, down = (curve.at(velocity, _named(robot, fit.model, m)) for m in moved)
+        change = step * (np.arange(fit.values.size) == i)
+        up, down = (curve.at(velocity, _named(robot, fit.model, fit.values + c)) for c in (change, -change))
         slopes.append((up - down) / (2 * step))
     gradient = np.column_stack(slopes)
     nonzero = np.abs(gradient).max(axis=0) > 0

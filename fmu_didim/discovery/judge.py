@@ -1,4 +1,4 @@
-"""The judgement of a discovery: whether what it says of the model, and the values of the final one, may be used."""
+"""The judgement of a discovery: whether its answer and the values of the final model may be used."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from fmu_didim.model.loop_model import LoopModel
 from fmu_didim.results.findings import Answer
 
 REMAINDER = 0.6
-"""[standard deviations] Gap of a joint, in units of its noise, above which a model that found no more effects still
-counts as incomplete: the clutter that is planted on clean plants in the blind benchmark reaches as far."""
+"""[standard deviations] Gap of a joint, in units of its noise, above which the final model still counts as incomplete:
+the clutter on clean plants of the blind benchmark reaches as far."""
 
 GAP_REMAINS = CATALOGUE(
     "gap-remains", DOUBT, rank=52,
@@ -29,10 +29,10 @@ GAP_REMAINS = CATALOGUE(
 
 
 def judged(discovery: Discovery, unfinished: Diagnostic | None, before: Sequence[Diagnostic] = ()) -> Judgement:
-    """The judgement of what was found.
+    """The judgement of the final model.
 
     Args:
-        unfinished: why the search is not at its end, if it is not; before: what is doubted of the data.
+        unfinished: the diagnostic of an unfinished search; before: doubts about the data.
     """
     final = discovery.final
     found = [*before, *remaining_gaps(final), *([unfinished] if unfinished is not None else []), *_held_out(final)]
@@ -40,7 +40,7 @@ def judged(discovery: Discovery, unfinished: Diagnostic | None, before: Sequence
 
 
 def answer_of(discovery: Discovery, judged: Judgement) -> Answer:
-    """What the model lacks, of a search that came to its end."""
+    """The answer of a complete search."""
     codes = {reason.code for reason in judged.reasons}
     if discovery.steps or has_external_torques(discovery.final.model):
         return "named_with_remainder" if GAP_REMAINS in codes else "named"
@@ -50,7 +50,7 @@ def answer_of(discovery: Discovery, judged: Judgement) -> Answer:
 
 
 def has_external_torques(model: LoopModel) -> bool:
-    """Whether torques from outside were found in an experiment that was fitted."""
+    """Whether a fitted experiment has torques from outside."""
     return any(model.experiments[label].external_torques for label in model.estimation_labels)
 
 
@@ -68,9 +68,9 @@ def remaining_gaps(fit: Fit) -> list[Diagnostic]:
 
 def _held_out(fit: Fit) -> list[Diagnostic]:
     model, held, failures = fit.model, {}, {}
-    for label in model.validation_labels:
+    for label in model.experiments.validation_labels:
         try:
-            held[label] = Residual.of(model.measured_in(label), fit.simulation(label).torque())
+            held[label] = Residual.of(model.experiments.measured_in(label), fit.simulation(label).torque())
         except SimulationError as error:
             failures[label] = error.what
     fitted = Residual.of(model.measured, fit.torque)

@@ -1,4 +1,4 @@
-"""Where simulation and measurement disagree: joint, and region of velocity, position, load, time.
+"""Localisation of the model error: joint, and region of velocity, position, load, time.
 
 For each joint the mean residual in bins of each quantity is compared with the noise; the false-discovery rate over
 all bins of all joints is controlled (Benjamini and Hochberg, 1995). Intervals of time with a force of their own are
@@ -8,7 +8,6 @@ found one by one.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,8 +17,8 @@ from fmu_didim.data.signals import Array
 from fmu_didim.dynamics.robot import RobotDescription
 from fmu_didim.fit.fit import Fit
 from fmu_didim.fit.noise.noise import TINY, Noise, effective_fraction
-from fmu_didim.model.experiment import Experiment
 from fmu_didim.model.motion import Motion, simulated_motion
+from fmu_didim.results.findings import RegionResult, WindowResult
 
 BINS = 12
 """[bins] Of each quantity, with the same number of samples: enough to see where."""
@@ -40,39 +39,8 @@ WINDOW_GRID = 800
 """[instants] At the edges of windows in the first search; then they are polished."""
 
 
-@dataclass(frozen=True)
-class Region:
-    """A range of a quantity in which the residual of a joint has a mean of its own.
-
-    Attributes:
-        joint: from 1; quantity, unit: what is binned; low, high: the range.
-        mean: of the residual there, N.m or N; p_value: of a mean as large by noise alone.
-        share_of_gap: part of the model error of the joint that the means of all bins of this quantity make up.
-    """
-
-    joint: int
-    quantity: str
-    unit: str
-    low: float
-    high: float
-    mean: float
-    p_value: float
-    share_of_gap: float
-
-
-@dataclass(frozen=True)
-class Window:
-    """An interval of time with a torque of its own, N.m or N; the score counts standard deviations."""
-
-    joint: int
-    begin_s: float
-    end_s: float
-    torque: float
-    score: float
-
-
-def regions_of_fit(fit: Fit, description: RobotDescription | None) -> list[Region]:
-    """Where a model disagrees with the data that it is fitted to; nothing if the plant does not tell its motion.
+def regions_of_fit(fit: Fit, description: RobotDescription | None) -> list[RegionResult]:
+    """Regions where a model disagrees with the fitted data; none if the plant does not give its motion.
 
     Args:
         description: the robot, None for a plant that is a black box.
@@ -82,19 +50,15 @@ def regions_of_fit(fit: Fit, description: RobotDescription | None) -> list[Regio
         motion = simulated_motion(run, description)
         if motion is None:
             return []
-        motions.append((motion, _nearest_ticks(run.experiment, run.step_size)))
+        experiment, time = run.experiment, run.experiment.reference.time
+        ticks = np.round((experiment.time - float(time[0])) / run.step_size - experiment.operator.lag).astype(np.int64)
+        motions.append((motion, np.clip(ticks, 0, time.size - 1)))
     return regions(fit.residual, motions, fit.noise, fit.model.parameters.torque_units)
-
-
-def _nearest_ticks(experiment: Experiment, step: float) -> NDArray[np.int64]:
-    first = float(experiment.reference.time[0])
-    ticks = np.round((experiment.time - first) / step - experiment.operator.lag).astype(np.int64)
-    return np.clip(ticks, 0, experiment.reference.time.size - 1)
 
 
 def regions(
     residual: Array, motions: Sequence[tuple[Motion, NDArray[np.int64]]], noise: Noise, units: tuple[str, ...]
-) -> list[Region]:
+) -> list[RegionResult]:
     """Regions with a mean residual of their own, the largest share first.
 
     Args:
@@ -102,7 +66,7 @@ def regions(
             sample.
         units: (n,) ``N.m`` or ``N`` of each joint.
     """
-    found: list[Region] = []
+    found: list[RegionResult] = []
     factor = effective_fraction(residual)
     for j in range(residual.shape[1]):
         r = residual[:, j]
@@ -122,10 +86,13 @@ def regions(
             noise_part = float(np.sum(counts * deviation**2)) / r.size
             share = float(np.clip((np.sum(counts * means**2) / r.size - noise_part) / error, 0.0, 1.0))
             found += [
-                Region(j + 1, name, unit, float(edges[i]), float(edges[i + 1]), float(means[i]), float(p[i]), share)
+                RegionResult(
+                    joint=j + 1, quantity=name, unit=unit, low=float(edges[i]), high=float(edges[i + 1]),
+                    mean=float(means[i]), share_of_gap=share, p_value=float(p[i]),
+                )
                 for i in range(edges.size - 1)
                 if counts[i] > 0
-            ]
+            ]  # fmt: skip
     adjusted = stats.false_discovery_control([region.p_value for region in found]) if found else []
     kept = (r for r, p in zip(found, adjusted, strict=True) if p <= FALSE_DISCOVERIES)
     return sorted(kept, key=lambda r: (-r.share_of_gap, r.p_value))
@@ -148,13 +115,17 @@ def _quantities(motion: Motion, j: int, turn: str) -> Mapping[str, tuple[str, Ar
     }
 
 
-def force_windows(residual: Array, time: Array, noise: Noise) -> list[Window]:
+def force_windows(residual: Array, time: Array, noise: Noise, label: str) -> list[WindowResult]:
     """Intervals in which the residual of a joint has a mean that stands out, by decreasing score.
 
     The interval with the largest |sum| / sqrt(length) is taken, its mean removed, and the search repeated. The score is
-    measured in the spread of the residual outside, so that model error everywhere is not taken for events.
+    measured in the spread of the residual outside, so that model error everywhere is not taken for events. The drive
+    must make up for a torque from outside: it is the mean with its sign reversed.
+
+    Args:
+        label: of the experiment.
     """
-    found: list[Window] = []
+    found: list[WindowResult] = []
     factor = effective_fraction(residual)
     for j in range(residual.shape[1]):
         r = residual[:, j] - np.median(residual[:, j])
@@ -166,7 +137,10 @@ def force_windows(residual: Array, time: Array, noise: Noise) -> list[Window]:
             score = abs(mean) / spread * np.sqrt((b - a) * factor[j])
             if score < WINDOW_SCORE or b - a > LONGEST_WINDOW * r.size or abs(mean) < spread:
                 break
-            found.append(Window(j + 1, float(time[a]), float(time[b - 1]), mean, float(score)))
+            begin, end = float(time[a]), float(time[b - 1])
+            found.append(
+                WindowResult(joint=j + 1, begin_s=begin, end_s=end, torque=-mean, score=float(score), experiment=label)
+            )
             rest[a:b] -= mean
     return sorted(found, key=lambda w: -w.score)
 
@@ -175,21 +149,17 @@ def _best_window(values: Array) -> tuple[int, int]:
     """Begin and end (exclusive) of the interval with the largest |sum| / sqrt(length), at least 3 samples long."""
     thin = max(values.size // WINDOW_GRID, 1)
     edges = np.append(np.arange(0, values.size, thin), values.size)
-    sums = np.concatenate([[0.0], np.cumsum(values)])[edges]
-    score = np.abs(sums[None, :] - sums[:, None])
-    length = (edges[None, :] - edges[:, None]).astype(float)
-    score = np.where(length >= SHORTEST_WINDOW, score / np.sqrt(np.maximum(length, 1)), -1.0)
-    a, b = np.unravel_index(int(np.argmax(score)), score.shape)
-    return _polished(values, int(edges[a]), int(edges[b]), thin)
-
-
-def _polished(values: Array, a: int, b: int, room: int) -> tuple[int, int]:
-    """The same interval with its ends moved by up to ``room`` samples to where the score is largest."""
     total = np.concatenate([[0.0], np.cumsum(values)])
-    first = np.arange(max(a - room, 0), min(a + room, values.size) + 1)
-    last = np.arange(max(b - room, 0), min(b + room, values.size) + 1)
-    length = last[None, :] - first[:, None]
-    sums = np.abs(total[last][None, :] - total[first][:, None])
-    score = np.where(length >= SHORTEST_WINDOW, sums / np.sqrt(np.maximum(length, 1)), -1.0)
-    i, k = np.unravel_index(int(np.argmax(score)), score.shape)
-    return int(first[i]), int(last[k])
+
+    def best(begins: NDArray[np.int64], ends: NDArray[np.int64]) -> tuple[int, int]:
+        length = ends[None, :] - begins[:, None]
+        sums = np.abs(total[ends][None, :] - total[begins][:, None])
+        score = np.where(length >= SHORTEST_WINDOW, sums / np.sqrt(np.maximum(length, 1)), -1.0)
+        i, k = np.unravel_index(int(np.argmax(score)), score.shape)
+        return int(begins[i]), int(ends[k])
+
+    def near(edge: int) -> NDArray[np.int64]:
+        return np.arange(max(edge - thin, 0), min(edge + thin, values.size) + 1)
+
+    begin, end = best(edges, edges)  # on a coarse grid of edges, then on every sample near them
+    return best(near(begin), near(end))

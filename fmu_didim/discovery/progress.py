@@ -27,8 +27,7 @@ class Progress:
 
     Attributes:
         say: called with a line about each piece of work.
-        limit_s: time that there is, None without a limit; ends: reading of ``now`` at which it is up.
-        now: a clock in s.
+        limit_s: time available, None without a limit; ends: reading of the clock ``now`` (s) at which it is up.
     """
 
     say: Say = field(default=lambda text: None)
@@ -51,15 +50,16 @@ class Progress:
 
     @property
     def is_time_up(self) -> bool:
-        """Whether the time is up: nothing new is begun then."""
+        """Whether the time is up, so that nothing new is begun."""
         return self.now() >= self.ends
 
     def counted(self, what: str, count: int) -> Callable[[str], None]:
-        """A function to call after each of ``count`` pieces of work: it reports their number and the time left.
+        """A function to call after each of ``count`` pieces of work, which reports their number and the time left.
+
+        It takes a text about the piece; pieces without one are reported every few seconds only.
 
         Args:
-            what: is done to the pieces, such as ``fitting candidate``. The call takes what else there is to say of
-                one; pieces without a text are reported now and then only.
+            what: the kind of work, such as ``fitting candidate``.
         """
         begin = last = self.now()
         done, lock = 0, threading.Lock()

@@ -1,4 +1,4 @@
-"""How far an unfinished search came, in words."""
+"""The report of an unfinished search."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from fmu_didim.base.imports import without_folder
 from fmu_didim.checks.judgement import diagnostic_result, judgement
 from fmu_didim.discovery.selection.candidates import Outcome, TriedCandidate
 from fmu_didim.discovery.selection.rounds import Discovery, Ending
-from fmu_didim.model.loop_description import EffectAtJoint
+from fmu_didim.model.loop_model import EffectAtJoint
 from fmu_didim.results.findings import ANSWER_TEXT, FindingsDocument, UnfinishedResult
 
 SHOWN_UNTRIED = 4
@@ -20,7 +20,7 @@ SEARCH_RUNNING = CATALOGUE(
 )  # fmt: skip
 SEARCH_CUT = CATALOGUE(
     "search-cut", DOUBT, rank=1,
-    meaning="The time limit ended the search: what was not tried may explain the data better, or something else.",
+    meaning="The time limit ended the search: effects that were not tried may explain the data better.",
     next_step="Give it more time (--time-limit), or fewer effects to try (--forbid).",
 )  # fmt: skip
 
@@ -28,7 +28,7 @@ SEARCH_CUT = CATALOGUE(
 def unfinished_search(
     discovery: Discovery, limit_s: float | None
 ) -> tuple[Diagnostic, UnfinishedResult] | tuple[None, None]:
-    """How far a search came; twice None if it is complete."""
+    """The diagnostic of an unfinished search and its entry in the document; None, None if it is complete."""
     if discovery.ending is Ending.COMPLETE:
         return None, None
     if discovery.ending is Ending.RUNNING:
@@ -38,25 +38,20 @@ def unfinished_search(
     last = discovery.tried[-1]
     untried = [t.effect_at for t in last if t.outcome is Outcome.NOT_TRIED]
     number = len(discovery.tried)
+    shown = ", ".join(map(_named, untried[:SHOWN_UNTRIED]))
+    more = f" and {len(untried) - SHOWN_UNTRIED} more" if len(untried) > SHOWN_UNTRIED else ""
     text = (
         f"The time limit of {limit_s or 0.0:g} s ended the search in round {number}: {len(untried)} of its "
-        f"{len(last)} candidates were not tried ({_listed(untried)}){_leader(last)}."
+        f"{len(last)} candidates were not tried ({shown}{more}){_leader(last)}."
     )
     return _result(Diagnostic(SEARCH_CUT, text, value=limit_s, unit="s"), number - 1, untried)
 
 
 def ended_before(document: FindingsDocument, limit_s: float | None, what: str) -> FindingsDocument:
-    """The document of a search whose last part was cut off by the time limit.
-
-    Args:
-        what: was not looked for.
-    """
-    known = document.unfinished
-    if known is not None:
-        more = known.model_copy(
-            update={"text": f"{known.text} {what[0].upper()}{what[1:]} were not looked for either."}
-        )
-        return document.model_copy(update={"unfinished": more})
+    """The document of a search that the time limit ended before ``what`` was looked for."""
+    if (known := document.unfinished) is not None:
+        text = f"{known.text} {what[0].upper()}{what[1:]} were not looked for either."
+        return document.model_copy(update={"unfinished": known.model_copy(update={"text": text})})
     text = f"The time limit of {limit_s or 0.0:g} s ended the search before {what} were looked for."
     cut = Diagnostic(SEARCH_CUT, text, value=limit_s, unit="s")
     _, more = _result(cut, len(document.findings), [])
@@ -73,12 +68,6 @@ def _result(found: Diagnostic, rounds: int, untried: list[EffectAtJoint]) -> tup
         code=found.code.name, text=found.text, next_step=found.advice, rounds=rounds,
         untried=[(a.effect, a.joint) for a in untried],
     )  # fmt: skip
-
-
-def _listed(untried: list[EffectAtJoint]) -> str:
-    shown = ", ".join(map(_named, untried[:SHOWN_UNTRIED]))
-    more = len(untried) - SHOWN_UNTRIED
-    return f"{shown} and {more} more" if more > 0 else shown
 
 
 def _leader(tried: tuple[TriedCandidate, ...]) -> str:

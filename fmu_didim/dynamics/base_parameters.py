@@ -1,4 +1,4 @@
-"""Base parameters: which parameters data can show, and how the others regroup into them.
+"""Base parameters: the parameters that data determine, and how the others regroup into them.
 
 Source: Gautier, "Numerical calculation of the base inertial parameters of robots", 1991. With W the
 regressor on random motions, columns that depend on earlier ones, W_d = W_b K, add to their parameters:

@@ -27,7 +27,7 @@ from fmu_didim.dynamics.linearly_implicit import LinearlyImplicit
 
 @dataclass(frozen=True)
 class Balance:
-    """How a continuous block computes its accelerations a, for those who need derivatives: by solving
+    """How a continuous block computes its accelerations a, for users of derivatives: by solving
 
         residual(x, a, u, p) = 0  for  a = solution(x, u, p);  dx/dt = update(x, a, u, p),  y = output(x, a, u, p).
 
@@ -118,7 +118,7 @@ class Block:
         return 2**4 if self.implicit is None else 2**2
 
     def automatic_substeps(self, step: float) -> int:
-        """The substeps in a communication step of so many s, from the start of the block."""
+        """The substeps in a communication step (s), from the start of the block."""
         assert self.step_rate is not None
         return choose_substeps(self.at_start(self.step_rate), step, minimum=self.fewest_substeps)
 

@@ -1,4 +1,4 @@
-"""What an estimator is. A new one is one file with one final class, and a row in ``ESTIMATORS``."""
+"""The interface of an estimator. A new one is one file with one final class, and a row in ``ESTIMATORS``."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ Progress = Callable[[Iteration], None]
 
 
 def no_progress(iteration: Iteration) -> None:
-    """Progress that nobody follows."""
+    """Ignore an iteration."""
 
 
 class Estimator(ABC):

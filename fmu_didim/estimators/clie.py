@@ -53,7 +53,7 @@ class Clie(Estimator):
 
     def estimate(self, model: LoopModel, *, progress: Progress = no_progress) -> Estimate:
         model = with_free_delay(model) if self.estimate_delay else model
-        values, _ = simulatable(model, model.limited(start_values(model, self.start)))
+        values, _ = simulatable(model, model.free_parameters.limited(start_values(model, self.start)))
         reason = mass_matrix_problem(model, values)
         if reason:
             raise RefusedError("The start cannot be simulated.", iterations=[], got=reason, next_step=ADVICE)

@@ -1,4 +1,4 @@
-"""What an iteration from one start has come to: a better point, one to be halved towards the best, or nothing."""
+"""Progress of the iterations from one start: a better point, a step to be halved, or failure."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import numpy as np
 from fmu_didim.data.signals import Array
 
 MAXIMUM_HALVINGS = 6
-"""[halvings] Of a step of DIDIM that leads to nothing better."""
+"""[halvings] Most for a step of DIDIM that does not improve the fit."""
 GROWTH = 1.5
 """[1] A step after which the error is this many times that of the best point is halved."""
 ERROR_FLOOR = 1e-3
@@ -17,7 +17,7 @@ USELESS_ERROR = 50.0
 
 
 class Path:
-    """The best point of the iterations from one start, and what the next one is against it.
+    """The best point of the iterations from one start, and how the next one compares.
 
     Attributes:
         best: values (p,) and error in percent; rises: points since then; count: all; failure: of the last one.

@@ -42,9 +42,9 @@ from fmu_didim.model.numerical_regressor import RegressorProbe
 from fmu_didim.model.prediction import Prediction, predict
 
 RISES = 2
-"""[iterations] So many in a row that do not lower the error: DIDIM hands its best one to the finish."""
+"""[iterations] After this many in a row that do not lower the error, the best one goes on to the finish."""
 SAME_MINIMUM = 2
-"""[starts] This many starts may end in physically impossible minima; the others would end there, too."""
+"""[starts] After this many starts that end in physically impossible minima, the others would end there, too."""
 
 BEST = "the best point goes on to the finish"
 ADVICE = (
@@ -119,7 +119,7 @@ class Didim(Estimator):
 
     def _check_linearity(self, model: LoopModel) -> None:
         run = model.simulation(start_values(model, self.start))
-        probe = RegressorProbe(model.plant_name, model.parameters, run.theta, run.operator.ticks.size)
+        probe = RegressorProbe(model.loop.plant_name, model.parameters, run.theta, run.operator.ticks.size)
         with suppress(SimulationError):  # the guard of the first iteration says more
             run.record(observe=probe.check_linearity())
         probe.raise_if_nonlinear()
@@ -141,7 +141,7 @@ class Didim(Estimator):
         """The DIDIM iterations: the model with the steps that were chosen for them, the last solution, or the best one
         where they do not settle, and whether they did; raises _NonPhysicalError where nothing can be simulated."""
         try:
-            theta = model.limited(start_values(model, start))
+            theta = model.free_parameters.limited(start_values(model, start))
         except SimulationError as failed:
             raise _NonPhysicalError(model.start, f"{failed.what} {failed.got or ''}".strip()) from failed
         theta, impossible = simulatable(model, theta)
@@ -177,9 +177,9 @@ class Didim(Estimator):
         return model, path.best[0], False
 
     def _solve(self, model: LoopModel, theta: Array, prediction: Prediction) -> tuple[Array, float, float]:
-        """Next values, relative change of the torque that they explain, condition number.
+        """Next values, relative change of the explained torque, condition number.
 
-        What is no base parameter stays where it is: it is no matter of the regressor.
+        Other parameters than base parameters stay as they are.
         """
         regressor, known = _inverse(prediction)
         count = model.linear_count
@@ -195,7 +195,7 @@ class Didim(Estimator):
     def _conclude(
         self, model: LoopModel, theta: Array, prediction: Prediction, settled: bool, history: History
     ) -> Estimate:
-        """Statistics, the efficient finish, the check of what is physical."""
+        """Statistics, efficient finish, physical check."""
         fit = point(model.with_values(theta), NoiseOfResidual(model), prediction)
         known = fit_uncertainty(fit, _inverse(prediction)[0])
         stages = {"didim": self._stage(fit, known)}
@@ -221,31 +221,20 @@ class Didim(Estimator):
         count = fit.model.linear_count
         w = whitened(_inverse(fit.prediction)[0], fit.deviation)
         s = whitened(fit.jacobian[:, :, :count], fit.deviation)
-        return Stage(
-            fit.values[:count],
-            known.deviation,
-            {
-                "paper": np.sqrt(np.diag(covariance_white(w))),
-                "cramer_rao": np.sqrt(np.diag(covariance_white(s))),
-            },
-        )
+        formulas = {"paper": covariance_white(w), "cramer_rao": covariance_white(s)}
+        deviations = {name: np.sqrt(np.diag(covariance)) for name, covariance in formulas.items()}
+        return Stage(fit.values[:count], known.deviation, deviations)
 
 
+@dataclass(eq=False)
 class _NonPhysicalError(Exception):
-    """Inside this module: an answer that must not be returned; ``settled`` where it is a minimum."""
+    """An answer that must not be returned; ``settled`` if it is a minimum. Internal to this module."""
 
-    def __init__(
-        self,
-        theta: Array,
-        reason: str,
-        *,
-        settled: bool = False,
-        error: float = np.nan,
-        deviation: Array | None = None,
-    ) -> None:
-        self.theta, self.reason, self.settled, self.error = theta, reason, settled, error
-        self.deviation = deviation
-        super().__init__(reason)
+    theta: Array
+    reason: str
+    settled: bool = False
+    error: float = np.nan
+    deviation: Array | None = None
 
 
 def _try(model: LoopModel, theta: Array) -> tuple[Prediction | None, str]:

@@ -39,12 +39,11 @@ INTEGRATION_TOLERANCE = 1e-5
 CLEARLY_BETTER = 0.5
 """[1] Residual with twice the substeps over that before, below which they explain the data better."""
 INTEGRATION_SHIFT = 0.02
-"""[standard deviations] Twice the substeps may move no value by more: nobody would see it beside the noise."""
+"""[standard deviations] Twice the substeps may move no value by more: invisible beside the noise."""
 MAXIMUM_REFINEMENTS = 4
 """[refinements] Of the integration, by twice the substeps each."""
 NEXT_STEP = 0.01
-"""[standard deviations] A step of the finish that would be smaller is not made: nobody would see it beside the
-noise."""
+"""[standard deviations] A step of the finish that would be smaller is not made: invisible beside the noise."""
 FINISH_TOLERANCE = 1e-6
 """[1] Relative change of the values at which it stops at the latest: data without noise."""
 MOVED = 0.1
@@ -59,10 +58,10 @@ class Minimum:
 
     Attributes:
         fit: the closed loop there; iterations: those of the finish.
-        integration_error: what twice the substeps of the plant change there.
+        integration_error: the change by twice the substeps of the plant.
         known: how well the values are known.
-        remarks: what was changed on the way; roughness: of the sensitivity, where it is one by central differences.
-        rivals: parameter and its value at other minima that the data hardly tell from this one.
+        remarks: changes on the way; roughness: of the sensitivity, where it is one by central differences.
+        rivals: parameter and its value at other minima that fit the data almost as well.
     """
 
     fit: Fit
@@ -110,7 +109,7 @@ def efficient_finish(
         if error.excess <= 1 or not left:
             break
         model = _finer(fit.model, fit.values, error.excess)
-        if fit.model.substeps is None:  # more than the case or the rule says
+        if fit.model.loop.substeps is None:  # more than the case or the rule says
             change = f"{100 * error.relative:.2g} %"
             remarks.append(f"Substeps of the plant doubled: halving them changed the torque by {change}.")
         fit = replace(fit, model=model, torque=model.torque(fit.values))
@@ -123,15 +122,15 @@ def efficient_finish(
 def _finer(model: LoopModel, values: Array, excess: float) -> LoopModel:
     """The model with more substeps: as many as errors of second order ask for, at most those of the rule, which are
     doubled."""
-    if model.substeps is None:
-        return replace(model, substep_factor=2 * model.substep_factor)
-    more = max(model.substeps, model.fewest_substeps(values)) * 2 ** math.ceil(math.log2(excess) / 2)
-    return replace(model, substeps=more if more < model.automatic_substeps(values) else None)
+    if model.loop.substeps is None:
+        return model.with_loop(substep_factor=2 * model.loop.substep_factor)
+    more = max(model.loop.substeps, model.fewest_substeps(values)) * 2 ** math.ceil(math.log2(excess) / 2)
+    return model.with_loop(substeps=more if more < model.automatic_substeps(values) else None)
 
 
 @dataclass(frozen=True)
 class IntegrationError:
-    """What twice the substeps of the plant change.
+    """Change of torque and values by twice the substeps of the plant.
 
     Attributes:
         relative: of the torque, relative to its size; shift: (p,) of the values, in their standard deviations; NaN
@@ -153,13 +152,13 @@ def integration_error(fit: Fit) -> IntegrationError:
     model = fit.model
     if not model.can_refine:
         return IntegrationError(np.nan, np.full(fit.values.size, np.nan), 0.0)
-    torque = replace(model, substep_factor=2 * model.substep_factor).torque(fit.values)
+    torque = model.with_loop(substep_factor=2 * model.loop.substep_factor).torque(fit.values)
     change = torque - fit.torque
     relative = float(np.linalg.norm(change) / np.linalg.norm(torque))
     sensitivity = whitened(fit.jacobian, fit.deviation)
     moved = np.linalg.lstsq(sensitivity, (change / fit.deviation).ravel(), rcond=None)[0]
     shift = np.abs(moved) / np.sqrt(np.diag(covariance_white(sensitivity)))
-    if model.substeps is None and relative <= INTEGRATION_TOLERANCE:
+    if model.loop.substeps is None and relative <= INTEGRATION_TOLERANCE:
         # Only data without noise can ask for more than the rule: where finer steps explain them better.
         left = (model.measured - torque) / fit.deviation + (sensitivity @ moved).reshape(torque.shape)
         if np.linalg.norm(left) > CLEARLY_BETTER * np.linalg.norm(fit.residual / fit.deviation):
@@ -170,8 +169,8 @@ def integration_error(fit: Fit) -> IntegrationError:
 
 def degrees_of_freedom(model: LoopModel, count: int, inflation: float = 1.0) -> float:
     """Degrees of freedom of the intervals of ``count`` parameters: those of one joint where each joint's noise is
-    estimated by itself, the safe end of what Welch and Satterthwaite's rule can give; and of samples that are not
-    independent only so many as would leave the same uncertainty."""
+    estimated by itself, the safe end of what Welch and Satterthwaite's rule can give; dependent samples
+    count as the number of independent ones with the same uncertainty."""
     total = model.measured.size - count
     if model.torque_deviation is not None and inflation <= 1:
         return float(total)
@@ -191,10 +190,10 @@ def torque_estimate(
     unlimited = unlimited_values(fit)
     return Estimate(
         estimator=estimator,
-        model=replace(model, substeps=None, substep_factor=1),
+        model=model.with_loop(substeps=None, substep_factor=1),
         covariance=known.covariance,
         freedom=degrees_of_freedom(model, fit.values.size, known.inflation),
-        time=np.concatenate([model.experiments[label].time for label in model.estimation_labels]),
+        time=model.experiments.time,
         measured=model.measured,
         simulated=fit.torque,
         noise=fit.deviation,
@@ -213,7 +212,7 @@ def torque_estimate(
         rivals=minimum.rivals,
         unlimited=unlimited,
         remarks=(*minimum.remarks, *_of_limits(model, fit.values, known.deviation, unlimited)),
-        advice="" if settled else _advice(model, iterations),
+        advice="" if settled else unsettled_advice(model, iterations),
     )
 
 
@@ -221,7 +220,7 @@ def unlimited_values(fit: Fit) -> Array | None:
     """(p,) values that the data alone ask for, by the linear problem at a fit; None where a machine has them."""
     region = Region.of(fit.model.with_values(fit.values))
     equations = Equations.of(fit.jacobian / fit.deviation[:, None], fit.residual / fit.deviation)
-    free = equations.step(fit.values, replace(region, low=fit.model.limits[0], machines=()), 0.0)[0]
+    free = equations.step(fit.values, replace(region, low=fit.model.free_parameters.limits[0], machines=()), 0.0)[0]
     held = equations.step(fit.values, region, 0.0)[0]
     return None if (free == held).all() else fit.values + free
 
@@ -233,7 +232,7 @@ def _of_limits(model: LoopModel, values: Array, deviation: Array, unlimited: Arr
     moved = (values - unlimited) / deviation
     told = [
         f"{name} = {values[i]:.3g} (alone {unlimited[i]:.3g} ± {deviation[i]:.2g}) {unit}"
-        for i, (name, unit) in enumerate(zip(model.names, model.units, strict=True))
+        for i, (name, unit) in enumerate(zip(model.names, model.free_parameters.units, strict=True))
         if abs(moved[i]) > MOVED
     ]
     if not told:
@@ -244,8 +243,8 @@ def _of_limits(model: LoopModel, values: Array, deviation: Array, unlimited: Arr
     ]
 
 
-def _advice(model: LoopModel, iterations: Sequence[Iteration]) -> str:
-    """What to do where the steps have not settled; empty where the status says it."""
+def unsettled_advice(model: LoopModel, iterations: Sequence[Iteration]) -> str:
+    """Advice for a fit that has not settled; empty where the status gives it."""
     begin = "The iterations did not settle: the values are those of the last one. "
     if iterations and iterations[-1].note == NO_STEP:
         finer = "state more substeps of it" if model.can_refine else "give it a tolerance or run it in model exchange"

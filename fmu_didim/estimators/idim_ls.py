@@ -25,7 +25,6 @@ from fmu_didim.fit.solver.admissible import physical_problem
 from fmu_didim.fit.statistics import covariance_white, influence_efficient, noise_deviation, relative_error_percent
 from fmu_didim.fit.uncertainty import Uncertainty, stretches, uncertainty
 from fmu_didim.model.loop_model import LoopModel
-from fmu_didim.model.prediction import spread
 
 
 @dataclass(frozen=True)
@@ -35,7 +34,7 @@ class IdimLs(Estimator):
     Attributes:
         cutoff_hz: cut-off of the Butterworth filter of the positions, applied forward and backward.
         order: its order.
-        decimation: every which sample of the filtered rows is kept; 1 keeps all and filters nothing.
+        decimation: one of this many filtered samples is used; 1 uses all and filters nothing.
         sharp_coulomb: take sign(dq) for the smoothed step tanh(dq/v0); smoothing serves the integration of
             the direct model, which is not needed here.
         skip: samples dropped at both ends, where filter and differences see the border.
@@ -112,11 +111,14 @@ class IdimLs(Estimator):
         """Time (M,), regressor (M, n, b), target (M, n) and known torque (M, n) of the rows of an experiment."""
         experiment = model.experiments[label]
         q, rate = self._positions(model, label)
-        motion = self._differentiate(q, rate)
+        sections = signal.butter(self.order, self.cutoff_hz, fs=rate, output="sos")
+        q = np.asarray(signal.sosfiltfilt(sections, q, axis=0))
+        dq = np.gradient(q, 1 / rate, axis=0)
+        motion = q, dq, np.gradient(dq, 1 / rate, axis=0)
 
         def rows(observed: Array) -> tuple[Array, Array]:
             columns, known = model.parameters.regressor(*motion, sharp=self.sharp_coulomb, observed=observed)
-            return spread(model, label, columns), known
+            return model.free_parameters.spread(columns, label), known
 
         columns, known = rows(observed_on(model.parameters, experiment.time, motion, experiment.torque, rows))
         kept = slice(self.skip, q.shape[0] - self.skip or None)
@@ -142,12 +144,6 @@ class IdimLs(Estimator):
                 "the motion.",
             )  # fmt: skip
         return positions.select([f"q{j}" for j in range(1, model.joint_count + 1)]), float(rate)
-
-    def _differentiate(self, q: Array, rate: float) -> tuple[Array, Array, Array]:
-        sections = signal.butter(self.order, self.cutoff_hz, fs=rate, output="sos")
-        q = np.asarray(signal.sosfiltfilt(sections, q, axis=0))
-        dq = np.gradient(q, 1 / rate, axis=0)
-        return q, dq, np.gradient(dq, 1 / rate, axis=0)
 
     def _decimate(self, values: Array) -> Array:
         if self.decimation == 1:

@@ -1,8 +1,8 @@
 """The motion that a measured torque implies: the controller inverted by the loop itself.
 
-A controller that tracks makes a torque of its tracking error, tau = C(e), and so the measured torque tells the motion q
-= q_ref - C^-1(tau). C is whatever stands in the loop, a law, an FMU, a lag in a drive. It is inverted by simulating the
-controller with an almost massless plant, so that its torque matches the measured one:
+A tracking controller computes its torque from the tracking error, tau = C(e), so the measured torque implies the motion
+q = q_ref - C^-1(tau). C is everything else in the loop: a law, an FMU, a lag in a drive. It is inverted by simulating
+the controller with an almost massless plant, so that its torque matches the measured one:
 
     m (ddq - ddq_ref) + d (dq - dq_ref) = tau - tau_measured,        m = |C(i w)| / w^2
 
@@ -38,13 +38,12 @@ PERIODS = 12
 SHARE_OF_RANGE = 1e-4
 """[1] Size of that oscillation, of the range of a joint: no drive saturates by it."""
 NOT_FOLLOWED = 0.3
-"""[1] Part of the measured torque of a joint that the loop with a light plant may leave: with more it does not
-follow."""
+"""[1] Part of the measured torque of a joint that the loop with a light plant may leave unexplained."""
 SERIES = 1e-6
 """[1] Decay in a step below which it is computed by its series."""
 
 DRIVE = "light_plant_drive"
-"""Columns of the reference that stand for all but the torque of the controller, as an acceleration."""
+"""Columns of the reference: the acceleration of the light plant by all but the torque of the controller."""
 
 
 def implied_motion(run: Simulation) -> Motion:
@@ -76,33 +75,30 @@ class _Loop:
     """The loop of one experiment with a light plant in place of the robot."""
 
     def __init__(self, run: Simulation) -> None:
-        model = self._model = run.model
         self._run, self._system = run, run.system
+        loop = self._loop = run.model.loop
         self._step = self._system.step_size
         self.slowest = self._step * max(self._system.every.values(), default=1)
         reference = run.experiment.reference
         external = with_external_torques(reference, run.external_torques)
-        self._reference = held(external, model.subdivision) if model.subdivision > 1 else external
-        self._joints = range(1, model.joint_count + 1)
-        self._check()
-        # What the plant gets late, the reference must be late for, too.
-        late = self._system.delays.get(model.plant_name, 0.0) * self._step
-        motion = reference_motion(reference, model.joint_count)
+        self._reference = held(external, loop.subdivision) if loop.subdivision > 1 else external
+        self._joints = range(1, loop.joint_count + 1)
+        offered = {name for kind in ("q", "dq", "ddq") for name in loop.joint_signals(kind)}
+        for connection in self._system.connections:
+            if connection.source.startswith(f"{loop.plant_name}.") and connection.source not in offered:
+                raise SimulationError(
+                    "The torque of the loop does not follow from the motion of the joints.", got=connection.source
+                )
+        # The reference is delayed like the inputs of the plant.
+        late = self._system.delays.get(loop.plant_name, 0.0) * self._step
+        motion = reference_motion(reference, loop.joint_count)
         time = self._reference.time
         self._q, self._dq, self._ddq = (
             np.column_stack([np.interp(time + late, reference.time, column) for column in table.T]) for table in motion
         )
 
-    def _check(self) -> None:
-        offered = {f"{self._model.plant_name}.{name}{j}" for name in ("q", "dq", "ddq") for j in self._joints}
-        for connection in self._system.connections:
-            if connection.source.startswith(f"{self._model.plant_name}.") and connection.source not in offered:
-                raise SimulationError(
-                    "The torque of the loop does not follow from the motion of the joints.", got=connection.source
-                )
-
     def dragged(self, bandwidth: float) -> tuple[Motion, float]:
-        """The motion q, dq, ddq (K, n) that was wanted, and what part of the measured torque it does not explain.
+        """The implied motion q, dq, ddq (K, n), and the part of the measured torque that it does not explain.
 
         Args:
             bandwidth: w, in rad/s.
@@ -114,9 +110,9 @@ class _Loop:
         damping = np.maximum(2 * DAMPING_RATIO * np.abs(response) - response.imag, 0.0) / bandwidth
         drive = self._ddq + (damping * self._dq - self._target()) / mass
         found = self._moved(drive, 1 / mass, damping / mass)
-        operator, every, measured = self._run.operator, self._model.subdivision, self._run.experiment.torque
+        operator, every, measured = self._run.operator, self._loop.subdivision, self._run.experiment.torque
         left = measured - operator.apply(self._run.logged_torque(found)[::every][operator.ticks])
-        q, dq, ddq = (found.table(self._model.joint_signals(name))[::every] for name in ("q", "dq", "ddq"))
+        q, dq, ddq = (found.table(self._loop.joint_signals(name))[::every] for name in ("q", "dq", "ddq"))
         return (q, dq, ddq), float(np.max(np.linalg.norm(left, axis=0) / np.linalg.norm(measured, axis=0)))
 
     def _target(self) -> Array:
@@ -125,12 +121,12 @@ class _Loop:
         places = np.asarray(operator.matrix @ operator.ticks.astype(float))
         places, rows = np.unique(places, return_index=True)
         spline = CubicSpline(places, self._run.experiment.torque[rows])
-        ticks = np.arange(self._reference.time.size) / self._model.subdivision
+        ticks = np.arange(self._reference.time.size) / self._loop.subdivision
         return np.asarray(spline(np.clip(ticks, places[0], places[-1])))
 
     def response(self, bandwidth: float) -> Array:
         """(n,) complex -d tau_j / d q_j at a frequency in rad/s, at the start of the reference."""
-        n, time = self._model.joint_count, self._step * np.arange(self._reference.time.size)
+        n, time = self._loop.joint_count, self._step * np.arange(self._reference.time.size)
         length = min(PERIODS * 2 * np.pi / bandwidth, time[-1])
         time = time[: int(length / self._step) + 1]
         window = np.sin(np.pi * np.clip(time / length, 0, 1)) ** 2
@@ -146,14 +142,14 @@ class _Loop:
             kernel = window * np.exp(-1j * bandwidth * time)
             torque, position = (
                 kernel @ (table(moved) - table(still))[:, j]
-                for table in (self._run.logged_torque, lambda run: run.table(self._model.joint_signals("q")))
+                for table in (self._run.logged_torque, lambda run: run.table(self._loop.joint_signals("q")))
             )
             result[j] = -torque / position
         return result
 
     def _moved(self, drive: Array, inverse_mass: Array, rate: Array) -> Recording:
         """The loop with  ddq = tau / m + drive - rate dq  over as many ticks as ``drive`` (K, n) has rows."""
-        name, joints = self._model.plant_name, self._joints
+        name, joints = self._loop.plant_name, self._joints
         plant = light_plant(self._step, inverse_mass, rate, np.concatenate([self._q[0], self._dq[0]]))
         wires = tuple(Connection(f"{REFERENCE}.{DRIVE}{j}", f"{name}.{DRIVE}{j}") for j in joints)
         system = replace(
@@ -164,11 +160,11 @@ class _Loop:
         columns = {column: self._reference.column(column)[: drive.shape[0]] for column in self._reference.names}
         columns |= {f"{DRIVE}{j}": drive[:, j - 1] for j in joints}
         reference = trajectory(self._reference.time[: drive.shape[0]], columns)
-        return simulate(system, reference, bounds=self._model.position_bounds(self._run.label))
+        return simulate(system, reference, bounds=self._loop.position_bounds(self._run.experiment.reference))
 
 
 def light_plant(step: float, inverse_mass: Array, rate: Array, start: Array) -> ControlComponent:
-    """Joints that do not feel each other,  ddq = tau / m + drive - rate dq, exact for held inputs.
+    """Uncoupled joints,  ddq = tau / m + drive - rate dq, exact for held inputs.
 
     Args:
         step: in s; inverse_mass: (n,) 1/m; rate: (n,) 1/s; start: (2 n,) q and dq.
@@ -177,7 +173,7 @@ def light_plant(step: float, inverse_mass: Array, rate: Array, start: Array) -> 
 
     n = rate.size
     decay = np.exp(-rate * step)
-    # Velocity and position that an acceleration held for a step leaves; for small rates by the series.
+    # Velocity and position after an acceleration held for a step; by the series for small rates.
     slow = rate * step < SERIES
     safe = np.where(slow, 1.0, rate)
     velocity = np.where(slow, step * (1 - rate * step / 2), (1 - decay) / safe)

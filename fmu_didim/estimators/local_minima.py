@@ -28,12 +28,12 @@ from fmu_didim.model.parameters import RobotParameters
 from fmu_didim.model.workers import side_by_side
 
 SCANNED = 100
-"""[samples] From the begin of a log, on which other minima are looked for first; the lowest are then compared on
+"""[samples] First samples of a log, in which other minima are searched for; the lowest are then compared on
 all."""
 OTHER_MINIMA = 3
-"""[minima] Left for lower ones at most."""
+"""[minima] Most that are left for lower ones."""
 FARTHEST_FACTOR = 6.0
-"""[1] Ratio of inertias up to which a resonance that is folded back is looked for elsewhere."""
+"""[1] Ratio of inertias up to which other minima of a folded resonance are searched for."""
 DAMPED = 0.5
 """[1] Damping ratio by the controller from which a loop does not ring: it overshoots by 16 %, once, and no resonance
 is folded back. Friction, which is not counted, damps it further."""
@@ -44,8 +44,8 @@ SCAN_PART = 0.125
 VALLEYS = 3
 """[minima] Compared on the whole log, the lowest ones."""
 HARDLY_WORSE = 10.8
-"""[chi-square] By which another minimum may be worse, before its other values have been fitted, and count as one that
-the data do not exclude: of one degree of freedom, 0.1 % by chance."""
+"""[chi-square] Another minimum that is worse by less, before its other values are fitted, is not excluded by the data:
+0.1 % by chance, with one degree of freedom."""
 
 
 @dataclass(frozen=True)
@@ -68,7 +68,7 @@ class Valley:
 
 
 def lowest(minimum: Minimum, finish: Callable[[Fit], Minimum]) -> Minimum:
-    """The same minimum, or a lower one beyond it, with those that the data can hardly tell from it.
+    """The same minimum, or a lower one beyond it, with those that fit the data almost as well.
 
     Args:
         finish: minimises the torque error from a point.

@@ -82,9 +82,8 @@ class OutputError(Estimator):
             residual, start / scale, jac=jacobian, method="trf", x_scale="jac",
             ftol=self.tolerance, xtol=self.tolerance, gtol=None, max_nfev=self.maximum_iterations,
         )  # fmt: skip
-        return self._conclude(
-            model, found, scale, spread, history.iterations, stretches([log.time for log in logs.values()])
-        )
+        rows = stretches([log.time for log in logs.values()])
+        return self._conclude(model, found, scale, spread, history.iterations, rows)
 
     def _conclude(
         self,
@@ -119,7 +118,7 @@ class OutputError(Estimator):
             model=model.with_values(value),
             covariance=known.covariance,
             freedom=freedom / known.inflation**2,
-            time=np.concatenate([model.experiments[label].time for label in model.estimation_labels]),
+            time=model.experiments.time,
             measured=measured,
             simulated=torque,
             noise=np.sqrt(((measured - torque) ** 2).mean(axis=0)),
@@ -152,5 +151,5 @@ def _positions(model: LoopModel, values: Array, logs: Mapping[str, Trajectory]) 
             recording = run.record(ticks=operator.ticks)
         except SimulationError:
             return None
-        found.append(operator.apply(recording.table(model.joint_signals("q"), sampled=True)))
+        found.append(operator.apply(recording.table(model.loop.joint_signals("q"), sampled=True)))
     return np.concatenate(found)

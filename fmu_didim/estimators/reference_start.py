@@ -1,4 +1,4 @@
-"""Base parameters from the reference trajectory alone: the motion is taken for the one that was wanted."""
+"""Base parameters from the reference trajectory alone, as if the robot had followed it exactly."""
 
 from __future__ import annotations
 
@@ -43,8 +43,8 @@ def from_reference(model: LoopModel) -> Array:
 
 
 def whole_reference(run: Simulation) -> Motion:
-    """The motion that was wanted in an experiment; smoothed where its accelerations would be noise, because they were
-    computed from a reference that is rounded or was measured."""
+    """The reference motion of an experiment, smoothed where its accelerations would be noise because they are
+    differences of a rounded or measured reference."""
     reference, joints = run.experiment.reference, range(1, run.model.joint_count + 1)
     q, dq, ddq = reference_motion(reference, run.model.joint_count)
     if all(f"ddq{j}" in reference.names for j in joints):
@@ -81,8 +81,8 @@ def _smoothed(time: Array, motion: Motion, has_velocity: bool) -> Motion:
 
 
 def rows_of(model: LoopModel, motion: Callable[[Simulation], Motion]) -> tuple[Array, Array]:
-    """Regressor (N, n, b) and what the base parameters have to explain (N, n) of the measured torque, on motions that
-    were not simulated.
+    """Regressor (N, n, b) and the measured torque without the known one (N, n), on motions that were not
+    simulated.
 
     Args:
         motion: of an experiment, at all ticks of its reference.
@@ -107,13 +107,13 @@ def rows_on(run: Simulation, whole: Motion) -> tuple[Array, Array]:
         return sampled_regressor(run, (q, dq, ddq), observed[ticks])
 
     time = run.experiment.reference.time
-    return rows(observed_on(model.parameters, time, whole, model.measured_in(run.label), rows))
+    return rows(observed_on(model.parameters, time, whole, model.experiments.measured_in(run.label), rows))
 
 
 def observed_on(
     parameters: Parameters, time: Array, motion: tuple[Array, Array, Array], torque: Array, rows: Rows
 ) -> Array:
-    """What the regressor depends on beyond a motion that was not simulated, (K, no).
+    """Observed values (K, no) for the regressor on a motion that was not simulated.
 
     Loads follow from a least squares fit without the effects that depend on them.
 

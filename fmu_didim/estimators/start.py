@@ -1,7 +1,7 @@
-"""Where an estimation starts: given values, the robot description, or a motion that was not simulated.
+"""Start values of an estimation: given ones, the robot description, or least squares on a motion.
 
 Least squares of the measured torque on the regressor of a motion needs no initial values at all. The motion is the one
-that the measured torque implies, by the inverse of the controller, or the reference. Inertias that no link can have, as
+that the measured torque implies, by the inverse of the controller, or the reference. Impossible inertias, as
 errors of the motion give light links, are replaced by the nearest possible ones.
 """
 
@@ -23,9 +23,9 @@ from fmu_didim.model.free_parameter import DELAY, delay_parameter
 from fmu_didim.model.loop_model import LoopModel, Simulation
 
 NOMINAL_DEVIATION = 0.3
-"""[1] Relative standard deviation of the values of a description where they hold a start."""
+"""[1] Relative standard deviation of the values of a description in the start ``nominal``."""
 NOMINAL_FLOOR = 0.01
-"""[1] Least size that they count with there, in units of the value at which a parameter alone makes up the torque."""
+"""[1] Their smallest size there, in units of the value at which a parameter alone makes up the torque."""
 
 NEGLIGIBLE = 1e-3
 """[1] Part of the value in the description below which the size of a start value does not count."""
@@ -37,7 +37,7 @@ KINDS = {
     "nominal": "the values of the description, corrected by the measured torque",
     "description": "the values of the description",
 }
-"""What a start is in words, in the order in which they are tried."""
+"""Starts in words, in the order in which they are tried."""
 
 
 def start_sequence(model: LoopModel, start: Start) -> tuple[Start, ...]:
@@ -131,4 +131,5 @@ def with_free_delay(model: LoopModel) -> LoopModel:
     """The model with the delay of its command free, if it is not so yet."""
     if any(parameter.owner == DELAY for parameter in model.free_parameters):
         return model
-    return model.with_free([delay_parameter(float(model.systems[model.first].delays.get(model.plant_name, 0.0)))])
+    samples = float(model.loop.systems[model.first].delays.get(model.loop.plant_name, 0.0))
+    return model.with_free((*model.free_parameters, delay_parameter(samples)))

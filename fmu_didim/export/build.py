@@ -23,7 +23,7 @@ from fmu_didim.base.errors import BuildError
 from fmu_didim.export.platforms import Platform, host_platform
 
 TIMEOUT = 1800.0
-"""Seconds after which a compiler that does not end is stopped."""
+"""[s] Limit after which a compiler is stopped."""
 
 _COMMON = ("-std=c99", "-O3", "-shared", "-fvisibility=hidden", "-ffp-contract=off", "-Wall")
 _FLAGS: dict[str, tuple[str, ...]] = {
@@ -38,10 +38,10 @@ _WINDOWS_LIBRARIES = tuple(f"-lapi-ms-win-crt-{part}-l1-1-0" for part in ("math"
 _SUPERVISED = Path(__file__).with_name("supervised.py")
 _log = logging.getLogger(__name__)
 SECONDS, SECONDS_A_BYTE = 0.4, 8e-6
-"""What compiling takes at least, and for each byte of the sources, on one common core: 0.4 s for a gain, 3 to 4 s for
-the 450 kB of a TX40."""
+"""[s] Duration of a compilation at least, and for each byte of sources, on a common core: 0.4 s for a gain, 3 to 4 s
+for the 450 kB of a TX40."""
 TOLD_FROM = 2.0
-"""Seconds from which on a compilation is announced."""
+"""[s] Expected duration from which on a compilation is announced."""
 _ADVICE = "Unset CC to use the compiler of the 'ziglang' package, or set CC to a working C compiler such as gcc."
 
 
@@ -89,7 +89,7 @@ def compiler_for_here() -> Compiler:
 
 
 def _processor() -> str:
-    """What the processor of this machine can do."""
+    """Model and features of the processor of this machine."""
     try:
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
     except OSError:
@@ -122,19 +122,15 @@ def find_compiler(platform: Platform | None = None) -> Compiler:
     except PackageNotFoundError as error:
         advice = "pip install ziglang" + (", or set the environment variable CC." if target == host else ".")
         raise BuildError(f"There is no C compiler for {target.name}.", next_step=advice) from error
-    flags = (*flags, *(() if "-s" in flags else ("-s",)), "-fno-sanitize=undefined", *_zig_target(target, host))
-    found = Compiler(
-        (sys.executable, "-P", "-m", "ziglang", "cc"), flags, f"zig {release}", libraries, named=_NAMED[target.system]
-    )
+    flags = (*flags, *(() if "-s" in flags else ("-s",)), "-fno-sanitize=undefined")
+    other_libc = target == host and target.system == "linux" and libc_ver()[0] != "glibc"  # such as Alpine, with musl
+    if target.zig_target and not other_libc:  # any model of the processor, and an old C library
+        flags = (*flags, "-target", target.zig_target)
+    command = (sys.executable, "-P", "-m", "ziglang", "cc")
+    found = Compiler(command, flags, f"zig {release}", libraries, named=_NAMED[target.system])
     if target.system == "windows":
         return replace(found, lean=("-nostdlib",), runtime="windows.c", lean_libraries=_WINDOWS_LIBRARIES)
     return replace(found, lean=("-rtlib=none",), lean_libraries=libraries)
-
-
-def _zig_target(target: Platform, host: Platform) -> tuple[str, ...]:
-    """Zig's option for a platform: any model of its processor, and an old C library."""
-    native = target == host and target.system == "linux" and libc_ver()[0] != "glibc"  # such as Alpine, with musl
-    return ("-target", target.zig_target) if target.zig_target and not native else ()
 
 
 def compile_shared_library(source_dir: Path, output: Path, *, main: str, compiler: Compiler | None = None) -> None:
@@ -207,7 +203,7 @@ def compile_console_program(source: Path, output: Path, platform: Platform) -> N
 
 @cache
 def _version_of(command: Sequence[str]) -> str:
-    """What a compiler says about itself; asked once in a process."""
+    """The version that a compiler prints; asked once in a process."""
     return run_compiler([*command, "--version"], what="The C compiler of the environment variable CC does not run.")
 
 

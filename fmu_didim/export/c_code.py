@@ -189,13 +189,14 @@ def _exported_functions(block: Block) -> list[ca.Function]:
 
 
 def _function(name: str, arguments: list[Any], results: list[Any]) -> ca.Function:
-    """A function that computes what its results have in common once: half of a direction of a robot."""
+    """A function that computes common subexpressions once: half of the operations of a robot's directional
+    derivative."""
     return ca.Function(name, arguments, ca.cse(results))
 
 
 def ready_count(block: Block) -> int:
-    """The first outputs of a continuous block that no input reaches: they are computed without the others, such as
-    positions without accelerations; 0 where that spares nothing."""
+    """Number of the first outputs of a continuous block that depend on no input: they are computed without the others,
+    such as positions without accelerations; 0 for a sampled block, and where no output depends on an input."""
     if block.sample_time is not None:
         return 0
     reached = {int(row) for row in block.output.jac_sparsity(0, 1).get_triplet()[0]}

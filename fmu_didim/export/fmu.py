@@ -23,6 +23,7 @@ from fmu_didim.export.c_code import CONFIG_FILE, EQUATIONS_FILE, check_exportabl
 from fmu_didim.export.platforms import Platform, host_platform, select_platforms
 from fmu_didim.export.versions import DEFAULT_VERSION, WrittenVersion, written_version
 
+_WRAPPER = ("block.h", "block.c", "common.c")
 _ZIP_TIME = (1980, 1, 1, 0, 0, 0)  # the earliest a zip file can hold; the same content gives the same bytes
 
 
@@ -90,15 +91,15 @@ def copied(path: Path, directory: Path) -> Path:
 
 
 def _content_digest(block: Block, fmi: WrittenVersion) -> str:
-    """SHA-256 of everything that decides what the FMU computes, whatever compiler builds it.
+    """SHA-256 of everything that decides what the FMU computes, the compiler aside.
 
-    The source of the exporter itself is part of it: whoever changes it never meets files of the old one.
+    The source of the exporter itself is part of it, so that a changed exporter takes no file of the old one.
     """
     state = hashlib.sha256(f"{__version__} casadi {version('casadi')} FMI {fmi.name}".encode())
     state.update(block.digest().encode())
     state.update(block.description.encode())
     state.update(generate_config(block, guid="").encode())  # holds the constants of the substep rule
-    for name in _wrapper_files(fmi):
+    for name in (*_WRAPPER, fmi.main):
         state.update(wrapper_source(name).encode())
     for package in ("fmu_didim.export", "fmu_didim.export.versions"):
         for source in sorted(files(package).iterdir(), key=lambda entry: entry.name):
@@ -117,7 +118,7 @@ def _key(content: str, compilers: dict[Platform, Compiler]) -> str:
 def _build(block: Block, fmi: WrittenVersion, content: str, compilers: dict[Platform, Compiler], path: Path) -> None:
     guid = f"{{{uuid.UUID(content[:32])}}}"
     tool = f"fmu_didim {__version__}"
-    sources = {name: wrapper_source(name) for name in _wrapper_files(fmi)}
+    sources = {name: wrapper_source(name) for name in (*_WRAPPER, fmi.main)}
     sources[CONFIG_FILE] = generate_config(block, guid=guid)
     sources[EQUATIONS_FILE] = generate_c(block)
     sources.update(fmi.sources(block))
@@ -149,7 +150,3 @@ def add_member(archive: zipfile.ZipFile, name: str, content: bytes) -> None:
     entry.compress_type = zipfile.ZIP_DEFLATED
     entry.external_attr = 0o644 << 16
     archive.writestr(entry, content)
-
-
-def _wrapper_files(fmi: WrittenVersion) -> tuple[str, ...]:
-    return ("block.h", "block.c", "common.c", fmi.main)

@@ -1,4 +1,4 @@
-"""C sources of others, as FMUs hold them and Modelica compilers write them, as a library for this machine."""
+"""Foreign C sources, from FMUs or Modelica compilers, as a library for this machine."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from fmu_didim.export.build import Compiler, find_compiler, run_compiler
 _REPLACED = {"-fvisibility=hidden": "-fvisibility=default", "-std=c99": "-std=gnu11", "-O3": "-O2", "-Wall": "-w"}
 """Flags of our own code -> those for sources that do not mark their functions, and whose warnings are not ours."""
 _NO_PREFIX = ("FMI2_OVERRIDE_FUNCTION_PREFIX=", "FMI3_OVERRIDE_FUNCTION_PREFIX=", "DISABLE_PREFIX=")
-"""With which functions are called as in a library: the prefix is nothing."""
+"""Definitions by which functions have the names of a shared library, without a prefix."""
 
 
 def source_compiler() -> Compiler:
-    """The compiler for sources of others."""
+    """The compiler for foreign sources."""
     found = find_compiler()
     return replace(found, flags=tuple(_REPLACED.get(flag, flag) for flag in found.flags))
 

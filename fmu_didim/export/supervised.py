@@ -1,4 +1,4 @@
-"""Runs a command and ends it, with all that it has started, when the process that asked for it is no more.
+"""Runs a command and ends it, with all that it has started, when the process that asked for it ends.
 
 A file that is run by its path; it imports nothing of the package. The process that starts it holds the other end of its
 standard input and makes it the leader of a group. That end closes however the process ends, also where it is killed.

@@ -86,7 +86,7 @@ def exported_variables(block: Block) -> Iterator[ExportedVariable]:
     refs = layout(block)
     calculated = {"variability": "continuous" if block.sample_time is None else "discrete", "initial": "calculated"}
     for reference, v in zip(refs.inputs, block.inputs, strict=True):
-        # Inputs of a sampled block are continuous too: they may change at any time, and are seen at the samples.
+        # Inputs of a sampled block are continuous too: they may change at any time, and are sampled.
         given = {"causality": "input", "variability": "continuous"}
         yield ExportedVariable(reference, v, given, repr(float(v.start)))
     for causality, places, variables in (("output", refs.outputs, block.outputs), ("local", refs.states, block.states)):

@@ -31,7 +31,7 @@ MAIN = "variational.c"
 LANES_MULTIPLE = 4
 """The number of lanes is a multiple of this, the doubles in a vector register."""
 MANY_LANES = 16
-"""From here on code for this very processor pays."""
+"""[1] Lanes from which on code for the processor of this machine pays off."""
 
 
 def lane_count(parameters: int) -> int:
@@ -55,21 +55,27 @@ def variational_library(
         BuildError: there is no compiler, or it reports an error.
     """
     equations = (block.update, block.output, block.start, block.step_rate)
-    solved = (block.balance, block.implicit)
-    return _library(equations, solved, block.sample_time is not None, parameters, lanes, outputs)
+    sampled = block.sample_time is not None
+    return _library(_Request(equations, block.balance, block.implicit, sampled, parameters, lanes, outputs))
+
+
+@dataclass(frozen=True)
+class _Request:
+    """All that a library follows from."""
+
+    equations: tuple[ca.Function, ca.Function, ca.Function, ca.Function | None]
+    balance: Balance | None
+    implicit: LinearlyImplicit | None
+    sampled: bool
+    parameters: tuple[tuple[int, int], ...]
+    lanes: int
+    outputs: tuple[int, ...]
 
 
 @lru_cache(maxsize=64)
-def _library(
-    equations: tuple[ca.Function, ca.Function, ca.Function, ca.Function | None],
-    solved: tuple[Balance | None, LinearlyImplicit | None],
-    sampled: bool,
-    parameters: tuple[tuple[int, int], ...],
-    lanes: int,
-    outputs: tuple[int, ...],
-) -> Path:
-    sources = _Writer(equations, solved, sampled, parameters, lanes, outputs).sources()
-    compiler = compiler_for_here() if lanes >= MANY_LANES else find_compiler()
+def _library(request: _Request) -> Path:
+    sources = _Writer(request).sources()
+    compiler = compiler_for_here() if request.lanes >= MANY_LANES else find_compiler()
     key = hashlib.sha256(repr((sorted(sources.items()), compiler.flags, compiler.version)).encode()).hexdigest()[:32]
 
     def fill(folder: Path) -> None:
@@ -154,24 +160,16 @@ def _nonzeros(matrix: ca.SX) -> list[tuple[int, int, ca.SX]]:
 class _Writer:
     """Writes the sources of one library."""
 
-    def __init__(
-        self,
-        equations: tuple[ca.Function, ca.Function, ca.Function, ca.Function | None],
-        solved: tuple[Balance | None, LinearlyImplicit | None],
-        sampled: bool,
-        parameters: tuple[tuple[int, int], ...],
-        lanes: int,
-        outputs: tuple[int, ...],
-    ) -> None:
-        self.update, self.output, self.start, self.rate = equations
-        self.balance, self.implicit = solved
-        self.sampled, self.outputs = sampled, list(outputs)
+    def __init__(self, request: _Request) -> None:
+        self.update, self.output, self.start, self.rate = request.equations
+        self.balance, self.implicit, self.sampled = request.balance, request.implicit, request.sampled
+        self.outputs = list(request.outputs)
         sizes = [self.update.numel_in(i) for i in range(3)]
         self.x, self.u, self.p = (ca.SX.sym(name, size) for name, size in zip("xup", sizes, strict=True))
         self.a = ca.SX.sym("a", self.balance.count if self.balance is not None else 0)
-        self.chosen = self.p[[place for _, place in parameters]]
-        self.own_lanes = [lane for lane, _ in parameters]
-        self.lanes = lane_count(lanes)
+        self.chosen = self.p[[place for _, place in request.parameters]]
+        self.own_lanes = [lane for lane, _ in request.parameters]
+        self.lanes = lane_count(request.lanes)
         self.coefficients = 0
         self.code: list[str] = []
 
@@ -179,7 +177,9 @@ class _Writer:
         """File name -> text."""
         generator = ca.CodeGenerator("variational_equations.c", {"with_header": False, "main": False, "mex": False})
         step = self._operation("update") if self.implicit is None else self._implicit_step(self.implicit)
-        functions = [self._start(), step, self._operation("output"), self._rate()]
+        rate = ca.densify(self.rate(self.x, self.p)) if self.rate is not None else ca.SX(ca.DM(0.0))
+        rate = ca.Function("variational_rate", [self.x, self.p], [rate])
+        functions = [self._start(), step, self._operation("output"), rate]
         hidden = self.a.numel() if self.implicit is None else max(self.a.numel(), self.implicit.hidden)
         for function in functions:
             generator.add(function)
@@ -197,10 +197,6 @@ class _Writer:
             "variational_lanes.c": "\n".join(self.code) + "\n",
             "variational_equations.c": str(generator.dump()),
         }
-
-    def _rate(self) -> ca.Function:
-        rate = ca.densify(self.rate(self.x, self.p)) if self.rate is not None else ca.SX(ca.DM(0.0))
-        return ca.Function("variational_rate", [self.x, self.p], [rate])
 
     def _start(self) -> ca.Function:
         product, start = _Product(own_lanes=self.own_lanes), _column(self.start(self.u, self.p))

@@ -1,4 +1,4 @@
-"""What the XML files of all FMI versions have in common."""
+"""The parts of XML files that all FMI versions share."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ _ILLEGAL = re.compile("[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]"
 
 
 def is_text(text: str) -> bool:
-    """Has a text only characters that XML 1.0 can hold (its section 2.2)?"""
+    """Whether a text has only characters that XML 1.0 can hold (its section 2.2)."""
     return _ILLEGAL.search(text) is None
 
 

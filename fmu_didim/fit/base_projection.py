@@ -1,4 +1,4 @@
-"""What a base model can absorb of a change of the torque, and what is left of it."""
+"""Projection of a change of the torque on the columns of a base model, and the rest of it."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ DEPENDENT = 1e-9
 """[1] Singular value, relative to the largest one, of columns of length one that depend on others: rounding of the
 sensitivities lies above it, that of the arithmetic below."""
 BLOCK = 32
-"""[tables] Projected in one go: the basis of a TX40, 2.5 MB, is then read once for all of them, and they still fit a
+"""[tables] Projected together: the basis of a TX40, 2.5 MB, is then read once for all of them, and they still fit a
 cache."""
 
 UNWEIGHTED = np.ones(1)
@@ -45,7 +45,7 @@ class BaseProjection:
 
         Args:
             tolerance: singular value, relative to the largest one, of columns of length one that depend on others.
-            idle: length of a column, relative to the longest one, at which it is nothing but rounding.
+            idle: length of a column, relative to the longest one, below which it is rounding.
         """
         count = columns.shape[-1]
         table = (columns.reshape(columns.shape[0], -1, count) * weight[:, None]).reshape(-1, count)
@@ -66,13 +66,13 @@ class BaseProjection:
         return np.asarray((values * weight).reshape(-1, *values.shape[2:]))
 
     def rest_of(self, weighted: Array) -> Array:
-        """What the base cannot absorb of weighted values, (N n,) or (N n, m)."""
+        """The part of weighted values, (N n,) or (N n, m), that the base cannot explain."""
         return np.asarray(weighted - self.basis @ (self.basis.T @ weighted))
 
     def rests_of(self, tables: Iterable[Array]) -> Iterator[tuple[Array, Array]]:
         """For many (N, n, m) one after the other: their weighted values (N n, m), and what is left of these.
 
-        Some are multiplied in one go, which is several times faster than one by one.
+        Several are multiplied together, which is several times faster than one by one.
         """
         waiting = iter(tables)
         while block := [self.weighted(table) for table in islice(waiting, BLOCK)]:

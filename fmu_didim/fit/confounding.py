@@ -1,4 +1,4 @@
-"""Which parameters the data cannot tell apart: nearly collinear columns of the sensitivity.
+"""Parameters that the data cannot separate: nearly collinear columns of the sensitivity.
 
 A direction v (of columns of length one) with a small singular value s is one along which the parameters may move
 together and the torque hardly changes. It is confounded if s is below what derivatives are exact to, or if noise lets
@@ -22,15 +22,14 @@ derivatives (1e-6 of a column) decide what is identified."""
 UNKNOWN_SIZE = 1.0
 """[1] A parameter is not known at all if its standard deviation is more than this fraction of its value,"""
 UNKNOWN_TORQUE = 0.05
-"""[1] and moves the torque by more than this fraction of it: that many a small parameter is not significant says
-nothing yet."""
+"""[1] and moves the torque by more than this fraction of it: small parameters are often not significant."""
 INFLATION = 10.0
 """[1] Ratio of the standard deviation to that with all others known, from which a parameter is unknown because of
 others."""
 
 
 def confounded(columns: Array, values: Array, names: Sequence[str], *, torque: float) -> tuple[str, ...]:
-    """Names of the parameters that cannot be told apart, an empty tuple where all can.
+    """Names of the parameters that cannot be separated; empty if all can.
 
     Args:
         columns: (r, p) whitened sensitivity; values: (p,) at which it was taken.

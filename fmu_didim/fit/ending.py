@@ -6,7 +6,7 @@ from enum import Enum
 
 
 class Ending(Enum):
-    """How the steps of a fit ended; the value is advice."""
+    """How the steps of a fit ended; the value is a text with advice."""
 
     NONE = "No steps were made: it is a point of the closed loop."
     SETTLED = "The steps became small."

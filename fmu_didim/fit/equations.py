@@ -14,7 +14,7 @@ SAME_DIRECTION = 1e-10
 """[1] Singular value of columns of length one, relative to the largest, below which a step leaves a direction
 alone."""
 UNKNOWN_DIRECTION = 1e-14
-"""[1] The same where standard deviations are taken: what can only just be told must show its large deviation."""
+"""[1] The same for standard deviations: directions that are barely determined must show their large deviation."""
 INSIDE = 1e-3
 """[standard deviations] Values that are nearer than this to those of a machine are those of one."""
 
@@ -40,7 +40,7 @@ class Equations:
         return Equations(r, q.T @ residual.ravel(), scale)
 
     def deviations(self) -> Array:
-        """(p,) standard deviations by (S'S)^-1; those of idle parameters, or of such as cannot be told apart, are
+        """(p,) standard deviations by (S'S)^-1; those of idle or indistinguishable parameters are
         those that the others would leave them."""
         free = self.scale > 0
         result = np.full(self.scale.size, np.inf)

@@ -1,4 +1,4 @@
-"""What an estimator returns."""
+"""The result of an estimator."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ class Estimate:
         noise_is_stated: whether it is the case that states it.
         fit: the point of the closed loop that it is; None where the residual is not that of a simulated torque.
         roughness: of the sensitivities of a foreign plant; None where they are exact.
-        rivals: parameter and its value at other minima that the data hardly tell from this one.
+        rivals: parameter and its value at other minima that fit the data almost as well.
         unlimited: (p,) values that the data alone ask for, where no machine has them; None where one does.
         remarks: what the user should know; advice: what to do, if more is known than the status.
         provenance: versions, options, hashes, loop.
@@ -105,7 +105,7 @@ class Estimate:
     @property
     def units(self) -> tuple[str, ...]:
         """(p,) FMI unit strings."""
-        return self.model.units
+        return self.model.free_parameters.units
 
     @property
     def value(self) -> Array:

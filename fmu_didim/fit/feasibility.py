@@ -17,7 +17,7 @@ from fmu_didim.dynamics.robot.physical_set import PhysicalSet
 from fmu_didim.fit.region import Machine, Region
 
 SMALLEST_DEVIATION = 1e-6
-"""[1] Standard deviation of a value, relative to it, that is taken at least: data without noise have weights, too."""
+"""[1] Smallest relative standard deviation of a value: data without noise need weights, too."""
 TOUCHES = 0.01
 """[standard deviations] Values that are nearer to physical ones are physical: the solver's rest."""
 
@@ -45,7 +45,7 @@ def nearest_physical(
 ) -> Nearest:
     """The base parameters nearest to values (b,) with covariance (b, b) that physical links can have.
 
-    What acts and is not identified keeps its value, unless that is zero, as where nobody has stated it.
+    Parameters that act and are not identified keep their values, unless those are zero, which means not stated.
 
     Args:
         alone: place of the one base parameter that counts; the others are taken as unknown.

@@ -1,4 +1,4 @@
-"""A point of the closed loop with its sensitivity: what a fit starts from and comes to."""
+"""A point of the closed loop with its sensitivity: start and result of a fit."""
 
 from __future__ import annotations
 

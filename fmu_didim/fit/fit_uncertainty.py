@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from fmu_didim.data.signals import Array
@@ -14,10 +12,10 @@ from fmu_didim.fit.uncertainty import Uncertainty, stretches, uncertainty
 
 
 def unfiltered_residual(fit: Fit) -> Array:
-    """(N, n) what a fit leaves of the torque logs as they are, without the filter that they may be fitted with."""
-    if fit.model.low_pass is None:
+    """(N, n) residual of a fit on the unfiltered torque logs."""
+    if fit.model.experiments.low_pass is None:
         return fit.residual
-    return replace(fit.model, low_pass=None).residual(fit.values)
+    return fit.model.with_low_pass(None).residual(fit.values)
 
 
 def fit_uncertainty(fit: Fit, instruments: Array | None = None) -> Uncertainty:
@@ -33,7 +31,8 @@ def fit_uncertainty(fit: Fit, instruments: Array | None = None) -> Uncertainty:
     Raises:
         SimulationError: the values cannot be simulated, which they could when they were fitted.
     """
-    model, deviation, residual = fit.model, fit.deviation, unfiltered_residual(fit)
+    model, experiments = fit.model, fit.model.experiments
+    deviation, residual = fit.deviation, unfiltered_residual(fit)
     stated = model.torque_deviation is not None
     sensitivity = fit.jacobian if instruments is None else fit.jacobian[:, :, : instruments.shape[2]]
     s = whitened(sensitivity, deviation)
@@ -42,13 +41,15 @@ def fit_uncertainty(fit: Fit, instruments: Array | None = None) -> Uncertainty:
     )
     influence = flat.reshape(sensitivity.shape) / deviation[:, None]
     usual = np.einsum("mjp,mjp->jp", influence, influence) * deviation[:, None] ** 2
-    if model.low_pass is not None:
-        influence = np.concatenate([model.filtered(influence[rows], label) for label, rows in model.rows.items()])
+    is_filtered = experiments.low_pass is not None
+    if is_filtered:
+        parts = [experiments.filtered(influence[rows], label) for label, rows in experiments.rows.items()]
+        influence = np.concatenate(parts)
     floor = noise_floor(model.measured)
-    if not stated and (model.low_pass is not None or model.joint_weights == "equal"):
+    if not stated and (is_filtered or model.joint_weights == "equal"):
         leverage = np.einsum("mjp,mjp->mj", sensitivity, influence)
         deviation = noise_deviation(residual, leverage, floor=floor)
     return uncertainty(
-        residual, sensitivity, influence, deviation, stretches([model.experiments[label].time for label in model.rows]),
-        stated=stated, floor=floor, usual=usual if model.low_pass is not None else None,
+        residual, sensitivity, influence, deviation, stretches([experiments[label].time for label in experiments.rows]),
+        stated=stated, floor=floor, usual=usual if is_filtered else None,
     )  # fmt: skip

@@ -1,8 +1,8 @@
-"""The gap between simulation and measurement, and how significant the comparison of two models is.
+"""The gap between simulation and measurement, and the significance of a comparison of two models.
 
     gap_j = sqrt( max( mean(r_j^2) / sigma_j^2 - 1, 0 ) )        model error of joint j in units of its noise
 
-is what remains of the residual r when the noise is taken out; 1 means a model error as large as the noise.
+is the residual r without the noise; 1 means a model error as large as the noise.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ def delta_bic(before: Array, after: Array, cost: float, noise: Noise) -> float:
     so that model error that neither explains is not taken for independent noise.
 
     Args:
-        cost: parameters that the larger model has more.
+        cost: number of additional parameters of the larger model.
 
     Source: Schwarz, Annals of Statistics 6 (1978), with the effective number of samples of an autoregression.
     """
@@ -101,7 +101,7 @@ def rms_ratio(before: Array, after: Array, noise: Noise, *, block: int, seed: in
 
 def held_out_ratio(before: Fit, after: Fit, *, seed: int = 0) -> Ratio | None:
     """Ratio of the held-out RMS of two models; None without held-out data, worse than any if one cannot be run."""
-    if not before.model.validation_labels:
+    if not before.model.experiments.validation_labels:
         return None
     try:
         first, second = _held_out(before), _held_out(after)
@@ -112,7 +112,7 @@ def held_out_ratio(before: Fit, after: Fit, *, seed: int = 0) -> Ratio | None:
 
 def held_out_ratios(before: Fit, after: Fit, *, seed: int = 0) -> list[tuple[int, Ratio]]:
     """Joint, from 1, and its ratio of the held-out RMS of two models; empty without held-out data."""
-    if not before.model.validation_labels:
+    if not before.model.experiments.validation_labels:
         return []
     try:
         first, second = _held_out(before), _held_out(after)
@@ -125,17 +125,17 @@ def held_out_ratios(before: Fit, after: Fit, *, seed: int = 0) -> list[tuple[int
 
 def _held_out(fit: Fit) -> Array:
     """(Nv, n) residual of all held-out experiments."""
-    labels = fit.model.validation_labels
+    labels = fit.model.experiments.validation_labels
     return np.concatenate([fit.residual_in(label) for label in labels])
 
 
 def _block(fit: Fit) -> int:
     """Samples in a block of the bootstrap."""
-    return max(round(BLOCK_S * fit.model.experiments[fit.model.validation_labels[0]].rate_hz), 1)
+    return max(round(BLOCK_S * fit.model.experiments[fit.model.experiments.validation_labels[0]].rate_hz), 1)
 
 
 def explained(before: Array, after: Array, noise: Noise) -> tuple[float, float]:
-    """What a larger model explains: RMS in units of the noise, on the joint where it explains most, and the share of
+    """Gain by a larger model: RMS in units of the noise, on the joint where it explains most, and the share of
     the gap of all joints."""
     first = np.mean((before / noise.deviation) ** 2, axis=0)
     second = np.mean((after / noise.deviation) ** 2, axis=0)
@@ -145,10 +145,10 @@ def explained(before: Array, after: Array, noise: Noise) -> tuple[float, float]:
 
 
 def part_of_first(first: Array, before: Array, after: Array, noise: Noise) -> float:
-    """What a larger model explains on the joint where it explains most, as a fraction of the first model's gap there.
+    """Gain by a larger model on the joint where it gains most, as a fraction of the first model's gap there.
 
     Args:
-        first, before, after: residuals (N, n) of the first model, and without and with what is new.
+        first, before, after: residuals (N, n) of the first model, and without and with the addition.
     """
     squares = [np.mean((residual / noise.deviation) ** 2, axis=0) for residual in (first, before, after)]
     joint = int(np.argmax(squares[1] - squares[2]))

@@ -38,10 +38,10 @@ class History:
 
     @property
     def count(self) -> int:
-        """How many there are."""
+        """Their number."""
         return len(self.iterations)
 
     def add(self, iteration: Iteration) -> None:
-        """One more."""
+        """Append an iteration and report it."""
         self.iterations.append(iteration)
         self.progress(iteration)

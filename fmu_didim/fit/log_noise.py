@@ -1,4 +1,4 @@
-"""How noisy the torque logs of a loop model are: by the periods of their motion, else by what a fit leaves of them."""
+"""Noise of the torque logs of a loop model: by the periods of their motion, else by the residual of a fit."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ NOT_NOISE = 1.25
 SLOW = 0.25
 """[1] So do those whose difference is that correlated over a time in which noise is not,"""
 CHANCE = 3.0
-"""[standard deviations] unless a correlation as large comes about by chance in so many samples."""
+"""[standard deviations] unless chance gives a correlation as large in this number of samples."""
 TRANSIENT = 0.1
 """[1] Fraction of a period that is left out when periods are compared: the first one may begin with a transient."""
 WHOLE_SAMPLES = 1e-3
@@ -38,19 +38,19 @@ REVERSAL = 0.01
 """[1] Fraction of the largest speed over which the sign of a speed changes, in the columns along which friction
 drifts."""
 STANDSTILL = 1e-9
-"""[SI] Smallest range with which that is compared, of a joint that rests."""
+"""[SI] Smallest range to compare with, for a joint that rests."""
 
 
 def motion_period(model: LoopModel, label: str) -> float | None:
     """Time in s after which the motion of an experiment repeats, None if it does not."""
-    system = model.systems[label]
+    system = model.loop.systems[label]
     reference = _used(model.experiments[label].reference, system)
     ticks = period_in_ticks(reference)
     return None if ticks is None else ticks * system.step_size
 
 
 def _used(reference: Trajectory, system: System) -> Trajectory:
-    """The columns that go into the loop: a file may hold measured ones too, which never repeat exactly."""
+    """The columns that the loop uses: a file may hold measured ones too, which never repeat exactly."""
     sources = [c.source.partition(".") for c in system.connections]
     wanted = {column for name, _, column in sources if name == REFERENCE}
     names = [name for name in reference.names if name in wanted]
@@ -70,7 +70,7 @@ def repeated_noise(model: LoopModel) -> tuple[dict[str, Noise], list[str]]:
             notes.append("The period of the motion is no whole number of torque samples, so periods were not compared.")
             continue
         noise = noise_from_periods(
-            experiment.with_gaps(model.measured_in(label)),
+            experiment.with_gaps(model.experiments.measured_in(label)),
             count,
             rate_hz=experiment.rate_hz,
             skip=round(TRANSIENT * count),
@@ -83,11 +83,11 @@ def repeated_noise(model: LoopModel) -> tuple[dict[str, Noise], list[str]]:
 
 def known_noise(model: LoopModel) -> Array | None:
     """(n,) standard deviation of the torque logs without any model: as the case states it, or as the differences of
-    periods show it; None where neither is there. It is that of the logs as they are, whatever they are filtered with.
+    periods show it; None where neither exists. It is that of the unfiltered logs.
     """
     if model.torque_deviation is not None:
         return model.torque_deviation
-    repeated, _ = repeated_noise(replace(model, low_pass=None))
+    repeated, _ = repeated_noise(model.with_low_pass(None))
     if set(repeated) != set(model.estimation_labels):
         return None
     return pooled(list(repeated.values())).deviation
@@ -99,7 +99,7 @@ def noise_beside_fit(fit: Fit) -> Noise:
     if fit.noise.source != "periods":
         return residual_noise(fit)
     found = []
-    for label, rows in fit.model.rows.items():
+    for label, rows in fit.model.experiments.rows.items():
         period, experiment = motion_period(fit.model, label), fit.model.experiments[label]
         count = None if period is None else _whole(period * experiment.rate_hz)
         if count is None:
@@ -146,7 +146,8 @@ def without_events(noises: Mapping[str, Noise], fit: Fit) -> tuple[Noise, list[s
 def _residual_noise(fit: Fit, label: str) -> Noise:
     experiment = fit.model.experiments[label]
     frequency = motion_frequency(experiment.reference, fit.model.joint_count)
-    return noise_from_residual(fit.residual[fit.model.rows[label]], rate_hz=experiment.rate_hz, motion_hz=frequency)
+    residual = fit.residual[fit.model.experiments.rows[label]]
+    return noise_from_residual(residual, rate_hz=experiment.rate_hz, motion_hz=frequency)
 
 
 def _whole(samples: float) -> int | None:

@@ -118,7 +118,7 @@ class Region:
     @staticmethod
     def of(model: LoopModel) -> Region:
         """What the free parameters of a model may be: those of each experiment a machine, friction not negative."""
-        low, high = model.limits
+        low, high = model.free_parameters.limits
         if not isinstance(model.parameters, RobotParameters):
             return Region(low, high)
         low, machines = low.copy(), []

@@ -119,7 +119,7 @@ def chi_square_bounds(samples: float, known_from: float = np.inf) -> tuple[float
 
 
 def _counted(noise: JointNoise, own: float, usual: float, samples: float, *, stated: bool) -> JointNoise:
-    """The noise that a standard deviation counts with, from that of the residual with variance ``own`` and white noise
+    """The noise for standard deviations, from that of the residual with variance ``own`` and white noise
     with the usual one, which may be stated."""
     if not stated:
         return replace(noise, variance=usual) if not noise.coefficients.size else noise
@@ -133,7 +133,7 @@ def _counted(noise: JointNoise, own: float, usual: float, samples: float, *, sta
 def _judged(
     group: LogsOfOneRate, noises: Sequence[JointNoise], usual: Array, covariance: Array, floor: Array, *, stated: bool
 ) -> list[Colour]:
-    """What is known of each joint, where white noise would have variances ``usual`` (n,); its inflation is still
+    """The colour of each joint, where white noise would have variances ``usual`` (n,); its inflation is still
     one."""
     most = max(noise.coefficients.size for noise in noises) + WHITENESS_LAGS
     lags = min(most, group.samples - 1)
@@ -171,7 +171,7 @@ def uncertainty(
     floor: Array | float = 0.0,
     usual: Array | None = None,
 ) -> Uncertainty:
-    """The covariance of an estimate, from what it leaves.
+    """The covariance of an estimate, from its residual.
 
     Args:
         residual: (N, n); sensitivity: (N, n, p) of the simulated torque; influence: (N, n, p) d theta / d noise.

@@ -29,7 +29,7 @@ class Experiment:
         role: whether the parameters are fitted to it, or only judged by it.
         external_torques: torques from outside the model that are known to have acted.
         stamps: instants of the log as its file has them, before another rate was chosen; None: those in ``time``.
-        told: what is to be told of how its files were read.
+        told: diagnostics of reading its files.
     """
 
     reference: Trajectory

@@ -1,4 +1,4 @@
-"""What a loop model leaves free: a parameter of any part of the loop, with its owner, unit, scale and limits."""
+"""The free parameters of a loop: values (p,) -> base parameters, and values of every other part of the loop."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fmu_didim.base.errors import UnknownNameError
+from fmu_didim.data.signals import Array
 from fmu_didim.model.parameters import Parameters
 
 BASE, PLANT, DELAY, LOG = "base", "plant", "delay", "log"
@@ -57,6 +58,94 @@ class FreeParameter:
         return self.experiment is None or self.experiment == label
 
 
+class FreeParameters(tuple[FreeParameter, ...]):
+    """The free parameters: base parameters first, those that belong to one experiment next, then all others.
+
+    Values (p,) are in their order. A parameter of one experiment acts there instead of the shared one.
+    """
+
+    __slots__ = ()
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """(p,) unique names."""
+        return tuple(parameter.name for parameter in self)
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """(p,) FMI unit strings."""
+        return tuple(parameter.unit for parameter in self)
+
+    @property
+    def start(self) -> Array:
+        """(p,) start values."""
+        return np.array([parameter.value for parameter in self])
+
+    @property
+    def limits(self) -> tuple[Array, Array]:
+        """(p,) lowest and (p,) highest values."""
+        return np.array([k.lowest for k in self]), np.array([k.highest for k in self])
+
+    @property
+    def linear_count(self) -> int:
+        """Number of base parameters, shared ones and those of one experiment: the first free parameters."""
+        return sum(parameter.owner == BASE for parameter in self)
+
+    @property
+    def shared_base(self) -> FreeParameters:
+        """The b base parameters that the experiments share."""
+        return FreeParameters(k for k in self if k.owner == BASE and k.experiment is None)
+
+    def with_values(self, values: Array) -> FreeParameters:
+        """The same, starting from other values (p,)."""
+        return FreeParameters(replace(k, value=float(v)) for k, v in zip(self, values, strict=True))
+
+    def limited(self, values: Array) -> Array:
+        """Values (p,) moved into their limits."""
+        return np.asarray(np.clip(values, *self.limits))
+
+    def theta(self, values: Array, label: str) -> Array:
+        """(b,) base parameters that act in an experiment."""
+        theta = values[: len(self.shared_base)].copy()
+        for place, i in self._own_base(label):
+            theta[place] = values[i]
+        return theta
+
+    def others(self, values: Array, label: str) -> dict[str, dict[str, float]]:
+        """Values of all but the base parameters in an experiment: owner -> name there -> value."""
+        found: dict[str, dict[str, float]] = {}
+        for parameter, value in zip(self, values, strict=True):
+            if parameter.owner != BASE and parameter.acts_in(label):
+                found.setdefault(parameter.owner, {})[parameter.key] = float(value)
+        return found
+
+    def spread(self, columns: Array, label: str) -> Array:
+        """(N, n, linear_count) columns (N, n, b) of the base parameters that act in an experiment, over all that are
+        free: those of other experiments are zero."""
+        result = np.zeros((*columns.shape[:2], self.linear_count))
+        result[:, :, : columns.shape[2]] = columns
+        for place, i in self._own_base(label):
+            result[:, :, i], result[:, :, place] = columns[:, :, place], 0.0
+        return result
+
+    def has_own_base(self, label: str) -> bool:
+        """Whether an experiment has values of its own for some base parameters."""
+        return bool(self._own_base(label))
+
+    def _own_base(self, label: str) -> list[tuple[int, int]]:
+        """Base parameters of one experiment: place among the shared ones, place among all."""
+        places = {k.key: place for place, k in enumerate(self.shared_base)}
+        own = ((i, k) for i, k in enumerate(self) if k.owner == BASE and k.experiment == label)
+        return [(places[k.key], i) for i, k in own]
+
+    def acts(self, i: int, label: str) -> bool:
+        """Whether a free parameter acts in an experiment, which may have its own instead."""
+        one = self[i]
+        if one.experiment is not None:
+            return one.experiment == label
+        return all((k.owner, k.key, k.experiment) != (one.owner, one.key, label) for k in self)
+
+
 def joint_parameter(name: str, joint: int, *, is_shape: bool) -> str:
     """Name of a parameter of an effect with the number of its joint: ``Fs1``, of a shape ``vs_1``."""
     return f"{name}_{joint}" if is_shape else f"{name}{joint}"
@@ -67,9 +156,7 @@ def plain_name(name: str, joint: int) -> str:
     return name.removesuffix(str(joint)).removesuffix("_")
 
 
-def base_free_parameters(
-    parameters: Parameters, own: Mapping[str, Sequence[str]] | None = None
-) -> tuple[FreeParameter, ...]:
+def base_free_parameters(parameters: Parameters, own: Mapping[str, Sequence[str]] | None = None) -> FreeParameters:
     """The base parameters as free ones, those that belong to one experiment behind those that all share.
 
     Args:
@@ -91,7 +178,7 @@ def base_free_parameters(
             if name not in parameters.names:
                 raise UnknownNameError("base parameter", name, parameters.names, where=f"experiments.{label}.own")
             further.append(of_experiment(shared[parameters.names.index(name)], label))
-    return (*shared, *further)
+    return FreeParameters((*shared, *further))
 
 
 def of_experiment(parameter: FreeParameter, label: str) -> FreeParameter:
@@ -105,6 +192,6 @@ def delay_parameter(samples: float) -> FreeParameter:
 
 
 def log_shift_parameter() -> FreeParameter:
-    """How late the log is stamped, beyond what is stated of it."""
+    """Lag of the stamps of the log, in addition to the stated one."""
     limit = LONGEST_LOG_SHIFT_S
     return FreeParameter("log_shift", "s", LOG, "shift", 0.0, 0.01, lowest=-limit, highest=limit)

@@ -1,6 +1,6 @@
 """How finely a plant is integrated: its substeps in a control period, shorter ticks for stiff effects in the wiring.
 
-What a case states holds, raised to what is stable. Otherwise a model has as many substeps as its data can tell
+What a case states holds, raised to what is stable. Otherwise a model has as many substeps as its data can resolve
 (:func:`with_fitting_substeps`), or those of the rule for its fastest rate.
 """
 
@@ -28,7 +28,7 @@ class Integration:
 
 
 def integration(plant: Component, step: float) -> Integration | None:
-    """How a plant is integrated in communication steps of so many s; None where its equations are not known."""
+    """How a plant is integrated with this communication step (s); None where its equations are not known."""
     known = plant.equations()
     if known is None or known[0].step_rate is None:
         return None
@@ -37,7 +37,7 @@ def integration(plant: Component, step: float) -> Integration | None:
 
 
 def stable_substeps(block: Block, step: float) -> int:
-    """The fewest substeps in a step of so many s that are stable, and resolve what oscillates."""
+    """The fewest substeps in a communication step (s) that are stable, and resolve oscillations."""
     if block.implicit is not None:
         return choose_substeps(block.at_start(block.implicit.resolution), step, minimum=1)
     assert block.rate_bound is not None
@@ -65,7 +65,7 @@ def refined(plant: Component, chosen: int | None, factor: int, step: float) -> C
 def searched(plant: Component, wanted: int, factor: int, step: float, joints: int) -> Component:
     """The plant with a wanted number of substeps, raised to what is stable, times a factor; as it is if it states one.
 
-    Where RK4 integrates own states (bristles, gears), it resolves them as ever.
+    Where RK4 integrates own states (bristles, gears), it still resolves them.
 
     Args:
         step: communication step, s; joints: n, of a plant with 2 n states.

@@ -1,37 +1,180 @@
 """The closed loop as a function from free parameters to the torque at the samples of every experiment.
 
-    values (p,)  ->  system with these values  ->  closed-loop simulation  ->  torque at the samples (N, n)
+    values (p,) -> FreeParameters -> base parameters (b,), values by owner
+                -> Loop           -> system of an experiment with these values
+                -> Simulation     -> closed-loop simulation -> torque at the samples (N, n)
+                -> Experiments    -> measured minus simulated torque (N, n)
 
-A :class:`LoopModel` describes components and wiring, the experiments by label, and what is free anywhere in the loop:
-base parameters of the robot first, then parameters of the controller, of drives and sensors, the delay, the clock of
-the log, and amplitudes and shapes of effects that discovery has added. Tables that speak of several experiments hold
-their samples one below the other, in the order of ``estimation_labels``. A :class:`Simulation` is one experiment of it
-with certain values.
+A :class:`LoopModel` has these parts. Free are base parameters of the robot first, then parameters of the controller, of
+drives and sensors, the delay, the clock of the log, and amplitudes and shapes of effects that discovery has added. A
+:class:`Simulation` is one experiment of it with certain values.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fmu_didim.base.errors import DivergedError
-from fmu_didim.components import SameObject
-from fmu_didim.cosim import Observer, Recording, SampleOperator, System, response_key, simulate
+from fmu_didim.components import Component, SameObject
+from fmu_didim.cosim import (
+    InstancePool,
+    KeptRecordings,
+    Observer,
+    Recording,
+    SampleOperator,
+    System,
+    response_key,
+    simulate,
+)  # fmt: skip
+from fmu_didim.data.low_pass import LowPass
 from fmu_didim.data.signals import Array
 from fmu_didim.model.experiment import Experiment
+from fmu_didim.model.experiments import Experiments
 from fmu_didim.model.external_torque import EXTERNAL_TORQUE, ExternalTorque, held, with_external_torques
-from fmu_didim.model.free_parameter import LOG
-from fmu_didim.model.integration import divided
-from fmu_didim.model.parametrised_loop import ParametrisedLoop
-from fmu_didim.model.workers import may_run_side_by_side
+from fmu_didim.model.free_parameter import LOG, FreeParameter, FreeParameters
+from fmu_didim.model.integration import Integration, divided, integration
+from fmu_didim.model.loop import Loop
+from fmu_didim.model.parameters import Parameters
+from fmu_didim.model.workers import default_workers, may_run_side_by_side
 
 
 @dataclass(frozen=True)
-class LoopModel(ParametrisedLoop):
-    """The loop of a description, simulated: torque and residual as functions of the values (p,) of what is free."""
+class EffectAtJoint:
+    """An effect at a joint: its name in the catalogue, and the number of the joint, counted from 1."""
+
+    effect: str
+    joint: int
+
+
+@dataclass(frozen=True)
+class LoopModel:
+    """Torque and residual of a closed loop as functions of the values (p,) of what is free.
+
+    Attributes:
+        loop: plant, controller, wiring and integration; experiments: what was measured.
+        free_parameters: what is free anywhere in the loop, with start values and limits.
+        added_effects: in the order in which they were added.
+        torque_deviation: (n,) known standard deviation of the torque noise; estimated when None.
+        joint_weights: ``estimated`` divides each joint by its noise, ``equal`` treats them alike.
+        pool: instances that run again; recordings: of the last runs, for those who ask for the same again. Both are
+            shared with all models made from this one.
+        workers: simulations side by side, where compiled code runs the loop.
+    """
+
+    loop: Loop
+    experiments: Experiments
+    free_parameters: FreeParameters
+    added_effects: tuple[EffectAtJoint, ...] = ()
+    torque_deviation: Array | None = None
+    joint_weights: str = "estimated"
+    pool: InstancePool = field(default_factory=InstancePool, compare=False, repr=False)
+    recordings: KeptRecordings = field(default_factory=KeptRecordings, compare=False, repr=False)
+    workers: int = field(default_factory=default_workers, compare=False)
+
+    # ---- the parts, as most ask for them
+
+    @property
+    def parameters(self) -> Parameters:
+        """The base parameters, with their regressor where there is one."""
+        return self.loop.parameters
+
+    @property
+    def joint_count(self) -> int:
+        """Number of joints n."""
+        return self.loop.joint_count
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """(p,) names of the free parameters."""
+        return self.free_parameters.names
+
+    @property
+    def start(self) -> Array:
+        """(p,) start values of the free parameters."""
+        return self.free_parameters.start
+
+    @property
+    def linear_count(self) -> int:
+        """Number of free base parameters: the first of all."""
+        return self.free_parameters.linear_count
+
+    @property
+    def first(self) -> str:
+        """Label of the first experiment."""
+        return self.experiments.first
+
+    @property
+    def estimation_labels(self) -> tuple[str, ...]:
+        """Labels of the experiments that are fitted."""
+        return self.experiments.estimation_labels
+
+    @property
+    def measured(self) -> Array:
+        """(N, n) measured torque of all experiments that are fitted."""
+        return self.experiments.measured
+
+    # ---- other models
+
+    def with_values(self, values: Array) -> LoopModel:
+        """The same model starting from other values."""
+        return replace(self, free_parameters=self.free_parameters.with_values(values))
+
+    def with_free(self, free_parameters: Iterable[FreeParameter]) -> LoopModel:
+        """The same model with these free parameters."""
+        return replace(self, free_parameters=FreeParameters(free_parameters))
+
+    def with_loop(self, **changes: Any) -> LoopModel:
+        """The same model with other attributes of its :class:`Loop`."""
+        return replace(self, loop=replace(self.loop, **changes))
+
+    def with_delay(self, samples: float) -> LoopModel:
+        """The same model with a known delay of the command, in control periods, in all experiments."""
+        name, systems = self.loop.plant_name, self.loop.systems
+        return self.with_loop(systems={label: s.with_delay(name, samples) for label, s in systems.items()})
+
+    def with_experiment(self, label: str, experiment: Experiment) -> LoopModel:
+        """The same model with other data under a label."""
+        return replace(self, experiments=self.experiments.with_experiment(label, experiment))
+
+    def pushed(self, label: str, external_torques: Sequence[ExternalTorque]) -> LoopModel:
+        """The same model with these torques from outside in an experiment, instead of those that it has."""
+        experiment = replace(self.experiments[label], external_torques=tuple(external_torques))
+        return self.with_experiment(label, experiment)
+
+    def with_low_pass(self, low_pass: LowPass | None) -> LoopModel:
+        """The same model with another filter of torque and regressor, or none."""
+        return replace(self, experiments=replace(self.experiments, low_pass=low_pass))
+
+    def on(self, *labels: str) -> LoopModel:
+        """The same model with some of its experiments alone, all of them for the estimation."""
+        model = self.with_loop(systems={label: self.loop.systems[label] for label in labels})
+        return replace(model, experiments=self.experiments.fitted(labels))
+
+    def integrated_as(self, values: Array) -> LoopModel:
+        """The same model with the integration steps that it has at these values, wherever its parameters move."""
+        if self.loop.substeps is None:
+            return self
+        stated = self._plant(values).stated_substeps
+        plant = self.loop.plant.with_substeps(stated) if stated is not None else None
+        return self if plant is None else self.with_loop(plant=plant)
+
+    # ---- values in it
+
+    def theta(self, values: Array, label: str | None = None) -> Array:
+        """(b,) base parameters that act in an experiment, by default the first one, as in ``parameters``."""
+        return self.free_parameters.theta(values, label or self.first)
+
+    def system(self, values: Array, label: str | None = None) -> System:
+        """The loop of an experiment, by default the first one, with these values; all else stays untouched."""
+        label = label or self.first
+        others = self.free_parameters.others(values, label)
+        return self.loop.system(label, self.experiments[label], self.theta(values, label), others)
 
     def simulation(self, values: Array, label: str | None = None) -> Simulation:
         """An experiment, by default the first one, with these values; it runs when something is asked of it."""
@@ -45,14 +188,51 @@ class LoopModel(ParametrisedLoop):
 
     def residual(self, values: Array, label: str | None = None) -> Array:
         """(N, n) measured minus simulated torque of an experiment, by default of all that are fitted."""
-        return (self.measured if label is None else self.measured_in(label)) - self.torque(values, label)
+        measured = self.measured if label is None else self.experiments.measured_in(label)
+        return measured - self.torque(values, label)
 
     def allowed_workers(self, values: Array) -> int:
         """How many simulations may run at once: ``workers``, or one where Python runs the loop or an FMU of another
         tool takes part."""
-        if self.workers == 1 or not may_run_side_by_side(self.systems[self.first]):
+        if self.workers == 1 or not may_run_side_by_side(self.loop.systems[self.first]):
             return 1
         return self.workers if self.simulation(values).record(ticks=np.zeros(1, dtype=np.int64)).compiled else 1
+
+    # ---- how finely its plant is integrated
+
+    @property
+    def can_refine(self) -> bool:
+        """Whether the substeps of the plant can be chosen, so that halving them can be tried."""
+        loop, label = self.loop, self.first
+        start = loop.start_values(self.experiments[label].reference)
+        known = loop.parameters.substeps(loop.parameters.nominal(), start, loop.systems[label].step_size)
+        return known is not None and loop.plant.with_substeps(2) is not None
+
+    def fewest_substeps(self, values: Array) -> int:
+        """The fewest substeps of the plant that are stable in all fitted experiments."""
+        fewest = self.with_loop(substeps=1, substep_factor=1)
+        return max(fewest._plant(values, label).stated_substeps or 1 for label in self.estimation_labels)
+
+    def automatic_substeps(self, values: Array) -> int:
+        """The substeps of the plant by the rule for its fastest rate."""
+        fewest, counts = self.with_loop(substeps=1, substep_factor=1), []
+        for label in self.estimation_labels:
+            known = fewest._plant(values, label).equations()
+            assert known is not None
+            counts.append(known[0].automatic_substeps(self._tick_s(label)))
+        return max(counts)
+
+    def integration(self, values: Array) -> Integration | None:
+        """How the plant is integrated; None where its equations are not known."""
+        return integration(self._plant(values), self._tick_s(self.first))
+
+    def _plant(self, values: Array, label: str | None = None) -> Component:
+        """The plant as it is run with these values."""
+        return self.system(values, label).components[self.loop.plant_name]
+
+    def _tick_s(self, label: str) -> float:
+        """Communication step of the plant in an experiment, s."""
+        return self.loop.systems[label].step_size / self.loop.subdivision
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,13 +259,13 @@ class Simulation:
 
     @property
     def experiment(self) -> Experiment:
-        """What was measured, and the reference."""
+        """The reference and the measurement."""
         return self.model.experiments[self.label]
 
     @property
     def step_size(self) -> float:
         """Control period, s."""
-        return self.model.systems[self.label].step_size
+        return self.model.loop.systems[self.label].step_size
 
     @property
     def theta(self) -> Array:
@@ -96,24 +276,23 @@ class Simulation:
     def external_torques(self) -> tuple[ExternalTorque, ...]:
         """The torques from outside; their times and sizes may be free parameters."""
         found = list(self.experiment.external_torques)
-        for parameter, value in zip(self.model.free_parameters, self.values, strict=True):
-            if parameter.owner == EXTERNAL_TORQUE and parameter.experiment == self.label:
-                index, _, name = parameter.key.partition(".")
-                found[int(index)] = found[int(index)].moved(name, float(value))
+        for key, value in self._free(EXTERNAL_TORQUE).items():
+            index, _, name = key.partition(".")
+            found[int(index)] = found[int(index)].moved(name, value)
         return tuple(found)
 
     @property
     def log_shift_s(self) -> float:
-        """How late the log is stamped, in s, beyond what its operator knows."""
-        found = {}
-        for parameter, value in zip(self.model.free_parameters, self.values, strict=True):
-            if parameter.owner == LOG and parameter.acts_in(self.label):
-                found[parameter.key] = float(value)
-        return sum(found.values())
+        """Lag of the stamps of the log, in s, in addition to that of its operator."""
+        return sum(self._free(LOG).values())
+
+    def _free(self, owner: str) -> dict[str, float]:
+        """Values of the free parameters of an owner, by their names there."""
+        return self.model.free_parameters.others(self.values, self.label).get(owner, {})
 
     @cached_property
     def operator(self) -> SampleOperator:
-        """How the log follows from the command."""
+        """Maps the held command to the samples of the log."""
         is_free = any(parameter.owner == LOG for parameter in self.model.free_parameters)
         count, shift = self.experiment.reference.time.size, self.log_shift_s / self.step_size
         return self.experiment.operator.stamped_later(shift, count, between=is_free)
@@ -121,10 +300,10 @@ class Simulation:
     @cached_property
     def system(self) -> System:
         """The system as it is run, with the ticks that its components need."""
-        model, system = self.model, self.model.system(self.values, self.label)
-        if model.subdivision == 1:
+        loop, system = self.model.loop, self.model.system(self.values, self.label)
+        if loop.subdivision == 1:
             return system
-        return divided(system, model.plant_name, set(model.added_components), model.subdivision)
+        return divided(system, loop.plant_name, set(loop.added_components), loop.subdivision)
 
     def record(
         self,
@@ -141,19 +320,20 @@ class Simulation:
             system: another one like the own; observe: as of :func:`fmu_didim.cosim.simulate`.
         """
         model, reference, external = self.model, self.experiment.reference, self.external_torques
+        subdivision = model.loop.subdivision
         if ticks is None:
             ticks = np.arange(reference.time.size) if all_ticks else self.operator.ticks
         system = system or self.system
-        bounds = model.position_bounds(self.label)
+        bounds = model.loop.position_bounds(reference)
         response, key = response_key(system) if observe is None else None, None
         if response is not None:
-            run = (SameObject(reference), external, model.subdivision, ticks.tobytes(), tuple(bounds.items()))
+            run = (SameObject(reference), external, subdivision, ticks.tobytes(), tuple(bounds.items()))
             key = (response, *run)
             if known := model.recordings.find(key):
                 return known
         reference = with_external_torques(reference, external)
-        if model.subdivision > 1:
-            reference, ticks = held(reference, model.subdivision), ticks * model.subdivision
+        if subdivision > 1:
+            reference, ticks = held(reference, subdivision), ticks * subdivision
         recording = simulate(system, reference, ticks=ticks, bounds=bounds, observe=observe, pool=model.pool)
         if key is not None:
             model.recordings.keep(key, recording)
@@ -168,14 +348,14 @@ class Simulation:
         torque = self.operator.apply(self.logged_torque(recording))
         if not np.isfinite(torque).all():
             raise DivergedError("The simulated torque is not finite.", time=float(recording.time[-1]))
-        return self.model.filtered(torque, self.label)
+        return self.model.experiments.filtered(torque, self.label)
 
     def logged_torque(self, recording: Recording) -> Array:
         """(K, n) what a log would show at the recorded ticks: the inputs without the torques from outside."""
-        model, logged, reference = self.model, self.model.logged, self.experiment.reference.time
+        loop, logged, reference = self.model.loop, self.model.loop.logged, self.experiment.reference.time
         torque = np.column_stack([recording.inputs[name] for name in logged])
         for external in self.external_torques:
-            reaches_log = logged[external.joint - 1] == f"{model.plant_name}.tau{external.joint}"
+            reaches_log = logged[external.joint - 1] == f"{loop.plant_name}.tau{external.joint}"
             if reaches_log != external.is_logged:
                 sign = -1.0 if reaches_log else 1.0
                 torque[:, external.joint - 1] += sign * np.interp(recording.time, reference, external.along(reference))
@@ -183,4 +363,4 @@ class Simulation:
 
     def sampled(self, table: Array) -> Array:
         """(N, ...) samples of values (K, ...) at the ticks of the log, filtered as it is."""
-        return self.model.filtered(self.operator.apply(table), self.label)
+        return self.model.experiments.filtered(self.operator.apply(table), self.label)

@@ -47,7 +47,8 @@ def motion_of(model: RobotModel, chi: Array, time: Array, q: Array, dq: Array, d
     """
     rows = model.regressor_rows(q, dq, ddq, observed=following_links(model, q, dq, ddq))
     names = [v.name for v in model.parameters]
-    own = _is_inertial(model)
+    inertial = {v.name for v in LINK_PARAMETERS}
+    own = np.array([name.rstrip("0123456789") in inertial for name in names])
     links = {j: rows[:, :, [names.index(f"{name}{j + 1}") for name in PAYLOAD]] for j in range(q.shape[1])}
     load = rows[:, :, own] @ chi[own]
     return Motion(time, q, dq, ddq, torque, load, float(time[1] - time[0]), links)
@@ -63,16 +64,16 @@ def simulated_motion(run: Simulation, description: RobotDescription | None) -> M
         return _from_outputs(run)
     robot, model = RobotModel(description), run.model
     recording = run.record(all_ticks=True)
-    q, dq, ddq = (recording.table(model.joint_signals(name)) for name in ("q", "dq", "ddq"))
-    torque = np.column_stack([recording.inputs[name] for name in model.logged])
+    q, dq, ddq = (recording.table(model.loop.joint_signals(name)) for name in ("q", "dq", "ddq"))
+    torque = np.column_stack([recording.inputs[name] for name in model.loop.logged])
     known = model.parameters.values(run.theta)
     chi = np.array([known.get(v.name, v.start) for v in robot.parameters])  # standard parameters of the base robot
     return motion_of(robot, chi, recording.time, q, dq, ddq, torque)
 
 
 def joint_reference(reference: Trajectory, joint: int) -> tuple[Array, Array]:
-    """Position and velocity (N,) of a joint, counted from 1, along a reference; what it does not tell follows from the
-    other, the position from zero on, and both are zero where it tells neither."""
+    """Position and velocity (N,) of a joint, counted from 1, along a reference; one that is missing follows from the
+    other, the position starting at zero; both are zero where both are missing."""
     q, dq, step = f"q{joint}", f"dq{joint}", reference.step
     if q in reference.names:
         position = reference.column(q)
@@ -89,23 +90,23 @@ def _summed(velocity: Array, step: float) -> Array:
 
 
 def _from_outputs(run: Simulation) -> Motion | None:
-    """The simulated motion at all ticks as far as the outputs of the plant tell; None if they lack dq.
+    """The simulated motion at all ticks from the outputs of the plant; None if they lack dq.
 
-    A position that the plant does not tell is the integral of its velocity, from the reference's on. Loads and payloads
+    A position that is no output is the integral of its velocity, starting at that of the reference. Loads and payloads
     are unknown and given as zero.
     """
     model = run.model
     joints = range(1, model.joint_count + 1)
-    given = {v.name for v in model.plant.outputs}
+    given = {v.name for v in model.loop.plant.outputs}
     if not {f"dq{j}" for j in joints} <= given:
         return None
     recording = run.record(all_ticks=True)
-    dq = recording.table(model.joint_signals("dq"))
+    dq = recording.table(model.loop.joint_signals("dq"))
     step = float(recording.time[1] - recording.time[0])
     reference = run.experiment.reference
     q = np.column_stack(
         [
-            recording.applied[f"{model.plant_name}.q{j}"]
+            recording.applied[f"{model.loop.plant_name}.q{j}"]
             if f"q{j}" in given
             else joint_reference(reference, j)[0][0] + _summed(dq[:, j - 1], step)
             for j in joints
@@ -116,8 +117,3 @@ def _from_outputs(run: Simulation) -> Motion | None:
         time=recording.time, q=q, dq=dq, ddq=np.gradient(dq, step, axis=0),
         torque=run.logged_torque(recording), load=np.zeros_like(q), step=step, links=links,
     )  # fmt: skip
-
-
-def _is_inertial(model: RobotModel) -> Array:
-    names = {v.name for v in LINK_PARAMETERS}
-    return np.array([v.name.rstrip("0123456789") in names for v in model.parameters])

@@ -1,4 +1,4 @@
-"""The regressor of a plant that gives none: measured on the running plant.
+"""The regressor of a plant without inverse model, measured on the running plant.
 
 With ddq = M(q)^-1 (tau - N(q, dq)) and a torque that is linear in the parameters p at a given motion,
 
@@ -21,9 +21,9 @@ from fmu_didim.model.parameters import Parameters
 
 LINEARITY_TOLERANCE = 1e-3
 CHECKED_ROWS = 5
-"""Ticks at which linearity is looked at; one would do for most plants, but motion may be zero there."""
+"""Ticks at which linearity is checked; one is enough for most plants, but the motion may be zero there."""
 CHANGE = 0.2
-"""Relative change of the parameters for that."""
+"""Relative change of the parameters for that check."""
 
 
 class RegressorProbe:

@@ -1,4 +1,4 @@
-"""What is identified: the base parameters of a robot, or named parameters of any plant.
+"""The identified parameters: base parameters of a robot, or named parameters of any plant.
 
 DIDIM needs a regressor, which the robot's model gives; estimators that differentiate the closed loop
 (``clie``) need nothing but names.
@@ -23,7 +23,7 @@ POSITIVE = 1e-9
 """[1] Smallest eigenvalue of the scaled inertia matrix that counts as positive: above rounding."""
 
 SIGNIFICANCE = 4.0
-"""A friction parameter this many standard deviations below zero is non-physical, not merely uncertain."""
+"""A friction parameter this many standard deviations below zero is non-physical, not only uncertain."""
 
 
 class Parameters(ABC):
@@ -58,11 +58,11 @@ class Parameters(ABC):
         """Values of the description of the plant, (p,)."""
 
     def relations(self) -> list[str]:
-        """What is regrouped into the parameters, a line each."""
+        """Lines of text, one for each parameter into which others are regrouped."""
         return []
 
     def checks(self) -> list[str]:
-        """What an answer has been checked for, in words."""
+        """The physical checks of an answer, in words."""
         return []
 
     def shape_values(self) -> dict[str, float]:
@@ -219,8 +219,8 @@ class RobotParameters(Parameters):
         )
 
     def weakest(self, position: Array, theta: Array) -> tuple[int, str, Array]:
-        """What makes the inertia matrix worst at a position (n,): the joint, from 1, that moves most in its worst
-        direction, the parameter that lowers it most there, and the slopes (p,) of the smallest eigenvalue."""
+        """Cause of the smallest eigenvalue of the inertia matrix at a position (n,): the joint, from 1, that moves most
+        in its direction, the parameter that lowers it most, and its slopes (p,)."""
         columns = self.model.inertia_columns(position)
         mass = columns @ self.base.expand(theta)
         diagonal = np.diag(mass)

@@ -1,4 +1,4 @@
-"""What a loop model predicts for one set of values: the torque, and the regressor of the simulated motion."""
+"""Predictions of a loop model for one set of values: the torque, and the regressor of the simulated motion."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ Columns = Callable[[], tuple[Array, Array]]
 
 @dataclass(frozen=True)
 class Prediction:
-    """What the closed loop gives for one set of values, at the samples of the logs that are fitted.
+    """Output of the closed loop for one set of values, at the samples of the fitted logs.
 
     Attributes:
         torque: (N, n) simulated torque tau_s; recordings: label -> what it comes from.
@@ -32,7 +32,7 @@ class Prediction:
 
     @cached_property
     def _both(self) -> tuple[Array, Array] | tuple[None, None]:
-        """Computed when it is asked for: an estimator that only compares torques does without."""
+        """Computed on first use: an estimator that only compares torques does not need it."""
         if self.columns is None:
             return None, None
         pairs = [columns() for columns in self.columns]
@@ -58,7 +58,7 @@ def predict(model: LoopModel, values: Array) -> Prediction:
     """Simulated torque and regressor at the samples of the logs; raises DivergedError, SimulationError."""
     if model.parameters.is_probed:
         one = _by_probing
-    elif model.parameters.has_regressor and not model.gives_acceleration:
+    elif model.parameters.has_regressor and not model.loop.gives_acceleration:
         one = _by_differences
     else:
         one = _by_accelerations
@@ -82,7 +82,7 @@ def _by_accelerations(run: Simulation) -> _Found:
         return torque, recording, None
 
     def columns() -> tuple[Array, Array]:
-        q, dq, ddq = (recording.table(model.joint_signals(name)) for name in ("q", "dq", "ddq"))
+        q, dq, ddq = (recording.table(model.loop.joint_signals(name)) for name in ("q", "dq", "ddq"))
         regressor, known = sampled_regressor(run, (q, dq, ddq), _observed(model, recording))
         return regressor, known + run.sampled(_not_in_plant(run, recording))
 
@@ -91,11 +91,11 @@ def _by_accelerations(run: Simulation) -> _Found:
 
 def _by_probing(run: Simulation) -> _Found:
     """Where the regressor is measured on the running plant, tick by tick."""
-    probe = RegressorProbe(run.model.plant_name, run.model.parameters, run.theta, run.operator.ticks.size)
+    probe = RegressorProbe(run.model.loop.plant_name, run.model.parameters, run.theta, run.operator.ticks.size)
     recording = run.record(observe=probe)
     torque = run.sampled_torque(recording)
     rest = run.logged_torque(recording) - probe.columns @ run.theta
-    columns, known = spread(run.model, run.label, run.sampled(probe.columns)), run.sampled(rest)
+    columns, known = run.model.free_parameters.spread(run.sampled(probe.columns), run.label), run.sampled(rest)
     return torque, recording, lambda: (columns, known)
 
 
@@ -110,7 +110,7 @@ def _by_differences(run: Simulation) -> _Found:
     ticks = np.unique(np.concatenate([wanted, first, first + 1]))
     recording = run.record(ticks=ticks)
     here, low, high = (np.searchsorted(ticks, some) for some in (wanted, first, first + 1))
-    position, velocity = (recording.table(model.joint_signals(name)) for name in ("q", "dq"))
+    position, velocity = (recording.table(model.loop.joint_signals(name)) for name in ("q", "dq"))
     acceleration = (velocity[high] - velocity[low]) / run.step_size
     torque = run.sampled(run.logged_torque(recording)[here])
     motion = (position[here], velocity[here], acceleration)
@@ -121,7 +121,7 @@ def _by_differences(run: Simulation) -> _Found:
 
 def drive_torque(model: LoopModel, recording: Recording) -> Array:
     """(K, n) torque of the drives for the recorded commands: the plant's inputs when those begin to act."""
-    return np.column_stack([recording.inputs[name] for name in model.joint_signals("tau")])
+    return np.column_stack([recording.inputs[name] for name in model.loop.joint_signals("tau")])
 
 
 def _not_in_plant(run: Simulation, recording: Recording) -> Array:
@@ -131,24 +131,8 @@ def _not_in_plant(run: Simulation, recording: Recording) -> Array:
 
 def _observed(model: LoopModel, recording: Recording) -> Array:
     """(K, no) states of effects, time and loads at the recorded ticks, as far as the regressor depends on them."""
-    names = [f"{model.plant_name}.{name}" for name in model.parameters.observed]
+    names = [f"{model.loop.plant_name}.{name}" for name in model.parameters.observed]
     return recording.table(names) if names else np.zeros((recording.time.size, 0))
-
-
-def spread(model: LoopModel, label: str, columns: Array) -> Array:
-    """(N, n, b) columns of the base parameters over all free ones: what an experiment has for its own acts there
-    alone."""
-    count = model.parameters.count
-    if model.linear_count == count:
-        return columns
-    result = np.zeros((*columns.shape[:2], model.linear_count))
-    result[:, :, :count] = columns
-    for i in range(count, model.linear_count):
-        parameter = model.free_parameters[i]
-        if parameter.experiment == label:
-            place = model.parameters.names.index(parameter.key)
-            result[:, :, i], result[:, :, place] = columns[:, :, place], 0.0
-    return result
 
 
 def sampled_regressor(
@@ -161,4 +145,4 @@ def sampled_regressor(
         observed: (K, no) what the regressor depends on beyond the motion.
     """
     columns, known = run.model.parameters.regressor(*motion, observed=observed)
-    return spread(run.model, run.label, run.sampled(columns)), run.sampled(known)
+    return run.model.free_parameters.spread(run.sampled(columns), run.label), run.sampled(known)

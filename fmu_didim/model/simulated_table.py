@@ -24,8 +24,8 @@ def simulated_table(run: Simulation, *, motion: Sequence[str] = ("q", "dq")) -> 
     columns = [run.logged_torque(recording)]
     variables = [Variable(f"tau{j}") for j in joints]
     for name in motion:
-        if set(model.joint_signals(name)) <= set(recording.applied):
-            columns.append(recording.table(model.joint_signals(name)))
+        if set(model.loop.joint_signals(name)) <= set(recording.applied):
+            columns.append(recording.table(model.loop.joint_signals(name)))
             variables += [Variable(f"{name}{j}") for j in joints]
     return Trajectory(recording.time, np.column_stack(columns), tuple(variables))
 

@@ -16,7 +16,7 @@ from fmu_didim.components import FmuComponent
 from fmu_didim.cosim import System
 
 MOST_WORKERS = 4
-"""More threads than this wait for memory and for Python's part of a simulation."""
+"""More threads only wait for memory and for Python's part of a simulation."""
 VARIABLE = "FMU_DIDIM_WORKERS"
 """Environment variable with the number of threads."""
 
@@ -27,7 +27,7 @@ _Arguments = ParamSpec("_Arguments")
 def one_blas_thread(function: Callable[_Arguments, _Result]) -> Callable[_Arguments, _Result]:
     """The function, run with one thread of BLAS.
 
-    The matrices here are narrow: more threads wait for each other, actively, and take the cores from the simulations
+    The matrices here are narrow: more threads only wait for each other, actively, and take cores from the simulations
     (three times the CPU time for six joints on two cores).
     """
 
@@ -42,7 +42,7 @@ def one_blas_thread(function: Callable[_Arguments, _Result]) -> Callable[_Argume
 def default_workers() -> int:
     """Threads for simulations: what the variable FMU_DIDIM_WORKERS says, else the cores up to MOST_WORKERS.
 
-    One in a process that another one started, which has given the other cores to others already.
+    One in a child process, because its parent uses the other cores already.
 
     Raises:
         InputError: the variable is no positive whole number.

@@ -5,15 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from fmu_didim.report.numbers import (
-    MISSING,
     ParameterText,
     item_or_none,
     parameter_text,
     pretty_unit,
     rounding,
-    significant,
 )
-from fmu_didim.results.result import AgreementResult, ExperimentResult, ParameterResult, ResultDocument
+from fmu_didim.results.result import ParameterResult, ResultDocument
 
 DELAY = "delay"
 """Value of ``of`` for parameters that count control periods."""
@@ -81,23 +79,6 @@ def experiment_title(document: ResultDocument, label: str) -> str:
     """An experiment of a result with its role, if its label does not say it."""
     found = document.experiments.get(label)
     return with_role(label, found.role if found is not None else None)
-
-
-def own_names(label: str, experiment: ExperimentResult) -> list[str]:
-    """Names of the parameters that belong to an experiment, without its label."""
-    return [name.removesuffix(f"[{label}]") for name in experiment.own]
-
-
-def agreement_text(agreement: AgreementResult | None) -> str:
-    """The p-value of the agreement with the other experiments."""
-    return MISSING if agreement is None else significant(agreement.p_value, 2)
-
-
-def difference_text(agreement: AgreementResult | None) -> str:
-    """The shared parameter that an experiment would change most, and by how much."""
-    if agreement is None or not agreement.differs_most:
-        return MISSING
-    return f"{agreement.differs_most}, by {agreement.change_in_std:.1f} σ"
 
 
 def error_rows(document: ResultDocument) -> list[tuple[str, list[float | None]]]:

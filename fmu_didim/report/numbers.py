@@ -96,14 +96,10 @@ def parameter_text(name: str, parameter: ParameterResult, unit: str) -> Paramete
     digits = rounding(parameter.value, parameter.std)
     low, high = parameter.interval
     return ParameterText(
-        name=name,
-        value=digits.text(parameter.value),
-        std=digits.deviation(parameter.std),
-        percent=percent_std(parameter.rel_std_percent),
-        unit=unit,
-        interval=(digits.text(low), digits.text(high)),
+        name=name, value=digits.text(parameter.value), std=digits.deviation(parameter.std),
+        percent=percent_std(parameter.rel_std_percent), unit=unit, interval=(digits.text(low), digits.text(high)),
         insignificant=low <= 0.0 <= high,
-    )
+    )  # fmt: skip
 
 
 def percent_std(percent: float | None) -> str:
@@ -201,17 +197,12 @@ def component_words(described: Mapping[str, Any]) -> list[str]:
     return [part for part in parts if part]
 
 
-def component_line(name: str, described: Mapping[str, Any]) -> str:
-    """A component of the loop on a line: ``controller: pd.yaml (pd), FMI 2.0 co-simulation, ...``."""
-    return f"{name}: {', '.join(component_words(described))}"
-
-
 def loop_lines(loop: Mapping[str, Any]) -> list[str]:
     """A loop in words: a line a component in the order of execution, and one for rate, order and delay."""
     components = loop.get("components")
     if not isinstance(components, Mapping):
         return []
-    lines = [component_line(name, components[name]) for name in loop.get("order", components)]
+    lines = [f"{name}: {', '.join(component_words(components[name]))}" for name in loop.get("order", components)]
     step = loop.get("step_size_s")
     delays = {name: samples for name, samples in dict(loop.get("delay_samples") or {}).items() if samples}
     delay = ", ".join(f"{name} {samples:.6g} samples" for name, samples in delays.items()) or "none"

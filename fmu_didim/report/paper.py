@@ -11,7 +11,6 @@ from fmu_didim.report.discovery.sections import discovery_report
 from fmu_didim.report.drawing.figures import STYLE, matplotlib_figure
 from fmu_didim.report.identification.charts import saved_charts as charts_of_result
 from fmu_didim.report.identification.sections import result_report
-from fmu_didim.report.sections import Report
 from fmu_didim.results.findings import FINDINGS_FILE, load_findings
 from fmu_didim.results.result import read_result
 
@@ -27,21 +26,18 @@ def write_figures(folder: Path) -> list[Path]:
     Raises:
         InputError: there is neither, or a table that it names is missing.
     """
+    if (folder / FINDINGS_FILE).is_file():
+        found = load_findings(folder)
+        report = discovery_report(found, charts_of_discovery(found, folder))
+    else:
+        result = read_result(folder)
+        report = result_report(result, charts_of_result(result, folder))
     written = []
     with matplotlib.rc_context(STYLE):
-        for chart in saved_report(folder).charts:
+        for chart in report.charts:
             figure = matplotlib_figure(chart)
             for suffix, options in ((".png", {"dpi": DOTS}), (".svg", {"metadata": {"Date": None}})):
                 path = folder / f"{PATTERN.removesuffix('*')}{chart.name}{suffix}"
                 figure.savefig(path, **options)
                 written.append(path)
     return written
-
-
-def saved_report(folder: Path) -> Report:
-    """The report of a folder of results."""
-    if (folder / FINDINGS_FILE).is_file():
-        found = load_findings(folder)
-        return discovery_report(found, charts_of_discovery(found, folder))
-    result = read_result(folder)
-    return result_report(result, charts_of_result(result, folder))

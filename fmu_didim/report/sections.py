@@ -1,4 +1,4 @@
-"""What a report says, as data: a list of sections, which :mod:`terminal` prints and :mod:`page` writes as HTML.
+"""The content of a report, as data: a list of sections, which :mod:`terminal` prints and :mod:`page` writes as HTML.
 
 A section consists of blocks: tables, facts, lists, texts, charts. A part that only one of the two shows says so by
 ``shown``; the terminal leaves out charts, matrices and folded blocks. To show one more figure of a result,

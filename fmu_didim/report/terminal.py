@@ -69,12 +69,8 @@ def _block(block: Block, *, is_below_title: bool) -> list[str]:
         return table_lines(block)
     if isinstance(block, Facts):
         return entries([(fact.head, fact.text) for fact in block.on("terminal")], "     " if is_below_title else "")
-    if isinstance(block, Items):
-        return _items(block)
-    return wrapped(block.text) if isinstance(block, Text) else []
-
-
-def _items(block: Items) -> list[str]:
+    if not isinstance(block, Items):
+        return wrapped(block.text) if isinstance(block, Text) else []
     files = [link.text for link in block.links] or [""] * len(block.items)
     texts = [f"{item}: {file}" if file else item for item, file in zip(block.items, files, strict=True)]
     hidden = 0 if block.limit is None else len(texts) - block.limit

@@ -1,4 +1,4 @@
-"""From an estimate and its validations to what ``result.json`` holds."""
+"""The content of ``result.json``, from an estimate, its validations and its checks."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 
 from fmu_didim.base.diagnostics import REMARK, Diagnostic, by_weight
 from fmu_didim.base.errors import FmuDidimError
-from fmu_didim.checks.agreement import Agreement
+from fmu_didim.checks.agreement import AgreementResult
 from fmu_didim.checks.consistency import Consistency
 from fmu_didim.checks.identification import Checks
 from fmu_didim.checks.judgement import diagnostic_result
@@ -22,14 +22,11 @@ from fmu_didim.fit.statistics import correlation, relative_error_percent
 from fmu_didim.model.free_parameter import BASE, PLANT
 from fmu_didim.model.loop_model import LoopModel
 from fmu_didim.results.result import (
-    AgreementResult,
-    ColumnResult,
     ConsistencyResult,
     ErrorResult,
     ExperimentResult,
     IntegrationResult,
     IterationResult,
-    NoiseResult,
     ParameterResult,
     ResultDocument,
     StageResult,
@@ -41,15 +38,11 @@ def consistency_result(found: Consistency) -> ConsistencyResult:
     """The comparison of plant and robot description as it is saved."""
     warnings = found.warnings()
     return ConsistencyResult(
-        agrees=not warnings,
-        worst=found.worst,
-        points=found.points,
-        torque_difference=list(found.torque),
-        columns={name: ColumnResult(**asdict(column)) for name, column in (found.columns or {}).items()},
-        method=found.method,
+        agrees=not warnings, worst=found.worst, points=found.points, torque_difference=list(found.torque),
+        columns=found.columns or {},
+        method=found.method, warnings=warnings,
         acceleration="difference of velocities" if found.by_differences else "output of the plant",
-        warnings=warnings,
-    )
+    )  # fmt: skip
 
 
 def _by_name(names: Sequence[str], values: Array) -> dict[str, float]:
@@ -59,35 +52,26 @@ def _by_name(names: Sequence[str], values: Array) -> dict[str, float]:
 def _history(names: Sequence[str], iterations: Sequence[Iteration]) -> list[IterationResult]:
     return [
         IterationResult(
-            stage=it.stage,
-            number=it.number,
-            relative_error_percent=float(it.relative_error_percent),
-            change=float(it.change),
-            condition_number=float(it.condition_number),
-            parameters=_by_name(names, it.parameters),
-            note=it.note,
+            stage=it.stage, number=it.number, relative_error_percent=float(it.relative_error_percent),
+            change=float(it.change), condition_number=float(it.condition_number),
+            parameters=_by_name(names, it.parameters), note=it.note,
         )
         for it in iterations
-    ]
+    ]  # fmt: skip
 
 
 def result_document(
-    name: str,
-    estimate: Estimate,
-    validations: Sequence[Validation],
-    *,
-    checks: Checks,
-    description: str = "",
+    name: str, estimate: Estimate, validations: Sequence[Validation], *, checks: Checks, description: str = "",
     case: str = "",
-) -> ResultDocument:
-    """The document of an estimate and its validations.
+) -> ResultDocument:  # fmt: skip
+    """The document of an estimate, its validations and its checks.
 
     Args:
-        checks: what they found of it; case: file of the case, for the commands that reasons name.
+        case: file of the case, for the commands that reasons name.
     """
     model, judgement = estimate.model, checks.judgement
     notes = [str(remark) for remark in judgement.remarks]
-    if model.parameters.has_regressor and not model.gives_acceleration:
+    if model.parameters.has_regressor and not model.loop.gives_acceleration:
         notes.append("The plant gives no accelerations: differences of its velocities over a control period are used.")
     return ResultDocument(
         name=name,
@@ -101,12 +85,11 @@ def result_document(
         finish_iterations=len(estimate.iterations) - estimate.iteration_count,
         parameters=_parameters(estimate),
         stages={
-            stage: StageResult(
-                value=_by_name(estimate.names, content.value),
-                std=_by_name(estimate.names, content.standard_deviation),
-                formulas={k: _by_name(estimate.names, v) for k, v in content.formulas.items()},
+            name: StageResult(
+                value=_by_name(estimate.names, stage.value), std=_by_name(estimate.names, stage.standard_deviation),
+                formulas={formula: _by_name(estimate.names, v) for formula, v in stage.formulas.items()},
             )
-            for stage, content in estimate.stages.items()
+            for name, stage in estimate.stages.items()
         },
         regrouping=model.parameters.relations(),
         correlations=estimate.correlations(),
@@ -114,7 +97,7 @@ def result_document(
         covariance=estimate.covariance.tolist(),
         condition_number=estimate.condition_number,
         noise_std=[float(v) for v in estimate.noise],
-        noise=[NoiseResult(**{**asdict(test), "coefficients": test.coefficients.tolist()}) for test in checks.residual],
+        noise=list(checks.residual),
         torque_unit=list(model.parameters.torque_units),
         experiments={v.label: _experiment(model, v, checks.agreements.get(v.label)) for v in validations},
         relative_error_percent={v.label: _errors(v.total_percent, v.per_joint_percent) for v in validations},
@@ -129,7 +112,7 @@ def result_document(
         checks=model.parameters.checks(),
         remarks=[*estimate.remarks, *notes],
         provenance=dict(estimate.provenance),
-    )
+    )  # fmt: skip
 
 
 def _parameters(estimate: Estimate) -> dict[str, ParameterResult]:
@@ -157,59 +140,41 @@ def _errors(total: float, per_joint: Array) -> ErrorResult:
 
 
 def _fitted_errors(validations: Sequence[Validation]) -> ErrorResult:
-    """Of all fitted experiments, one below the other."""
+    """The errors over all fitted experiments together."""
     fitted = [v for v in validations if v.role == "estimation"]
     measured, simulated = (np.concatenate([getattr(v, name) for v in fitted]) for name in ("measured", "simulated"))
     return _errors(*relative_error_percent(measured, simulated))
 
 
-def _experiment(model: LoopModel, validation: Validation, agreement: Agreement | None) -> ExperimentResult:
+def _experiment(model: LoopModel, validation: Validation, agreement: AgreementResult | None) -> ExperimentResult:
     noise = np.sqrt(((validation.measured - validation.simulated) ** 2).mean(axis=0))
     found = dict(
         noise_std=[float(v) if np.isfinite(v) else None for v in noise],
         relative_error_percent=_errors(validation.total_percent, validation.per_joint_percent),
-        agreement=None if agreement is None else _agreement(agreement),
+        agreement=agreement,
         failure=validation.failure,
     )
     return _data(model, validation.label).model_copy(update=found)
 
 
-def _agreement(found: Agreement) -> AgreementResult:
-    return AgreementResult(
-        p_value=found.p_value,
-        agrees=found.agrees,
-        differs_most=found.parameter,
-        change_in_std=found.change_in_std,
-    )
-
-
 def _data(model: LoopModel, label: str) -> ExperimentResult:
-    """What is known of an experiment without a result."""
+    """The data of an experiment, without a result."""
     experiment = model.experiments[label]
     return ExperimentResult(
-        role=experiment.role,
-        samples=int(experiment.time.size),
-        rate_hz=round(experiment.rate_hz, 6),
-        noise_std=[],
+        role=experiment.role, samples=int(experiment.time.size), rate_hz=round(experiment.rate_hz, 6), noise_std=[],
         relative_error_percent=ErrorResult(total=None, per_joint=[]),
-        own=[p.name for p in model.free_parameters if p.experiment == label],
-        agreement=None,
-    )
+        own=[p.name for p in model.free_parameters if p.experiment == label], agreement=None,
+    )  # fmt: skip
 
 
 def refused_document(
-    name: str,
-    model: LoopModel,
-    estimator: str,
-    error: FmuDidimError,
-    provenance: Mapping[str, Any],
-    *,
+    name: str, model: LoopModel, estimator: str, error: FmuDidimError, provenance: Mapping[str, Any], *,
     known: Sequence[Diagnostic] = (),
-) -> ResultDocument:
-    """The document of a refusal: the reason, the iterations, and where they led; no answer.
+) -> ResultDocument:  # fmt: skip
+    """The document of a refusal: the reason and the iterations, but no answer.
 
     Args:
-        known: what was found before the work.
+        known: diagnostics of data and plant.
     """
     iterations = error.iterations if isinstance(error, RefusedError) else ()
     return ResultDocument(
@@ -233,7 +198,7 @@ def refused_document(
         relative_error_percent={},
         integration_error=None,
         history=_history(model.names, iterations),
-        loop=model.systems[model.first].describe(),
+        loop=model.loop.systems[model.first].describe(),
         signals={},
         remarks=[str(found) for found in by_weight(known) if found.code.severity is REMARK],
         provenance=dict(provenance),
@@ -245,6 +210,6 @@ def _unconstrained(model: LoopModel, error: FmuDidimError) -> dict[str, Unconstr
         return {}
     deviation = np.full(error.values.size, np.nan) if error.deviation is None else error.deviation
     return {
-        name: UnconstrainedResult(value=float(value), std=float(sigma), unit=unit)
-        for name, value, sigma, unit in zip(model.names, error.values, deviation, model.units, strict=False)
+        k.name: UnconstrainedResult(value=float(value), std=float(sigma), unit=k.unit)
+        for k, value, sigma in zip(model.free_parameters, error.values, deviation, strict=False)
     }

@@ -75,13 +75,13 @@ class FindingResult(_Document):
     """One named effect.
 
     Attributes:
-        effect: its name in the catalogue; title: in words; equation: what it does, in one line.
-        class_: of effects that ordinary data cannot tell apart.
+        effect: its name in the catalogue; title: in words; equation: in one line.
+        class_: of effects that ordinary data cannot distinguish.
         place: where it acts: torque balance, drive, sensor, structure or measurement.
         parameters: its amplitudes and shapes.
         share_of_gap: part of the squared gap of its joint that it closes.
         delta_bic: gain in BIC over the model without it.
-        ambiguous: what these data cannot tell from it.
+        ambiguous: effects that these data cannot distinguish from it.
     """
 
     effect: str
@@ -100,10 +100,10 @@ class FindingResult(_Document):
 
 
 class RegionResult(_Document):
-    """Where the residual of the base model has a mean of its own.
+    """A range in which the residual of the base model has a mean of its own.
 
     Attributes:
-        joint: from 1; quantity: what the residual goes with, such as ``velocity``; unit: of low and high.
+        joint: from 1; quantity: on which the residual depends, such as ``velocity``; unit: of low and high.
         low, high: range of the quantity; mean: of the residual there, in the unit of the torque of the joint.
         share_of_gap: part of the squared model error of the joint that the means of all bins of the quantity explain.
         p_value: probability of such a mean by noise alone.
@@ -142,7 +142,7 @@ class NoiseResult(_Document):
     Attributes:
         source: how it was found: ``periods`` that repeat, or the ``residual`` above the frequencies of the motion.
         std: standard deviation of each joint; correlation: of neighbouring samples, of each joint.
-        period_s: length of the periods that were compared, null without; periods: how many of them.
+        period_s: length of the periods that were compared, null without; periods: their number.
     """
 
     source: str
@@ -153,7 +153,7 @@ class NoiseResult(_Document):
 
 
 class UnfinishedResult(_Document):
-    """How far a search is that did not come to its end.
+    """The state of an unfinished search.
 
     Attributes:
         text: why it ended; next_step: what to do about it.
@@ -167,23 +167,20 @@ class UnfinishedResult(_Document):
 
 
 class CandidateResult(_Document):
-    """A candidate that was worth a fit in the closed loop, and what became of it.
+    """A shortlisted candidate and its outcome.
 
     Attributes:
-        effect: its name in the catalogue; joint: from 1.
-        outcome: what became of it.
+        effect: its name in the catalogue; joint: from 1; outcome: of its fit in the closed loop.
     """
 
     round: int = Field(description="from 1")
     effect: str
     joint: int
     outcome: Literal["fitted", "left early", "cannot be simulated", "not tried"]
-    delta_bic: Number = Field(description="over the model without it, of the point that its fit came to")
-    share_of_gap: Number = Field(
-        None, description="part of the squared gap that it closes; null where it was not fitted"
-    )
-    parameters: Number = Field(None, description="that it counts as; null where it was not fitted")
-    implausible: str = Field("", description="why its values say nothing or cannot be")
+    delta_bic: Number = Field(description="over the model without it, where its fit ended")
+    share_of_gap: Number = Field(None, description="part of the squared gap that it closes; null without a fit")
+    parameters: Number = Field(None, description="that it counts as; null without a fit")
+    implausible: str = Field("", description="why its values are not significant or not possible")
     accepted: bool = Field(False, description="whether it was added in this round")
 
 
@@ -217,8 +214,8 @@ class FindingsDocument(_Document):
         friction: of the joints where an effect was found that depends on their velocity alone.
         torque_unit: FMI unit string of the torque of each joint.
         seconds: that the search took.
-        notes: what is to be known of data and search.
-        provenance: versions, digests of all files that were read, options, thresholds, catalogue and loop.
+        notes: on data and search.
+        provenance: versions, digests of all files and code that were read, options, thresholds, catalogue and loop.
     """
 
     schema_version: Literal[4] = 4
@@ -245,7 +242,7 @@ class FindingsDocument(_Document):
     torque_unit: list[str]
     seconds: float
     notes: list[str]
-    files: dict[str, str] = Field(description="what was written beside this file")
+    files: dict[str, str] = Field(description="written beside this file")
     provenance: dict[str, Any]
 
 
@@ -263,7 +260,7 @@ def save_findings(document: FindingsDocument, folder: Path) -> Path:
 
 
 def load_findings(path: Path | str) -> FindingsDocument:
-    """Read ``findings.json`` or its folder; raises InputError if it is none."""
+    """Read ``findings.json`` or that of a folder; raises InputError if it is missing or damaged."""
     path = Path(path)
     path = path / FINDINGS_FILE if path.is_dir() else path
     try:

@@ -1,4 +1,4 @@
-"""From what a result came: versions, hashes of the inputs, options, the loop."""
+"""The origin of a result: versions, hashes of the inputs, options, the loop."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from datetime import UTC, datetime
 from importlib.metadata import version
 from typing import Any
 
-from fmu_didim.base.constants import recorded
+from fmu_didim.base.constants import Deciding, recorded
 from fmu_didim.checks import held_out, identification, motion_dependence, physical, residual, sampling_kind
 from fmu_didim.checks.data import log, timing, torque_channel
 from fmu_didim.data.tables import clock
@@ -55,12 +55,14 @@ DECIDING = (
 PACKAGES = ("fmu_didim", "numpy", "scipy", "casadi", "fmpy", "control")
 
 
-def provenance(model: LoopModel, estimator: Mapping[str, Any], *, files: Mapping[str, str]) -> dict[str, Any]:
-    """The record that goes with an estimate.
+def provenance(
+    model: LoopModel, estimator: Mapping[str, Any], *, files: Mapping[str, str], deciding: Deciding = DECIDING
+) -> dict[str, Any]:
+    """The record that goes with an answer.
 
     Args:
         estimator: its name and options.
-        files: name -> SHA-256 of the files read.
+        files: name -> SHA-256 of the files read; deciding: the constants on which the answer depends.
     """
     return {
         "made": datetime.now(UTC).isoformat(timespec="seconds"),
@@ -68,12 +70,12 @@ def provenance(model: LoopModel, estimator: Mapping[str, Any], *, files: Mapping
         "platform": f"{platform.system()} {platform.machine()}",
         "estimator": dict(estimator),
         "joint_weights": model.joint_weights,
-        "low_pass_hz": model.low_pass.cutoff_hz if model.low_pass else None,
-        "substep_factor": model.substep_factor,
+        "low_pass_hz": model.experiments.low_pass.cutoff_hz if model.experiments.low_pass else None,
+        "substep_factor": model.loop.substep_factor,
         "files": dict(files),
         "experiments": {label: _experiment(experiment) for label, experiment in model.experiments.items()},
         "shape_parameters": model.parameters.shape_values(),
-        "thresholds": recorded(DECIDING),
+        "thresholds": recorded(deciding),
     }
 
 

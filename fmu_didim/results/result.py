@@ -16,7 +16,10 @@ from pydantic import Field, ValidationError
 from fmu_didim.base.documents import Number, Saved
 from fmu_didim.base.errors import InputError
 from fmu_didim.base.files import is_file
+from fmu_didim.checks.agreement import AgreementResult
+from fmu_didim.checks.consistency import ColumnResult
 from fmu_didim.checks.judgement import DiagnosticResult, Verdict
+from fmu_didim.checks.residual import NoiseResult
 from fmu_didim.checks.validation import Validation
 from fmu_didim.data.signals import Trajectory, trajectory, write_csv
 from fmu_didim.data.tables import read_table
@@ -38,8 +41,7 @@ class ParameterResult(Saved):
     of: str = Field(default="plant", description="plant, delay, log, or the name of another component of the loop")
     experiment: str | None = Field(default=None, description="label of the experiment whose own it is; null: of all")
     described: Number = Field(
-        default=None,
-        description="value by the robot description, regrouped likewise, such as from CAD; null where none",
+        default=None, description="value of the robot description, such as from CAD, regrouped likewise; null without"
     )
 
 
@@ -83,7 +85,7 @@ class IterationResult(Saved):
         change: of the values in this step, relative to them.
         condition_number: of the scaled regressor or sensitivity.
         parameters: values that were simulated.
-        note: what was caught in it, or empty.
+        note: a remark on it, or empty.
     """
 
     stage: str
@@ -95,22 +97,13 @@ class IterationResult(Saved):
     note: str
 
 
-class ColumnResult(Saved):
-    """A column of the regressor, from the plant against from the robot description."""
-
-    difference: float = Field(description="relative")
-    cosine: Number = Field(description="of the angle between the two; null if the parameter has no effect")
-    size: float = Field(description="norm in the plant over norm by the description")
-    joint: int = Field(description="where they differ most")
-
-
 class ConsistencyResult(Saved):
-    """Whether a plant that was given apart from the robot description agrees with it.
+    """Whether a plant of its own agrees with the robot description.
 
     Attributes:
-        agrees: whether all differences are within what rounding and probing leave.
+        agrees: whether all differences are within the errors of rounding and probing.
         acceleration: where the accelerations of the plant come from.
-        warnings: what differs, in words.
+        warnings: the differences, in words.
     """
 
     agrees: bool
@@ -123,24 +116,11 @@ class ConsistencyResult(Saved):
     warnings: list[str]
 
 
-class AgreementResult(Saved):
-    """Whether an experiment agrees with the others on what they share.
-
-    Attributes:
-        agrees: whether the p-value is above the level of the test.
-    """
-
-    p_value: float = Field(description="of as much disagreement by noise alone")
-    agrees: bool
-    differs_most: str = Field(description="shared parameter that would change most if it were its own here")
-    change_in_std: float = Field(description="by how many standard deviations")
-
-
 class ExperimentResult(Saved):
     """One experiment.
 
     Attributes:
-        role: whether the parameters were fitted to it, or only judged by it.
+        role: whether the parameters were fitted to it, or only validated by it.
         samples: instants of its torque log.
         relative_error_percent: of its simulated torque.
     """
@@ -155,28 +135,6 @@ class ExperimentResult(Saved):
     failure: str = Field(default="", description="why it could not be simulated")
 
 
-class NoiseResult(Saved):
-    """Noise that the residual of a joint shows, in all fitted logs of one rate.
-
-    Attributes:
-        rate_hz: of the logs.
-    """
-
-    joint: int = Field(description="counted from 1")
-    rate_hz: float
-    order: int = Field(description="of the autoregression e_t = a_1 e_(t-1) + ... + u_t; 0: white")
-    coefficients: list[float] = Field(description="a_1 ... of it")
-    lag1: float = Field(description="correlation of neighbouring samples")
-    whiteness_p: float = Field(description="p value, by Ljung and Box, of what the autoregression leaves")
-    inflation: float = Field(description="of the standard deviations that come from the joint, over white noise")
-    chi_square_per_sample: Number = Field(description="of the residual over the known noise; null if it is not known")
-    chi_square_bound: Number = Field(description="above which the residual is larger than the noise")
-    chi_square_least: Number = Field(description="below which it is smaller")
-    noise_is_stated: bool = Field(
-        description="that noise is stated by the case; else it is that of periods that repeat"
-    )
-
-
 class IntegrationResult(Saved):
     """How the plant was integrated."""
 
@@ -189,15 +147,15 @@ class ResultDocument(Saved):
 
     Attributes:
         name, description: of the case.
-        advice: what to do where the iterations did not converge, else how they ended.
+        advice: the next step where the iterations did not converge, else how they ended.
         estimator: its name in the case.
-        parameters: name of each -> what was found; without entries where the result is refused.
+        parameters: name of each -> its result; empty where the result is refused.
         stages: name of each stage -> values at its end.
         condition_number: of the sensitivity with scaled columns, at the end.
         history: iterations, in their order.
         loop: components, wiring, rate, order and delay of the loop that was simulated.
-        remarks: what is to be known; the values stand.
-        provenance: versions, digests of all files that were read, options, thresholds and time.
+        remarks: that do not affect the verdict.
+        provenance: versions, digests of all files and code that were read, options, thresholds and time.
     """
 
     schema_version: Literal[3] = 3
@@ -212,7 +170,7 @@ class ResultDocument(Saved):
     finish_iterations: int = Field(description="iterations of the efficient finish")
     parameters: dict[str, ParameterResult]
     unconstrained: dict[str, UnconstrainedResult] = Field(
-        default={}, description="of a refused result: values without regard to what is physical, no answer"
+        default={}, description="of a refused result: values that may be unphysical, no answer"
     )
     stages: dict[str, StageResult]
     regrouping: list[str] = Field(description="relations such as ZZ1R = ZZ1 + Ia1")
@@ -232,8 +190,7 @@ class ResultDocument(Saved):
     )
     integration_error: Number = Field(description="relative change of the torque when the substeps are doubled")
     integration_shift: Number = Field(
-        default=None,
-        description="largest move of a value then, in its standard deviations; null if not tried",
+        default=None, description="largest move of a value then, in its standard deviations; null if not tried"
     )
     integration: IntegrationResult | None = Field(
         default=None, description="of the plant; null where its equations are not known"
@@ -244,7 +201,7 @@ class ResultDocument(Saved):
     simulated: dict[str, str] = Field(
         default={}, description="label -> CSV file with the simulated torque of every control period"
     )
-    checks: list[str] = Field(default=[], description="what the values have been checked for")
+    checks: list[str] = Field(default=[], description="properties for which the values have been checked")
     remarks: list[str]
     consistency: ConsistencyResult | None = Field(
         default=None, description="of plant and robot description; null where one is built from the other"
@@ -275,13 +232,13 @@ def save_result(document: ResultDocument, validations: Sequence[Validation], dir
 
 
 def result_path(path: Path | str) -> Path:
-    """The ``result.json`` that a path means, which may be that of its folder."""
+    """The path of a ``result.json``, from itself or its folder."""
     path = Path(path)
     return path if path.suffix == ".json" else path / RESULT_FILE
 
 
 def read_result(path: Path | str) -> ResultDocument:
-    """Read ``result.json`` or that of a folder; raises InputError if there is none or of another version."""
+    """Read ``result.json`` or that of a folder; raises InputError if it is missing or of another version."""
     path = result_path(path)
     if not is_file(path):
         raise InputError("There is no result.", where=str(path), next_step="Run fmu-didim identify first.")
@@ -295,7 +252,7 @@ def read_result(path: Path | str) -> ResultDocument:
 
 
 def read_validations(document: ResultDocument, directory: Path) -> tuple[Validation, ...]:
-    """The torques that :func:`save_result` has written beside a result; those whose table is absent are left out.
+    """The torques that :func:`save_result` has written beside a result, as far as their tables exist.
 
     Raises:
         InputError: a table has other columns or is damaged.
@@ -327,5 +284,4 @@ def _table(path: Path) -> Trajectory:
     columns = dict(read_table(path).columns)
     if "t" not in columns or len(columns) == 1:
         raise InputError("This is no table of torques.", where=str(path), got=", ".join(columns), valid="t, ...")
-    time = columns.pop("t")
-    return trajectory(time, columns)
+    return trajectory(columns.pop("t"), columns)

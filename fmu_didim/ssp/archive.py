@@ -1,4 +1,4 @@
-"""Opening an archive that may come from anybody: safe names, bounded sizes, XML without entities."""
+"""Opening an archive from an unknown source: safe names, bounded sizes, XML without entities."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What of a system goes into an archive: parts, values that were set, and connections as SSP knows them."""
+"""A system as an archive holds it: parts, values that were set, and connections in the terms of SSP."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class Part:
     units: Mapping[str, Unit]
 
     def unit_name(self, name: str) -> str:
-        """What the unit of a variable is called, by the variable's own name; empty if it has none."""
+        """Name of the unit of a variable, by the variable's own name; empty if it has no unit."""
         variables = (*self.fmu.inputs, *self.fmu.outputs, *self.fmu.parameters)
         return next((v.unit for v in variables if v.name == name), "")
 
@@ -103,7 +103,7 @@ def _part(own: FmuComponent, component: FmuComponent) -> Part:
 
 
 def _place(fmu: FmuComponent, name: str) -> tuple[int, int]:
-    """Value reference of a start value and its place in an array, whatever it is called."""
+    """Value reference of a start value and its place in an array, which do not depend on its name."""
     return fmu.reference(name), fmu.arrays.get(name, (name,)).index(name)
 
 
@@ -111,7 +111,7 @@ def connections(system: System, own: Mapping[str, Part]) -> tuple[Route, ...]:
     """The connections between the FMUs, those through a component of an offset as one.
 
     Raises:
-        InputError: several connections add up in one input, which SSP cannot say.
+        InputError: several connections add up in one input, which SSP cannot express.
     """
     inbound: dict[str, Connection] = {}
     for connection in system.connections:
@@ -141,7 +141,7 @@ def connections(system: System, own: Mapping[str, Part]) -> tuple[Route, ...]:
                 raise InputError(
                     f"The component '{name}' is not just a transformation of a connection.",
                     where=f"write_ssp: {source} -> {connection.target}",
-                    next_step="Feed it, and put it without delay directly before the component that it feeds.",
+                    next_step="Connect its input, and evaluate it without delay just before the component it feeds.",
                 )
             own_transformation = component_transformation(system.components[name])
             assert own_transformation is not None  # parts() has refused all others

@@ -1,4 +1,4 @@
-"""What an SSD file says, as plain frozen data; read by :mod:`fmu_didim.ssp.parse`."""
+"""The content of an SSD file as plain frozen data; read by :mod:`fmu_didim.ssp.parse`."""
 
 from __future__ import annotations
 
@@ -113,7 +113,7 @@ class Element:
 
 @dataclass(frozen=True)
 class Loop:
-    """What SSP cannot say of a loop.
+    """The part of a loop that SSP has no words for.
 
     Attributes:
         order: names of the components in the order of evaluation.

@@ -1,4 +1,4 @@
-"""Which value each variable of each component gets from the parameter bindings of all levels."""
+"""The value of each variable of each component, from the parameter bindings of all levels."""
 
 from __future__ import annotations
 
@@ -102,7 +102,7 @@ def _number(entry: MappingEntry, bound: Value, unit: Unit | None, where: str) ->
 
 
 def _entries(binding: Binding, *, strict: bool) -> Iterator[tuple[MappingEntry, Value, str]]:
-    """Where the values of a binding go, with a mapping only those it names; the values; where that is written."""
+    """Targets of the values of a binding, with a mapping only of those it names; the values; where they are written."""
     values = {binding.prefix + value.name: value for value in binding.values}
     if binding.mapping is None:
         for name, value in values.items():
@@ -117,5 +117,5 @@ def _entries(binding: Binding, *, strict: bool) -> Iterator[tuple[MappingEntry, 
 
 
 def _variables(fmu: FmuComponent) -> set[str]:
-    """Names of what can be given a value before the start: parameters, Integer ones too, start values and inputs."""
+    """Names of all that can be set before the start: parameters, Integer ones too, start values and inputs."""
     return {*(v.name for v in (*fmu.parameters, *fmu.inputs)), *fmu.references, *fmu.start_values}

@@ -43,7 +43,7 @@ _TRUTH = {"true": True, "1": True, "false": False, "0": False}
 
 
 def parse_structure(archive: Archive) -> Structure:
-    """What SystemStructure.ssd says, with the files of values and mappings that it names; raises InputError."""
+    """The content of SystemStructure.ssd, with the files of values and mappings that it names; raises InputError."""
     root = archive.xml(STRUCTURE, f"{{{SSD}}}SystemStructureDescription", where=STRUCTURE)
     units = read_units(root, where=f"{archive.path}: {STRUCTURE}")
     system = root.find("{*}System")
@@ -216,7 +216,7 @@ class _Reader:
         return tuple(entries)
 
     def loop(self, system: ET.Element) -> Loop | None:
-        """The annotation of the root system in which :func:`write_ssp` keeps what SSP cannot say."""
+        """The annotation of the root system for which SSP has no words, as :func:`write_ssp` writes it."""
         own = system.find(f"{{*}}Annotations/{{*}}Annotation[@type='{LOOP_TYPE}']/{{{LOOP}}}loop")
         if own is None:
             return None

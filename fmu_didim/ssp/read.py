@@ -163,9 +163,7 @@ def _system(
     _check_loop(loop, components, where)
     size = loop.step_size if step_size is None else step_size
     if not size > 0:
-        raise InputError(
-            "The archive does not say at which step the loop runs.", where=where, next_step="Give step_size."
-        )
+        raise InputError("The archive states no communication step.", where=where, next_step="Give step_size.")
     order = tuple(part for name in loop.order for part in (*before[name], name))
     system = System(
         {**components, **inserted}, tuple(connections), order, size, loop.delays, loop.jacobi,

@@ -99,7 +99,7 @@ def transforming_component(transformation: Affine) -> ModelComponent:
 
 
 def component_transformation(component: Component) -> Affine | None:
-    """What a component made by :func:`transforming_component` does; None for any other component."""
+    """The transformation of a component made by :func:`transforming_component`; None for any other component."""
     if isinstance(component, ModelComponent) and component.block.name == TRANSFORMATION:
         values = component.parameter_values()
         return Affine(values["factor"], values["offset"])

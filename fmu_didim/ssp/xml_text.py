@@ -12,6 +12,7 @@ from fmu_didim.base.version import __version__
 from fmu_didim.components.fmu.description import MODEL_EXCHANGE
 from fmu_didim.cosim import System
 from fmu_didim.data.units import BASE_UNITS
+from fmu_didim.export.xml_file import document
 from fmu_didim.ssp.compose import Part, Route
 from fmu_didim.ssp.document import FMU_TYPE, LOOP, LOOP_TYPE, SSC, SSD, SSV
 from fmu_didim.ssp.transform import Unit
@@ -31,7 +32,7 @@ def parameter_set(name: str, part: Part) -> str:
         _add(parameter, "ssv:Real", value=_number(value), unit=None if unit is None else unit.name)
         used += [] if unit is None else [unit]
     _units(root, "ssv:Units", used)
-    return _text(root)
+    return document(root)
 
 
 def structure_text(
@@ -65,11 +66,11 @@ def structure_text(
     _loop(top, system, parts)
     _units(root, "ssd:Units", known.values())
     _add(root, "ssd:DefaultExperiment", startTime="0")
-    return _text(root)
+    return document(root)
 
 
 def _common_units(parts: Mapping[str, Part]) -> dict[str, Unit]:
-    """Units that all FMUs define alike; of others the connectors keep silent, so that the FMU's own hold."""
+    """Units that all FMUs define alike; connectors state no other unit, so that those of the FMUs hold."""
     known: dict[str, Unit] = {}
     unlike: set[str] = set()
     for part in parts.values():
@@ -181,10 +182,5 @@ def _add(parent: ET.Element, tag: str, /, **attributes: str | None) -> ET.Elemen
 
 
 def _number(value: float) -> str:
-    """All digits, so that reading gives the same number."""
+    """With all digits, so that reading it gives the same number."""
     return repr(float(value))
-
-
-def _text(root: ET.Element) -> str:
-    ET.indent(root)
-    return '<?xml version="1.0" encoding="UTF-8"?>\n' + ET.tostring(root, encoding="unicode") + "\n"

@@ -9,17 +9,31 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from fmu_didim.base.cache import file_digest
-from fmu_didim.base.imports import is_reference, located
+from fmu_didim.base.imports import is_reference, located, source_file
 from fmu_didim.case import Case
 from fmu_didim.case.files import resolve
+from fmu_didim.case.memory import digest
 from fmu_didim.case.sources import SignalFile
+from fmu_didim.dynamics.effects import find_effect
 
 NO_OPTIONS: Mapping[str, object] = {}
 
 
-def case_files(case: Case) -> dict[str, str]:
-    """SHA-256 of the files that the case reads, under the names it gives them, or of the objects in their place."""
-    return {name: file_digest(path) for name, path in _named(case).items() if path.is_file()} | case.memory.digests()
+def case_files(case: Case, *, effects: Sequence[str] = ()) -> dict[str, str]:
+    """SHA-256 of the files that the case reads, under the names it gives them, or of the objects in their place.
+
+    The code of effects from outside the tree is among them, under ``module:Name`` or ``/path/to/file.py:Name``: of its
+    file, or of the class alone where that is in no file.
+
+    Args:
+        effects: names of further ones, beside those of the robot.
+    """
+    files = {name: file_digest(path) for name, path in _named(case).items() if path.is_file()} | case.memory.digests()
+    of_robot = () if case.robot is None else (name for joint in case.robot.joints for name in joint.effects)
+    for name in filter(is_reference, (*of_robot, *effects)):
+        source = source_file(name)
+        files[name] = file_digest(source) if source and source.is_file() else digest(type(find_effect(name)))
+    return files
 
 
 def paths_read(case: Case) -> list[Path]:

@@ -1,18 +1,18 @@
-"""The verb ``check``: what can be said of a case before any long work."""
+"""The verb ``check``: diagnostics of a case before any long work."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 
-from fmu_didim.base.diagnostics import CATALOGUE, DOUBT, PROBLEM, DiagnosedError, Diagnostic, Severity, by_weight
+from fmu_didim.base.diagnostics import CATALOGUE, DOUBT, PROBLEM, Diagnostic, Severity, by_weight
 from fmu_didim.base.errors import FmuDidimError, SimulationError
-from fmu_didim.case import Case, CaseObjects, Log, Reference, case_of
-from fmu_didim.checks.consistency import Consistency, check_consistency, plant_diagnostics
+from fmu_didim.case import Case, CaseObjects, case_of, with_objects
+from fmu_didim.checks.consistency import Consistency
 from fmu_didim.checks.data.expected_accuracy import (
     ExpectedAccuracy,
     accuracy_diagnostics,
@@ -20,7 +20,6 @@ from fmu_didim.checks.data.expected_accuracy import (
     resonance_diagnostics,
 )
 from fmu_didim.checks.judgement import diagnostic_result
-from fmu_didim.checks.plant import check_parameter_influence, start_diagnostics
 from fmu_didim.estimators.start import start_sequence, start_text, start_values, with_free_delay
 from fmu_didim.fit.solver.admissible import mass_matrix_problem
 from fmu_didim.fit.statistics import relative_error_percent
@@ -30,7 +29,7 @@ from fmu_didim.report.experiments import with_role
 from fmu_didim.report.identification.expected_accuracy import expected_accuracy_lines
 from fmu_didim.report.numbers import loop_lines, significant
 from fmu_didim.report.terminal import wrapped
-from fmu_didim.workflow.data import case_diagnostics
+from fmu_didim.workflow.data import case_diagnostics, check_plant
 from fmu_didim.workflow.output.loop import described_loop
 
 NO_START = CATALOGUE(
@@ -49,16 +48,16 @@ CONFOUNDED = CATALOGUE(
 
 @dataclass(frozen=True, repr=False)
 class Checked:
-    """What :func:`check` returns.
+    """The findings of :func:`check`.
 
     Attributes:
         name: of the case; parameters: (p,) names of what would be identified.
         experiments: label -> data; loop: a line a component, one for its timing.
-        diagnostics: what was found, the most important first; problems must be fixed before an identification.
+        diagnostics: the most important first; problems must be fixed before an identification.
         confounded: parameters that these data cannot tell apart, as far as the start shows it.
         start: where the torque was simulated from, in words; empty where it could not be simulated.
         error_percent: label -> relative torque error there, before anything is fitted.
-        prospect: standard deviations that are predicted there; None where nothing can be.
+        prospect: standard deviations that are predicted there; None where they cannot be.
         consistency: of plant and robot description; None where one is built from the other.
     """
 
@@ -79,7 +78,7 @@ class Checked:
         return not self.found(PROBLEM)
 
     def found(self, severity: Severity) -> tuple[Diagnostic, ...]:
-        """What was found of one severity."""
+        """The diagnostics of one severity."""
         return tuple(d for d in self.diagnostics if d.code.severity is severity)
 
     def saved(self, case: str = "") -> dict[str, Any]:
@@ -99,7 +98,7 @@ class Checked:
         return f"Checked({self.name!r}, {counts})"
 
     def summary(self) -> str:
-        """What was found, at most 100 columns wide; the verdict comes last."""
+        """The findings, at most 100 columns wide; the verdict comes last."""
         entries = [
             ("Parameters", f"{len(self.parameters)}: {', '.join(self.parameters)}"),
             *(
@@ -114,35 +113,28 @@ class Checked:
         if self.consistency is not None and self.consistency.points and not self.consistency.warnings():
             worst = significant(self.consistency.worst, 2)
             entries.append(("Plant", f"it agrees with the robot description to {worst}"))
-        lines = [*wrapped(self.name), "", *(line for head, text in entries for line in _entry(head, text)), ""]
+        lines = [*wrapped(self.name), ""]
+        lines += [line for head, text in entries for line in wrapped(text, f"{head:12}", " " * 12)]
+        lines.append("")
         if self.prospect is not None:
             lines += [f"Predicted from {self.start}, before any fit:", *expected_accuracy_lines(self.prospect), ""]
-        for diagnostic in self.diagnostics:
-            lines += _message(diagnostic)
-        return "\n".join([*lines, self._verdict()]) + "\n"
-
-    def _verdict(self) -> str:
-        if not self.ok:
-            return "NOT READY: fix the problems above"
-        return "READY, with doubts" if self.found(DOUBT) else "READY: nothing stands against an identification"
+        for d in self.diagnostics:
+            lines += wrapped(f"{d.code.severity.value.upper()} {d.code.name}: {d}", "", "  ")
+            lines += wrapped(d.advice, "  Next: ", "    ") if d.advice else []
+        verdict = "READY, with doubts" if self.found(DOUBT) else "READY: nothing stands against an identification"
+        return "\n".join([*lines, verdict if self.ok else "NOT READY: fix the problems above"]) + "\n"
 
 
+@with_objects
 def check(
     case: Case | Path | str | Mapping[str, Any] | None = None,
-    *,
-    robot: Any = None,
-    plant: Any = None,
-    controller: Any = None,
-    log: Log | Any = None,
-    reference: Reference | Any = None,
-    validation: tuple[Log, Reference] | Any = None,
-    loop: Mapping[str, Any] | None = None,
+    **objects: Unpack[CaseObjects],
 ) -> Checked:
-    """Look at a case before any long work: its plant, its parameters, its torque logs and where it starts.
+    """Check a case before any long work: its plant, its parameters, its torque logs and its start.
 
-    It compares plant and robot description where both are given, asks whether each parameter acts, whether the logs
-    can be those of this loop, and whether the data tell the parameters apart at the start. Takes a few simulations,
-    and for components of other tools one more for each parameter.
+    It compares plant and robot description where both are given; checks that each parameter acts, that the logs can be
+    those of this loop, and that the data distinguish the parameters at the start. It takes a few simulations, and one
+    more for each parameter with components of other tools.
 
     Args:
         case: a loaded case, the path of its file, or its content.
@@ -152,15 +144,15 @@ def check(
     Raises:
         InputError, FmuError, BuildError: the case cannot be loaded at all.
     """
-    case = case_of(case, CaseObjects(robot, plant, controller, log, reference, validation, loop))
+    case = case_of(case, objects)
     model = with_free_delay(case.model) if getattr(case.estimator, "estimate_delay", False) else case.model
-    consistency, diagnostics = _of_the_plant(case, model)
+    consistency, diagnostics = check_plant(case, model)
     diagnostics += case_diagnostics(case)
     found = Checked(
         name=case.name,
         parameters=model.names,
         experiments=model.experiments,
-        loop=tuple(loop_lines(described_loop(case, model.systems[model.first].describe()))),
+        loop=tuple(loop_lines(described_loop(case, model.loop.systems[model.first].describe()))),
         diagnostics=tuple(diagnostics),
         consistency=consistency,
     )
@@ -168,30 +160,12 @@ def check(
     return replace(found, diagnostics=tuple(by_weight(found.diagnostics)))
 
 
-def has_own_plant(case: Case) -> bool:
-    """Whether the plant is given apart from the robot description, so that the two may differ."""
-    return case.document.plant_source is not None or case.base is not None
-
-
-def _of_the_plant(case: Case, model: LoopModel) -> tuple[Consistency | None, list[Diagnostic]]:
-    """What is found of a plant of its own: its comparison with the description, and what is wrong."""
-    if not has_own_plant(case):
-        return None, []
-    consistency = check_consistency(model) if model.parameters.has_regressor else None
-    found = plant_diagnostics(consistency)
-    try:
-        check_parameter_influence(model)
-    except DiagnosedError as error:
-        found += error.found
-    return consistency, [*found, *start_diagnostics(model)]
-
-
 def _at_the_start(case: Case, model: LoopModel, found: Checked) -> Checked:
     """The torque error where the estimator may start, and what the data cannot tell apart there."""
     reasons = []
     for start, place in _starts(case):
         try:
-            values = model.limited(start_values(model, start))
+            values = model.free_parameters.limited(start_values(model, start))
             reason = mass_matrix_problem(model, values)
             if reason:
                 raise SimulationError(reason)
@@ -199,13 +173,14 @@ def _at_the_start(case: Case, model: LoopModel, found: Checked) -> Checked:
         except FmuDidimError as error:
             reasons.append(f"{place}: {error.what}" + (f" ({error.got})" if error.got else ""))
             continue
-        errors = {label: relative_error_percent(model.measured_in(label), t)[0] for label, t in torque.items()}
+        errors = {
+            label: relative_error_percent(model.experiments.measured_in(label), t)[0] for label, t in torque.items()
+        }
         fitted = np.concatenate([torque[label] for label in model.estimation_labels])
         alike, ahead = predict_accuracy(model, values, fitted)
         told = [Diagnostic(CONFOUNDED, f"These data do not tell {', '.join(alike)} apart.")] if alike else []
         told += accuracy_diagnostics(ahead) if ahead is not None else []
-        told += resonance_diagnostics(model, values)
-        told = [*found.diagnostics, *told]
+        told = [*found.diagnostics, *told, *resonance_diagnostics(model, values)]
         return replace(
             found, start=place, error_percent=errors, confounded=alike, prospect=ahead, diagnostics=tuple(told)
         )
@@ -220,12 +195,3 @@ def _starts(case: Case) -> Iterator[tuple[Any, str]]:
     own = getattr(case.estimator, "start", None)
     if isinstance(own, Mapping):
         yield own, "the start of the case"
-
-
-def _entry(head: str, text: str) -> list[str]:
-    return wrapped(text, f"{head:12}", " " * 12)
-
-
-def _message(found: Diagnostic) -> list[str]:
-    head = f"{found.code.severity.value.upper()} {found.code.name}: {found}"
-    return [*wrapped(head, "", "  "), *(wrapped(found.advice, "  Next: ", "    ") if found.advice else [])]

@@ -1,17 +1,36 @@
-"""The data of a case, looked at before any work, by all verbs that fit to them."""
+"""The data and the plant of a case, checked before any work by all verbs that fit to them."""
 
 from __future__ import annotations
 
-from fmu_didim.base.diagnostics import Diagnostic
+from fmu_didim.base.diagnostics import DiagnosedError, Diagnostic
 from fmu_didim.case import Case
+from fmu_didim.checks.consistency import Consistency, check_consistency, plant_diagnostics
 from fmu_didim.checks.data.checks import data_diagnostics
+from fmu_didim.checks.plant import check_parameter_influence, start_diagnostics
+from fmu_didim.model.loop_model import LoopModel
 
 
 def case_diagnostics(case: Case, *, causes: bool = True) -> list[Diagnostic]:
-    """What is wrong or doubtful with the data of a case, the most important first.
+    """Problems and doubts about the data of a case, the most important first.
 
     Args:
         causes: see :func:`~fmu_didim.checks.data.checks.data_diagnostics`.
     """
     without = [label for label, run in case.document.runs.items() if run.torque is None]
     return data_diagnostics(case.model, without_torque=without, causes=causes)
+
+
+def check_plant(case: Case, model: LoopModel) -> tuple[Consistency | None, list[Diagnostic]]:
+    """How a plant with a source of its own compares with the robot description, and what is wrong with it.
+
+    Nothing where the plant is built from the description.
+    """
+    if case.document.plant_source is None and case.base is None:
+        return None, []
+    consistency = check_consistency(model) if model.parameters.has_regressor else None
+    found = plant_diagnostics(consistency)
+    try:
+        check_parameter_influence(model)
+    except DiagnosedError as error:
+        found += error.found
+    return consistency, [*found, *start_diagnostics(model)]

@@ -17,7 +17,7 @@ from fmu_didim.export.versions import DEFAULT_VERSION
 from fmu_didim.results.result import read_result
 from fmu_didim.ssp import write_ssp
 from fmu_didim.workflow.output.result import Result
-from fmu_didim.workflow.output.result_folder import check_writable, told_unwritable
+from fmu_didim.workflow.output.result_folder import check_writable, reported_unwritable
 from fmu_didim.workflow.simulate import model_without_data, named_values
 
 
@@ -47,7 +47,7 @@ def export_fmu(
     is_controller = "law" in load_yaml(description)
     block = read_controller(description) if is_controller else RobotModel(read_robot(description)).block()
     check_writable(directory)
-    with told_unwritable(directory):
+    with reported_unwritable(directory):
         return build_fmu(block, directory=directory, fmi_version=fmi_version or DEFAULT_VERSION, platforms=platforms)
 
 

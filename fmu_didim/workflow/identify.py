@@ -6,25 +6,21 @@ import logging
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Unpack
 
 from fmu_didim.base.diagnostics import REMARK, DiagnosedError, Diagnostic, by_weight, refuse_problems
 from fmu_didim.base.errors import FmuDidimError, IdentificationError, InputError, SimulationError
-from fmu_didim.case import Case, CaseObjects, Log, Reference
-from fmu_didim.checks.consistency import Consistency, check_consistency, plant_diagnostics
+from fmu_didim.case import Case, CaseObjects, with_objects
 from fmu_didim.checks.identification import checked
-from fmu_didim.checks.plant import check_parameter_influence, start_diagnostics
 from fmu_didim.checks.validation import validate
 from fmu_didim.estimators import Progress, no_progress
 from fmu_didim.fit.estimate import Estimate, RefusedError
-from fmu_didim.model.loop_model import LoopModel
 from fmu_didim.model.workers import one_blas_thread
 from fmu_didim.results.document import consistency_result, refused_document, result_document
 from fmu_didim.results.provenance import provenance
 from fmu_didim.results.result import save_result
 from fmu_didim.workflow.case_files import case_files, repeating
-from fmu_didim.workflow.check import has_own_plant
-from fmu_didim.workflow.data import case_diagnostics
+from fmu_didim.workflow.data import case_diagnostics, check_plant
 from fmu_didim.workflow.output.loop import described_loop
 from fmu_didim.workflow.output.result import Result, result_folder
 from fmu_didim.workflow.output.result_folder import ResultFolder, checked_case
@@ -33,22 +29,17 @@ from fmu_didim.workflow.start import started_from
 _log = logging.getLogger(__name__)
 
 
+@with_objects
 @one_blas_thread
 def identify(
     case: Case | Path | str | Mapping[str, Any] | None = None,
     out: Path | str | None = None,
     *,
-    robot: Any = None,
-    plant: Any = None,
-    controller: Any = None,
-    log: Log | Any = None,
-    reference: Reference | Any = None,
-    validation: tuple[Log, Reference] | Any = None,
-    loop: Mapping[str, Any] | None = None,
     start: Result | None = None,
     figures: bool = False,
     progress: Progress | None = None,
     show: Callable[[Result], None] | None = None,
+    **objects: Unpack[CaseObjects],
 ) -> Result:
     """Identify the parameters of a case, validate them and, with ``out``, save result and report there.
 
@@ -80,7 +71,6 @@ def identify(
         IdentificationError: the data cannot tell some parameters apart.
     """
     folder = None if out is None else result_folder(out, figures=figures)
-    objects = CaseObjects(robot, plant, controller, log, reference, validation, loop)
     case = checked_case(case, folder, objects)
     if start is not None:
         case = started_from(case, start)
@@ -92,7 +82,8 @@ def identify(
     refusal = _Refusal(case, folder, record)
     try:
         of_data = refuse_problems(case_diagnostics(case))
-        consistency, of_plant = _known_of_plant(case, model)
+        consistency, of_plant = check_plant(case, model)
+        of_plant = refuse_problems(of_plant)
     except DiagnosedError as error:
         refusal.save(error, error.found)
         raise
@@ -103,7 +94,10 @@ def identify(
     try:
         estimate = case.estimator.estimate(model, progress=progress or no_progress)
     except (RefusedError, SimulationError) as caught:
-        refused = _because_of(caught, model.pool.failure)
+        refused = caught if isinstance(caught, RefusedError) else RefusedError(
+            caught.what, iterations=(), got=caught.got, next_step=caught.next_step, where=caught.where
+        )  # fmt: skip
+        refused = refused.because_of(model.pool.failure)  # the first failure of a component, if there was one
         refusal.save(refused, before)
         raise _with_known(refused, before) from caught
     except IdentificationError as error:
@@ -119,7 +113,7 @@ def identify(
 
 @dataclass
 class _Refusal:
-    """How a result that says why there is none is saved.
+    """Saves a result that says why there are no values.
 
     Attributes:
         known: entries of the document that were found before.
@@ -158,32 +152,12 @@ def _judged(case: Case, estimate: Estimate, before: Sequence[Diagnostic], known:
     return Result.of(document, estimate, validations)
 
 
-def _known_of_plant(case: Case, model: LoopModel) -> tuple[Consistency | None, list[Diagnostic]]:
-    """What is found of a plant of its own before the long work: its comparison with the description, and what it says.
-
-    Raises:
-        InputError: an identified parameter has no effect in the plant.
-    """
-    if not has_own_plant(case):
-        return None, []
-    consistency = check_consistency(model) if model.parameters.has_regressor else None
-    check_parameter_influence(model)
-    return consistency, [*plant_diagnostics(consistency), *start_diagnostics(model)]
-
-
-def _because_of(error: RefusedError | SimulationError, failure: FmuDidimError | None) -> RefusedError:
-    """The refusal, headed by the first failure of a component if there was one."""
-    if not isinstance(error, RefusedError):
-        error = RefusedError(error.what, iterations=(), got=error.got, next_step=error.next_step, where=error.where)
-    return error.because_of(failure)
-
-
 def _with_known(error: RefusedError, before: Sequence[Diagnostic]) -> RefusedError:
-    """The refusal with what was doubted before, which may be its cause."""
+    """The refusal with the earlier doubts, which may be its cause."""
     known = [str(found) for found in before if found.code.severity is not REMARK]
     if not known:
         return error
-    got = "; ".join(str(part) for part in (error.got, "before, it was seen: " + " ".join(known)) if part)
+    got = "; ".join(str(part) for part in (error.got, "found before: " + " ".join(known)) if part)
     return RefusedError(
         error.what, iterations=error.iterations, got=got, next_step=error.next_step, values=error.values,
         deviation=error.deviation, where=error.where,

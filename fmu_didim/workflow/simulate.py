@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 
 from fmu_didim.base.errors import InputError, UnknownNameError
-from fmu_didim.case import Case, CaseObjects, Log, Reference, case_of
+from fmu_didim.case import Case, CaseObjects, case_of, with_objects
 from fmu_didim.cosim import sample_operator
 from fmu_didim.data.signals import Array, Trajectory
 from fmu_didim.fit.solver.admissible import mass_matrix_problem
@@ -18,18 +18,13 @@ from fmu_didim.model.loop_model import LoopModel
 from fmu_didim.model.simulated_table import simulated_table
 
 
+@with_objects
 def simulate(
     case: Case | Path | str | Mapping[str, Any] | None = None,
     *,
-    robot: Any = None,
-    plant: Any = None,
-    controller: Any = None,
-    log: Log | Any = None,
-    reference: Reference | Any = None,
-    validation: tuple[Log, Reference] | Any = None,
-    loop: Mapping[str, Any] | None = None,
     parameters: Mapping[str, float] | None = None,
     experiment: str | None = None,
+    **objects: Unpack[CaseObjects],
 ) -> Trajectory:
     """Simulate the loop of a case at the control rate.
 
@@ -47,7 +42,6 @@ def simulate(
     Raises:
         InputError, UnknownNameError: the case or a name is wrong; SimulationError: the loop diverged.
     """
-    objects = CaseObjects(robot, plant, controller, log, reference, validation, loop)
     case = case_of(case, objects, require_torque=False)
     model = model_without_data(case, experiment)
     values = named_values(model, parameters or {})
@@ -76,5 +70,5 @@ def named_values(model: LoopModel, given: Mapping[str, float]) -> Array:
     for name, value in given.items():
         if name not in model.names:
             raise UnknownNameError("base parameter", name, model.names, where="parameters")
-        values[model.index(name)] = value
+        values[model.names.index(name)] = value
     return values

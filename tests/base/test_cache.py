@@ -197,15 +197,15 @@ def test_the_command_cache(tmp_path: Path, root: Path, capsys: pytest.CaptureFix
     assert main(["cache", "show"]) == 0
     shown = capsys.readouterr().out
     assert str(root) in shown
-    for kind, count in (("extracted", 2), ("reruns", 2), ("probes", 2), ("exported", 0), ("total", 6)):
+    for kind, count in (("extracted", 2), ("reruns", 2), ("exported", 0), ("total", 4)):
         assert re.search(rf"^{kind} +{count} +\d+\.\d MB", shown, re.MULTILINE)
     assert main(["cache", "clear", str(one)]) == 0
-    assert "3 entries removed" in capsys.readouterr().out
-    assert {entry.kind for entry in entries()} == {"extracted", "reruns", "probes"}
+    assert "2 entries removed" in capsys.readouterr().out
+    assert {entry.kind for entry in entries()} == {"extracted", "reruns"}
     digest = hashlib.sha256(other.read_bytes()).hexdigest()
     assert all(entry.path.name.startswith(digest) for entry in entries())
     assert main(["cache", "clear"]) == 0
-    assert "3 entries removed" in capsys.readouterr().out
+    assert "2 entries removed" in capsys.readouterr().out
     assert not list(entries())
     assert (root / "mine" / "notes.txt").is_file()
     assert main(["cache", "clear", str(tmp_path / "nowhere.fmu")]) == 1

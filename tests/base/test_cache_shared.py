@@ -70,14 +70,14 @@ def test_entries_follow_the_folder(
     before = os.umask(umask)
     try:
         content = cached_folder("loop", "key", fill)
-        with cache.cache_file(root / "probes" / "one.json") as temporary:
+        with cache.cache_file(root / "reruns" / "one.json") as temporary:
             temporary.write_text("{}", encoding="utf-8")
     finally:
         os.umask(before)
     entry = content.parent
-    found = {mode(path) for path in (entry.parent, entry, content, content / "inner", root / "probes")}
+    found = {mode(path) for path in (entry.parent, entry, content, content / "inner", root / "reruns")}
     assert found == {folders}
-    assert {mode(p) for p in (entry / "files.json", content / "inner" / "data", root / "probes" / "one.json")} == {file}
+    assert {mode(p) for p in (entry / "files.json", content / "inner" / "data", root / "reruns" / "one.json")} == {file}
     assert mode(content / "program") == program
 
 
@@ -297,7 +297,9 @@ def test_a_path_too_long_for_windows_is_told(
         cached_folder("loop", "key", refused)
     short = "too long for Windows (260 characters): name another folder by FMU_DIDIM_CACHE with a short path"
     assert (short in str(caught.value)) is too_long
-    told = str(unwritable(tmp_path, error)), str(result_folder._unwritable(tmp_path, error))
+    with pytest.raises(InputError) as of_results, result_folder.reported_unwritable(tmp_path):
+        raise error
+    told = str(unwritable(tmp_path, error)), str(of_results.value)
     assert ["short path" in text for text in told] == [too_long] * 2
 
 
@@ -429,7 +431,7 @@ def test_a_group_shares_a_cache(shared: Path, umask: str) -> None:
     shared.chmod(0o2775)
     run_as(shared, FIRST, FILL, umask=umask)
     assert run_as(shared, SECOND, FOUND) == "content\n"
-    write = "with cache.cache_file(Path(root) / 'probes' / 'x') as t: t.write_text('{}')"
+    write = "with cache.cache_file(Path(root) / 'reruns' / 'x') as t: t.write_text('{}')"
     for user in (FIRST, SECOND):
         run_as(shared, user, write, umask=umask)
         slot = "with fmu_didim.campaigns.running.fmu_slots.fmu_slots({Path('a.fmu'): 1}, lambda: False): print('held')"

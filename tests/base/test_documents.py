@@ -36,7 +36,7 @@ def mappings(levels: int, width: int) -> str:
     return "\n".join(lines) + "\n"
 
 
-PARSERS = list(dict.fromkeys([documents._InPython, documents._LOADER]))
+PARSERS = list(dict.fromkeys([documents.PythonLoader, documents.LOADER]))
 CHAIN = "a0: &a0 [1]\n" + "".join(f"a{k}: &a{k} [*a{k - 1}]\n" for k in range(1, 60))
 ATTACKS = {
     "ten to the ten": (laughs(10, 10), "more than 50000 values, aliases written out"),
@@ -69,7 +69,7 @@ ATTACKS = {
 @pytest.fixture(params=PARSERS)
 def parser(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> type[Any]:
     """Each of the parsers in turn, whichever is taken on this machine."""
-    monkeypatch.setattr(documents, "_LOADER", request.param)
+    monkeypatch.setattr(documents, "LOADER", request.param)
     return request.param
 
 
@@ -93,7 +93,7 @@ def test_both_parsers_tell_the_same() -> None:
         text, _ = ATTACKS[attack]
         for parser in PARSERS:
             with pytest.raises(yaml.YAMLError) as caught:
-                documents._content(text, parser)
+                documents.parse_yaml(text, parser)
             told[attack].append(str(caught.value))
     differ = {attack for attack, texts in told.items() if len(set(texts)) > 1}
     assert differ <= {"half of a character", "a character of control"}
@@ -111,7 +111,7 @@ def test_no_more_is_read_than_the_bound(parser: type[Any], count: int, refused: 
             return next_event(self)
 
     with pytest.raises(yaml.YAMLError, match="more than 50000 values") if refused else nullcontext():
-        documents._content(text, Counted)
+        documents.parse_yaml(text, Counted)
     assert len(events) <= MAXIMUM_VALUES + 10
 
 
@@ -230,8 +230,8 @@ def changed_case(folder: Path, entry: str, value: object) -> Path:
 @pytest.mark.parametrize(
     ("entry", "value", "told"),
     [
-        ("train.torque.rate_hz", 1e12, "The log has not so many samples"),
-        ("train.torque.rate_hz", 1e300, "The log has not so many samples"),
+        ("train.torque.rate_hz", 1e12, "The log has fewer samples than that"),
+        ("train.torque.rate_hz", 1e300, "The log has fewer samples than that"),
         ("loop.rate_hz", 1e12, "too long for its rate"),
         ("loop.rate_hz", 1e-9, "One instant is no motion"),
         ("train.reference.duration_s", 1e-9, "One instant is no motion"),

@@ -6,11 +6,15 @@ import re
 from pathlib import Path
 from typing import Any
 
+import control
+import numpy as np
 import pytest
 import yaml
 
+from fmu_didim import InputError, Log, RobotModel, load_case, read_robot, study
 from fmu_didim.campaigns.validation import case_problems, read_campaign
 from fmu_didim.cli.main import main
+from fmu_didim.dynamics.effects import TorqueEffect
 from tests.campaigns.helpers import CASE, LAWS
 
 GOOD: dict[str, Any] = {"name": "good", "case": str(CASE), "noise": {"relative": 0.05}}
@@ -100,3 +104,40 @@ def test_a_good_campaign_has_no_problem(tmp_path: Path, capsys: pytest.CaptureFi
     assert "10 further runs equal others" in said
     assert "by two trials; nothing was written" in said
     assert not (tmp_path / "out").exists()
+
+
+def law(q_ref: Any, dq_ref: Any, q: Any, dq: Any) -> Any:
+    return q_ref - q - dq
+
+
+LOG = Log(np.arange(3.0), np.zeros((3, 2)))
+LOADED = load_case("examples/scara/identify.yaml")
+
+
+@pytest.mark.parametrize(
+    ("entries", "told"),
+    [
+        ({"vary": {"controller": [law]}}, r"vary\.controller\n  got:   law\n  next:  .*file\.py:Name"),
+        ({"vary": {"controller.source": [control.ss(*[np.eye(2)] * 4, 0.005)]}}, "got:   StateSpace"),
+        ({"verb": "discover", "options": {"effects": [TorqueEffect]}}, r"options\.effects\n  got:   TorqueEffect"),
+        ({"truth": {"train": {"torque": LOG}}}, r"truth\.train\.torque\n  got:   Log\n  next:  .*write_csv"),
+        ({"case": LOADED.with_(controller=law, loop={"rate_hz": 200})}, r"case\.controller\.source\n  got:   law"),
+        ({"case": LOADED.with_signals({"train_10hz.csv": LOG.signals})}, r"torque\.file\n  got:   Trajectory"),
+    ],
+    ids=["law", "system", "effect", "log", "law of a loaded case", "signals of a loaded case"],
+)
+def test_objects_in_memory_are_refused_with_the_way_out(entries: dict[str, Any], told: str) -> None:
+    with pytest.raises(InputError, match=told):
+        study(**{"case": str(CASE), "vary": {"train.torque.rate_hz": [5]}, **entries})
+
+
+def test_robots_in_memory_become_part_of_the_campaign(tmp_path: Path) -> None:
+    robot = read_robot("fmus/scara/robot.yaml")
+    found = study(LOADED.with_(robot=robot), vary={"robot.joints.0.parameters.Fv": [0.03, 0.06]}, out=tmp_path)
+    found.check(workers=1)
+    other = study(str(CASE), vary={"robot": [robot, RobotModel(robot.with_values({"Fv1": 0.06}))]}, out=tmp_path)
+    friction = [
+        each.plan.content(run.settings).case["robot"]["joints"][0]["parameters"]["Fv"]
+        for each in (found, other) for run in each.plan.runs
+    ]  # fmt: skip
+    assert friction == [0.03, 0.06, 0.03, 0.06]

@@ -120,8 +120,8 @@ def test_parameters_fixed_in_a_run_are_compared_by_simulating_again(tmp_path: Pa
 
     def again(own: Block) -> Consistency:
         model = model_of(case_with(tmp_path, with_fixed(own, {v.name for v in own.parameters})))
-        assert isinstance(model.plant, FmuComponent)
-        return check_consistency(with_component(model, "plant", replace(model.plant, has_derivatives=False)))
+        assert isinstance(model.loop.plant, FmuComponent)
+        return check_consistency(with_component(model, "plant", replace(model.loop.plant, has_derivatives=False)))
 
     found = again(block())
     assert found.method == "simulated again"
@@ -215,7 +215,7 @@ def test_refusal_says_that_the_plant_differs(tmp_path: Path) -> None:
     """A plant with a link of three metres cannot be identified with this description."""
     first, second = read_robot(ROBOT).joints
     heavy = second.model_copy(update={"a": -3.0})
-    with pytest.raises(RefusedError, match=r"before, it was seen: plant: MX2: the column differs") as caught:
+    with pytest.raises(RefusedError, match=r"found before: plant: MX2: the column differs") as caught:
         identify(case_with(tmp_path, block(joints=(first, heavy))), out=tmp_path / "out")
     assert caught.value.iterations
     saved = read_result(tmp_path / "out")

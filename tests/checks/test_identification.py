@@ -70,7 +70,7 @@ def test_what_is_neither_identified_nor_known_is_told(outcome: Result, tmp_path:
 @pytest.mark.parametrize(("value", "told"), [(1.0, 0), (0.0, 0), (LONGEST_DELAY, 1)])
 def test_limits(outcome: Result, value: float, told: int) -> None:
     """A delay of zero is a value as any other; its highest one is a limit."""
-    model = replace(outcome.model, free_parameters=(replace(delay_parameter(1.0), value=value),))
+    model = outcome.model.with_free([replace(delay_parameter(1.0), value=value)])
     found = limit_diagnostics(replace(outcome.estimate, model=model, covariance=np.array([[0.01]])))
     assert len(found) == told
     assert all(d.place == "delay" and d.bound == LONGEST_DELAY for d in found)

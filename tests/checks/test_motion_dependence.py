@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -153,7 +152,7 @@ def test_filtered_noise_does_not_depend_on_the_motion_and_an_effect_does(rate_hz
 
     def chances(added, seed):
         noisy = torque + added * size * shape + size * RNG(seed).normal(size=torque.shape)
-        own = replace(with_torque(model, noisy), low_pass=LowPass(cutoff_hz))
+        own = with_torque(model, noisy).with_low_pass(LowPass(cutoff_hz))
         fit = point(own.with_values(own.start), NoiseOfResidual(own))
         return [one.p_value for one in dependence_of_fit(fit, ())]
 
@@ -165,7 +164,7 @@ def test_filtered_noise_does_not_depend_on_the_motion_and_an_effect_does(rate_hz
 def test_a_band_too_narrow_to_ask_is_told():
     """With a cut-off of 0.1 Hz a few seconds have no sample of their own for each parameter."""
     model = load_case("examples/scara/identify_200hz.yaml").model
-    model = replace(model.on(model.first), low_pass=LowPass(0.1))
+    model = model.on(model.first).with_low_pass(LowPass(0.1))
     told = motion_diagnostics(dependence_of_fit(point(model, NoiseOfResidual(model)), ()))
     assert [(d.code.name, d.place) for d in told] == [("motion-untested", "joint 1"), ("motion-untested", "joint 2")]
     assert all("samples are too few" in d.text for d in told)

@@ -127,7 +127,7 @@ def test_all_are_asked_of_a_model() -> None:
     covariance = np.diag((0.03 * np.abs(model.start) + 0.002) ** 2)
     assert physical_diagnostics(model, covariance) == []
     values = model.start.copy()
-    values[model.index("Fc2")], values[model.index("ZZ2")] = -0.05, -0.03
+    values[model.names.index("Fc2")], values[model.names.index("ZZ2")] = -0.05, -0.03
     found = physical_diagnostics(model.with_values(values), covariance)
     assert {d.code.name for d in found} == {"friction-negative", "not-physical", "mass-matrix-indefinite"}
 
@@ -151,7 +151,7 @@ def test_range_of_the_joints() -> None:
     described = model.parameters.model.description
     joints = (described.joints[0].model_copy(update={"limits": (-1.0, 2.0)}), Joint(type="prismatic"))
     other = RobotModel(described.model_copy(update={"joints": joints, "identified": "computed"}))
-    moved = replace(model, parameters=replace(model.parameters, model=other))
+    moved = model.with_loop(parameters=replace(model.parameters, model=other))
     reached = [e.reference.column("q2") for e in model.experiments.values()]
     lowest, highest = min(0.0, *(q.min() for q in reached)), max(0.0, *(q.max() for q in reached))
     np.testing.assert_allclose(joint_range(moved), [[-1.0, lowest], [2.0, highest]])

@@ -9,7 +9,7 @@ import pytest
 from scipy import stats
 
 from fmu_didim.base.diagnostics import Severity
-from fmu_didim.checks.residual import ResidualTest, lack_of_fit, residual_diagnostics, slow_diagnostics
+from fmu_didim.checks.residual import NoiseResult, lack_of_fit, residual_diagnostics, slow_diagnostics
 from fmu_didim.data.low_pass import LowPass
 from fmu_didim.fit.log_noise import known_noise
 from fmu_didim.fit.uncertainty import Colour
@@ -85,16 +85,24 @@ def test_rates_are_named_where_there_are_several() -> None:
 
 
 def test_figures_are_in_the_sentence() -> None:
-    (above,) = residual_diagnostics([ResidualTest(3, 50.0, 7.8, 1.2, 0.8, True, 0.01, 0, np.zeros(0), 0.5, 2.8)])
+    bounds = dict(chi_square_per_sample=7.8, chi_square_bound=1.2, chi_square_least=0.8)
+    (above,) = residual_diagnostics([coloured(50.0, memory_s=1.0, order=0).model_copy(update={"joint": 3, **bounds})])
     assert str(above).startswith("joint 3: the residual is larger than the known noise (chi-square per sample 7.8,")
     assert (above.value, above.bound) == (7.8, 1.2)
     assert "discover" in above.advice
 
 
-def coloured(rate_hz: float, *, memory_s: float, order: int = 1) -> ResidualTest:
+def coloured(rate_hz: float, *, memory_s: float, order: int = 1) -> NoiseResult:
     """A residual whose noise is a first-order autoregression."""
     coefficients = np.full(order, np.exp(-1 / (rate_hz * memory_s)))
-    return ResidualTest(1, rate_hz, None, None, None, False, 0.9, order, coefficients, 0.5, 2.0)
+    return NoiseResult(
+        joint=1, rate_hz=rate_hz, chi_square_per_sample=None, chi_square_bound=None, chi_square_least=None,
+        noise_is_stated=False, lag1=0.9, order=order, coefficients=coefficients.tolist(), whiteness_p=0.5,
+        inflation=2.0,
+    )  # fmt: skip
+
+
+ABOVE_NOISE = {"chi_square_per_sample": 9.0, "chi_square_bound": 1.2}
 
 
 @pytest.mark.parametrize(
@@ -107,11 +115,11 @@ def coloured(rate_hz: float, *, memory_s: float, order: int = 1) -> ResidualTest
         (coloured(100, memory_s=2.0), 1.0, 1.5, False),  # nothing is left to compare with
         (coloured(4, memory_s=2.0), 1.25, np.inf, False),  # the motion fills the band
         (coloured(100, memory_s=2.0, order=0), 1.0, np.inf, False),  # white
-        (replace(coloured(100, memory_s=2.0), chi_square_per_sample=9.0, chi_square_bound=1.2), 1.0, np.inf, False),
+        (coloured(100, memory_s=2.0).model_copy(update=ABOVE_NOISE), 1.0, np.inf, False),
     ],
 )
 def test_a_residual_that_is_as_slow_as_the_motion(
-    test: ResidualTest, motion_hz: float, cutoff_hz: float, told: bool
+    test: NoiseResult, motion_hz: float, cutoff_hz: float, told: bool
 ) -> None:
     found = slow_diagnostics([test], motion_hz, cutoff_hz)
     assert [d.code.name for d in found] == (["residual-slow"] if told else [])
@@ -123,6 +131,6 @@ def test_a_residual_that_is_as_slow_as_the_motion(
 def test_the_noise_by_periods_is_that_of_the_log_whatever_it_is_filtered_with() -> None:
     """The residual that it is compared with is that of the log, too."""
     model = right("puma560", 1, rate_hz=20.0)
-    plain, filtered = known_noise(model), known_noise(replace(model, low_pass=LowPass(4.0)))
+    plain, filtered = known_noise(model), known_noise(model.with_low_pass(LowPass(4.0)))
     assert plain is not None and filtered is not None
     np.testing.assert_array_equal(plain, filtered)

@@ -16,8 +16,7 @@ from fmu_didim.dynamics.effects import EFFECTS
 from fmu_didim.dynamics.robot import read_robot
 from fmu_didim.fit.fit import Fit
 from fmu_didim.fit.solver.least_squares import minimise
-from fmu_didim.model.loop_description import EffectAtJoint
-from fmu_didim.model.loop_model import LoopModel
+from fmu_didim.model.loop_model import EffectAtJoint, LoopModel
 from tests.discovery.helpers import arm_model, data, known_noise, with_torque
 
 SIGMA = (0.02, 0.01)

@@ -10,9 +10,10 @@ import pytest
 from scipy import signal, stats
 
 from fmu_didim.base.errors import IdentificationError
-from fmu_didim.checks.agreement import Agreement, _judged, agreement
+from fmu_didim.checks.agreement import AgreementResult, _judged, agreement
 from fmu_didim.data.signals import Array
 from fmu_didim.fit.confounding import confounded, refuse_confounded
+from fmu_didim.model.experiments import Experiments
 
 
 def pair(angle: float, *further: Any) -> Array:
@@ -93,55 +94,57 @@ def test_a_refusal_names_them() -> None:
 # ---- experiments that were fitted together
 
 
+AGREES = AgreementResult(p_value=1.0, agrees=True, differs_most="", change_in_std=0.0)
+
+
 @pytest.mark.parametrize(
     ("p", "count", "agrees"), [(0.00051, 2, True), (0.00049, 2, False), (0.00026, 4, True), (0.00024, 4, False)]
 )
 def test_the_level_is_that_of_all_experiments(p: float, count: int, agrees: bool) -> None:
     chi_square = stats.chi2.isf(p, 1)
     slope = np.array([[4.0]])
-    found = _judged("x", ("a",), np.array([np.sqrt(chi_square * 4.0)]), slope, slope, count)
+    found = _judged(("a",), np.array([np.sqrt(chi_square * 4.0)]), slope, slope, count)
     assert found.p_value == pytest.approx(p)
     assert found.agrees is agrees
-    assert (found.label, found.parameter, found.change_in_std) == ("x", "a", pytest.approx(np.sqrt(chi_square)))
+    assert (found.differs_most, found.change_in_std) == ("a", pytest.approx(np.sqrt(chi_square)))
 
 
 def test_the_parameter_that_would_change_most() -> None:
-    found = _judged("x", ("a", "b"), np.array([2.0, -9.0]), np.diag([1.0, 9.0]), np.diag([1.0, 9.0]), 2)
-    assert (found.parameter, found.change_in_std) == ("b", pytest.approx(3.0))
+    found = _judged(("a", "b"), np.array([2.0, -9.0]), np.diag([1.0, 9.0]), np.diag([1.0, 9.0]), 2)
+    assert (found.differs_most, found.change_in_std) == ("b", pytest.approx(3.0))
     assert found.p_value == pytest.approx(stats.chi2.sf(4 + 9, 2))
     # Noise of b that moves its score four times as far: a, two standard deviations, then differs most.
-    found = _judged("x", ("a", "b"), np.array([2.0, -9.0]), np.diag([1.0, 9.0]), np.diag([1.0, 9.0 * 16]), 2)
-    assert (found.parameter, found.change_in_std) == ("a", pytest.approx(2.0))
+    found = _judged(("a", "b"), np.array([2.0, -9.0]), np.diag([1.0, 9.0]), np.diag([1.0, 9.0 * 16]), 2)
+    assert (found.differs_most, found.change_in_std) == ("a", pytest.approx(2.0))
     assert found.p_value == pytest.approx(stats.chi2.sf(4 + 9 / 16, 2))
 
 
 @pytest.mark.parametrize(("small", "rank"), [(1.1e-9, 2), (0.9e-9, 1)])
 def test_directions_that_an_experiment_does_not_show(small: float, rank: int) -> None:
     slope = np.diag([1.0, small])
-    found = _judged("x", ("a", "b"), np.array([2.0, 0.0]), slope, slope, 2)
+    found = _judged(("a", "b"), np.array([2.0, 0.0]), slope, slope, 2)
     assert found.p_value == pytest.approx(stats.chi2.sf(4.0, rank))
 
 
 def test_an_experiment_that_shows_nothing_agrees() -> None:
-    assert _judged("x", ("a",), np.zeros(1), np.zeros((1, 1)), np.zeros((1, 1)), 2) == Agreement(
-        "x", 1.0, True, "", 0.0
-    )
+    assert _judged(("a",), np.zeros(1), np.zeros((1, 1)), np.zeros((1, 1)), 2) == AGREES
 
 
-def two(means: tuple[float, float], own: str | None = None) -> dict[str, Agreement]:
+def two(means: tuple[float, float], own: str | None = None) -> dict[str, AgreementResult]:
     """Two experiments of 400 samples of a constant, and its values in each; the common fit is at zero."""
     noise = np.random.default_rng(6).normal(size=400)
     noise = 2 * (noise - noise.mean()) / noise.std(ddof=1)
     return judged(np.concatenate([m + noise for m in means])[:, None], own)
 
 
-def judged(measured: np.ndarray, own: str | None = None) -> dict[str, Agreement]:
-    time = np.arange(400) / 50
+def experiments(labels: str, count: int) -> Experiments:
+    return Experiments({k: SimpleNamespace(time=np.arange(count) / 50, role="estimation") for k in labels})
+
+
+def judged(measured: np.ndarray, own: str | None = None) -> dict[str, AgreementResult]:
     model = SimpleNamespace(
-        rows={"x": slice(0, 400), "y": slice(400, 800)}, names=("a",), low_pass=None,
-        free_parameters=(SimpleNamespace(experiment=own),), filtered=lambda values, label: values,
-        experiments={label: SimpleNamespace(time=time) for label in "xy"},
-    )  # fmt: skip
+        names=("a",), free_parameters=(SimpleNamespace(experiment=own),), experiments=experiments("xy", 400)
+    )
     fit = SimpleNamespace(model=model, residual=measured, jacobian=np.ones((800, 1, 1)), deviation=np.array([2.0]))
     return dict(agreement(fit))
 
@@ -164,13 +167,13 @@ def test_two_experiments_by_hand() -> None:
     assert found["x"].p_value == pytest.approx(stats.chi2.sf(18.0, 1))
     assert found["x"].change_in_std == pytest.approx(np.sqrt(18.0))
     assert not found["x"].agrees and found["y"].p_value == pytest.approx(found["x"].p_value)
-    assert "Experiment x does not agree" in found["x"].warning() and "own: [a]" in found["x"].warning()
+    assert "Experiment x does not agree" in found["x"].warning("x") and "own: [a]" in found["x"].warning("x")
     assert two((0.1, -0.1))["x"].agrees
 
 
 def test_what_an_experiment_has_for_itself_need_not_agree() -> None:
-    assert two((3.0, -3.0), own="x")["x"] == Agreement("x", 1.0, True, "", 0.0)
+    assert two((3.0, -3.0), own="x")["x"] == AGREES
 
 
 def test_one_experiment_agrees_with_itself() -> None:
-    assert agreement(SimpleNamespace(model=SimpleNamespace(rows={"x": slice(0, 2)}))) == {}
+    assert agreement(SimpleNamespace(model=SimpleNamespace(experiments=experiments("x", 2)))) == {}

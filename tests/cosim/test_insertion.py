@@ -121,7 +121,7 @@ class TestWiring:
             insert_before_input(system, "x", gain(), at="plant.tau3")
         with pytest.raises(UnknownNameError, match="component named 'motor'"):
             insert_before_input(system, "x", gain(), at="motor.u")
-        with pytest.raises(InputError, match="Nothing takes"):
+        with pytest.raises(InputError, match="Nothing is connected"):
             insert_after_output(system, "x", gain(), of="plant.ddq1")
         with pytest.raises(InputError, match="parallel"):
             insert_before_input(scara_loop(jacobi=True), "x", gain(), at="plant.tau1")

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fmu_didim.cosim import KeptRecordings, Recording
+from fmu_didim.cosim import KeptRecordings, Recording, System
 from fmu_didim.model import loop_model
 from fmu_didim.model.external_torque import ExternalTorque
 from fmu_didim.model.loop_model import LoopModel
@@ -60,13 +60,17 @@ def arm(monkeypatch: pytest.MonkeyPatch) -> tuple[LoopModel, list[int]]:
     return model, runs
 
 
+def _with(model: LoopModel, system: System) -> LoopModel:
+    return model.with_loop(systems={model.first: system})
+
+
 OTHERS: dict[str, Callable[[LoopModel], LoopModel]] = {
-    "delay": lambda m: replace(m, systems={m.first: m.systems[m.first].with_delay(m.plant_name, 1.0)}),
-    "substeps": lambda m: replace(m, substeps=7),
-    "subdivision": lambda m: replace(m, subdivision=2),
+    "delay": lambda m: _with(m, m.loop.systems[m.first].with_delay(m.loop.plant_name, 1.0)),
+    "substeps": lambda m: m.with_loop(substeps=7),
+    "subdivision": lambda m: m.with_loop(subdivision=2),
     "torque from outside": lambda m: m.pushed(m.first, (ExternalTorque(1, 0.2, 0.6, 3.0),)),
-    "controller": lambda m: replace(
-        m, systems={m.first: m.systems[m.first].replace("controller", _faster(m.systems[m.first].components))}
+    "controller": lambda m: _with(
+        m, m.loop.systems[m.first].replace("controller", _faster(m.loop.systems[m.first].components))
     ),
 }
 

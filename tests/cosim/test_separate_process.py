@@ -202,7 +202,7 @@ def test_what_cannot_travel_is_told_and_runs_here(tmp_path: Path, caplog: pytest
         found = simulate(system, along(), pool=pool)
         np.testing.assert_allclose(result(found), 2 * wanted(), rtol=0, atol=1e-13)
     pool.close()
-    assert "cannot go to another process" in caplog.text
+    assert "cannot be sent to another process" in caplog.text
     assert not made.needs_own_process()  # it was seen to run and to end alone
 
 
@@ -234,7 +234,7 @@ def test_a_process_that_was_killed_from_outside_is_no_fault_of_the_fmu(
 
     def init(self: separate_process.Worker, where: str, limit: float) -> None:
         begun(self, where, limit)
-        threading.Timer(3.0, self._process.kill).start()
+        threading.Timer(3.0, self.kill).start()
 
     monkeypatch.setattr(separate_process.Worker, "__init__", init)
     with pytest.raises(FmuError, match="SIGKILL"):

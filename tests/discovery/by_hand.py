@@ -15,7 +15,7 @@ from fmu_didim.discovery.selection.candidates import FittedCandidate
 from fmu_didim.fit.fit import Fit
 from fmu_didim.fit.noise.noise import Noise
 from fmu_didim.model.free_parameter import PLANT, FreeParameter
-from fmu_didim.model.loop_description import EffectAtJoint
+from fmu_didim.model.loop_model import EffectAtJoint
 
 SAMPLES = 400
 SIGNS = np.where(np.arange(SAMPLES) % 2 == 0, 1.0, -1.0)
@@ -52,16 +52,12 @@ class TableModel:
         return self.own
 
     @property
-    def validation_labels(self) -> tuple[str, ...]:
-        return tuple(self.held_out)
-
-    @property
     def joint_count(self) -> int:
         return int(self.own.shape[1])
 
     @property
-    def experiments(self) -> dict[str, Any]:
-        return {label: SimpleNamespace(rate_hz=self.rate_hz) for label in ("fitted", *self.held_out)}
+    def experiments(self) -> Any:
+        return TableExperiments(self)
 
     @property
     def start(self) -> Array:
@@ -75,6 +71,14 @@ class TableModel:
         if table is None:
             raise SimulationError("It diverges.")
         return table
+
+
+class TableExperiments(dict[str, Any]):
+    """The experiments of a table model: their rate is all that is known of them."""
+
+    def __init__(self, model: TableModel) -> None:
+        super().__init__({label: SimpleNamespace(rate_hz=model.rate_hz) for label in ("fitted", *model.held_out)})
+        self.validation_labels, self.low_pass = tuple(model.held_out), None
 
 
 def fit_of(

@@ -15,7 +15,7 @@ from fmu_didim.checks.data.log import SAMPLES_MISSING
 from fmu_didim.checks.data.runs import VALIDATION_WITHOUT_TORQUE
 from fmu_didim.checks.data.timing import CLOCK_LATE
 from fmu_didim.data.tables import read_trajectory
-from fmu_didim.discovery import run
+from fmu_didim.discovery.request import Request
 from fmu_didim.workflow import discover
 
 SCARA = Path("examples/scara/identify.yaml")
@@ -30,7 +30,7 @@ def asked(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
     """The request that a search was started with; it ends there."""
     found: dict[str, Any] = {}
 
-    def search(model: object, request: run.Request) -> None:
+    def search(model: object, request: Request) -> None:
         found["doubts"] = request.doubts
         raise BegunError
 
@@ -55,6 +55,6 @@ def test_held_out_data_that_are_none_are_doubted(asked: dict[str, Any]) -> None:
 def test_doubts_of_the_data_are_reasons_and_all_else_is_a_note() -> None:
     """Discovery itself names a clock or a delay: only what holds whatever the model is, is a doubt."""
     diagnostics = [Diagnostic(code, "It is so.") for code in (VALIDATION_WITHOUT_TORQUE, CLOCK_LATE, SAMPLES_MISSING)]
-    request = run.Request(name="", description=None).about_data(diagnostics)
+    request = Request(name="", description=None).about_data(diagnostics)
     assert [d.code for d in request.doubts] == [VALIDATION_WITHOUT_TORQUE]
     assert request.notes == ["It is so.", "It is so."]

@@ -7,8 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fmu_didim.discovery.localise import BINS, Region, Window, force_windows, regions
+from fmu_didim.discovery.localise import BINS, force_windows, regions
 from fmu_didim.model.motion import Motion
+from fmu_didim.results.findings import RegionResult, WindowResult
 from tests.discovery.helpers import RATE, coloured, known_noise, sines
 
 SIGMA = np.array([0.3, 0.02])
@@ -27,7 +28,7 @@ MOTION = moving()
 TICKS = np.arange(0, MOTION.time.size, 2)
 
 
-def found(residual: np.ndarray, rho: float = 0.0) -> list[Region]:
+def found(residual: np.ndarray, rho: float = 0.0) -> list[RegionResult]:
     return regions(residual, [(MOTION, TICKS)], known_noise(SIGMA, rho), UNITS)
 
 
@@ -155,19 +156,19 @@ def test_planted_windows_are_found_with_times_and_size() -> None:
         residual = coloured(np.random.default_rng(seed), (TIME.size, 2), 0.4, SIGMA)
         for joint, begin, end, size in planted:
             residual[(begin - 1e-9 <= TIME) & (end - 1e-9 > TIME), joint - 1] += size * SIGMA[joint - 1]
-        windows = force_windows(residual, TIME, known_noise(SIGMA, 0.4))
+        windows = force_windows(residual, TIME, known_noise(SIGMA, 0.4), "log")
         assert len(windows) == len(planted)
         assert [w.score for w in windows] == sorted((w.score for w in windows), reverse=True)
         for (joint, begin, end, size), window in zip(planted, sorted(windows, key=place), strict=True):
             assert window.joint == joint
             spread = np.sqrt(1.4 / 0.6 / (100 * (end - begin)))
             room = (4 * spread + 0.05 * abs(size)) * SIGMA[joint - 1]
-            assert window.torque == pytest.approx(size * SIGMA[joint - 1], abs=room)
+            assert -window.torque == pytest.approx(size * SIGMA[joint - 1], abs=room)  # outside, not of the drive
             right.append(max(abs(window.begin_s - begin), abs(window.end_s - end)) < 0.031)
     assert np.mean(right) >= 0.95  # 99 % of very many draws
 
 
-def place(window: Window) -> tuple[int, float]:
+def place(window: WindowResult) -> tuple[int, float]:
     return window.joint, window.begin_s
 
 
@@ -177,7 +178,7 @@ def test_no_windows_in_noise(rho: float) -> None:
     """100 logs of 20 s."""
     for seed in range(100):
         residual = coloured(np.random.default_rng(seed), (TIME.size, 1), rho, 0.3)
-        assert not force_windows(residual, TIME, known_noise(0.3, rho)), seed
+        assert not force_windows(residual, TIME, known_noise(0.3, rho), "log"), seed
 
 
 def test_model_error_everywhere_is_no_window() -> None:
@@ -185,9 +186,9 @@ def test_model_error_everywhere_is_no_window() -> None:
     for seed in range(10):
         residual = coloured(np.random.default_rng(seed), (TIME.size, 1), 0.3, 0.3)
         residual += 0.9 * np.sin(2 * np.pi * 0.5 * TIME)[:, None] + 0.5 * np.sin(2 * np.pi * 1.3 * TIME)[:, None]
-        assert not force_windows(residual, TIME, known_noise(0.3, 0.3)), seed
+        assert not force_windows(residual, TIME, known_noise(0.3, 0.3), "log"), seed
 
 
 def test_constant_offset_is_no_window() -> None:
     residual = coloured(np.random.default_rng(0), (TIME.size, 1), 0.3, 0.3) + 2.0
-    assert not force_windows(residual, TIME, known_noise(0.3, 0.3))
+    assert not force_windows(residual, TIME, known_noise(0.3, 0.3), "log")

@@ -16,8 +16,7 @@ from fmu_didim.discovery.augmentation.places import Proposal
 from fmu_didim.dynamics.robot import read_robot
 from fmu_didim.fit.derivatives.sensitivity import sensitivity
 from fmu_didim.model.free_parameter import LOG
-from fmu_didim.model.loop_description import EffectAtJoint
-from fmu_didim.model.loop_model import LoopModel
+from fmu_didim.model.loop_model import EffectAtJoint, LoopModel
 from fmu_didim.results.findings import FindingsDocument
 from fmu_didim.workflow import discover, simulate
 from tests.discovery.helpers import RATE, arm_case
@@ -117,9 +116,9 @@ def shifted(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, LoopModel, 
 def test_knob_shifts_every_experiment_and_nothing_else(shifted: tuple[Path, LoopModel, LoopModel]) -> None:
     case, base, model = shifted
     assert [(k.name, k.owner, k.value) for k in model.free_parameters if k.effect == 0] == [("log_shift", LOG, 0.0072)]
-    assert model.plant is base.plant
+    assert model.loop.plant is base.loop.plant
     for label, experiment in model.experiments.items():
-        assert model.systems[label] is base.systems[label]
+        assert model.loop.systems[label] is base.loop.systems[label]
         every = simulate(case, experiment=label)
         command = every.select(["tau1", "tau2"])
         wanted = np.column_stack([np.interp(experiment.time - 0.0072, every.time, c) for c in command.T])
@@ -139,7 +138,7 @@ def test_a_shift_costs_no_more_than_its_simulation_records(shifted: tuple[Path, 
 def test_sensitivity_to_the_shift_is_the_rate_of_the_torque(shifted: tuple[Path, LoopModel, LoopModel]) -> None:
     model = shifted[-1]
     torque = model.torque(model.start)
-    index = model.index("log_shift")
+    index = model.names.index("log_shift")
     slope = sensitivity(model, model.start, torque, only=[index])[:, :, 0]
     # 7.2 ms is 1.44 periods: all samples lie between the same two ticks before their stamps.
     far = model.start.copy()

@@ -25,7 +25,7 @@ def test_coulomb_friction_of_a_drive_is_named(tmp_path: Path, known: bool) -> No
     assert abs(value.value - FRICTION) <= 3.5 * value.std
     assert value.std < 0.1 * FRICTION
     final = found.found.discovery.final.model
-    assert ("coulomb1" in final.systems[final.first].components) is not known
+    assert ("coulomb1" in final.loop.systems[final.first].components) is not known
     assert INTEGRATED.format("q1") in found.document.notes
     truth = {"J": 0.02, "d": 0.03}
     for v in found.document.base_parameters:

@@ -12,7 +12,7 @@ from fmu_didim.discovery.progress import Progress
 from fmu_didim.discovery.selection.candidates import Outcome, TriedCandidate
 from fmu_didim.discovery.selection.rounds import Discovery, Ending
 from fmu_didim.discovery.unfinished import ended_before, unfinished_search
-from fmu_didim.model.loop_description import EffectAtJoint
+from fmu_didim.model.loop_model import EffectAtJoint
 from tests.discovery.by_hand import table_fit
 from tests.report.test_discovery import document
 

@@ -31,7 +31,7 @@ from pydantic import BaseModel, TypeAdapter
 from fmu_didim.campaigns.planning.document import CampaignDocument
 from fmu_didim.case.document import CaseDocument
 from fmu_didim.case.sources import ComponentSource, ExperimentSource
-from fmu_didim.cli.main import _parser
+from fmu_didim.cli.main import command_parser
 from fmu_didim.controllers import LAWS
 from fmu_didim.dynamics.robot import RobotDescription
 from tests.conftest import ROOT
@@ -305,7 +305,7 @@ def test_every_python_program_that_is_named_is_there(page: Path) -> None:
 
 def _exists(command: str) -> bool:
     """Whether the parser knows the verb and the options of a command line."""
-    parser = _parser()
+    parser = command_parser()
     for word in shlex.split(command):
         verbs = next((a for a in parser._actions if isinstance(a, argparse._SubParsersAction)), None)
         if word.startswith("-"):

@@ -15,7 +15,7 @@ import yaml
 from fmu_didim.base.errors import FmuDidimError, InputError
 from fmu_didim.case import load_case
 from fmu_didim.estimators import Clie, Didim
-from fmu_didim.estimators.finish import _advice
+from fmu_didim.estimators.finish import unsettled_advice
 from fmu_didim.fit.estimate import RefusedError, Status
 from fmu_didim.fit.iteration import Iteration
 from fmu_didim.fit.solver.search import NO_STEP
@@ -103,7 +103,7 @@ ITERATION = Iteration("clie", 40, np.zeros(1), 1.0)
 )
 def test_the_advice_fits_the_plant(regressor: bool, refine: bool, note: str, told: str | None) -> None:
     model: Any = SimpleNamespace(can_refine=refine, parameters=SimpleNamespace(has_regressor=regressor))
-    advice = _advice(model, [replace(ITERATION, note=note)])
+    advice = unsettled_advice(model, [replace(ITERATION, note=note)])
     if told is None:
         assert advice == ""  # what the status says fits robots
     else:

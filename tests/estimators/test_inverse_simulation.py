@@ -35,7 +35,7 @@ def scara(**changes: object) -> LoopModel:
 def tracking_and_rest(model: LoopModel) -> tuple[Array, Array]:
     """(n,) how far the true motion is from the reference, and from what the torque implies; where the start is over."""
     recording = model.simulation(TRUTH, "estimation").record(all_ticks=True)
-    true = recording.table(model.joint_signals("q"))
+    true = recording.table(model.loop.joint_signals("q"))
     begun = slice(true.shape[0] // 10, -true.shape[0] // 10)
     run = model.simulation(model.start, "estimation")
     tracking = true - whole_reference(run)[0]
@@ -67,13 +67,13 @@ def test_controller_that_does_not_look_is_not_inverted() -> None:
     blind = wrap_control(control.ss(system, inputs=["q_ref1", "q_ref2"], outputs=["command1", "command2"]))
     model = scara()
     systems = {}
-    for label, loop in model.systems.items():
+    for label, loop in model.loop.systems.items():
         kept = [c for c in loop.connections if not c.target.startswith("controller.")]
         wires = [Connection(f"reference.q{j}", f"controller.q_ref{j}") for j in (1, 2)]
         components = {**loop.components, "controller": blind}
         systems[label] = replace(loop, components=components, connections=(*kept, *wires))
     with pytest.raises(SimulationError, match="does not follow from the motion of the joints"):
-        implied_motion(replace(model, systems=systems).simulation(model.start, "estimation"))
+        implied_motion(model.with_loop(systems=systems).simulation(model.start, "estimation"))
 
 
 def test_light_plant_is_that_of_its_equation() -> None:

@@ -107,7 +107,7 @@ def test_other_starts_follow(folder: Path, start: object, expected: tuple[object
 def test_second_minimum_is_left(folder: Path) -> None:
     """The loop of joint 6 resonates at 71 Hz, seen at 100 Hz: from a third of its motor inertia back to the truth."""
     model = measured(folder, 2)
-    truth, place = model.start, model.index("Ia6")
+    truth, place = model.start, model.names.index("Ia6")
     begin = truth.copy()
     begin[place] /= 3
     estimate = Didim(start=dict(zip(model.names, begin, strict=True))).estimate(model)
@@ -121,8 +121,8 @@ def test_resonances_above_half_the_rate_of_the_log(folder: Path) -> None:
     model = measured(folder, 2)
     folded = folded_inertias(model, model.start)
     spring, inertia = 358.858725 * 6.56, 0.0114 + 0.000353
-    assert next(iter(folded)) == model.index("Ia6")
-    assert folded[model.index("Ia6")] == pytest.approx(100 * 2 * np.pi / np.sqrt(spring / inertia), rel=0.02)
+    assert next(iter(folded)) == model.names.index("Ia6")
+    assert folded[model.names.index("Ia6")] == pytest.approx(100 * 2 * np.pi / np.sqrt(spring / inertia), rel=0.02)
     assert all(distance < 2 for distance in folded.values())
 
 
@@ -140,7 +140,7 @@ def test_a_minimum_that_is_nearly_as_low_is_a_rival(folder: Path, monkeypatch: p
     model = measured(folder, 2)
     fit = point(model, NoiseOfResidual(model))
     minimum = Minimum(fit, integration_error(fit), fit_uncertainty(fit))
-    place = model.index("Ia6")
+    place = model.names.index("Ia6")
     for worse, told in ((10.7, True), (10.9, False)):
         valley = Valley(place, 0.5, fit.chi_square + worse)
         monkeypatch.setattr(local_minima, "valleys", lambda _, valley=valley: [valley])

@@ -24,7 +24,7 @@ def model() -> LoopModel:
 
 def python_calls(model: LoopModel, ticks: int, pool: InstancePool) -> int:
     """Calls of Python and C functions in one warm run of the loop over so many ticks, the last one recorded."""
-    reference, system = model.experiments[model.first].reference, model.systems[model.first]
+    reference, system = model.experiments[model.first].reference, model.loop.systems[model.first]
     part = trajectory(reference.time[:ticks], {n: reference.select([n])[:ticks, 0] for n in reference.names})
     recorded = np.array([ticks - 1])
     run = lambda: simulate(system, part, ticks=recorded, pool=pool)  # noqa: E731
@@ -62,7 +62,7 @@ def test_an_identification_takes_few_runs_of_the_loop() -> None:
 
 
 def test_a_second_run_opens_no_file(model: LoopModel) -> None:
-    reference, system = model.experiments[model.first].reference, model.systems[model.first]
+    reference, system = model.experiments[model.first].reference, model.loop.systems[model.first]
     pool, watching, opened = InstancePool(), False, []
 
     def audit(event: str, arguments: tuple[object, ...]) -> None:

@@ -144,7 +144,7 @@ def model() -> LoopModel:
 
 def without_equations(model: LoopModel) -> LoopModel:
     """The same with a plant FMU that might be another tool's."""
-    return with_component(model, "plant", replace(model.plant, block=None))  # type: ignore[call-arg]
+    return with_component(model, "plant", replace(model.loop.plant, block=None))  # type: ignore[call-arg]
 
 
 def test_both_ways_give_the_same_sensitivity(model: LoopModel) -> None:
@@ -161,9 +161,9 @@ def test_both_ways_give_the_same_sensitivity(model: LoopModel) -> None:
 
 def test_both_ways_give_the_same_estimate(model: LoopModel) -> None:
     estimator = load_case(EXAMPLE).estimator
-    plant = model.plant.with_substeps(8)
+    plant = model.loop.plant.with_substeps(8)
     assert plant is not None
-    model = replace(model, plant=plant)  # as chosen by the one that has no equations
+    model = model.with_loop(plant=plant)  # as chosen by the one that has no equations
     found, runs = simulated(model, estimator)
     expected, before = simulated(without_equations(model), estimator)
     assert (np.abs(found.value - expected.value) <= 1e-3 * expected.standard_deviation).all()
@@ -174,10 +174,10 @@ def test_both_ways_give_the_same_estimate(model: LoopModel) -> None:
 
 def test_stated_substeps_are_raised_where_they_would_be_unstable(model: LoopModel) -> None:
     """Explicit integration of friction that is too fast for its step wanders about: an error surface without slope."""
-    plant = model.plant.with_substeps(4)
+    plant = model.loop.plant.with_substeps(4)
     assert isinstance(plant, FmuComponent) and plant.block is not None
     explicit = replace(plant, block=replace(plant.block, implicit=None))
-    stated, implicit = replace(model, plant=explicit), replace(model, plant=plant)
+    stated, implicit = model.with_loop(plant=explicit), model.with_loop(plant=plant)
     light = TRUTH * np.array([1, 1, 1, 0.02, 0.02, 0.02, 1, 20])
 
     def substeps(model: LoopModel, values: np.ndarray) -> int | None:
@@ -186,5 +186,5 @@ def test_stated_substeps_are_raised_where_they_would_be_unstable(model: LoopMode
     assert substeps(stated, TRUTH) == 4
     assert substeps(stated, light) > 8
     assert substeps(implicit, light) == 4  # stable as it is
-    assert substeps(replace(implicit, substep_factor=2), TRUTH) == 8
+    assert substeps(implicit.with_loop(substep_factor=2), TRUTH) == 8
     assert substeps(model, light) is None  # chosen by the plant itself

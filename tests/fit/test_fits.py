@@ -120,7 +120,7 @@ def test_intervals_cover_the_truth(arm: LoopModel, truth: np.ndarray, slopes: np
 
 def limited(model: LoopModel, name: str, low: float, high: float) -> LoopModel:
     free_parameters = [replace(k, lowest=low, highest=high) if k.name == name else k for k in model.free_parameters]
-    return replace(model, free_parameters=tuple(free_parameters))
+    return model.with_free(tuple(free_parameters))
 
 
 @pytest.mark.parametrize(("low", "high"), [(-np.inf, 1.8), (2.3, np.inf)])
@@ -230,7 +230,7 @@ def test_knob_without_effect_stays(arm: LoopModel, truth: np.ndarray) -> None:
     """A free parameter that nothing depends on keeps its value and has no finite interval of its own making."""
     model = model_with(arm, coloured(np.random.default_rng(5), arm.measured.shape, 0.0, SIGMA))
     idle = replace(model.free_parameters[-1], name="idle", owner="plant", key="no_such_parameter", value=3.0)
-    fit = minimise(replace(model, free_parameters=(*model.free_parameters, idle)), known_noise(SIGMA))
+    fit = minimise(model.with_free((*model.free_parameters, idle)), known_noise(SIGMA))
     plain = minimise(model, known_noise(SIGMA))
     assert fit.values[-1] == 3.0
     assert fit.values[:-1] == pytest.approx(plain.values)
@@ -302,8 +302,8 @@ def test_steps_as_fine_as_the_noise_asks(arm: LoopModel, truth: np.ndarray) -> N
     counts = []
     for sigma in (10 * SIGMA, SIGMA, 0.1 * SIGMA):
         fitting = with_fitting_substeps(model, truth, np.array([sigma]))
-        assert fitting.substeps is not None
-        finest = replace(model, substeps=512).torque(truth)
+        assert fitting.loop.substeps is not None
+        finest = model.with_loop(substeps=512).torque(truth)
         error = fitting.torque(truth) - finest
         assert np.sqrt(np.mean(error**2)) <= 2 * 0.01 * sigma  # what is left beyond the last doubling is less than it
         counts.append(substeps(fitting, truth))
@@ -311,30 +311,30 @@ def test_steps_as_fine_as_the_noise_asks(arm: LoopModel, truth: np.ndarray) -> N
 
 
 def test_the_rule_holds_where_the_noise_asks_for_more(arm: LoopModel, truth: np.ndarray) -> None:
-    assert with_fitting_substeps(model_with(arm), truth, np.array([1e-12])).substeps is None
+    assert with_fitting_substeps(model_with(arm), truth, np.array([1e-12])).loop.substeps is None
 
 
 def test_the_residual_stands_for_noise_that_is_not_known(arm: LoopModel, truth: np.ndarray) -> None:
     noisy = model_with(arm, np.random.default_rng(3).normal(0, SIGMA, arm.measured.shape))
     known = with_fitting_substeps(noisy, truth, np.array([SIGMA]))
-    assert with_fitting_substeps(noisy, truth).substeps == known.substeps
-    assert with_fitting_substeps(replace(noisy, torque_deviation=np.array([1e-12])), truth).substeps is None
+    assert with_fitting_substeps(noisy, truth).loop.substeps == known.loop.substeps
+    assert with_fitting_substeps(replace(noisy, torque_deviation=np.array([1e-12])), truth).loop.substeps is None
 
 
 def test_stated_substeps_stay(arm: LoopModel, truth: np.ndarray) -> None:
     model = model_with(arm)
-    plant = model.plant.with_substeps(3)
+    plant = model.loop.plant.with_substeps(3)
     assert plant is not None
-    stated = replace(model, plant=plant)
+    stated = model.with_loop(plant=plant)
     assert with_fitting_substeps(stated, truth, np.array([SIGMA])) == stated
 
 
 def test_sensitivities_do_not_change_the_steps(arm: LoopModel, truth: np.ndarray) -> None:
     """A step of a free parameter that asks for more substeps would show as a change of the torque."""
-    known = arm.plant.equations()
+    known = arm.loop.plant.equations()
     assert known is not None
     explicit = ModelComponent(replace(known[0], implicit=None))
-    model = replace(model_with(arm), plant=explicit, substeps=1)
+    model = model_with(arm).with_loop(plant=explicit, substeps=1)
     pinned = model.integrated_as(truth)
     steeper = truth * [1, 1, 1, 1, 50]
     assert substeps(model, steeper) != substeps(pinned, truth)
@@ -342,9 +342,9 @@ def test_sensitivities_do_not_change_the_steps(arm: LoopModel, truth: np.ndarray
 
 
 def test_a_minimum_is_integrated_finer_where_its_noise_asks(arm: LoopModel, truth: np.ndarray) -> None:
-    found = minimise(replace(model_with(arm).with_values(truth * START), substeps=1), known_noise([SIGMA]))
+    found = minimise(model_with(arm).with_values(truth * START).with_loop(substeps=1), known_noise([SIGMA]))
     exact = integrated(replace(found, noise=known_noise([1e-9])))
-    assert exact.model.substeps is None
+    assert exact.model.loop.substeps is None
     assert exact.values == pytest.approx(truth, rel=1e-6)
     assert np.abs(found.values / truth - 1).max() > 1e-6
     assert integrated(exact) is exact

@@ -207,9 +207,9 @@ def test_no_step_leads_uphill_and_the_last_point_is_the_best(model: LoopModel) -
 def test_at_a_limit_the_others_go_on(model: LoopModel) -> None:
     """The minimum with a limit in its way is that with this parameter known to be there."""
     free = list(model.free_parameters)
-    i = model.index("Fc1")
+    i = model.names.index("Fc1")
     free[i] = replace(free[i], value=0.7, highest=0.75)
-    limited = replace(model, free_parameters=tuple(free))
+    limited = model.with_free(tuple(free))
     fit = minimise(limited, NoiseOfResidual(model), stopping=SETTLE)
     assert fit.settled
     assert fit.values[i] == 0.75

@@ -18,7 +18,7 @@ from fmu_didim.fit.derivatives import sensitivity as ways
 from fmu_didim.fit.derivatives.sensitivity import parameter_sizes, sensitivity
 from fmu_didim.model.external_torque import EXTERNAL_TORQUE
 from fmu_didim.model.free_parameter import BASE, DELAY, LOG, PLANT
-from tests.model.law_model import LawModel, LawSimulation, free
+from tests.model.law_model import LawExperiments, LawLoop, LawModel, LawSimulation, free
 
 T = np.linspace(0, 1, 5)[:, None]
 
@@ -100,9 +100,8 @@ def test_a_rough_loop_is_differentiated_to_both_sides(owner: str, count: int, ex
 def test_a_plant_of_known_equations_is_smooth(monkeypatch: pytest.MonkeyPatch) -> None:
     one = model(BASE, BASE, can_refine=False)
     known = SimpleNamespace(parameters=(), equations=lambda: "known")
-    monkeypatch.setattr(LawModel, "plant", property(lambda self: known))
     monkeypatch.setattr(ways, "with_derivatives", lambda *_: None)
-    found(one)
+    found(replace(one, plant=known))
     assert len(one.calls) == 2
 
 
@@ -200,9 +199,9 @@ class Varied:
 
         monkeypatch.setattr(ways, "with_derivatives", with_derivatives)
         monkeypatch.setattr(LawSimulation, "record", record)
-        monkeypatch.setattr(LawModel, "logged", ("drive.u1", "drive.u2"), raising=False)
+        monkeypatch.setattr(LawLoop, "logged", ("drive.u1", "drive.u2"), raising=False)
         monkeypatch.setattr(LawSimulation, "operator", SimpleNamespace(apply=lambda table: table[:5]))
-        monkeypatch.setattr(LawModel, "filtered", lambda model, table, label: table + 0.5, raising=False)
+        monkeypatch.setattr(LawExperiments, "filtered", lambda _, table, label: table + 0.5, raising=False)
 
 
 def test_derivatives_of_one_run_where_the_equations_are_known(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -266,7 +265,7 @@ class Beginning:
         monkeypatch.setattr(
             LawModel, "with_experiment", lambda m, label, operator: replace(m, law=shortened), raising=False
         )
-        monkeypatch.setattr(LawModel, "systems", {"one": SimpleNamespace(step_size=0.25)}, raising=False)
+        monkeypatch.setattr(LawLoop, "systems", {"one": SimpleNamespace(step_size=0.25)}, raising=False)
 
 
 def shortened(values: Mapping[str, float], label: str) -> Array:
@@ -277,7 +276,7 @@ EXPERIMENT = {"one": SimpleNamespace(operator="all", reference=SimpleNamespace(n
 
 
 def repeating(*owners: str, **more: Any) -> LawModel:
-    return model(*owners, experiments=EXPERIMENT, low_pass=None, **more)
+    return model(*owners, logs=EXPERIMENT, low_pass=None, **more)
 
 
 def test_base_parameters_are_moved_for_the_first_period_alone(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -303,8 +302,7 @@ def test_filtered_logs_and_plants_with_a_clock_are_not_continued(monkeypatch: py
     beginning = Beginning(monkeypatch)
     found(replace(repeating(), low_pass="filter"), exact=False, whole=False)
     clock = SimpleNamespace(parameters=(SimpleNamespace(name="t_start"),), equations=lambda: None)
-    monkeypatch.setattr(LawModel, "plant", property(lambda self: clock))
-    found(repeating(), exact=False, whole=False)
+    found(replace(repeating(), plant=clock), exact=False, whole=False)
     assert beginning.asked == []
 
 

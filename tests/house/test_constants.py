@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from fmu_didim.base.constants import recorded
-from fmu_didim.discovery import run
+from fmu_didim.discovery.constants import DECIDING as OF_DISCOVERY
 from fmu_didim.discovery.selection.decide import Options
 from fmu_didim.results import provenance
 
@@ -62,7 +62,7 @@ def test_each_constant_says_its_unit_and_its_reason(path: Path) -> None:
     assert [name for name, text in constants(path) if not re.match(r"\[[^\]]+\] \S", text)] == []
 
 
-@pytest.mark.parametrize("deciding", [run.DECIDING, provenance.DECIDING], ids=["discovery", "identification"])
+@pytest.mark.parametrize("deciding", [OF_DISCOVERY, provenance.DECIDING], ids=["discovery", "identification"])
 def test_results_record_those_on_which_an_answer_depends(deciding: Any) -> None:
     found = recorded(deciding)
     assert len(found) == sum(len(names) for _, names in deciding) >= 50
@@ -71,7 +71,7 @@ def test_results_record_those_on_which_an_answer_depends(deciding: Any) -> None:
 
 
 def test_the_names_and_values_that_are_recorded() -> None:
-    found = recorded(run.DECIDING)
+    found = recorded(OF_DISCOVERY)
     assert found["discovery.selection.decide.bic"] == 10.0
     assert found["fit.solver.search.kept_promise"] == [0.5, 1.5]
     assert found["fit.statistics.confidence"] == 0.95

@@ -171,7 +171,7 @@ def test_all_verbs_without_rights_and_network(stranger: Machine) -> None:
 
 def where(environment: Path) -> list[Path]:
     """Where the package and its examples are, in an environment."""
-    code = "import fmu_didim.cli.examples as e; print(e.__file__); print(e._root())"
+    code = "import fmu_didim.cli.examples as e; print(e.__file__); print(e.examples_root())"
     command = [environment / "bin" / "python", "-I", "-c", code]
     printed = subprocess.run(command, cwd=environment, capture_output=True, text=True, check=True).stdout
     return [Path(line).resolve() for line in printed.splitlines()]

@@ -14,7 +14,6 @@ from fmu_didim.estimators import Didim, OutputError
 from fmu_didim.fit.estimate import Estimate, Status
 from fmu_didim.workflow import identify
 from tests.conftest import needs_emps
-from tests.helpers import with_delay
 
 pytestmark = needs_emps
 PUBLISHED = np.array([95.1089, 203.5034, 20.3935, -3.1648])
@@ -89,11 +88,11 @@ def test_far_start_is_recovered(tmp_path: Path) -> None:
 def test_delay_moves_the_mass_and_can_be_estimated(tmp_path: Path) -> None:
     case = emps_case(tmp_path, 100)
     assert case.model is not None
-    by_delay = {d: Didim().estimate(with_delay(case.model, d)) for d in (0.0, 0.5, 1.0)}
+    by_delay = {d: Didim().estimate(case.model.with_delay(d)) for d in (0.0, 0.5, 1.0)}
     errors = [np.linalg.norm(e.residual) for e in by_delay.values()]
     assert errors[0] < errors[1] < errors[2]
     assert abs(by_delay[1.0].value[0] - by_delay[0.0].value[0]) > 1.5 * by_delay[0.0].standard_deviation[0]
-    estimate = Didim(estimate_delay=True).estimate(with_delay(case.model, 0.5))
+    estimate = Didim(estimate_delay=True).estimate(case.model.with_delay(0.5))
     assert estimate.names[-1] == "delay"
     assert 0 <= estimate.value[-1] < 0.2
     assert estimate.standard_deviation[-1] < 0.1

@@ -37,7 +37,7 @@ def with_data(path: Path, truth: dict[str, float]) -> np.ndarray:
     model = model_of(path)
     values = model.start
     for name, value in truth.items():
-        values[model.index(name)] = value
+        values[model.names.index(name)] = value
     content = yaml.safe_load(path.read_text(encoding="utf-8"))
     for label, experiment in model.experiments.items():
         torque = model.torque(values, label)
@@ -51,13 +51,15 @@ def with_data(path: Path, truth: dict[str, float]) -> np.ndarray:
 def test_experiments_are_stacked_in_their_order(tmp_path: Path) -> None:
     model = model_of(case_with(tmp_path, own=("Fv1",)))
     assert list(model.experiments) == ["first", "second", "held"]
-    assert (model.estimation_labels, model.validation_labels) == (("first", "second"), ("held",))
+    assert (model.estimation_labels, model.experiments.validation_labels) == (("first", "second"), ("held",))
     assert model.names[-2:] == ("Fc2", "Fv1[second]")
     assert model.linear_count == 9
     assert model.measured.shape == (200, 2)
     values = model.start + 0.01
     values[-1] = 0.7
-    np.testing.assert_array_equal(model.torque(values)[model.rows["second"]], model.torque(values, "second"))
+    np.testing.assert_array_equal(
+        model.torque(values)[model.experiments.rows["second"]], model.torque(values, "second")
+    )
     assert model.theta(values, "second")[1] == 0.7
     assert model.theta(values, "first")[1] == model.theta(values, "held")[1] == values[1]
 
@@ -99,9 +101,9 @@ def test_what_acts_in_one_experiment_alone_has_no_slope_elsewhere(tmp_path: Path
     model = model_of(case_with(tmp_path, own=("Fv1", "late"), late={"of": "log"}))
     assert model.names[-3:] == ("Fv1[second]", "late", "late[second]")
     slopes = sensitivity(model, model.start, model.torque(model.start))
-    first, second = (slopes[model.rows[label]] for label in ("first", "second"))
+    first, second = (slopes[model.experiments.rows[label]] for label in ("first", "second"))
     for name in ("Fv1", "late"):
-        shared, own = model.index(name), model.index(f"{name}[second]")
+        shared, own = model.names.index(name), model.names.index(f"{name}[second]")
         assert np.abs(first[:, :, shared]).max() > 0
         assert not first[:, :, own].any()
         assert not second[:, :, shared].any()

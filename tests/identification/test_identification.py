@@ -18,7 +18,7 @@ from fmu_didim.fit.derivatives.sensitivity import sensitivity
 from fmu_didim.fit.estimate import Estimate, RefusedError, Status
 from fmu_didim.model.loop_model import LoopModel
 from fmu_didim.model.prediction import predict
-from tests.helpers import NEAR, with_component, with_delay, with_torque
+from tests.helpers import NEAR, with_component, with_torque
 
 PAPER_TABLE_1 = {
     "ZZ1R": 3.43, "Fv1": 0.03, "Fc1": 0.82, "ZZ2": 0.063, "MX2": 0.241, "MY2": 0.014, "Fv2": 0.013, "Fc2": 0.137,
@@ -91,7 +91,7 @@ def test_noise_free_data_of_another_simulator(cases: dict[int, Case], rate: int)
 def test_torque_is_regressor_times_parameters(cases: dict[int, Case]) -> None:
     model = model_at(cases, 10)
     for delay in (0.0, 0.5, 1.0):
-        prediction = predict(with_delay(model, delay), TRUTH)
+        prediction = predict(model.with_delay(delay), TRUTH)
         rebuilt = prediction.regressor @ TRUTH + prediction.known
         np.testing.assert_allclose(rebuilt, prediction.torque, rtol=0, atol=1e-12 * np.abs(prediction.torque).max())
 
@@ -143,7 +143,7 @@ def test_known_noise_and_equal_weights_are_used(cases: dict[int, Case]) -> None:
 
 
 def test_low_pass_filters_torque_and_regressor_alike(cases: dict[int, Case]) -> None:
-    model = replace(model_at(cases, 200), low_pass=LowPass(cutoff_hz=4.0))
+    model = model_at(cases, 200).with_low_pass(LowPass(cutoff_hz=4.0))
     prediction = predict(model, TRUTH)
     rebuilt = prediction.regressor @ TRUTH + prediction.known
     np.testing.assert_allclose(rebuilt, prediction.torque, rtol=0, atol=1e-9)
@@ -158,12 +158,12 @@ def test_low_pass_filters_torque_and_regressor_alike(cases: dict[int, Case]) -> 
     assert ratio.min() > 0.97 and ratio.max() < 1.3
     assert estimate.freedom < 0.1 * unfiltered.freedom
     with pytest.raises(InputError, match="below half the torque rate"):
-        Didim().estimate(replace(model_at(cases, 10), low_pass=LowPass(cutoff_hz=40.0)))
+        Didim().estimate(model_at(cases, 10).with_low_pass(LowPass(cutoff_hz=40.0)))
 
 
 def test_delay_is_estimated(cases: dict[int, Case]) -> None:
     model = model_at(cases, 200)
-    torque = with_delay(model, 0.4).torque(TRUTH)
+    torque = model.with_delay(0.4).torque(TRUTH)
     noise = 0.02 * np.sqrt((torque**2).mean(axis=0)) * np.random.default_rng(5).normal(size=torque.shape)
     estimate = Didim(estimate_delay=True).estimate(with_torque(model, torque + noise))
     assert estimate.names[-1] == "delay"
@@ -222,7 +222,7 @@ def test_integration_error_is_measured(cases: dict[int, Case]) -> None:
     assert estimate.integration is not None and estimate.integration.method == "linearly implicit midpoint rule"
     assert estimate.integration.substeps < model.automatic_substeps(estimate.value)
     # What it tells is what finer steps do.
-    finer = Didim().estimate(replace(model, plant=model.plant.with_substeps(4 * estimate.integration.substeps)))
+    finer = Didim().estimate(model.with_loop(plant=model.loop.plant.with_substeps(4 * estimate.integration.substeps)))
     moved = np.abs(finer.value - estimate.value) / estimate.standard_deviation
     assert np.max(moved) <= 2 * np.max(estimate.integration_shift) + 1e-4
 
@@ -239,4 +239,4 @@ def test_integration_that_stays_too_coarse_is_told(cases: dict[int, Case], monke
 def replace_steps(model: LoopModel, estimate: Estimate) -> LoopModel:
     """The model with the steps that an estimate says it was fitted with."""
     assert estimate.integration is not None
-    return replace(model, plant=model.plant.with_substeps(estimate.integration.substeps))
+    return model.with_loop(plant=model.loop.plant.with_substeps(estimate.integration.substeps))

@@ -125,7 +125,7 @@ def test_sigma_is_the_joint_cramer_rao_bound(tmp_path: Path) -> None:
     information = np.zeros((len(model.names),) * 2)
     for label in model.experiments:
         # One experiment alone, with the parameters that act in it.
-        acting = [i for i in range(len(model.names)) if model.acts(i, label)]
+        acting = [i for i in range(len(model.names)) if model.free_parameters.acts(i, label)]
         single = model.on(label)
         columns = sensitivity(single, estimate.value, single.torque(estimate.value), only=acting)
         s = whitened(columns, estimate.noise)

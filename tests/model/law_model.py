@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from types import SimpleNamespace
 from typing import Any
@@ -10,9 +10,8 @@ from typing import Any
 import numpy as np
 
 from fmu_didim.data.signals import Array
-from fmu_didim.model.free_parameter import PLANT, FreeParameter
-from fmu_didim.model.loop_description import EffectAtJoint
-from fmu_didim.model.loop_model import Simulation
+from fmu_didim.model.free_parameter import PLANT, FreeParameter, FreeParameters
+from fmu_didim.model.loop_model import EffectAtJoint, Simulation
 
 Law = Callable[[Mapping[str, float], str], Array]
 """Values by name, label of an experiment -> torque (N, n)."""
@@ -25,6 +24,10 @@ def free(name: str, value: float, low: float = -np.inf, high: float = np.inf, **
     )
 
 
+UNKNOWN = SimpleNamespace(parameters=(), equations=lambda: None)
+"""A plant whose equations are not known."""
+
+
 @dataclass(frozen=True)
 class LawModel:
     """A closed loop of which only the torque is known.
@@ -32,12 +35,13 @@ class LawModel:
     Attributes:
         law: the torque; data: label -> measured (N, n), those that are fitted; held_out: labels of the others.
         refuse: why values cannot be simulated, or nothing.
+        logs: label -> experiment, for what looks at them.
         calls: of the law, values and label.
     """
 
     law: Law
     data: Mapping[str, Array]
-    free_parameters: tuple[FreeParameter, ...]
+    free_parameters: FreeParameters | tuple[FreeParameter, ...]
     held_out: tuple[str, ...] = ()
     refuse: Callable[[Mapping[str, float]], str] = lambda values: ""
     added_effects: tuple[EffectAtJoint, ...] = ()
@@ -46,9 +50,21 @@ class LawModel:
     can_refine: bool = True
     own_states: int = 0
     low_pass: Any = "filtered"
-    experiments: Mapping[str, Any] = field(default_factory=dict)
+    logs: Mapping[str, Any] = field(default_factory=dict)
     calls: list[tuple[tuple[float, ...], str]] = field(default_factory=list, compare=False)
     plant_name: str = "plant"
+    plant: Any = field(default_factory=lambda: UNKNOWN)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "free_parameters", FreeParameters(self.free_parameters))
+
+    @property
+    def loop(self) -> LawLoop:
+        return LawLoop(self)
+
+    @property
+    def experiments(self) -> LawExperiments:
+        return LawExperiments(self)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -59,13 +75,6 @@ class LawModel:
         return np.array([parameter.value for parameter in self.free_parameters], dtype=float)
 
     @property
-    def limits(self) -> tuple[Array, Array]:
-        return (
-            np.array([parameter.lowest for parameter in self.free_parameters]),
-            np.array([parameter.highest for parameter in self.free_parameters]),
-        )
-
-    @property
     def measured(self) -> Array:
         return np.concatenate(list(self.data.values()))
 
@@ -74,28 +83,12 @@ class LawModel:
         return tuple(self.data)
 
     @property
-    def validation_labels(self) -> tuple[str, ...]:
-        return self.held_out
-
-    @property
-    def rows(self) -> dict[str, slice]:
-        found, first = {}, 0
-        for label, table in self.data.items():
-            found[label] = slice(first, first + table.shape[0])
-            first += table.shape[0]
-        return found
-
-    @property
     def joint_count(self) -> int:
         return int(self.measured.shape[1])
 
     @property
     def linear_count(self) -> int:
         return len(self.free_parameters)
-
-    @property
-    def plant(self) -> Any:
-        return SimpleNamespace(parameters=(), equations=lambda: None)
 
     @property
     def parameters(self) -> Any:
@@ -109,14 +102,13 @@ class LawModel:
         return values
 
     def with_values(self, values: Array) -> LawModel:
-        own = tuple(replace(p, value=float(v)) for p, v in zip(self.free_parameters, values, strict=True))
-        return replace(self, free_parameters=own)
+        return replace(self, free_parameters=FreeParameters(self.free_parameters).with_values(values))
+
+    def with_free(self, free_parameters: Iterable[FreeParameter]) -> LawModel:
+        return replace(self, free_parameters=FreeParameters(free_parameters))
 
     def integrated_as(self, values: Array) -> LawModel:
         return self
-
-    def acts(self, i: int, label: str) -> bool:
-        return self.free_parameters[i].experiment in (None, label)
 
     def allowed_workers(self, values: Array) -> int:
         return self.workers
@@ -136,13 +128,33 @@ class LawModel:
         return measured - self.torque(values, label)
 
 
+class LawLoop:
+    """The loop of a law model, as far as the solver and the sensitivities look at it."""
+
+    def __init__(self, model: LawModel) -> None:
+        self.plant, self.plant_name = model.plant, model.plant_name
+        self.substeps, self.own_states = model.substeps, model.own_states
+
+
+class LawExperiments(dict[str, Any]):
+    """The experiments of a law model, and the places of those that are fitted."""
+
+    def __init__(self, model: LawModel) -> None:
+        super().__init__(model.logs)
+        self.validation_labels, self.low_pass, self.rows = model.held_out, model.low_pass, {}
+        first = 0
+        for label, table in model.data.items():
+            self.rows[label] = slice(first, first + table.shape[0])
+            first += table.shape[0]
+
+
 class LawSimulation(Simulation):
     """An experiment of a law model."""
 
     @property
     def system(self) -> Any:
         """A loop with a component whose equations are not known."""
-        name, plant = self.model.plant_name, self.model.plant
+        name, plant = self.model.loop.plant_name, self.model.loop.plant
         return SimpleNamespace(connections=(), order=(name,), components={name: plant})
 
     def torque(self) -> Array:

@@ -13,7 +13,7 @@ from fmu_didim.base.errors import InputError
 from fmu_didim.model.prediction import predict
 from fmu_didim.workflow import identify
 from tests.cases import ENTRIES, TRUTH, plant_case
-from tests.helpers import NEAR, model_of, with_delay
+from tests.helpers import NEAR, model_of
 
 
 def probed_case(folder: Path, entries: dict[str, Any], kind: str = "fmu") -> Path:
@@ -30,8 +30,8 @@ def probed_case(folder: Path, entries: dict[str, Any], kind: str = "fmu") -> Pat
 @pytest.mark.parametrize("kind", ["fmu", "model", "control"])
 @pytest.mark.parametrize("delay", [0.0, 0.5, 2.0])
 def test_probed_regressor_is_the_analytic_one(tmp_path: Path, kind: str, delay: float) -> None:
-    analytic = predict(with_delay(model_of("examples/scara/identify.yaml"), delay), TRUTH)
-    probed = predict(with_delay(model_of(probed_case(tmp_path, ENTRIES, kind)), delay), TRUTH)
+    analytic = predict(model_of("examples/scara/identify.yaml").with_delay(delay), TRUTH)
+    probed = predict(model_of(probed_case(tmp_path, ENTRIES, kind)).with_delay(delay), TRUTH)
     assert analytic.regressor is not None
     assert probed.regressor is not None
     assert probed.known is not None

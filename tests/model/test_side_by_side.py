@@ -66,7 +66,7 @@ def test_only_compiled_loops_of_own_fmus_run_side_by_side(model: LoopModel) -> N
     assert may_run_side_by_side(by_python.system(TRUTH))
     assert not by_python.simulation(TRUTH).record().compiled
     assert by_python.allowed_workers(TRUTH) == 1
-    plant = model.plant
+    plant = model.loop.plant
     foreign = with_component(several, "plant", replace(plant, fmu=replace(plant.fmu, tool="Another tool")))
     assert not may_run_side_by_side(foreign.system(TRUTH))
     assert foreign.allowed_workers(TRUTH) == 1

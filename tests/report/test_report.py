@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from fmu_didim.base.errors import InputError
+from fmu_didim.checks.consistency import ColumnResult
 from fmu_didim.checks.judgement import DiagnosticResult
 from fmu_didim.checks.validation import Validation
 from fmu_didim.report import result_table, write_report
@@ -17,7 +18,6 @@ from fmu_didim.report.drawing.charts import decimated
 from fmu_didim.report.identification.sections import result_html
 from fmu_didim.report.numbers import loop_lines, pretty_unit, rounding, significant
 from fmu_didim.results.result import (
-    ColumnResult,
     ConsistencyResult,
     ErrorResult,
     ExperimentResult,

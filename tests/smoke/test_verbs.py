@@ -16,7 +16,7 @@ import yaml
 
 from fmu_didim import __version__
 from fmu_didim.base.cache import KINDS
-from fmu_didim.cli.main import _parser, main
+from fmu_didim.cli.main import command_parser, main
 from fmu_didim.data.tables import read_trajectory
 from tests.discovery.helpers import arm_case
 from tests.helpers import ROOT
@@ -215,7 +215,7 @@ def verbs_of(parser: argparse.ArgumentParser, before: str = "") -> Iterator[str]
 
 
 def test_every_verb_is_tried() -> None:
-    assert set(VERBS) == set(verbs_of(_parser()))
+    assert set(VERBS) == set(verbs_of(command_parser()))
 
 
 def test_the_command_starts_in_a_process_of_its_own(tmp_path: Path) -> None:

@@ -95,7 +95,7 @@ def one_seed(design: Design, seed: int) -> dict[str, list[float]]:
     noise = half_coloured(rng, size, design.rate_hz) if design.coloured else rng.normal(size=size)
     model = with_torque(here.model, here.torque + here.noise * noise)
     if design.low_pass_hz:
-        model = replace(model, low_pass=LowPass(design.low_pass_hz))
+        model = model.with_low_pass(LowPass(design.low_pass_hz))
     estimate = Didim(start="reference", tolerance=1e-5).estimate(model)
     didim = estimate.stages["didim"]
     return {

@@ -3,8 +3,9 @@
     python -m tests.tools.seeds --shifts 3 tests/fit -m "not slow"     # arguments of pytest follow
 
 Each run shifts all seeds that tests give to ``numpy.random.default_rng``; at the end the tests that failed are
-listed, with how often. Seeds of fixed cases and robots stay. A test that fails now and then needs more draws and a
-share of them.
+listed, with how often. Seeds of fixed cases and robots stay, those of motions do not. A test that fails now and then
+needs more draws and a share of them; one that compares with what was written with its own seed (data that are shipped,
+figures on a page) always fails.
 """
 
 from __future__ import annotations

@@ -75,9 +75,9 @@ def test_c_loop_of_fmi_calls_gives_our_trajectory() -> None:
 
 def by_runge_kutta(model: LoopModel, substeps: int | None = None) -> LoopModel:
     """The model integrated as the C programs do it."""
-    known = model.plant.equations()
+    known = model.loop.plant.equations()
     assert known is not None
-    return replace(model, plant=ModelComponent(replace(known[0], implicit=None), substeps))
+    return model.with_loop(plant=ModelComponent(replace(known[0], implicit=None), substeps))
 
 
 def test_c_program_of_the_scara_gives_our_trajectory() -> None:
@@ -86,7 +86,7 @@ def test_c_program_of_the_scara_gives_our_trajectory() -> None:
     theta = here.start * np.linspace(0.9, 1.1, here.start.size)
     ticks = np.arange(here.experiments[here.first].reference.time.size)
     recording = ours(here, theta, ticks)
-    motion = [recording.table(here.joint_signals(name)) for name in ("q", "dq", "ddq")]
+    motion = [recording.table(here.loop.joint_signals(name)) for name in ("q", "dq", "ddq")]
     found = np.hstack([drive_torque(here, recording), *motion])
     assert relative(found, scara.program(theta).runner(ticks)()) <= 1e-12
 
@@ -95,7 +95,7 @@ def test_c_program_of_the_tx40_gives_our_trajectory_and_that_of_pinocchio() -> N
     here = by_runge_kutta(model(1.0)[0], tx40.SUBSTEPS)
     wanted, ticks = here.experiments[here.first].reference, np.arange(500)
     recording = simulate(here.system(here.start), wanted, ticks=ticks)
-    motion = [recording.table(here.joint_signals(name)) for name in ("q", "dq", "ddq")]
+    motion = [recording.table(here.loop.joint_signals(name)) for name in ("q", "dq", "ddq")]
     found = np.hstack([drive_torque(here, recording), *motion])
     expected = tx40.program(tx40.excitation(duration_s=1.0)).runner(ticks)()
     # The regrouped parameters of the model act like the description's only to rounding.

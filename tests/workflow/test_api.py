@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 import fmu_didim
-from fmu_didim import Didim, InputError, identify, load_case, simulate, trajectory
+from fmu_didim import Didim, InputError, check, discover, identify, load_case, simulate, trajectory
 from fmu_didim.case.changes import CaseChanges
 from fmu_didim.case.document import CaseDocument
 from fmu_didim.cli.main import main
@@ -54,6 +54,12 @@ def test_verbs_show_their_options(name: str) -> None:
     kinds = {p.kind for p in inspect.signature(verb).parameters.values()}
     assert not kinds & {inspect.Parameter.VAR_KEYWORD, inspect.Parameter.VAR_POSITIONAL}
     assert inspect.getdoc(verb)
+
+
+@pytest.mark.parametrize("verb", [check, identify, discover, simulate])
+def test_options_that_a_verb_does_not_have_are_refused(verb: Any) -> None:
+    with pytest.raises(TypeError, match="unexpected keyword argument 'torque'"):
+        verb(CASE, torque=[1.0])
 
 
 def test_cases_from_path_mapping_and_memory_give_the_same_torque() -> None:

@@ -173,7 +173,7 @@ def test_what_contradicts_itself_is_refused(tmp_path: Path) -> None:
         start_case([log], tmp_path / "a", law="pd", controller=fmu)
     with pytest.raises(InputError, match="cannot be the plant and the controller"):
         start_case([log], tmp_path / "a", plant=fmu, controller=fmu)
-    with pytest.raises(InputError, match=r"Only of an FMU[\s\S]*--plant[\s\S]*robot\.yaml"):
+    with pytest.raises(InputError, match=r"Only an FMU[\s\S]*--plant[\s\S]*robot\.yaml"):
         start_case([log], tmp_path / "a", plant=ROOT / "fmus/emps/robot.yaml")
     other = tmp_path / "other.fmu"
     other.write_bytes(fmu.read_bytes())

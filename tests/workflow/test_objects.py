@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from hashlib import sha256
+from pathlib import Path
 from typing import Any
 
 import casadi as ca
@@ -27,11 +29,15 @@ from fmu_didim import (
     read_trajectory,
     simulate,
     to_control,
+    trajectory,
+    write_csv,
 )
 from fmu_didim.base.diagnostics import DiagnosedError
-from fmu_didim.dynamics.effects import Parameter, TorqueEffect
+from fmu_didim.base.documents import validate
+from fmu_didim.dynamics.effects import Parameter, TorqueEffect, effect_name
 from fmu_didim.dynamics.effects.steps import direction, smoothing_velocity
 from fmu_didim.export import build_fmu
+from fmu_didim.workflow.case_files import case_files
 from tests.workflow.three_experiments import three_experiments
 
 CASE = "examples/scara/identify.yaml"
@@ -136,6 +142,32 @@ def test_units_of_arrays(case: Case, log: Log, reference: Reference) -> None:
         np.testing.assert_allclose(one, other, rtol=1e-12, atol=1e-12)
 
 
+NAMED = {"identify": {"ZZ2": {"start": 0.06}, "Fv1": {}, "Fc1": {}}, "estimator": {"kind": "clie"}}
+"""A plant without a regressor, as an FMU of another tool is."""
+
+
+@pytest.mark.parametrize("plant", [{}, NAMED], ids=["robot", "named parameters"])
+def test_angles_in_degrees_without_their_unit_are_reported(
+    case: Case, reference: Reference, plant: dict[str, Any]
+) -> None:
+    given = case.with_(**plant)
+    assert not [d for d in check(given).diagnostics if "unit" in d.code.name]
+    found = check(given, reference=Reference(reference.time, np.rad2deg(reference.position)))
+    (told,) = (d for d in found.diagnostics if "unit" in d.code.name)
+    assert told.code.name == "reference-unit" and "unit='deg'" in told.advice
+
+
+@pytest.mark.parametrize(("degrees", "code"), [(False, []), (True, ["positions-unit"])])
+def test_measured_positions_in_degrees_are_reported_in_arrays_and_in_files(
+    case: Case, reference: Reference, tmp_path: Path, degrees: bool, code: list[str]
+) -> None:
+    rows = np.rad2deg(reference.position) if degrees else np.asarray(reference.position)
+    write_csv(trajectory(reference.time, {"q1": rows[:, 0], "q2": rows[:, 1]}), tmp_path / "motion.csv")
+    for positions in (Reference(reference.time, rows), {"file": str(tmp_path / "motion.csv")}):
+        found = check(case.with_(train={"positions": positions}))
+        assert [d.code.name for d in found.diagnostics if "unit" in d.code.name] == code
+
+
 def test_derivatives_that_are_left_out_are_computed_and_told(log: Log, reference: Reference) -> None:
     found = check(CASE, log=log, reference=Reference(reference.time, reference.position))
     assert [d.place for d in found.diagnostics if d.code.name == "reference-derived"] == ["<reference of estimation>"]
@@ -144,7 +176,7 @@ def test_derivatives_that_are_left_out_are_computed_and_told(log: Log, reference
 def test_validation_in_memory_in_either_order(case: Case, log: Log, reference: Reference) -> None:
     for pair in ((log, reference), (reference, log)):
         model = load_case(CASE).with_(validation=pair).model
-        np.testing.assert_array_equal(model.measured_in("validation"), case.model.measured)
+        np.testing.assert_array_equal(model.experiments.measured_in("validation"), case.model.measured)
     held_out = identify(CASE, validation=(log, reference)).validation("validation")
     assert held_out.role == "validation"
     np.testing.assert_array_equal(held_out.measured, np.asarray(log.torque))
@@ -160,7 +192,7 @@ def test_several_experiments_in_memory(log: Log, reference: Reference) -> None:
         identify(case, log=log)
     assert "a, b" in str(caught.value)
     other = case.with_(experiments={"a": {"torque": Log(log.time, 2 * log.torque)}})
-    np.testing.assert_array_equal(other.model.measured_in("a"), 2 * case.model.measured_in("b"))
+    np.testing.assert_array_equal(other.model.experiments.measured_in("a"), 2 * case.model.experiments.measured_in("b"))
 
 
 def test_what_a_case_says_of_its_logger_holds_for_a_log_and_what_it_says_of_its_file_does_not(log: Log) -> None:
@@ -328,6 +360,51 @@ def test_a_class_that_is_defined_anew_is_another_effect() -> None:
     assert former.joints[0].effects != anew.joints[0].effects
     assert [v.name for v in RobotModel(former).parameters if v.start] == ["ZZ1", "Fr1"]
     assert [v.name for v in RobotModel(anew).parameters if v.start] == ["ZZ1", "Fq1"]
+
+
+OWN_EFFECT = """
+from fmu_didim.dynamics.effects.viscous import Viscous
+
+
+class Own(Viscous):
+    name = "own"
+
+    def columns(self, at, shapes):
+        return (at.dq * {factor},)
+"""
+
+
+def digests(*effects: Any, folder: Path, further: tuple[str, ...] = ()) -> dict[str, str]:
+    """The digests of all that is read by a case whose robot has these effects on its first joint."""
+    robot = read_robot(ROBOT).model_dump(by_alias=True)
+    robot["joints"][0]["effects"] = ("motor_inertia", "coulomb", *effects)
+    case = load_case(
+        {**load_case(CASE).content, "robot": validate(RobotDescription, robot, where="", folder=folder)},
+        folder=Path(CASE).parent,
+    )
+    return case_files(case, effects=further)
+
+
+def test_source_of_own_effects_is_hashed_into_the_provenance(tmp_path: Path) -> None:
+    file = tmp_path / "own.py"
+    file.write_text(OWN_EFFECT.format(factor=1), encoding="utf-8")
+    found = digests("own.py:Own", folder=tmp_path, further=("stribeck", effect_name(RootFriction)))
+    assert found[f"{file}:Own"] == sha256(file.read_bytes()).hexdigest()
+    assert found[f"{__name__}:RootFriction"] == sha256(Path(__file__).read_bytes()).hexdigest()
+    assert "stribeck" not in found and "coulomb" not in found
+
+
+def test_source_of_an_effect_in_no_file_is_that_of_its_class(tmp_path: Path) -> None:
+    def made(factor: float) -> str:
+        cell: dict[str, Any] = {"__name__": "a_notebook"}
+        exec(OWN_EFFECT.format(factor=factor), cell)  # as a cell of a notebook
+        name = effect_name(cell["Own"])
+        assert name.startswith("a_notebook:Own")
+        return digests(cell["Own"], folder=tmp_path)[name]
+
+    first = made(1)
+    assert len(first) == 64
+    assert made(1) == first != made(2)
 
 
 @pytest.mark.parametrize("wrong", [RootFriction(), int, 3])

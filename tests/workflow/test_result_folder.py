@@ -18,7 +18,7 @@ from fmu_didim import discover, identify, load_findings, load_result
 from fmu_didim.base import cache
 from fmu_didim.base.errors import FmuDidimError, InputError
 from fmu_didim.cli.main import main
-from fmu_didim.workflow.discover import result_folder
+from fmu_didim.workflow.output.discovered_files import result_folder
 from fmu_didim.workflow.output.result_folder import ResultFolder, check_writable
 from tests.cases import SCARA, scara_case
 from tests.discovery.helpers import arm_case

@@ -25,7 +25,9 @@ from fmu_didim import (
     simulate,
     validate,
 )
+from fmu_didim.base.constants import recorded
 from fmu_didim.base.errors import InputError, UnknownNameError
+from fmu_didim.discovery.constants import DECIDING
 from fmu_didim.report import result_table
 from fmu_didim.report.discovery.sections import discovery_table
 from tests.report.drawn import plotted
@@ -227,8 +229,14 @@ def test_augmented_case_of_a_case_in_memory_holds_its_signals(found: tuple[Disco
     case = load_case(folder / discovered.files["case"])
     assert case.document.files == ("data_1.csv", case.document.files[1])
     final = discovered.found.discovery.final
-    measured = case.model.measured_in("estimation")
+    measured = case.model.experiments.measured_in("estimation")
     np.testing.assert_allclose(measured[-final.model.measured.shape[0] :], final.model.measured, rtol=0, atol=1e-6)
+
+
+def test_discovery_records_the_constants_on_which_it_depends(found: tuple[Discovered, Path]) -> None:
+    thresholds = found[0].provenance["thresholds"]
+    assert thresholds == recorded(DECIDING)
+    assert thresholds["discovery.selection.decide.bic"] == 10.0
 
 
 def test_loaded_discovery_is_that_of_the_session(found: tuple[Discovered, Path]) -> None:
@@ -246,6 +254,41 @@ def test_loaded_discovery_is_that_of_the_session(found: tuple[Discovered, Path])
         _ = loaded.model
     with pytest.raises(UnknownNameError):
         loaded.plot("nowhere")
+
+
+def test_discovery_in_memory_is_saved_as_out_saves_it(found: tuple[Discovered, Path], tmp_path: Path) -> None:
+    discovered, folder = found
+    in_memory = Discovered(discovered.found.document, discovered.found, case=discovered.case)
+    assert in_memory.files == {}
+    path = in_memory.save(tmp_path / "saved")
+    assert path == tmp_path / "saved" / "findings.json"
+    names = {file.name for file in folder.iterdir()}
+    assert {file.name for file in path.parent.iterdir()} == names
+    assert load_findings(path) == load_findings(folder)
+    assert Discovered.load(path) == in_memory == discovered
+
+
+def test_loaded_discovery_is_saved_again(found: tuple[Discovered, Path], tmp_path: Path) -> None:
+    discovered, folder = found
+    copy = tmp_path / "copies" / "copy"
+    Discovered.load(folder).save(copy)
+    assert {file.name for file in copy.iterdir()} == {file.name for file in folder.iterdir()}
+    assert load_findings(copy) == discovered.document
+    one, other = (load_case(place / discovered.files["case"]).model for place in (folder, copy))
+    np.testing.assert_array_equal(other.torque(other.start), one.torque(one.start))
+    (copy / discovered.files["plant_fmu"]).unlink()
+    with pytest.raises(InputError, match="A file of the discovery is missing"):
+        Discovered.load(copy).save(tmp_path / "third")
+    assert not (tmp_path / "third" / "findings.json").exists()
+
+
+def test_discoveries_that_differ_are_not_equal(found: tuple[Discovered, Path]) -> None:
+    discovered, _ = found
+    document = discovered.document
+    assert Discovered(document.model_copy(update={"notes": [], "files": {}})) == discovered
+    assert Discovered(document.model_copy(update={"verdict": "not_settled"})) != discovered
+    assert Discovered(document.model_copy(update={"findings": []})) != discovered
+    assert discovered != document
 
 
 @pytest.mark.gate

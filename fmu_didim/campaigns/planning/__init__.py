@@ -1,1 +1,1 @@
-"""What a campaign runs: its file, the combinations of values, the identity of each run."""
+"""The runs of a campaign: its file, the combinations of values, the identity of each run."""

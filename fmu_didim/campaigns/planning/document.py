@@ -59,7 +59,7 @@ class Span(Strict):
 
 
 class Block(Strict):
-    """One way to vary fields; give one of grid, zip, list, random and latin_hypercube.
+    """One way to vary fields: one of grid, zip, list, random and latin_hypercube.
 
     Attributes:
         grid: path of a field -> values; every combination.
@@ -162,13 +162,6 @@ class Options(Strict):
     rounds: Annotated[int, Field(ge=1)] = 5
 
 
-def _check_disjoint(paths: list[str]) -> None:
-    """Raise ValueError if one of the fields that are set together is part of another."""
-    for path in paths:
-        if within := [other for other in paths if other.startswith(f"{path}.")]:
-            raise ValueError(f"vary: {within[0]} is part of {path}, which varies as a whole")
-
-
 class CampaignDocument(Strict):
     """A campaign file.
 
@@ -230,7 +223,10 @@ class CampaignDocument(Strict):
         for i, block in enumerate(self.vary):
             beside = [path for k, other in enumerate(self.vary) if k != i for path in other.paths]
             for entry in block.list_ or [block.paths]:
-                _check_disjoint([*entry, *beside])
+                together = [*entry, *beside]
+                if within := [(a, b) for a in together for b in together if b.startswith(f"{a}.")]:
+                    whole, part = within[0]
+                    raise ValueError(f"vary: {part} is part of {whole}, which varies as a whole")
         if self.case is None and "case" not in paths:
             raise ValueError("give case: (the base case), or vary it")
         if not self.is_simulated and len(self.seeds) > 1:

@@ -13,9 +13,46 @@ import yaml
 from fmu_didim.base.documents import load_yaml
 from fmu_didim.base.errors import InputError
 from fmu_didim.base.imports import located
+from fmu_didim.case import Log, Reference
+from fmu_didim.case.memory import Memory
+from fmu_didim.components import Component, is_control
+from fmu_didim.data.excitation import Excitation
+from fmu_didim.data.signals import Trajectory
+from fmu_didim.dynamics.block import Block
+from fmu_didim.dynamics.robot import RobotDescription, RobotModel
 
 DESCRIPTIONS = (("robot",), ("plant", "source"), ("controller", "source"))
 """Entries of a case that name the file of a description."""
+
+
+def plain(content: Any, memory: Memory, place: str = "campaign") -> Any:
+    """The content of a campaign as values that other processes can read: robots and formulas become mappings.
+
+    Args:
+        memory: what the names in angle brackets of a loaded case stand for; place: of the content, for messages.
+
+    Raises:
+        InputError: an object is among them that only this process has.
+    """
+    if isinstance(content, str):
+        content = {**memory.signals, **memory.objects}.get(content, content)
+    if isinstance(content, RobotModel):
+        content = content.description
+    if isinstance(content, RobotDescription | Excitation):
+        content = content.model_dump(mode="json", by_alias=True)
+    if isinstance(content, Mapping):
+        return {key: plain(value, memory, f"{place}.{key}") for key, value in content.items()}
+    if isinstance(content, list | tuple):
+        return [plain(value, memory, place) for value in content]
+    is_data = isinstance(content, Log | Reference | Trajectory)
+    if is_data or callable(content) or isinstance(content, Component | Block) or is_control(content):
+        raise InputError(
+            "A campaign cannot take an object in memory: its runs are processes of their own, which read files.",
+            where=place, got=getattr(content, "__name__", type(content).__name__),
+            next_step="Write the signals to a file (write_csv) and name it, {file: ...}." if is_data else
+            "Put it into a file of its own and name it there: file.py:Name.",
+        )  # fmt: skip
+    return content
 
 
 def with_value(content: Any, path: str, value: Any, folder: Path) -> Any:

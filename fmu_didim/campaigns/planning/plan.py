@@ -10,6 +10,7 @@ from itertools import product
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from scipy.stats import qmc
 
 from fmu_didim.base.documents import load_yaml
@@ -126,7 +127,7 @@ class Plan:
     @property
     def combination_count(self) -> int:
         """Runs that the campaign asks for, equal ones counted as often as they occur."""
-        return math.prod(_count(block) for block in self.document.vary) * len(self.document.seeds)
+        return math.prod(map(len, self.blocks)) * len(self.document.seeds)
 
     @property
     def paths(self) -> tuple[str, ...]:
@@ -180,7 +181,11 @@ class Plan:
 
         case, folder = self.base(settings)
         truth: dict[str, Any] = {}
-        own = self.sections()
+        noise, options = self.document.noise, self.document.options
+        own: dict[str, Any] = {
+            "noise": noise.model_dump(exclude_unset=True) if noise is not None else {},
+            "options": options.model_dump(exclude_unset=True),
+        }
         for setting in settings:
             head, _, rest = setting.path.partition(".")
             if head in ("noise", "options"):
@@ -208,14 +213,6 @@ class Plan:
     def _bases(self) -> dict[Path, dict[str, Any]]:
         return {}
 
-    def sections(self) -> dict[str, Any]:
-        """Noise and options of the campaign."""
-        noise = self.document.noise
-        return {
-            "noise": noise.model_dump(exclude_unset=True) if noise is not None else {},
-            "options": self.document.options.model_dump(exclude_unset=True),
-        }
-
 
 class Identities:
     """The identities of many runs; what they share is digested once.
@@ -226,9 +223,8 @@ class Identities:
 
     def __init__(self, plan: Plan) -> None:
         self._plan = plan
-        self._digests: dict[
-            tuple[Any, ...], tuple[str, Sequence[Setting]]
-        ] = {}  # and the settings, whose ids in the key stay unique as long as they live
+        # Key -> digest, and the settings, whose ids in the key stay unique as long as they live.
+        self._digests: dict[tuple[Any, ...], tuple[str, Sequence[Setting]]] = {}
         self._code, self._verb = plan.code, plan.document.verb
         self._seeds = plan.document.seeds
         self._truth_roots = set(plan.document.truth or {})
@@ -242,10 +238,8 @@ class Identities:
         for setting in settings:
             touching.setdefault(setting.root, []).append(setting)
         base, _ = plan.base(settings)
-        roots = {*base, *(root for root in touching if root.partition(".")[0] not in SECTIONS)} - {
-            "name",
-            "description",
-        }
+        fields = {root for root in touching if root.partition(".")[0] not in SECTIONS}
+        roots = {*base, *fields} - {"name", "description"}
         chosen = touching.get("case", [])
         case = {root: self._of(("case", root), root, [*chosen, *touching.get(root, ())]) for root in roots}
         extra = {s: self._of((s,), s, [*chosen, *touching.get(s, ())]) for s in ("noise", "options")}
@@ -292,16 +286,6 @@ def _without_logs(value: Any, root: str) -> Any:
     return result
 
 
-def _count(block: Block) -> int:
-    """Combinations of a block."""
-    if block.count is not None:
-        return block.count
-    if block.list_ is not None:
-        return len(block.list_)
-    lengths = [len(values) for values in block.of(block.kind).values()]
-    return math.prod(lengths) if block.kind == "grid" else lengths[0]
-
-
 def _combinations(block: Block) -> Iterator[tuple[Setting, ...]]:
     """The settings of a block, one tuple a combination."""
     if block.list_ is not None:
@@ -328,8 +312,6 @@ def _drawn(block: Block) -> Iterator[tuple[Setting, ...]]:
     fields = block.of(block.kind)
     assert block.count is not None
     if block.kind == "random":
-        import numpy as np
-
         unit: Array = np.random.default_rng(block.seed).random((block.count, len(fields)))
     else:
         unit = qmc.LatinHypercube(d=len(fields), rng=block.seed).random(block.count)
@@ -338,14 +320,10 @@ def _drawn(block: Block) -> Iterator[tuple[Setting, ...]]:
         settings = []
         for (path, values), u in zip(fields.items(), row, strict=True):
             if isinstance(values, Span):
-                value = _scaled(values, u)
+                low, high = values.low, values.high
+                is_log = values.scale == "log"
+                value = math.exp(math.log(low) + u * math.log(high / low)) if is_log else low + u * (high - low)
                 settings.append(Setting(path, value, value, drawn=True))
             else:
                 settings.append(choices[path][min(int(u * len(values)), len(values) - 1)])
         yield tuple(settings)
-
-
-def _scaled(span: Span, u: float) -> float:
-    if span.scale == "log":
-        return float(math.exp(math.log(span.low) + u * math.log(span.high / span.low)))
-    return float(span.low + u * (span.high - span.low))

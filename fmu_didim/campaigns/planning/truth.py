@@ -24,7 +24,6 @@ from fmu_didim.data.signals import Array, Trajectory, trajectory
 from fmu_didim.dynamics.robot import RobotDescription
 from fmu_didim.estimators.start import with_free_delay
 from fmu_didim.model.experiment import Experiment
-from fmu_didim.model.loop_model import LoopModel
 from fmu_didim.model.parameters import Parameters
 
 SPIN_UP = 20
@@ -66,9 +65,7 @@ def simulated_truth(content: Mapping[str, Any], folder: Path) -> Truth:
         InputError, FmuError, SimulationError: it cannot be loaded, or its loop diverges.
     """
     content = {key: value for key, value in content.items() if key != "torque_std"}
-    if isinstance(
-        content.get("identify"), Mapping
-    ):  # its own values are the true ones, not those that a fit starts from
+    if isinstance(content.get("identify"), Mapping):  # true values are those of the loop, not those a fit starts from
         kept = ("of", "parameter", "joint")
         content["identify"] = {
             name: {k: v for k, v in entry.items() if k in kept} for name, entry in content["identify"].items()
@@ -84,19 +81,15 @@ def simulated_truth(content: Mapping[str, Any], folder: Path) -> Truth:
         torque = operator.apply(run.logged_torque(recording)[operator.ticks])
         positions = None
         if source.positions is not None:
-            names = model.joint_signals("q")
+            names = model.loop.joint_signals("q")
             columns = {f"q{j}": recording.table([name])[:, 0] for j, name in enumerate(names, start=1)}
             positions = trajectory(recording.time, columns)
         assert experiments[label].stamps is not None
         logs[label] = SimulatedLog(np.asarray(experiments[label].stamps), torque, positions)
-    return Truth(logs, true_values(model), case.robot)
-
-
-def true_values(model: LoopModel) -> dict[str, tuple[float, str]]:
-    """Name of each free parameter -> its value in the loop, and what is regrouped into it."""
-    model = with_free_delay(model)
-    names, known = zip(model.names, model.start, strict=True), regrouped(model.parameters)
-    return {name: (float(value), known.get(name.partition("[")[0], "")) for name, value in names}
+    model, known = with_free_delay(model), regrouped(model.parameters)
+    pairs = zip(model.names, model.start, strict=True)
+    values = {name: (float(value), known.get(name.partition("[")[0], "")) for name, value in pairs}
+    return Truth(logs, values, case.robot)
 
 
 def regrouped(parameters: Parameters) -> dict[str, str]:
@@ -149,9 +142,16 @@ def unit_noise(rng: np.random.Generator, time: Array, joints: int, *, coloured: 
     return np.asarray(np.sqrt(coloured) * slow + np.sqrt(1 - coloured) * white)
 
 
-def noisy_logs(truth: Truth, noise: Noise, data: str) -> dict[str, Trajectory]:
-    """File in the case -> log with noise; the digest of the data seeds it."""
-    found: dict[str, Trajectory] = {}
+def noisy_logs(truth: Truth, stated: Mapping[str, Any], data: str) -> dict[str, Trajectory]:
+    """File in the case -> log with noise.
+
+    Args:
+        stated: the noise, as the campaign says; data: digest of the data, which seeds it.
+
+    Raises:
+        InputError: the noise is wrong, or does not fit the joints.
+    """
+    noise, found = validate(Noise, dict(stated), where="noise"), dict[str, Trajectory]()
     for label, log in truth.logs.items():
         rng = np.random.default_rng([int(data, 16), zlib.crc32(label.encode())])
         n = log.torque.shape[1]
@@ -206,8 +206,3 @@ def hidden_effects(truth: RobotDescription | None, model: RobotDescription | Non
         return ""
     pairs = enumerate(zip(truth.joints, model.joints, strict=True), start=1)
     return "+".join(f"{e}@{j}" for j, (true, known) in pairs for e in true.effects if e not in known.effects)
-
-
-def validated_noise(content: Mapping[str, Any]) -> Noise:
-    """The noise of a run; raises InputError with all errors."""
-    return validate(Noise, dict(content), where="noise")

@@ -28,7 +28,15 @@ def page_figures(qualities: Mapping[str, pd.DataFrame]) -> list[tuple[str, Chart
             continue
         if not _are_numbers(quality[path]):
             if quality["bias_in_sigma"].notna().any():
-                found.append((path, None, _map(quality, path)))
+                cross = quality.assign(shown=quality[path].map(shown)).pivot_table(
+                    index="shown", columns="parameter", values="bias_in_sigma", sort=False
+                )
+                rows = {
+                    str(name): list(map(float, row)) for name, row in zip(cross.index, cross.to_numpy(), strict=True)
+                }
+                most = max(float(np.nanmax(np.abs(cross.to_numpy()))), 1.0)
+                names = list(map(str, cross.columns))
+                found.append((path, None, matrix(f"bias / σ over {path}", names, rows, largest=most, digits=1)))
         elif quality[["sigma", "bias"]].notna().any(axis=None):
             found.append((path, field_chart(quality, path, f"field-{len(found) + 1}"), None))
     return found
@@ -56,32 +64,21 @@ def field_chart(quality: pd.DataFrame, path: str, name: str = "field") -> Chart:
     else:
         places, names = pd.factorize(quality[path].map(shown))
         quality, ticks = quality.assign(place=places), [(float(k), str(v)) for k, v in enumerate(names)]
-    panels = [
-        Panel("% of the value", _lines(quality, column, is_axis=not ticks), head, PANEL_HEIGHT, log=True)
-        for head, column in PANELS if column in columns
-    ]  # fmt: skip
+    panels = []
+    for head, column in [panel for panel in PANELS if panel[1] in columns]:
+        lines = [
+            Series(
+                str(parameter), group["place"].to_numpy(float),
+                np.abs(group[column] / group["size"]).to_numpy(float), f"series{k % SERIES}",
+                "points" if ticks else "line",
+            )
+            for k, (parameter, group) in enumerate(quality.groupby("parameter", sort=False))
+        ]  # fmt: skip
+        panels.append(Panel("% of the value", lines, head, PANEL_HEIGHT, log=True))
     drawn = " and ".join(word for word, column in (("σ", "sigma"), ("bias", "bias")) if column in columns)
     title = f"{drawn} of each parameter over {path}, in percent of its true, else of its mean value"
     return Chart(name, title, panels, path, log=not ticks and bool((quality["place"] > 0).all()), ticks=ticks)
 
 
-def _lines(quality: pd.DataFrame, column: str, *, is_axis: bool) -> list[Series]:
-    groups = quality.groupby("parameter", sort=False)
-    return [
-        Series(str(parameter), group["place"].to_numpy(float), np.abs(group[column] / group["size"]).to_numpy(float),
-               f"series{k % SERIES}", "line" if is_axis else "points")
-        for k, (parameter, group) in enumerate(groups)
-    ]  # fmt: skip
-
-
 def _are_numbers(values: pd.Series) -> bool:
     return all(isinstance(v, int | float) and not isinstance(v, bool) and v == v for v in values)
-
-
-def _map(quality: pd.DataFrame, path: str) -> Matrix:
-    cross = quality.assign(shown=quality[path].map(shown)).pivot_table(
-        index="shown", columns="parameter", values="bias_in_sigma", sort=False
-    )
-    rows = {str(name): [float(v) for v in row] for name, row in zip(cross.index, cross.to_numpy(), strict=True)}
-    most = max(float(np.nanmax(np.abs(cross.to_numpy()))), 1.0)
-    return matrix(f"bias / σ over {path}", list(map(str, cross.columns)), rows, largest=most, digits=1)

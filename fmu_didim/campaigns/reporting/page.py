@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +13,7 @@ from pyarrow.parquet import write_table
 
 from fmu_didim.base.files import whole_file
 from fmu_didim.campaigns.reporting.charts import page_figures
-from fmu_didim.campaigns.reporting.quality import USABLE
+from fmu_didim.campaigns.reporting.quality import USABLE, plain
 from fmu_didim.campaigns.reporting.results import Results
 from fmu_didim.campaigns.reporting.sections import brief_report, confusion_section, group_columns, groups_section, shown
 from fmu_didim.campaigns.running.store import FILES, unwritable
@@ -69,32 +68,29 @@ def _text(value: Any) -> Any:
 
 def campaign_report(results: Results, groups: pd.DataFrame, quality: pd.DataFrame) -> Report:
     """All that is shown of a campaign, from its groups and the quality of each parameter in each of them."""
-    status, campaign = results.status(), results.head["campaign"]
+    status, head = results.status(), results.head
+    provenance: dict[str, Any] = {"campaign": {k: v for k, v in head["campaign"].items() if k != "case"}}
+    provenance |= {name: head[name] for name in ("version", "code", "planned", "folder")}
+    if head.get("file"):
+        command = ["fmu-didim", "campaign", "run", head["file"], "--out", str(results.folder.resolve())]
+        provenance["command"] = shell_line(command)
     runs = results.to_frame(parameters=False)
     order = runs["verdict"].isin(USABLE).astype(int)
     runs = runs.assign(order=order).sort_values("order", kind="stable")  # those without answer first
+    fields = [(path, results.groups(path)) for path in results.paths] if len(results.paths) > 1 else []
     sections = [
         groups_section(groups, results.paths, _links(results, groups, runs)),
-        *_by_field(results),
+        Section("By field", [], anchor="axes"),
+        *(Section(path, [Table(group_columns(of, [path]))]) for path, of in fields if len(of) <= VALUES_SHOWN),
         *_figures(results),
         _parameters(results, quality),
         confusion_section(results.confusion()),
         _runs(results, runs),
     ]
     return brief_report(
-        status, sections, results.remarks(), description=campaign.get("description", ""),
-        cards=_cards(groups, status.planned - status.open, status.planned), provenance=_provenance(results),
+        status, sections, results.remarks(), description=head["campaign"].get("description", ""),
+        cards=_cards(groups, status.planned - status.open, status.planned), provenance=provenance,
     )  # fmt: skip
-
-
-def _provenance(results: Results) -> dict[str, Any]:
-    head = results.head
-    found: dict[str, Any] = {"campaign": {k: v for k, v in head["campaign"].items() if k != "case"}}
-    found |= {name: head[name] for name in ("version", "code", "planned", "folder")}
-    if head.get("file"):
-        command = ["fmu-didim", "campaign", "run", head["file"], "--out", str(results.folder.resolve())]
-        found["command"] = shell_line(command)
-    return found
 
 
 def _cards(summary: pd.DataFrame, done: int, planned: int) -> list[tuple[str, str]]:
@@ -104,36 +100,24 @@ def _cards(summary: pd.DataFrame, done: int, planned: int) -> list[tuple[str, st
             cards.append((name.replace("_", " "), str(summary[name].sum())))
     if "coverage" in summary and summary["coverage"].notna().any():
         weights = summary["valid"] + summary["doubtful"]
-        cards.append(
-            ("coverage of the 95 % intervals", _percent((summary["coverage"] * weights).sum() / weights.sum()))
-        )
+        share = (summary["coverage"] * weights).sum() / weights.sum()
+        cards.append(("coverage of the 95 % intervals", _percent(share)))
     return cards
 
 
 def _links(results: Results, groups: pd.DataFrame, runs: pd.DataFrame) -> list[list[Link]]:
     """Of each group the first of its runs, as far as the page lists them."""
     grouped = runs.groupby(results.paths, dropna=False, sort=False) if results.paths else [((), runs)]
-    members = {_key(key): group for key, group in grouped}
+    members = {plain(key): group for key, group in grouped}
     listed = set(runs.head(ROWS_SHOWN)["id"])
     found = []
     for row in groups.to_dict("records"):
-        group = members[_key(tuple(row[path] for path in results.paths))].head(CELL_RUNS)
-        each = zip(group["id"], group["verdict"], group["status"], strict=True)
-        found.append([_link(id_, _word(verdict, status)) for id_, verdict, status in each if id_ in listed])
-    return found
-
-
-def _link(id_: str, word: str) -> Link:
-    return Link(id_[:8] + ("" if word == "valid" else f" ({word})"), f"#run-{id_}", word)
-
-
-def _by_field(results: Results) -> list[Section]:
-    """For each field that varies, the groups by it alone."""
-    found = [Section("By field", [], anchor="axes")]
-    for path in results.paths if len(results.paths) > 1 else []:
-        groups = results.groups(path)
-        if len(groups) <= VALUES_SHOWN:
-            found.append(Section(path, [Table(group_columns(groups, [path]))]))
+        group = members[plain(tuple(row[path] for path in results.paths))].head(CELL_RUNS)
+        each = zip(group["id"], map(_word, group["verdict"], group["status"]), strict=True)
+        found.append([
+            Link(id_[:8] + ("" if word == "valid" else f" ({word})"), f"#run-{id_}", word)
+            for id_, word in each if id_ in listed
+        ])  # fmt: skip
     return found
 
 
@@ -169,7 +153,9 @@ def _runs(results: Results, runs: pd.DataFrame) -> Section:
     """The runs one by one."""
     rows = runs.head(ROWS_SHOWN).to_dict("records")
     ids = [r["id"] for r in rows]
-    links = [[Link(id_, _page_of(results.folder, id_))] for id_ in ids]
+    pages = [[f"{FILES}/{id_}/{name}" for name in (REPORT_FILE, DISCOVERY_FILE)] for id_ in ids]  # of kept runs
+    kept = [next((name for name in names if (results.folder / name).is_file()), "") for names in pages]
+    links = [[Link(id_, page)] for id_, page in zip(ids, kept, strict=True)]
     columns = [
         words("run", ids, links=links),
         *(words(path, [shown(r[path]) for r in rows]) for path in results.paths),
@@ -178,7 +164,7 @@ def _runs(results: Results, runs: pd.DataFrame) -> Section:
         Column("torque error %", [significant(r["error_percent"]) for r in rows]),
         Column("iterations", [shown(r["iterations"]) for r in rows]),
         Column("s", [significant(r["seconds"], 2) for r in rows]),
-        words("message", [_first_line(r["message"]) for r in rows]),
+        words("message", [r["message"].partition("\n")[0] if isinstance(r["message"], str) else "" for r in rows]),
     ]
     left = len(runs) - len(rows)
     command = shell_line(["fmu-didim", "campaign", "show", str(results.folder)])
@@ -187,24 +173,9 @@ def _runs(results: Results, runs: pd.DataFrame) -> Section:
     return Section("Runs", blocks, anchor="runs")
 
 
-def _page_of(folder: Path, id_: str) -> str:
-    """The page of a run whose files were kept; empty without one."""
-    names = (f"{FILES}/{id_}/{name}" for name in (REPORT_FILE, DISCOVERY_FILE))
-    return next((name for name in names if (folder / name).is_file()), "")
-
-
-def _first_line(text: Any) -> str:
-    return str(text).partition("\n")[0] if isinstance(text, str) else ""
-
-
 def _word(verdict: Any, status: str) -> str:
     return verdict.replace("_", " ") if isinstance(verdict, str) else status
 
 
 def _percent(share: float) -> str:
     return MISSING if share is None or share != share else f"{100 * share:.1f} %"
-
-
-def _key(key: Any) -> str:
-    parts: Iterable[Any] = key if isinstance(key, tuple) else (key,)
-    return json.dumps([None if v is None or v != v else v for v in parts], default=str)

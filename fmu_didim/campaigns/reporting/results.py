@@ -34,6 +34,7 @@ class Results:
     def __init__(self, store: Store) -> None:
         self.store = store
         self.head = store.head()
+        self._qualities: dict[tuple[str, ...], pd.DataFrame] = {}
 
     def __repr__(self) -> str:
         return f"Results({self.head['campaign']['name']!r}, {self.folder})"
@@ -97,12 +98,10 @@ class Results:
         return self._runs[shown].merge(found, on="id")
 
     def summary(self) -> str:
-        """What the terminal shows: groups, hidden effects against named ones, remarks."""
-        whole, paths = self.groups(), self.paths
-        is_long = len(whole) > GROUPS_PRINTED and len(paths) > 1
-        tables = (
-            [group_columns(self.groups(path), [path]) for path in paths] if is_long else [group_columns(whole, paths)]
-        )
+        """The text for the terminal: groups, hidden effects against named ones, remarks."""
+        tables, paths = [group_columns(whole := self.groups(), self.paths)], self.paths
+        if len(whole) > GROUPS_PRINTED and len(paths) > 1:
+            tables = [group_columns(self.groups(path), [path]) for path in paths]
         blocks = [table_lines(Table(columns), width=None) for columns in tables]
         blocks.append(section_lines(confusion_section(self.confusion())))
         blocks.append([line for remark in self.remarks() for line in wrapped(remark, "- ", "  ")])
@@ -139,7 +138,7 @@ class Results:
         """
         names = self._grouping(by)
         groups = self._runs.groupby(names, dropna=False, sort=False) if names else [((), self._runs)]
-        quality = of_all_parameters(self._by_parameter(names), names)
+        quality = of_all_parameters(self.by_parameter(*by), names)
         rows = []
         for key, group in groups:
             key = key if isinstance(key, tuple) else (key,)
@@ -166,17 +165,10 @@ class Results:
         Args:
             by: fields that vary; by default all of them, without the seed.
         """
-        return self._by_parameter(self._grouping(by)).copy()
-
-    def _by_parameter(self, names: list[str]) -> pd.DataFrame:
-        known = tuple(names)
-        if known not in self._qualities:
-            self._qualities[known] = by_parameter(self._runs, self._parameters, names)
-        return self._qualities[known]
-
-    @cached_property
-    def _qualities(self) -> dict[tuple[str, ...], pd.DataFrame]:
-        return {}
+        names = self._grouping(by)
+        if tuple(names) not in self._qualities:
+            self._qualities[tuple(names)] = by_parameter(self._runs, self._parameters, names)
+        return self._qualities[tuple(names)].copy()
 
     def plot(self, field: str | None = None) -> Figure:
         """A Matplotlib figure: sigma and, where true values are known, bias of each parameter over a field that varies.
@@ -213,7 +205,7 @@ class Results:
         return pd.crosstab(hidden.rename("hidden"), runs["named"].replace("", "nothing").rename("named"))
 
     def remarks(self) -> list[str]:
-        """What to keep in mind when reading these figures."""
+        """Remarks for the reader of these figures."""
         status, runs, found = self.status(), self._runs, list[str]()
         ran = runs[runs["status"] != "open"]
         without = int((~ran["verdict"].isin(USABLE)).sum())
@@ -235,8 +227,7 @@ class Results:
         return found + status.lines()[-1:] if status.elsewhere else found
 
     def _remarks_on_coverage(self, ran: pd.DataFrame) -> list[str]:
-        found = []
-        data = int(ran["data"].nunique())
+        found, data = list[str](), int(ran["data"].nunique())
         if data < len(ran):
             found.append(
                 f"{len(ran)} runs are on {data} different data: runs on the same data err together, so intervals of "

@@ -18,18 +18,12 @@ GROUPS_NOTE = (
 )
 
 
-def banner(status: Status) -> Banner:
-    """Whether the campaign is complete; the tables say how good its answers are."""
-    text = "\n".join(status.lines())
-    if status.open:
-        return Banner("doubtful", "NOT COMPLETE", text)
-    failed = sum(status.failures.values())
-    return Banner("doubtful" if failed else "good", "COMPLETE" + (", WITH FAILURES" if failed else ""), text)
-
-
 def brief_report(status: Status, sections: Sequence[Section], remarks: Sequence[str], **more: Any) -> Report:
     """Progress of a campaign, sections and remarks; further entries as of ``Report``."""
-    return Report(status.name, status.name, banner(status), sections, what="campaign", remarks=remarks, **more)
+    failed = any(status.failures.values())
+    head = "NOT COMPLETE" if status.open else "COMPLETE, WITH FAILURES" if failed else "COMPLETE"
+    banner = Banner("doubtful" if status.open or failed else "good", head, "\n".join(status.lines()))
+    return Report(status.name, status.name, banner, sections, what="campaign", remarks=remarks, **more)
 
 
 def groups_section(groups: pd.DataFrame, paths: Sequence[str], runs: Sequence[Sequence[Link]] = ()) -> Section:
@@ -42,7 +36,7 @@ def groups_section(groups: pd.DataFrame, paths: Sequence[str], runs: Sequence[Se
 
 
 def group_columns(groups: pd.DataFrame, paths: Sequence[str]) -> list[Column]:
-    """What is shown of groups by some fields; counts that are zero everywhere are left out."""
+    """The columns of groups by some fields; counts that are zero everywhere are left out."""
     columns = [words(path, [shown(v) for v in groups[path]]) for path in paths]
     columns.append(_counts(groups, "runs"))
     if (groups["data"] != groups["runs"]).any():

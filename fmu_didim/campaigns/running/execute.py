@@ -26,7 +26,6 @@ from fmu_didim.campaigns.planning.truth import (
     noisy_logs,
     regrouped,
     simulated_truth,
-    validated_noise,
     with_simulated_logs,
 )
 from fmu_didim.campaigns.running.store import ANSWERED, FAILED, MEMORY_LIMIT, REFUSED
@@ -71,7 +70,7 @@ class Trial:
 
 @dataclass
 class WorkerState:
-    """What a worker process holds between runs.
+    """The state of a worker process between runs.
 
     Attributes:
         scratch: folder of this process; prepared: the last cases with their truth, by design.
@@ -122,11 +121,9 @@ def refusal(error: FmuDidimError, codes: list[str]) -> dict[str, Any]:
 
 def _answer(state: WorkerState, task: Task) -> dict[str, Any]:
     case, truth = prepared(state, task)
-    out = Path(task.files) if task.files else None
+    out = task.files or None
     if task.verb == "discover":
-        options = task.content.options
-        document = discover(case, out, **options).document
-        return _findings(document, case, truth)
+        return _findings(discover(case, out, **task.content.options).document, case, truth)
     return _result(identify(case, out).document, case, truth)
 
 
@@ -141,7 +138,7 @@ def prepared(state: WorkerState, task: Task) -> tuple[Case, Truth | None]:
     case, truth = state.prepared[task.design]
     if truth is None:
         return case, None
-    return case.with_signals(noisy_logs(truth, validated_noise(content.noise), task.data)), truth
+    return case.with_signals(noisy_logs(truth, content.noise, task.data)), truth
 
 
 def _loaded(scratch: Path, task: Task) -> tuple[Case, Truth | None]:
@@ -150,7 +147,7 @@ def _loaded(scratch: Path, task: Task) -> tuple[Case, Truth | None]:
     if content.truth is None:
         return load_case(case, folder=folder), None
     truth = simulated_truth(with_written_descriptions(content.truth, scratch), folder)
-    logs = noisy_logs(truth, validated_noise({}), task.data)
+    logs = noisy_logs(truth, {}, task.data)
     return load_case(with_simulated_logs(case), folder=folder, signals=logs), truth
 
 
@@ -161,7 +158,7 @@ def try_case(process: Any, task: Task) -> Trial:
         start = getattr(case.estimator, "start", None)
         if isinstance(start, Mapping):
             start_values(case.model, start)
-        for component in case.model.systems[case.model.first].components.values():
+        for component in case.model.loop.systems[case.model.first].components.values():
             component.instantiate().close()
     except (SimulationError, FmuError) as error:  # the loop may diverge at this value, or an FMU fail in a step
         return Trial(doubt=str(error)) if _can_be_loaded(process.state, task.content) else Trial(str(error))
@@ -174,12 +171,9 @@ def try_case(process: Any, task: Task) -> Trial:
 
 def _can_be_loaded(state: WorkerState, content: Content) -> bool:
     """Whether a case fails only when it runs: its rows then say so, and the other runs go on."""
+    case = with_written_descriptions(content.case, Path(state.scratch.name))
     try:
-        load_case(
-            with_written_descriptions(content.case, Path(state.scratch.name)),
-            folder=content.folder,
-            require_torque=False,
-        )
+        load_case(case, folder=content.folder, require_torque=False)
     except FmuDidimError:
         return False
     return True

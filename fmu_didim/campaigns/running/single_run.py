@@ -12,7 +12,7 @@ from fmu_didim.base.imports import is_reference, located
 from fmu_didim.campaigns.planning.fields import with_written_descriptions
 from fmu_didim.campaigns.planning.identity import NAMING, file_of
 from fmu_didim.campaigns.planning.plan import Plan, PlannedRun
-from fmu_didim.campaigns.planning.truth import noisy_logs, simulated_truth, validated_noise, with_simulated_logs
+from fmu_didim.campaigns.planning.truth import noisy_logs, simulated_truth, with_simulated_logs
 from fmu_didim.data.signals import write_csv
 
 CASE_FILE = "case.yaml"
@@ -30,13 +30,11 @@ def write_single_run(plan: Plan, run: PlannedRun, folder: Path) -> Path:
     case = content.case
     if content.truth is not None:
         truth = simulated_truth(with_written_descriptions(content.truth, folder), source)
-        for name, log in noisy_logs(truth, validated_noise(content.noise), run.data).items():
+        for name, log in noisy_logs(truth, content.noise, run.data).items():
             write_csv(log, folder / name, digits=17)
         case = with_simulated_logs(case)
-    path = folder / CASE_FILE
-    path.write_text(
-        yaml.safe_dump(_absolute(with_written_descriptions(case, folder), source), sort_keys=False), encoding="utf-8"
-    )
+    path, case = folder / CASE_FILE, _absolute(with_written_descriptions(case, folder), source)
+    path.write_text(yaml.safe_dump(case, sort_keys=False), encoding="utf-8")
     return path
 
 

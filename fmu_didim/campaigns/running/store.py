@@ -39,28 +39,11 @@ _PARAMETER = pa.struct([
     ("name", pa.string()), ("unit", pa.string()), *((name, pa.float64()) for name in _OF_PARAMETER),
 ])  # fmt: skip
 _TEXTS = (
-    "id",
-    "design",
-    "data",
-    "status",
-    "verdict",
-    "message",
-    "answer",
-    "named",
-    "hidden",
-    "findings",
-    "host",
-    "started",
-)
+    "id", "design", "data", "status", "verdict", "message", "answer", "named", "hidden", "findings", "host", "started",
+)  # fmt: skip
 _NUMBERS = (
-    "seconds",
-    "cpu_seconds",
-    "error_percent",
-    "held_out_percent",
-    "condition_number",
-    "gap_before",
-    "gap_after",
-)
+    "seconds", "cpu_seconds", "error_percent", "held_out_percent", "condition_number", "gap_before", "gap_after",
+)  # fmt: skip
 ROW = pa.schema([
     *((name, pa.string()) for name in _TEXTS), *((name, pa.float64()) for name in _NUMBERS),
     *((name, pa.int64()) for name in ("seed", "attempt", "iterations", "finish_iterations")),
@@ -101,11 +84,8 @@ class Store:
             "planned": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()), "count": len(plan.runs),
             "paths": list(plan.paths),
         }  # fmt: skip
-        runs = plan.runs
-        columns: dict[str, list[Any]] = {
-            name: [getattr(r, name) for r in runs] for name in ("id", "design", "data", "seed")
-        }
-        columns["settings"] = [json.dumps(run.labels, default=str) for run in runs]
+        columns = {name: [getattr(run, name) for run in plan.runs] for name in ("id", "design", "data", "seed")}
+        columns["settings"] = [json.dumps(run.labels, default=str) for run in plan.runs]
         try:
             for name in (JOURNALS, PARTS, RUNNERS):
                 (self.folder / name).mkdir(parents=True, exist_ok=True)
@@ -119,8 +99,7 @@ class Store:
     def head(self) -> dict[str, Any]:
         """The campaign, and the code that planned it; raises InputError where there is no campaign."""
         try:
-            content = json.loads((self.folder / PLAN_FILE).read_text(encoding="utf-8"))
-            return dict(content)
+            return dict(json.loads((self.folder / PLAN_FILE).read_text(encoding="utf-8")))
         except (OSError, ValueError) as error:
             raise InputError(
                 "There is no campaign in this folder.", where=str(self.folder), got=str(error)[:200],
@@ -139,8 +118,7 @@ class Store:
         # Journals first: one that becomes a part meanwhile is then found among the parts.
         journalled = [{name: row.get(name) for name in names} for row in self._lines()]
         tables = [pa.Table.from_pylist(journalled, schema=schema), *self._parts(names)]
-        table = pa.concat_tables([t.select(names).cast(schema) for t in tables])
-        return _best_rows(table)
+        return _best_rows(pa.concat_tables([t.select(names).cast(schema) for t in tables]))
 
     def _parts(self, names: list[str]) -> Iterator[pa.Table]:
         for path in sorted((self.folder / PARTS).glob("*.parquet")):
@@ -152,7 +130,7 @@ class Store:
     def _lines(self) -> Iterator[dict[str, Any]]:
         for path in sorted((self.folder / JOURNALS).glob("*.jsonl")):
             try:
-                yield from patiently(partial(_all_lines, path))
+                yield from patiently(partial(read_lines, path))
             except FileNotFoundError:
                 continue  # it has just become a part
             except PermissionError:  # the same: Windows removes it when its last reader has closed it
@@ -192,18 +170,16 @@ def _best_rows(table: pa.Table) -> pa.Table:
     return table.take(pa.array([i for _, i in best.values()], type=pa.int64()))
 
 
-def read_lines(path: Path) -> Iterator[dict[str, Any]]:
+def read_lines(path: Path) -> list[dict[str, Any]]:
     """The complete lines of a journal."""
+    found = []
     with path.open(encoding="utf-8", errors="replace") as stream:
         for line in stream:
             with suppress(ValueError):  # truncated when the worker or the machine was stopped
                 row = json.loads(line)
                 if line.endswith("\n") and isinstance(row, dict) and "id" in row and "status" in row:
-                    yield row
-
-
-def _all_lines(path: Path) -> list[dict[str, Any]]:
-    return list(read_lines(path))
+                    found.append(row)
+    return found
 
 
 def _part(folder: Path, journal: Path) -> Path:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -18,7 +17,7 @@ from fmu_didim.checks.data.robot import LINK_LENGTH, TORQUE_SCALE, another_robot
 from fmu_didim.checks.data.runs import run_diagnostics
 from fmu_didim.checks.data.timing import timing
 from fmu_didim.checks.data.torque_channel import torque_channel_diagnostics
-from fmu_didim.checks.data.units import unit_diagnostics
+from fmu_didim.checks.data.units import position_diagnostics, unit_diagnostics
 from fmu_didim.cosim.system import REFERENCE
 from fmu_didim.data.signals import Array
 from fmu_didim.model.loop_model import LoopModel
@@ -28,18 +27,18 @@ SUBSTEPS = 4
 
 
 def data_diagnostics(model: LoopModel, *, without_torque: Sequence[str] = (), causes: bool = True) -> list[Diagnostic]:
-    """What is wrong or doubtful with the data of a model, the most important first; empty if nothing is wrong.
+    """Problems and doubts about the data of a model, the most important first.
 
-    Needs one simulation and one regressor along the reference for each experiment. Start values may be wrong by a
-    factor of three.
+    Each experiment needs one simulation and one regressor along the reference. Start values may be wrong by a factor
+    of three.
 
     Args:
-        without_torque: labels of validation experiments that have no log, and are not in the model.
-        causes: whether to ask what another timing, scale or length of a link would explain, with some steps of DIDIM;
-            discovery names such causes itself.
+        without_torque: labels of validation experiments without a log, which are not in the model.
+        causes: whether to test other timings, scales and lengths of links, with some steps of DIDIM; discovery names
+            such causes itself.
     """
-    if model.chooses_substeps and model.substeps is None:
-        model = replace(model, substeps=SUBSTEPS)
+    if model.loop.chooses_substeps and model.loop.substeps is None:
+        model = model.with_loop(substeps=SUBSTEPS)
     found = [*length_unit_diagnostics(model), *run_diagnostics(model, without_torque)]
     gains, explained = drive_gains(model), list[Diagnostic]()
     for label, experiment in model.experiments.items():
@@ -49,8 +48,9 @@ def data_diagnostics(model: LoopModel, *, without_torque: Sequence[str] = (), ca
         found += plant_diagnostics(run) if label == model.first else []
         given = expected(run)
         found += log_diagnostics(experiment, label, given, 1 / run.step_size)
-        of_log = unit_diagnostics(run, given) or torque_channel_diagnostics(given, gains, label)
-        found += of_log
+        of_units = unit_diagnostics(run, given)
+        of_log = of_units or torque_channel_diagnostics(given, gains, label)
+        found += [*of_log, *([] if of_units else position_diagnostics(run))]
         held_out = experiment.role == "validation"
         if not causes or of_log or (held_out and explained) or (fitted := fitted_motion(model.on(label))) is None:
             continue
@@ -61,8 +61,8 @@ def data_diagnostics(model: LoopModel, *, without_torque: Sequence[str] = (), ca
 def confirmed(model: LoopModel, found: Iterable[Diagnostic]) -> list[Diagnostic]:
     """The diagnostics without those scales and lengths that explain nothing along the motion of a fit.
 
-    Before a fit the simulated motion is only near the measured one. What is left along it is then no noise, and a
-    scale or a length may make up for a part of that.
+    Before a fit the simulated motion is only near the measured one, and a scale or a length may explain a part of the
+    difference.
 
     Args:
         model: with the values of the fit; found: before it.
@@ -80,7 +80,7 @@ def confirmed(model: LoopModel, found: Iterable[Diagnostic]) -> list[Diagnostic]
 
 
 def _explained(fitted: FittedMotion, *, held_out: bool = False) -> list[Diagnostic]:
-    """What another timing, scale or length would explain of a log, the best first."""
+    """Other timings, scales and lengths that explain a log better, the best first."""
     offered = [*timing(fitted, clock_alone=held_out)]
     if not held_out:
         offered += another_robot(fitted)
@@ -89,6 +89,6 @@ def _explained(fitted: FittedMotion, *, held_out: bool = False) -> list[Diagnost
 
 def drive_gains(model: LoopModel) -> Array:
     """(n,) gain from the command to the logged torque of each joint; 1 without one."""
-    connections = model.systems[model.first].connections
+    connections = model.loop.systems[model.first].connections
     own = {c.target: c.gain for c in connections if not c.source.startswith(f"{REFERENCE}.")}
-    return np.array([own.get(target, 1.0) for target in model.logged])
+    return np.array([own.get(target, 1.0) for target in model.loop.logged])

@@ -1,7 +1,7 @@
 """The torque that a log is compared with before any fit of the loop.
 
 nominal   simulated with the start values of the parameters, which may be off by a factor of two or three
-fitted    W theta + known along the reference motion, theta by least squares: what base parameters can absorb
+fitted    W theta + known along the reference motion, theta by least squares: all that base parameters can absorb
 """
 
 from __future__ import annotations
@@ -26,11 +26,11 @@ DEPENDENT = 1e-12
 
 @dataclass(frozen=True)
 class Expected:
-    """The torque of a log, and what is expected of it.
+    """The torque of a log and the expected one.
 
     Attributes:
-        measured: (N, n); nominal: (N, n) simulated at the start values; None where the loop does not run with them.
-        columns: (N, n, b) regressor along the reference; known: (N, n) torque of all else there; None without one.
+        measured: (N, n); nominal: (N, n) simulated at the start values, None where the loop does not run with them.
+        columns: (N, n, b) regressor along the reference; known: (N, n) torque beside it; None without one.
     """
 
     measured: Array
@@ -50,12 +50,12 @@ class Expected:
 
     @property
     def best(self) -> Array | None:
-        """(N, n) of the two the one that is nearer to the log; None where there is neither."""
+        """(N, n) the one of the two that is nearer to the log; None without either."""
         there = [torque for torque in (self.nominal, self.fitted) if torque is not None]
         return min(there, key=self.error, default=None)
 
     def chance(self) -> float:
-        """Error that the fit leaves of the log rolled to instants at which it was not taken, the median of some."""
+        """Median error of the fit for the log rolled to other instants."""
         assert self.columns is not None
         known = np.zeros_like(self.measured) if self.known is None else self.known
         errors = []
@@ -83,8 +83,8 @@ def fitted_by(columns: Array, measured: Array, known: Array | None, size: Array)
 
 
 def expected(run: Simulation) -> Expected:
-    """What is expected of the log of an experiment: one simulation and one regressor at most."""
-    model, measured = run.model, run.model.measured_in(run.label)
+    """The expected torque of an experiment, by at most one simulation and one regressor."""
+    model, measured = run.model, run.model.experiments.measured_in(run.label)
     nominal = columns = known = None
     if not mass_matrix_problem(model, run.values):
         try:

@@ -1,4 +1,4 @@
-"""What a motion and a log can tell of the parameters, before they are identified, and what they cannot.
+"""The accuracy of the parameters that a motion and a log allow, predicted before the identification.
 
 The covariance (S'S)^-1 of the whitened sensitivity S at a start is the Cramér-Rao bound there: standard deviations that
 an identification will come near to, and correlations.
@@ -22,7 +22,7 @@ from fmu_didim.fit.statistics import correlation, covariance_white
 from fmu_didim.model.loop_model import LoopModel
 
 LOOSE = 1e-9
-"""[1] Singular value, of the largest one, of directions along which no step is made."""
+"""[1] Singular value, relative to the largest, of directions along which no step is made."""
 SIGNIFICANT = 2.0
 """[standard deviations] Of a value, from which it differs clearly from zero."""
 CORRELATED = 0.9
@@ -53,11 +53,11 @@ RESONANCE = CATALOGUE(
 
 @dataclass(frozen=True)
 class ExpectedAccuracy:
-    """What is predicted of the parameters.
+    """The predicted accuracy of the parameters.
 
     Attributes:
         names, units: (p,); values, deviation: (p,) at the start, and their predicted standard deviation.
-        partner: (p,) the parameter that each is correlated with most, with the coefficient; empty and 0 without one.
+        partner: (p,) the parameter that each is correlated with most, and the coefficient; empty and 0 without one.
     """
 
     names: tuple[str, ...]
@@ -74,10 +74,10 @@ class ExpectedAccuracy:
 
 
 def predict_accuracy(model: LoopModel, values: Array, torque: Array) -> tuple[tuple[str, ...], ExpectedAccuracy | None]:
-    """Parameters that the data cannot tell apart, and what is predicted of them all, from a start with this torque
-    (N, n); None where no prediction is possible.
+    """Parameters that the data cannot tell apart, and the accuracy of all, from a start with this torque (N, n); None
+    where no prediction is possible.
 
-    The noise is what the model knows of it, else what one linear step would leave of the residual.
+    Without a known noise, that of the residual after one linear step is taken.
     """
     try:
         columns, residual = sensitivity(model, values, torque), model.measured - torque
@@ -92,7 +92,7 @@ def predict_accuracy(model: LoopModel, values: Array, torque: Array) -> tuple[tu
 
 
 def predicted(model: LoopModel, values: Array, columns: Array) -> ExpectedAccuracy | None:
-    """What the whitened sensitivity (r, p) at values (p,) predicts; None where it is singular."""
+    """The accuracy by the whitened sensitivity (r, p) at values (p,); None where it is singular."""
     if not np.abs(columns).any(axis=0).all():
         return None
     try:
@@ -106,7 +106,7 @@ def predicted(model: LoopModel, values: Array, columns: Array) -> ExpectedAccura
     partner = tuple(
         (model.names[k], float(related[i, k])) if related[i, k] > CORRELATED else ("", 0.0) for i, k in enumerate(most)
     )
-    return ExpectedAccuracy(model.names, model.units, values, np.sqrt(np.diag(covariance)), partner)
+    return ExpectedAccuracy(model.names, model.free_parameters.units, values, np.sqrt(np.diag(covariance)), partner)
 
 
 def accuracy_diagnostics(found: ExpectedAccuracy) -> list[Diagnostic]:
@@ -138,9 +138,8 @@ def resonance_diagnostics(model: LoopModel, values: Array) -> list[Diagnostic]:
 def resonances(model: LoopModel, values: Array) -> Array:
     """(n,) frequency in Hz at which the loop of each joint rings after a small kick, 0 where it does not ring.
 
-    The first velocity of the reference, or its first position, is changed a little; the spectrum of the change of the
-    torque that follows has a peak above its beginning where a pair of poles is weakly damped. It is the response of
-    the sampled loop, drives and delay included, linearised about the motion.
+    The kick is a small change of the first velocity, or position, of the reference. Where a pair of poles of the
+    sampled loop, drives and delay included, is weakly damped, the spectrum of the response of the torque has a peak.
     """
     run = model.simulation(values)
     reference, step = run.experiment.reference, run.step_size
@@ -156,7 +155,7 @@ def resonances(model: LoopModel, values: Array) -> Array:
         kicked[0, column] += KICK * max(float(np.ptp(kicked[:, column])), STANDSTILL)
         other = run.on(replace(run.experiment, reference=replace(reference, values=kicked)))
         after = other.logged_torque(other.record(ticks=ticks))
-        # The first tick shows the jump of the reference itself, not what the loop makes of it.
+        # The first tick shows the jump of the reference itself.
         found[j] = ringing((after - before)[1:, j], step)
     return found
 

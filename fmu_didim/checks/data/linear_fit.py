@@ -1,9 +1,9 @@
 """A simulated motion near the measured one, and linear fits of the base parameters along it.
 
 A few steps of DIDIM bring the simulated motion near: each is one simulation and one linear fit, y = S (W theta + known)
-with the sampling S of the log. Along the motion that is then held, the same fit tells whether the log would be
-explained better if it had been sampled otherwise (another S), or if the robot were another one (another W). Base
-parameters can absorb neither, where the motion is rich enough; so start values need not be good.
+with the sampling S of the log. Along that motion the same fit shows whether another sampling (another S) or another
+robot (another W) explains the log better. Along a rich motion base parameters can absorb neither, so start values need
+not be good.
 """
 
 from __future__ import annotations
@@ -33,11 +33,11 @@ DIDIM_STEPS = 5
 NEAR = 0.7
 """[1] Error, of the deviation of the log, from which a motion is near enough to judge by it."""
 HELPS = 0.98
-"""[1] Of the error that a step must leave at most for another one to be worth it."""
+"""[1] Of the error that a step must leave at most for another one to follow."""
 EXACT = 1e-4
 """[1] Of the deviation of a torque, below which a residual is the error of the simulation, not noise of the log."""
 RIVALS = 2
-"""[explanations] That are reported where the data cannot decide between more."""
+"""[explanations] Reported at most where the data cannot decide between them."""
 CLEARLY = 20.0
 """[1] BIC difference from which an explanation is reported: twice that of very strong evidence."""
 WORTH_IT = 0.97
@@ -48,7 +48,7 @@ FINE = 0.1
 
 @dataclass(frozen=True)
 class Explanation:
-    """What would explain a log better: its misfit (:meth:`FittedMotion.misfit`), BIC difference and diagnostic."""
+    """A better explanation of a log: its misfit (:meth:`FittedMotion.misfit`), BIC difference and diagnostic."""
 
     misfit: float
     gain: float
@@ -61,7 +61,7 @@ class FittedMotion:
 
     Attributes:
         run: the simulation, of a loop with that experiment alone.
-        motion: q, dq, ddq, (K, n) each; observed: (K, no) what the regressor depends on beyond them.
+        motion: q, dq, ddq, (K, n) each; observed: (K, no) further signals of the regressor.
         columns: (K, n, b); known: (K, n), so that the logged torque is columns theta + known.
     """
 
@@ -78,7 +78,7 @@ class FittedMotion:
 
     @cached_property
     def size(self) -> Array:
-        """(n,) of the residual as the case has it: joints are divided by it, and it stays so for what is compared."""
+        """(n,) of the residual as the case has it, by which the joints of all compared residuals are divided."""
         equal = np.maximum(self.experiment.torque.std(axis=0), TINY)
         rest = self._rest(self.experiment.operator, self.columns, equal)
         return np.asarray(np.maximum(rest.std(axis=0), EXACT * equal))
@@ -90,7 +90,7 @@ class FittedMotion:
         return float((effective_fraction(rest) * rest.shape[0]).sum())
 
     def residual(self, operator: SampleOperator | None = None) -> Array:
-        """(N, n) what a fit leaves of the log, with another sampling where one is given."""
+        """(N, n) residual of a fit of the log, with another sampling where one is given."""
         return self._rest(self.experiment.operator if operator is None else operator, self.columns, self.size)
 
     def misfit(self, operator: SampleOperator | None = None) -> float:
@@ -100,10 +100,10 @@ class FittedMotion:
     def least(self, misfit: Callable[[float], float], step: float, bound: float) -> tuple[float, float, float] | None:
         """Where a misfit is least within a bound, its standard deviation by the curvature there, and the misfit.
 
-        None where steps to both sides and the parabola through them promise nothing.
+        None where neither steps to both sides nor the parabola through them gain anything.
 
         Args:
-            misfit: of one quantity, 1 where it is 0.
+            misfit: as a function of one quantity, 1 where it is 0.
         """
         below, above = misfit(-step), misfit(step)
         curvature = below + above - 2 * (present := self.misfit())
@@ -112,21 +112,22 @@ class FittedMotion:
             return None
         found = minimize_scalar(misfit, bounds=(-bound, bound), method="bounded", options={"xatol": FINE * step})
         x, least = float(found.x), float(found.fun)
-        bent = (misfit(x - step) + misfit(x + step) - 2 * least) / step**2
-        return x, float(np.sqrt(2 * least / (self.samples * bent))) if bent > 0 else np.inf, least
+        return x, self.deviation(misfit, x, least, step), least
+
+    def deviation(self, misfit: Callable[[float], float], x: float, least: float, step: float) -> float:
+        """Standard deviation of a quantity at its least misfit, by the curvature there; infinite without a minimum."""
+        curvature = (misfit(x - step) + misfit(x + step) - 2 * least) / step**2
+        return float(np.sqrt(2 * least / (self.samples * curvature))) if curvature > 0 else np.inf
 
     def best(self, offered: Iterable[Explanation]) -> list[Diagnostic]:
-        """The explanation that is clearly better than the case and than all others, the best first.
-
-        One that is nearly as good is reported beside it, because the data cannot decide between them.
-        """
+        """The explanations that are clearly better than the case, the best first, and one that is nearly as good."""
         better = [e for e in offered if e.gain > CLEARLY and e.misfit < WORTH_IT]
         least = min((e.misfit for e in better), default=0.0)
         rivals = [e for e in better if self.samples * np.log(e.misfit / least) < CLEARLY]
         return [e.diagnostic for e in sorted(rivals, key=lambda e: -e.gain)][:RIVALS]
 
     def misfit_of(self, other: FittedMotion) -> float:
-        """The same along another motion, joints divided by their size along this one."""
+        """The misfit along another motion, joints divided by their size along this one."""
         rest = other._rest(other.experiment.operator, other.columns, self.size)
         return float(np.mean((rest / self.size) ** 2))
 
@@ -137,15 +138,14 @@ class FittedMotion:
 
     def _rest(self, operator: SampleOperator, columns: Array, size: Array) -> Array:
         def sampled(values: Array) -> Array:
-            return self.run.model.filtered(operator.apply(values[operator.ticks]), self.run.label)
+            return self.run.model.experiments.filtered(operator.apply(values[operator.ticks]), self.run.label)
 
-        measured = self.run.model.measured_in(self.run.label)
+        measured = self.run.model.experiments.measured_in(self.run.label)
         return np.asarray(measured - fitted_by(sampled(columns), measured, sampled(self.known), size))
 
 
 def fitted_motion(model: LoopModel) -> FittedMotion | None:
-    """The motion of a model of one experiment after a few steps of DIDIM; None where it cannot be brought near
-    enough."""
+    """The motion of a model of one experiment after a few steps of DIDIM; None if it does not come near enough."""
     if not model.parameters.has_regressor or model.linear_count < len(model.free_parameters):
         return None
     for start in _starts(model):
@@ -158,12 +158,12 @@ def fitted_motion(model: LoopModel) -> FittedMotion | None:
 def motion_with_regressor(run: Simulation) -> FittedMotion:
     """A motion with its regressor; raises SimulationError."""
     recording, model = run.record(all_ticks=True), run.model
-    q, dq = (recording.table(model.joint_signals(name)) for name in ("q", "dq"))
-    if model.gives_acceleration:
-        ddq = recording.table(model.joint_signals("ddq"))
+    q, dq = (recording.table(model.loop.joint_signals(name)) for name in ("q", "dq"))
+    if model.loop.gives_acceleration:
+        ddq = recording.table(model.loop.joint_signals("ddq"))
     else:
         ddq = np.gradient(dq, recording.step_size, axis=0)
-    names = [f"{model.plant_name}.{name}" for name in model.parameters.observed]
+    names = [f"{model.loop.plant_name}.{name}" for name in model.parameters.observed]
     observed = recording.table(names) if names else None
     columns, _ = model.parameters.regressor(q, dq, ddq, observed=observed)
     known = run.logged_torque(recording) - columns @ run.theta
@@ -177,7 +177,7 @@ def _starts(model: LoopModel) -> Iterator[Array]:
 
 
 def _steps(model: LoopModel, values: Array) -> tuple[float, Array] | None:
-    """Error relative to the deviation of the log, and the values, after steps of DIDIM as long as they help."""
+    """Error relative to the deviation of the log, and the values, after steps of DIDIM while they help."""
     measured, size = model.measured, np.maximum(model.measured.std(axis=0), TINY)
     best: tuple[float, Array] | None = None
     for _ in range(DIDIM_STEPS):

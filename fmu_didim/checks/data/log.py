@@ -1,4 +1,4 @@
-"""What a torque log says against itself: missing samples, jitter, upsampling, quantisation, saturation, outliers."""
+"""Errors that a torque log shows by itself: missing samples, jitter, upsampling, saturation, outliers and so on."""
 
 from __future__ import annotations
 
@@ -26,15 +26,13 @@ FEWEST_STAIRS = 10
 ON_STAIRS = (1.0, 99.0)
 """[%] Between which the ends of its steps must lie on their grid."""
 NEARLY_CONTROL_RATE = 0.9
-"""[1] Of the control rate, from which stairs in a log are those of the held command, as they should be."""
+"""[1] Of the control rate, from which stairs in a log are rightly those of the held command."""
 JITTER = 0.05
 """[1] Of a sample period by which stamps may scatter: rounding of clocks is less."""
 COARSE = 256
-"""[steps] Steps in the range of a column up to which it is said to be quantised: 8 bits; finer ones are below usual
-noise."""
+"""[steps] In the range of a column, up to which quantisation is reported: 8 bits; finer steps are below usual noise."""
 TOO_COARSE = 24
-"""[steps] Steps in the range up to which it is doubted that quantisation acts as noise: it is above 1 % of the
-torque."""
+"""[steps] In the range, up to which quantisation hardly acts as noise: it is above 1 % of the torque."""
 ON_GRID = 0.02
 """[1] Of a step by which values may lie off the grid of a quantised log: rounding."""
 CLIPPED = 0.01
@@ -106,27 +104,24 @@ SAMPLES_MISSING = CATALOGUE(
 
 
 def log_diagnostics(experiment: Experiment, label: str, given: Expected, control_rate_hz: float) -> list[Diagnostic]:
-    """What is found in the log of one experiment.
+    """The diagnostics of the log of one experiment.
 
     Args:
-        given: what is expected of the log; control_rate_hz: of the loop.
+        given: the expected torque; control_rate_hz: of the loop.
     """
     found = [
         *_missing(experiment, label),
-        *_jitter(experiment, label),
-        *_too_fast(experiment, label),
+        *_of_stamps(experiment, label),
         *_upsampled(experiment, label, control_rate_hz),
     ]
     for j in range(experiment.torque.shape[1]):
-        place = f"{label}: joint {j + 1}"
-        of_joint = [*_constant(experiment, j, place, given)]
-        if not of_joint:
-            of_joint += [
-                *_quantised(experiment.torque[:, j], place),
-                *_saturated(experiment.torque[:, j], j, place, given),
-            ]
-            of_joint += _outliers(j, place, given)
-        found += of_joint
+        place, values = f"{label}: joint {j + 1}", experiment.torque[:, j]
+        constant = [*_constant(experiment, j, place, given)]
+        found += constant or [
+            *_quantised(values, place),
+            *_saturated(values, j, place, given),
+            *_outliers(j, place, given),
+        ]
     return found
 
 
@@ -143,25 +138,16 @@ def _missing(experiment: Experiment, label: str) -> Iterator[Diagnostic]:
         yield Diagnostic(SAMPLES_MISSING, text, label, float(missing), unit="samples")
 
 
-def _stamps(experiment: Experiment) -> Array:
-    return experiment.time if experiment.stamps is None else experiment.stamps
-
-
-def _jitter(experiment: Experiment, label: str) -> Iterator[Diagnostic]:
-    stamps = _stamps(experiment)
+def _of_stamps(experiment: Experiment, label: str) -> Iterator[Diagnostic]:
+    stamps = experiment.time if experiment.stamps is None else experiment.stamps
     places = grid_places(stamps)
-    if stamps.size <= 2:
-        return
-    slope, origin = np.polyfit(places, stamps, 1)
-    scatter = float(np.std(stamps - origin - slope * places)) / slope
-    if scatter > JITTER:
-        text = f"The stamps scatter by {1000 * scatter * slope:.3g} ms about steps of {1000 * slope:.4g} ms."
-        yield Diagnostic(STAMPS_JITTER, text, label, scatter, JITTER, "1")
-
-
-def _too_fast(experiment: Experiment, label: str) -> Iterator[Diagnostic]:
-    stamps = _stamps(experiment)
-    rate = float(grid_places(stamps)[-1] / (stamps[-1] - stamps[0]))
+    if stamps.size > 2:
+        slope, origin = np.polyfit(places, stamps, 1)
+        scatter = float(np.std(stamps - origin - slope * places)) / slope
+        if scatter > JITTER:
+            text = f"The stamps scatter by {1000 * scatter * slope:.3g} ms about steps of {1000 * slope:.4g} ms."
+            yield Diagnostic(STAMPS_JITTER, text, label, scatter, JITTER, "1")
+    rate = float(places[-1] / (stamps[-1] - stamps[0]))
     if experiment.rate_hz > rate * (1 + REFERENCE_STEP):
         text = f"rate_hz requests {experiment.rate_hz:.4g} Hz, but the log has {rate:.4g} Hz."
         yield Diagnostic(RATE_ABOVE_LOG, text, label, experiment.rate_hz, rate, "Hz")
@@ -182,10 +168,10 @@ def _upsampled(experiment: Experiment, label: str, control_rate_hz: float) -> It
 
 
 def stairs(torque: Array, order: int) -> float:
-    """Samples in a step of a log (N, n) whose samples are held (order 1) or interpolated (order 2); 1 if they are not.
+    """Samples in a step of a log (N, n) that is held (order 1) or interpolated (order 2) between steps; otherwise 1.
 
-    A difference of that order vanishes but at the ends of the steps, which lie on a grid m k + c, to a sample where the
-    ratio m of the rates is no whole number; a quantised signal stays equal for longer, and anywhere.
+    A difference of that order vanishes except at the ends of the steps. These lie on a grid m k + c, to within a sample
+    where the ratio m of the rates is no whole number; a quantised signal stays constant at irregular intervals.
     """
     rounding = SAME if order == 1 else STRAIGHT
     moved = (np.abs(np.diff(torque, order, axis=0)) > rounding * np.ptp(torque, axis=0)).any(axis=1)
@@ -220,7 +206,7 @@ def _quantised(values: Array, place: str) -> Iterator[Diagnostic]:
 
 
 def steps_in_range(values: Array) -> int | None:
-    """How many equal steps the range of a log (N,) has; None where its values lie on no grid."""
+    """Number of equal steps in the range of a log (N,); None where its values lie on no grid."""
     own = np.unique(values)
     gaps = np.diff(own)
     gaps = gaps[gaps > STRAIGHT * np.ptp(values)]

@@ -1,4 +1,4 @@
-"""Whether a plant of another tool takes the steps that the loop asks of it."""
+"""Whether a plant of another tool follows the steps of the loop."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from fmu_didim.model.loop_model import Simulation
 TICKS_LOOKED_AT = 2000
 """[ticks] Of the loop, from its start: two seconds at 1 kHz, a fraction of an experiment."""
 FEWEST_CHANGES = 10
-"""[changes] Of the outputs of a plant, for a word on how long it usually holds them."""
+"""[changes] Of the outputs of a plant, from which its holding time is judged."""
 
 PLANT_HOLDS = CATALOGUE(
     "plant-holds", DOUBT, rank=14,
@@ -26,7 +26,7 @@ PLANT_HOLDS = CATALOGUE(
 
 def plant_diagnostics(run: Simulation) -> list[Diagnostic]:
     """A plant FMU of another tool, in co-simulation, whose outputs change at few ticks of the loop only."""
-    name, system = run.model.plant_name, run.model.systems[run.label]
+    name, system = run.model.loop.plant_name, run.model.loop.systems[run.label]
     if foreign_co_simulation(system.components[name]) is None:
         return []
     motion = {f"{kind}{j}" for kind in ("q", "dq") for j in range(1, run.model.joint_count + 1)}
@@ -45,9 +45,6 @@ def plant_diagnostics(run: Simulation) -> list[Diagnostic]:
 
 
 def held_steps(outputs: Array) -> int:
-    """For how many rows a table (N, m) usually stays as it is; 1 where every row is another, or none is.
-
-    The median of the lengths of its runs of equal rows: a motion that pauses has few long ones.
-    """
+    """Median number of equal rows in succession in a table (N, m); 1 where all rows differ or none does."""
     changes = np.flatnonzero((np.diff(outputs, axis=0) != 0).any(axis=1))
     return int(np.median(np.diff(changes))) if changes.size > FEWEST_CHANGES else 1

@@ -1,4 +1,4 @@
-"""What a reference says against itself: derivatives that contradict."""
+"""Derivatives of a reference that contradict it."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from fmu_didim.base.diagnostics import CATALOGUE, PROBLEM, Diagnostic
 from fmu_didim.data.signals import Array, Trajectory
 
 CONTRADICTION = 0.05
-"""[1] Of what a signal and the integral of its derivative vary by, from which the two contradict each other: far
-beyond the error of the trapezoidal rule at control rates."""
+"""[1] Difference of a signal and the integral of its derivative, as a fraction of their variation, that is reported:
+far beyond the error of the trapezoidal rule at control rates."""
 STANDSTILL = 1e-9
 """[SI] Variation below which a signal counts as constant."""
 
@@ -46,7 +46,7 @@ def reference_diagnostics(reference: Trajectory, joint_count: int, label: str) -
 
 
 def contradiction(time: Array, signal: Array, rate: Array) -> float:
-    """How far a signal (N,) and the integral of its rate (N,) differ, of the larger of their deviations; 0 at rest."""
+    """Difference of a signal (N,) and the integral of its rate (N,), relative to the larger deviation; 0 at rest."""
     integral = cumulative_trapezoid(rate, time, initial=0.0)
     rest = (signal - signal.mean()) - (integral - integral.mean())
     size = max(float(signal.std()), float(integral.std()))

@@ -5,7 +5,7 @@ Along one simulated motion near the measured one, the base parameters are fitted
     length     W(q, dq, ddq; a (1 + x)) theta
     scale      exp(x) times the rows of one joint; all joints together only scale theta
 
-so that what base parameters can absorb says nothing.
+so that only what base parameters cannot absorb counts.
 """
 
 from __future__ import annotations
@@ -24,15 +24,15 @@ from fmu_didim.model.loop_model import LoopModel
 from fmu_didim.model.parameters import RobotParameters
 
 LARGEST_LENGTH = 20.0
-"""[m] Of a link, beyond which millimetres are suspected: no machine with joints has it."""
+"""[m] Of a link, beyond which millimetres are suspected: no robot is as long."""
 LEAST_SCALE = 0.05
 """[1] Relative change of a scale or a length from which it is reported."""
 LARGEST_SCALE = 4.0
-"""[1] Up to which a scale is looked for, up and down."""
+"""[1] Largest scale that is tried, up and down."""
 LARGEST_CHANGE = 0.6
-"""[1] Relative change up to which a length is looked for."""
+"""[1] Largest relative change of a length that is tried."""
 SHORT_LINK = 0.2
-"""[1] Of the longest length, below which none is doubted: it hardly shows."""
+"""[1] Of the longest length, below which a length hardly shows and is not tested."""
 
 LINK_TOO_LONG = CATALOGUE(
     "length-unit", DOUBT, rank=4,
@@ -66,7 +66,7 @@ def length_unit_diagnostics(model: LoopModel) -> list[Diagnostic]:
 
 
 def another_robot(fitted: FittedMotion) -> Iterator[Explanation]:
-    """What another length or another scale would explain of a log, one at a time."""
+    """Other scales and lengths that explain a log better, one at a time."""
     yield from _scales(fitted)
     yield from _link_lengths(fitted)
 
@@ -78,14 +78,13 @@ def _scales(fitted: FittedMotion) -> Iterator[Explanation]:
 
         def misfit(x: float, rows: np.ndarray = rows) -> float:
             scale = np.where(rows, math.exp(x), 1.0)
-            return fitted.misfit_of(
-                replace(fitted, columns=fitted.columns * scale[:, None], known=fitted.known * scale)
-            )
+            columns, known = fitted.columns * scale[:, None], fitted.known * scale
+            return fitted.misfit_of(replace(fitted, columns=columns, known=known))
 
         for x, deviation, least in _clear(fitted, misfit, math.log(LARGEST_SCALE)):
             text = (
                 f"Against the other joints the torque seems to be {math.exp(x):.3g} times (± {100 * deviation:.1g} %) "
-                f"what it should be: base parameters then leave {100 * math.sqrt(least):.0f} % of what they leave now."
+                f"what it should be: corrected, the residual falls to {100 * math.sqrt(least):.0f} % of its size."
             )
             bound = math.exp(math.copysign(max(SHIFT_SIGMAS * deviation, LEAST_SCALE), x))
             diagnostic = Diagnostic(TORQUE_SCALE, text, f"{fitted.run.label}: joint {j + 1}", math.exp(x), bound, "1")
@@ -114,8 +113,8 @@ def _link_lengths(fitted: FittedMotion) -> Iterator[Explanation]:
 
         for x, deviation, least in _clear(fitted, misfit, LARGEST_CHANGE):
             text = (
-                f"{name} = {length:g} m seems to be {length * (1 + x):.3g} ± {abs(length) * deviation:.1g} m: so, base "
-                f"parameters leave {100 * math.sqrt(least):.0f} % of what they leave as it is."
+                f"{name} = {length:g} m seems to be {length * (1 + x):.3g} ± {abs(length) * deviation:.1g} m: "
+                f"with that, the residual of the base parameters falls to {100 * math.sqrt(least):.0f} %."
             )
             diagnostic = Diagnostic(LINK_LENGTH, text, f"robot: joint {j}", length * (1 + x), length, "m")
             yield Explanation(least, fitted.gain(least), diagnostic)

@@ -11,11 +11,11 @@ from fmu_didim.data.signals import Array
 from fmu_didim.model.loop_model import LoopModel
 
 COPIED = 0.5
-"""[1] Part of the rows of a held-out log that stand in a fitted one, to the last digit."""
+"""[1] Fraction of the rows of a held-out log that a fitted one has, too, to the last digit."""
 
 VALIDATION_COPIED = CATALOGUE(
     "validation-copied", DOUBT, rank=12,
-    meaning="The log of a validation experiment is that of an estimation experiment, or part of it: what is fitted is "
+    meaning="The log of a validation experiment is that of an estimation experiment, or part of it: the fit is "
     "compared with itself.",
     next_step="Record a run with another motion for the validation, or leave the validation out.",
 )  # fmt: skip
@@ -36,7 +36,7 @@ def run_diagnostics(model: LoopModel, without_torque: Sequence[str] = ()) -> lis
         Diagnostic(VALIDATION_WITHOUT_TORQUE, "It has no torque log, so nothing is compared with it.", label)
         for label in without_torque
     ]
-    for label in model.validation_labels:
+    for label in model.experiments.validation_labels:
         for other in model.estimation_labels:
             part = copied(model.experiments[label].torque, model.experiments[other].torque)
             if part > COPIED:
@@ -46,8 +46,7 @@ def run_diagnostics(model: LoopModel, without_torque: Sequence[str] = ()) -> lis
 
 
 def copied(torque: Array, other: Array) -> float:
-    """Part of the rows of a log (N, n) that stand in another (M, n); rows that come again in their own log count
-    once, so that one at rest says nothing."""
+    """Fraction of the distinct rows of a log (N, n) that another (M, n) has, too; 0 for a log at rest."""
     own, known = np.unique(torque, axis=0), {row.tobytes() for row in other}
     if own.shape[0] <= 0.5 * torque.shape[0]:
         return 0.0

@@ -1,6 +1,6 @@
-"""When a log shows what it shows: its clock, points or averages, a delay of the command that the model lacks.
+"""The timing of a log: its clock, points or averages, a delay of the command that the model lacks.
 
-All are judged along one simulated motion near the measured one, base parameters fitted anew for each:
+All are judged along one simulated motion near the measured one, with base parameters fitted for each:
 
     clock      y(t) = tau(t - d), d by the least misfit, with its interval from the curvature there
     averages   y_k = mean of tau over the sample period before, around or after the stamp
@@ -16,16 +16,15 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from fmu_didim.base.diagnostics import CATALOGUE, DOUBT, Diagnostic
-from fmu_didim.base.errors import InputError, SimulationError
+from fmu_didim.base.errors import SimulationError
 from fmu_didim.checks.data.linear_fit import WORTH_IT, Explanation, FittedMotion, fitted_motion, motion_with_regressor
-from fmu_didim.checks.sampling_kind import WAYS, WORDS, same_sampling, sampled_as
+from fmu_didim.checks.sampling_kind import other_ways, way_text
 from fmu_didim.model.loop_model import Simulation
 
 SHIFTS_S = (0.002, 0.006, 0.018, 0.054, 0.16, 0.5)
-"""[s] Shifts of a log that are tried, late and early; between the best and its neighbours the least misfit is
-searched."""
+"""[s] Shifts of a log that are tried, late and early, before the least misfit is searched near the best one."""
 SHIFT_PASSES = 4
-"""[fits] Of the motion with the shift that was found, until it stands still."""
+"""[fits] Of the motion with the shift that was found, until that settles."""
 SHIFT_ACCURACY = 0.02
 """[control periods] To which the least misfit is searched."""
 CURVATURE = 0.5
@@ -47,7 +46,7 @@ CLOCK_EARLY = CATALOGUE(
 )  # fmt: skip
 COMMAND_DELAY = CATALOGUE(
     "command-delay", DOUBT, rank=21,
-    meaning="The command seems to act later than the model says, by a control period.",
+    meaning="The command seems to act later than in the model, by a control period.",
     next_step="Give loop: {delay_samples: ...}, or estimate it: estimator: {estimate_delay: true}.",
 )  # fmt: skip
 SAMPLING_KIND = CATALOGUE(
@@ -58,11 +57,7 @@ SAMPLING_KIND = CATALOGUE(
 
 
 def timing(fitted: FittedMotion, *, clock_alone: bool = False) -> Iterator[Explanation]:
-    """What another timing would explain of a log.
-
-    Args:
-        clock_alone: for held-out data, whose logger and loop are those of the others.
-    """
+    """Other timings that explain a log better; of held-out data, whose logger and loop are known, the clock alone."""
     yield from _clock(fitted)
     if not clock_alone:
         yield from _kinds(fitted)
@@ -70,7 +65,7 @@ def timing(fitted: FittedMotion, *, clock_alone: bool = False) -> Iterator[Expla
 
 
 def _clock(fitted: FittedMotion) -> Iterator[Explanation]:
-    """The shift of the log; the motion is brought near anew with it, because a late log moves that, too."""
+    """The shift of the log, with a motion fitted again for it, because a late log moves that, too."""
     experiment, step = fitted.experiment, fitted.run.step_size
     late, deviation, shifted = 0.0, np.inf, fitted
     for _ in range(SHIFT_PASSES):
@@ -88,8 +83,8 @@ def _clock(fitted: FittedMotion) -> Iterator[Explanation]:
         least = fitted.misfit_of(shifted)
         code, way = (CLOCK_LATE, "late") if late > 0 else (CLOCK_EARLY, "early")
         text = (
-            f"The log seems to be stamped {1000 * abs(late):.3g} ± {1000 * deviation:.2g} ms {way}: aligned, base "
-            f"parameters leave {100 * np.sqrt(least):.0f} % of what they leave as it is."
+            f"The log seems to be stamped {1000 * abs(late):.3g} ± {1000 * deviation:.2g} ms {way}: aligned, the "
+            f"residual of the base parameters falls to {100 * np.sqrt(least):.0f} %."
         )
         advice = f"Align the clocks, or give torque: {{log_shift_s: {experiment.operator.lag * step + late:.4g}}}; "
         advice += "to estimate it: identify: {clock: {of: log}}."
@@ -114,48 +109,39 @@ def _least_misfit(fitted: FittedMotion) -> tuple[float, float]:
         return 0.0, np.inf
     bounds, accuracy = (grid[place - 1], grid[place + 1]), {"xatol": SHIFT_ACCURACY * step}
     found = minimize_scalar(misfit, bounds=bounds, method="bounded", options=accuracy)
-    late, least, beside = float(found.x), float(found.fun), CURVATURE * step
-    curvature = (misfit(late + beside) + misfit(late - beside) - 2 * least) / beside**2
-    return late, float(np.sqrt(2 * least / (fitted.samples * curvature))) if curvature > 0 else np.inf
+    return float(found.x), fitted.deviation(misfit, float(found.x), float(found.fun), CURVATURE * step)
 
 
 def _kinds(fitted: FittedMotion) -> Iterator[Explanation]:
-    period_ms, ways = 1000 / fitted.experiment.rate_hz, []
-    for kind, window in WAYS:
-        try:
-            operator = sampled_as(fitted.run, kind, window)
-        except InputError:  # an instant at the end of the data, where a point or a window has no tick
-            continue
-        if not same_sampling(operator, fitted.experiment.operator):
-            ways.append((fitted.misfit(operator), kind, window, operator))
+    label = fitted.run.label
+    ways = [(fitted.misfit(o[label]), kind, window, o[label]) for kind, window, o in other_ways({label: fitted.run})]
     if not ways:
         return
     misfit, kind, window, operator = min(ways, key=lambda way: way[0])
     misfit = _brought_near(fitted, fitted.run.on(replace(fitted.experiment, operator=operator)), misfit)
-    shows = "points" if kind == "point" else f"averages over the {period_ms:.4g} ms {WORDS[window]} each stamp"
-    entry = "sampling: point" if kind == "point" else f"sampling: average, window: {window}"
+    shows, entry = way_text(kind, window, 1000 / fitted.experiment.rate_hz)
     text = (
-        f"The log seems to show {shows}: so, base parameters leave {100 * np.sqrt(misfit):.0f} % of what they leave "
-        "as it is."
+        f"The log seems to show {shows}: with that, the residual of the base parameters falls to "
+        f"{100 * np.sqrt(misfit):.0f} %."
     )
     advice = f"Find out how the logger samples; if so: torque: {{{entry}}}."
-    diagnostic = Diagnostic(SAMPLING_KIND, text, fitted.run.label, misfit, WORTH_IT, "1", advice)
+    diagnostic = Diagnostic(SAMPLING_KIND, text, label, misfit, WORTH_IT, "1", advice)
     yield Explanation(misfit, fitted.gain(misfit, 0.0), diagnostic)
 
 
 def _delay(fitted: FittedMotion) -> Iterator[Explanation]:
     label, model = fitted.run.label, fitted.run.model
-    system = model.systems[label]
-    samples = float(system.delays.get(model.plant_name, 0.0)) + 1
-    delayed = replace(model, systems={label: system.with_delay(model.plant_name, samples)})
+    system = model.loop.systems[label]
+    samples = float(system.delays.get(model.loop.plant_name, 0.0)) + 1
+    delayed = model.with_loop(systems={label: system.with_delay(model.loop.plant_name, samples)})
     later = replace(fitted.run, model=delayed)
     try:
         misfit = _brought_near(fitted, later, fitted.misfit_of(motion_with_regressor(later)))
     except SimulationError:
         return
     text = (
-        f"The command seems to act {1000 * system.step_size:.4g} ms later than the model says: base parameters then "
-        f"leave {100 * np.sqrt(misfit):.0f} % of what they leave as it is."
+        f"The command seems to act {1000 * system.step_size:.4g} ms later than in the model: with that, the "
+        f"residual of the base parameters falls to {100 * np.sqrt(misfit):.0f} %."
     )
     advice = f"Give loop: {{delay_samples: {samples:g}}}, or estimate it: estimator: {{estimate_delay: true}}."
     diagnostic = Diagnostic(COMMAND_DELAY, text, label, misfit, WORTH_IT, "1", advice)

@@ -1,7 +1,7 @@
 """Whether a torque log can be that of the loop at all: its signs, the order of its joints, its unit, its gain.
 
-The base fit would hide such errors, or make physics of them; so the log is compared with what the loop gives at the
-start values of the parameters, which need not be good for it:
+The base fit would absorb such errors, or take them for physics; so the log is compared with the torque of the loop at
+the start values, which may be far off:
 
     c_jk = corr(measured torque of joint j, simulated torque of joint k)
     s_j  = <measured, simulated> / <simulated, simulated>           of joint j
@@ -19,14 +19,14 @@ from fmu_didim.data.signals import Array
 from fmu_didim.fit.noise.noise import TINY
 
 EXPLAINS = 0.5
-"""[1] Error of a free linear fit along the reference, of the deviation of the torque, below which the reference
-belongs to the log: three quarters of its variance are explained."""
+"""[1] Error of a linear fit along the reference, as a fraction of the deviation of the torque, below which the
+reference belongs to the log: it explains three quarters of the variance."""
 CHANCE = 0.6
-"""[1] Of the error that the same fit leaves of the log rolled to other instants, the median of SHIFTS of them, above
-which it explains no more than chance: 52 parameters explain a third of any log. Right data: at most 0.6 in all
-examples, with pushes and effects that the model lacks; other runs of the same robot: from 0.65."""
+"""[1] Of the median error of the same fit for the log rolled to other instants, above which it explains no more than
+chance: 52 parameters explain a third of any log. Right data have at most 0.6 in all examples, with pushes and effects
+that the model lacks; other runs of the same robot 0.65 and more."""
 OTHER_JOINT = 0.5
-"""[1] By which the correlation with another joint must be higher, mean over the joints that change places."""
+"""[1] Least gain in correlation by another order, mean over the joints that change places."""
 AGAINST = -0.7
 """[1] Correlation below which a torque counts as turned round."""
 FOLLOWS = 0.7
@@ -77,7 +77,7 @@ TORQUE_UNIT = CATALOGUE(
 
 
 def torque_channel_diagnostics(given: Expected, gains: Array, label: str) -> list[Diagnostic]:
-    """What the comparison of a log with its expected torque shows, in one experiment.
+    """The diagnostics of a log against its expected torque, in one experiment.
 
     Args:
         gains: (n,) from the command to the torque of each drive, 1 without one.
@@ -112,7 +112,7 @@ def correlations(measured: Array, simulated: Array) -> Array:
 
 
 def _foreign(given: Expected, label: str) -> list[Diagnostic]:
-    """A log that is explained neither by the nominal values nor by any."""
+    """A log that no values of the base parameters explain."""
     if given.fitted is None:
         return []
     left = given.error(given.fitted)

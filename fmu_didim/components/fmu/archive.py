@@ -19,10 +19,11 @@ from fmu_didim.base.files import is_file
 DESCRIPTION = "modelDescription.xml"
 MAXIMUM_MEMBERS = 50_000
 MAXIMUM_BYTES = 4 * 2**30
-"""Uncompressed size of all members."""
+"""[bytes] Uncompressed size of all members at most."""
 MAXIMUM_DESCRIPTION_BYTES = 64 * 2**20
 MAXIMUM_RATIO, RATIO_FROM = 100, 64 * 2**20
-"""How many times smaller an archive may be than what is in it, and from how many bytes on: text shrinks to a tenth."""
+"""[1], [bytes] Largest ratio of content to archive, and the content from which on it is checked: text shrinks to a
+tenth."""
 
 _ENCODING = re.compile(rb"""<\?xml[^>]*\bencoding\s*=\s*["']([A-Za-z0-9._-]+)["']""")
 _PLAIN_ENCODINGS = re.compile(

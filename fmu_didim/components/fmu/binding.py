@@ -45,7 +45,7 @@ def address(function: Any) -> int:
 
 
 class Messages:
-    """What an FMU writes to its logger: the last lines, kept for error messages."""
+    """The last lines that an FMU wrote to its logger, for error messages."""
 
     def __init__(self) -> None:
         self.lines: list[str] = []
@@ -67,7 +67,7 @@ class EndedError(SimulationError):
 
 @dataclass(frozen=True)
 class EventResult:
-    """What an event iteration left: whether to stop, and the next time event (s) or None."""
+    """Result of an event iteration: whether to stop, and the next time event (s) or None."""
 
     terminate: bool
     next_time: float | None
@@ -75,7 +75,7 @@ class EventResult:
 
 @dataclass(frozen=True)
 class StepResult:
-    """What a step left: whether events wait, whether to stop, whether it came back early, and the time reached (s)."""
+    """Result of a step: whether events wait, whether to stop, whether it returned early, and the time reached (s)."""
 
     event: bool
     terminate: bool
@@ -123,21 +123,15 @@ class Binding(ABC):
         self.messages = Messages()
         address = self._instantiate()
         if not address:
-            raise FmuError(
-                "The FMU cannot be instantiated.",
-                where=str(description.path),
-                got=self.messages.last_lines(),
-                next_step=self._advice(),
-            )
+            advice = ""
+            if interface.needs_execution_tool:
+                advice = "It needs its tool to run (needsExecutionTool): install it, or export a self-contained FMU."
+            elif interface.once_per_process:
+                advice = "It allows one instance in a process: close the other one, or load it with isolated=True."
+            where, got = str(description.path), self.messages.last_lines()
+            raise FmuError("The FMU cannot be instantiated.", where=where, got=got, next_step=advice)
         self.c: Any = ctypes.c_void_p(address)
         self._states: list[ctypes.c_void_p] = []
-
-    def _advice(self) -> str:
-        if self.interface.needs_execution_tool:
-            return "It needs its tool to run (needsExecutionTool): install it, or export a self-contained FMU."
-        if self.interface.once_per_process:
-            return "It allows one instance in a process: close the other one, or load it with isolated=True."
-        return ""
 
     def check(self, call: str, status: int) -> None:
         """Raise SimulationError if a status is worse than a warning."""

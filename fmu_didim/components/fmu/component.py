@@ -11,9 +11,9 @@ from fmu_didim.components.fmu.description import CO_SIMULATION, MODEL_EXCHANGE
 from fmu_didim.components.fmu.events import EventInstance
 from fmu_didim.components.fmu.instance import CoSimulationInstance, FmuInstance
 from fmu_didim.components.fmu.isolation.isolate import IsolatedInstance
-from fmu_didim.components.fmu.isolation.trust import is_trusted, mark_running
+from fmu_didim.components.fmu.isolation.trust import is_trusted, log_isolation, mark_running
 from fmu_didim.components.fmu.model_exchange import ModelExchangeInstance
-from fmu_didim.components.fmu.reuse.reset import OWN_TOOL, find_rerun, known_rerun, log_isolation
+from fmu_didim.components.fmu.reuse.reset import OWN_TOOL, find_rerun, known_rerun
 from fmu_didim.components.fmu.settings import AGAIN, AUTO, DEFAULT_SUBSTEPS, PROCESS, STATE, FmuSettings, Rerun
 from fmu_didim.data.signals import Variable
 from fmu_didim.dynamics.block import Block
@@ -87,7 +87,7 @@ class FmuComponent(FmuSettings):
         return self.fmu.tool.startswith(OWN_TOOL)
 
     def for_separate_process(self, *, run_before: bool) -> tuple[FmuComponent, Rerun | None]:
-        """The FMU as it goes to a process of loops, where it is run again as has been found here; and how that is.
+        """The FMU to send to a process of loops, and how it is run again there, as far as that is known here.
 
         Args:
             run_before: whether it has run there before, so that the way to run it again matters; else it is not asked.

@@ -1,4 +1,4 @@
-"""What a ``modelDescription.xml`` says, as far as it matters here."""
+"""The content of a ``modelDescription.xml``, as far as it is used here."""
 
 from __future__ import annotations
 

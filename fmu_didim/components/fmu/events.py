@@ -86,7 +86,7 @@ class _Ticking:
 
 
 class EventInstance(CoSimulationInstance):
-    """An FMU that integrates itself and lets its events be handled."""
+    """An FMU in co-simulation with event mode."""
 
     def __init__(self, component: FmuSettings, *, keep_new_state: bool = False) -> None:
         self._ticking: dict[int, _Ticking] = {}
@@ -113,7 +113,7 @@ class EventInstance(CoSimulationInstance):
         self._activate(self._start)
 
     def _activate(self, time: float) -> None:
-        """Let the clocks tick whose turn it is."""
+        """Activate the clocks that tick now."""
         for reference, ticking in self._ticking.items():
             ticking.is_active = ticking.instants.is_due(time)
             if ticking.is_active:
@@ -128,7 +128,10 @@ class EventInstance(CoSimulationInstance):
         self._leave_event_mode(time)
         now, tolerance = time, TIME_TOLERANCE * size
         for _ in range(MAXIMUM_ITERATIONS):
-            target, following = self._target(now, end, tolerance), self._next_event
+            target, following = end, self._next_event
+            if following is not None and self._component.interface.has_variable_step:
+                # the FMU may stop at its own next time event
+                target = following if now + tolerance < following < end - tolerance else end
             early = self._advance(now, target - now)
             reached = target if early is None else early
             if end - reached <= tolerance:
@@ -153,13 +156,6 @@ class EventInstance(CoSimulationInstance):
             ticking.is_active = False
         self._next_event = result.next_time
         self._binding.call("EnterStepMode")
-
-    def _target(self, now: float, end: float, tolerance: float) -> float:
-        """The end, or the FMU's own next time event if it lies before and the FMU may stop there."""
-        following = self._next_event
-        if following is None or not self._component.interface.has_variable_step:
-            return end
-        return following if now + tolerance < following < end - tolerance else end
 
     def _between(self, clock: ClockVariable, time: float, size: float) -> SimulationError:
         return SimulationError(

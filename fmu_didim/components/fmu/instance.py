@@ -53,7 +53,7 @@ def _nothing() -> int:
 
 
 TIME_TOLERANCE = 1e-9
-"""Two instants closer than this fraction of a step are one."""
+"""[1] Two instants closer than this fraction of a step count as one."""
 
 
 class FmuInstance(RestartableInstance):
@@ -73,7 +73,7 @@ class FmuInstance(RestartableInstance):
         self._take(component)
 
     def _take(self, component: FmuSettings) -> None:
-        """Work for this component from now on."""
+        """Take the variables of a component."""
         self._component = component
         self._input_types = component.input_types
         self._output_types = tuple(v.type for v in component.fmu.of_causality("output") for _ in range(v.size))
@@ -129,7 +129,7 @@ class FmuInstance(RestartableInstance):
             self._get, self._get_arguments = _nothing, ()
 
     def end_initialisation(self) -> None:
-        """Raises FmuError if a value that was set reads back as another one: the run would not be that of it."""
+        """Raises FmuError if another value is read back than was set: the run would use that one."""
         component = self._component
         if component.changed & component.start_values.keys():  # a state moves on later
             self._check_taken(component.start_values)
@@ -138,7 +138,10 @@ class FmuInstance(RestartableInstance):
             self._connect()
         self._check_taken(component.parameter_values())
         for name, value in component.options.items():
-            self._check_option(name, value)
+            kind = component.option_types[name]
+            found = None if kind == "String" else self._binding.read_back(kind, [component.references[name]], 1)
+            if found is not None and found[0] != value:
+                raise _not_taken(component, name, value, found[0])
 
     def _check_taken(self, values: Mapping[str, float]) -> None:
         component = self._component
@@ -151,12 +154,6 @@ class FmuInstance(RestartableInstance):
             first = [next(n for n in values if component.reference(n) == reference) for reference in wanted]
             names = [sibling for name in first for sibling in component.arrays.get(name, (name,))]
             raise _not_taken(component, names[place], numbers[place], found[place])
-
-    def _check_option(self, name: str, value: Any) -> None:
-        component, kind = self._component, self._component.option_types[name]
-        found = None if kind == "String" else self._binding.read_back(kind, [component.references[name]], 1)
-        if found is not None and found[0] != value:
-            raise _not_taken(component, name, value, found[0])
 
     def set(self) -> None:
         self._in.from_shown(self.inputs)
@@ -243,7 +240,7 @@ class FmuInstance(RestartableInstance):
 
 
 class CoSimulationInstance(FmuInstance):
-    """An FMU that integrates itself."""
+    """An FMU in co-simulation."""
 
     def __init__(self, component: FmuSettings, *, keep_new_state: bool = False) -> None:
         super().__init__(component, keep_new_state=keep_new_state)
@@ -308,7 +305,7 @@ def ended(component: FmuSettings, time: float) -> EndedError:
 
 
 def no_progress(component: FmuSettings, time: float) -> SimulationError:
-    """The error of an FMU whose steps lead nowhere."""
+    """The error of an FMU whose steps make no progress."""
     return SimulationError(
         "The FMU comes back early from its steps again and again.", where=component.path.name, got=f"t = {time:.6g} s"
     )

@@ -53,13 +53,19 @@ def library_file(fmi: FmiVersion, description: FmuDescription, interface: Interf
             valid=f"{interface.identifier}{suffix}, after the modelIdentifier",
             next_step="Rename the file in the FMU, or correct the modelIdentifier in its modelDescription.xml.",
         )
-    if names := source_files(description.folder, interface):
-        return _compiled(description, interface, *names, suffix=suffix)
-    advice = _EXPORT
-    if wine.is_for_windows(fmi.name, description, interface):
-        if wine.is_installed():
-            return _by_wine(description, interface)
-        advice = f"{wine.INSTALL}; or export it with a binary for this platform."
+    advice, failed = _EXPORT, "The FMU holds no binary for this platform, and its sources could not be compiled."
+    try:
+        if names := source_files(description.folder, interface):
+            return _compiled(description, interface, *names, suffix=suffix)
+        if wine.is_for_windows(fmi.name, description, interface):
+            advice = f"{wine.INSTALL}; or export it with a binary for this platform."
+            failed = "The FMU holds a library for Windows only, and the bridge to Wine could not be compiled."
+            if wine.is_installed():
+                _log.info("%s holds a library for Windows only: Wine runs it.", description.path.name)
+                return wine.bridge(interface)
+    except BuildError as error:
+        got = f"binaries for {', '.join(description.platforms) or 'no platform'}; {_first_error(str(error.got))}"
+        raise FmuError(failed, where=where, got=got, next_step=_EXPORT) from error
     missing = "" if description.interface(CO_SIMULATION) else " The FMU has no co-simulation interface either."
     raise FmuError(
         f"The FMU cannot be loaded: it holds no binary for this platform.{missing}",
@@ -70,24 +76,11 @@ def library_file(fmi: FmiVersion, description: FmuDescription, interface: Interf
     )
 
 
-def _by_wine(description: FmuDescription, interface: Interface) -> Path:
-    """The library that runs the FMU by Wine; that is logged."""
-    _log.info("%s holds a library for Windows only: Wine runs it.", description.path.name)
-    try:
-        return wine.bridge(interface)
-    except BuildError as error:
-        raise FmuError(
-            "The FMU holds a library for Windows only, and the bridge to Wine could not be compiled.",
-            where=f"{description.path}, {interface.kind}", got=_first_error(str(error.got)),
-            next_step=_EXPORT,
-        ) from error  # fmt: skip
-
-
 _log = logging.getLogger(__name__)
 _EXPORT = "Export it with a binary for this platform (as the exporting tool calls it, e.g. Linux 64 bit)."
 _INCLUDED = re.compile(r'^\s*#\s*include\s*"([^"]+\.c)"', re.MULTILINE)
 LONGEST_SOURCE = 2**20
-"""Bytes of a source file that are searched for its includes."""
+"""[bytes] Part of a source file that is searched for its includes."""
 
 
 def source_files(folder: Path, interface: Interface) -> tuple[list[str], list[str]] | None:
@@ -126,24 +119,16 @@ def _compiled(
     description: FmuDescription, interface: Interface, names: list[str], definitions: list[str], *, suffix: str
 ) -> Path:
     """The library of an FMU that holds sources, compiled once on a machine."""
-    where = f"{description.path}, {interface.kind}"
-    try:
-        compiler = source_compiler()
-        how = repr((interface.identifier, names, definitions, compiler.flags, compiler.version))
-        key = f"{description.digest}-{hashlib.sha256(how.encode()).hexdigest()[:16]}"
-        library = f"{interface.identifier}{suffix}"
+    compiler = source_compiler()
+    how = repr((interface.identifier, names, definitions, compiler.flags, compiler.version))
+    key = f"{description.digest}-{hashlib.sha256(how.encode()).hexdigest()[:16]}"
+    library = f"{interface.identifier}{suffix}"
 
-        def fill(folder: Path) -> None:
-            sources = description.folder / "sources"
-            compile_sources(sources, names, folder / library, definitions=definitions, compiler=compiler)
+    def fill(folder: Path) -> None:
+        sources = description.folder / "sources"
+        compile_sources(sources, names, folder / library, definitions=definitions, compiler=compiler)
 
-        return cached_folder("compiled", key, fill) / library
-    except BuildError as error:
-        raise FmuError(
-            "The FMU holds no binary for this platform, and its sources could not be compiled.", where=where,
-            got=f"binaries for {', '.join(description.platforms) or 'no platform'}; {_first_error(str(error.got))}",
-            next_step=_EXPORT,
-        ) from error  # fmt: skip
+    return cached_folder("compiled", key, fill) / library
 
 
 def load_library(fmi: FmiVersion, description: FmuDescription, interface: Interface) -> Library:

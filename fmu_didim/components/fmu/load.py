@@ -84,6 +84,8 @@ def load_fmu(
     fmi = version_of(fmu.version, str(fmu.path))
     library_file(fmi, fmu, chosen)
     component = _component(fmi, fmu, chosen, si_units=si_units)
+    # What other tools state there is a suggestion.
+    own_period = fmu.experiment.step if fmu.tool.startswith(OWN_TOOL) else None
     component = replace(
         component,
         solver=solver,
@@ -92,14 +94,9 @@ def load_fmu(
         rerun=rerun,
         event_mode=event_mode or clocked,
         tolerance=tolerance,
-        sample_time=clock_period(fmu) if clocked else _own_period(fmu),
+        sample_time=clock_period(fmu) if clocked else own_period,
     )
     return component if substeps is None else component.with_substeps(substeps) or component
-
-
-def _own_period(fmu: FmuDescription) -> float | None:
-    """The sample time in s that an FMU exported here states; what other tools state there is a suggestion."""
-    return fmu.experiment.step if fmu.tool.startswith(OWN_TOOL) else None
 
 
 def _interface(fmu: FmuDescription, wanted: str | None) -> Interface:

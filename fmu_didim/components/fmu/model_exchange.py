@@ -1,11 +1,12 @@
-"""Model exchange: FMUs that give their equations, integrated here.
+"""Model exchange: FMUs whose equations are integrated here.
 
 Between two communication points the inputs are held. At each of them the FMU is in event mode, because a held input
 jumps there: so discrete inputs may be set, and samples that fall on the point see the new inputs. The event iteration
 is done when the step begins.
 
-Time events split a step where they are. State events are seen by a change of sign of an event indicator: RK4 handles
-them at the end of the substep in which they occur (an error of the order of the substep), CVode where it finds them.
+Time events split a step where they are. State events are detected by a change of sign of an event indicator: RK4
+handles them at the end of the substep in which they occur (an error of the order of the substep), CVode where it finds
+them.
 """
 
 from __future__ import annotations

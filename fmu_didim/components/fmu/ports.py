@@ -14,7 +14,7 @@ from fmu_didim.components.fmu.description import FLOAT_TYPES, REAL_TYPES, FmuVar
 from fmu_didim.data.signals import Array
 
 INTEGER_TOLERANCE = 1e-9
-"""A number farther than this from an integer is not an integer."""
+"""[1] A number farther than this from an integer is not an integer."""
 
 
 def are_plain(variables: Sequence[FmuVariable]) -> bool:

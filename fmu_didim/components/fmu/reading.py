@@ -11,13 +11,13 @@ from fmu_didim.components.fmu.versions import unsupported_version, version_of
 from fmu_didim.components.fmu.versions.base import DescriptionFile
 
 MAXIMUM_ELEMENTS = 100_000
-"""Of an array: each of them becomes a variable of its own."""
+"""[1] Elements of an array at most: each becomes a variable of its own."""
 _WRONG = f"its {DESCRIPTION} is wrong"
 _SUFFIXES = (".so", ".dll", ".dylib")
 
 
 def read_description(path: Path | str) -> FmuDescription:
-    """Read what an FMU says about itself, without loading its library. It is not validated.
+    """Read the description of an FMU, without loading its library. It is not validated.
 
     Raises:
         FmuError: the file is not a readable FMU, or of a version that is not in the table of ``versions``.

@@ -1,4 +1,4 @@
-"""What an FMU component is: all that its instances, its trials and the process of an isolated one know of it."""
+"""Settings of an FMU component: all that its instances, its trials and its own process need to know of it."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ from fmu_didim.components.fmu.versions.base import FmiVersion
 from fmu_didim.data.signals import Variable
 
 DEFAULT_SUBSTEPS = 10
-"""Substeps of RK4 in a communication step, in model exchange."""
+"""[1] Substeps of RK4 in a communication step, in model exchange."""
 DEFAULT_TIME_LIMIT = 10.0
-"""Seconds for one call of an isolated FMU."""
+"""[s] Limit for one call of an isolated FMU."""
 Option = int | float | str | bool
 AUTO, RESET, STATE, AGAIN, PROCESS = "auto", "reset", "state", "re-instantiate", "fresh process"
 STRATEGIES = (AUTO, RESET, STATE, AGAIN, PROCESS)
@@ -156,7 +156,7 @@ class FmuSettings(Component):
 
     @abstractmethod
     def instantiate_in_process(self, *, keep_new_state: bool = False) -> RestartableInstance:
-        """A new running instance in this process; ``keep_new_state`` if it shall be run again from that state."""
+        """A new running instance in this process; ``keep_new_state``: keep its state for the strategy ``state``."""
 
     @abstractmethod
     def find_rerun(self) -> Rerun:

@@ -19,7 +19,7 @@ from fmu_didim.data.signals import Array
 TOLERANCE = 1e-12
 MAXIMUM_ITERATIONS = 50
 _FELT = 1e-8
-"""Part of the largest derivative that still counts as a dependence."""
+"""[1] Fraction of the largest derivative that still counts as a dependence."""
 
 
 def algebraic_loops(system: System) -> list[list[str]]:
@@ -63,19 +63,20 @@ def _cycles(follows: dict[str, list[str]]) -> list[list[str]]:
 
 
 def really_closed(run: LoopRun, loops: list[list[str]]) -> list[list[str]]:
-    """Those of the loops around which a change does travel at the present instant of an initialised run.
+    """Those of the loops around which a change travels at the present instant of an initialised run.
 
-    The derivatives of the outputs on a loop by the inputs on it decide: where they are zero, the structure promised
-    more than the component does.
+    The derivatives of the outputs on a loop by the inputs on it decide: where they are zero, the structure states a
+    dependence that the component does not have.
     """
-    return [loop for loop in loops if _closed(run, loop)]
+    return [loop for loop in loops if _is_closed(run, loop)]
 
 
-def _closed(run: LoopRun, loop: list[str]) -> bool:
+def _is_closed(run: LoopRun, loop: list[str]) -> bool:
     follows: dict[str, list[str]] = {name: [] for name in loop}
     for part in run.parts:
         outputs = [name for name in loop if name.startswith(f"{part.name}.")]
-        wires = [(target, run.names[source]) for target, source in _wires(part) if run.names[source] in loop]
+        ends = zip(part.wiring.targets.tolist(), part.wiring.sources.tolist(), strict=True)
+        wires = [(target, run.names[source]) for target, source in ends if run.names[source] in loop]
         if not outputs or not wires:
             continue
         targets = sorted({target for target, _ in wires})
@@ -87,10 +88,6 @@ def _closed(run: LoopRun, loop: list[str]) -> bool:
             for row in np.flatnonzero(felt[:, targets.index(target)]):
                 follows[outputs[row]].append(source)
     return bool(_cycles(follows))
-
-
-def _wires(part: Part) -> list[tuple[int, int]]:
-    return list(zip(part.wiring.targets.tolist(), part.wiring.sources.tolist(), strict=True))
 
 
 class LoopSolver:

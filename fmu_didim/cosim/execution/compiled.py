@@ -25,7 +25,7 @@ from fmu_didim.export.build import compile_shared_library, find_compiler
 _DONE, _FAILED, _STOPPED = 0, 1, 2
 _STEP = 2  # of the calls set, get, step
 CHUNK = 200_000
-"""Ticks in one call of the compiled loop at most; between two of them an interrupt is seen."""
+"""[1] Ticks in one call of the compiled loop at most; an interrupt is noticed between two calls."""
 CHUNK_SECONDS = 0.1
 """[s] Duration of such a call, about, where beats are expected."""
 
@@ -191,8 +191,8 @@ def _wires(run: LoopRun, part: Part) -> Any:
 
 
 def _reads(run: LoopRun, index: int) -> tuple[int, int, int]:
-    """How many of the first outputs of a part others read from its inputs to its step; are read there by those who look
-    at all; and others read from its step to its next inputs.
+    """Counts of the first outputs of a part: those that others read between its inputs and its step, those read there
+    for the recording and the bounds, and those that others read between its step and its next inputs.
 
     Unused outputs need not be computed, but for the recording and the bounds: of the plant, which the controller has
     asked before, at each tick that is not recorded, and its accelerations; of the controller after each step.

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
@@ -14,40 +15,27 @@ from fmu_didim.components.native import Native
 from fmu_didim.cosim.execution.algebraic_loops import LoopSolver, algebraic_loops, really_closed
 from fmu_didim.cosim.execution.compiled import fits, loop_library, run_compiled
 from fmu_didim.cosim.execution.instance_pool import InstancePool
-from fmu_didim.cosim.execution.interpreted import Observer, run_interpreted
-from fmu_didim.cosim.execution.running import Beat, LoopRun, assemble
+from fmu_didim.cosim.execution.interpreted import run_interpreted
+from fmu_didim.cosim.execution.running import Beat, LoopRun, Order, assemble
 from fmu_didim.cosim.recording import Recording
 from fmu_didim.cosim.system import System
-from fmu_didim.data.signals import Trajectory
 
 
-def run_in_process(
-    system: System,
-    reference: Trajectory,
-    *,
-    ticks: NDArray[np.int64] | None = None,
-    bounds: Mapping[str, tuple[float, float]] | None = None,
-    observe: Observer | None = None,
-    pool: InstancePool | None = None,
-    compiled: bool | None = None,
-    beat: Beat | None = None,
-) -> Recording:
-    """Run the closed loop in this process; arguments and errors as of :func:`fmu_didim.cosim.simulate`.
+def run_in_process(order: Order, pool: InstancePool | None = None, beat: Beat | None = None) -> Recording:
+    """Run the closed loop in this process; errors as of :func:`fmu_didim.cosim.simulate`.
 
     Args:
         beat: called all the time while the run goes on.
     """
-    check_reference(system, reference, ticks)
-    if ticks is None:
-        ticks = _all_ticks(reference.time.size)
-    if compiled is not False and observe is None and loop_library() is not None:
-        system = compiled_components(system)
-    bounds = bounds or {}
+    check_reference(order)
+    observe, python = order.observe, order.compiled is False or order.observe is not None
+    if not python and loop_library() is not None:
+        order = replace(order, system=compiled_components(order.system))
     try:
-        with _running(system, reference, ticks, bounds, pool, beat) as run:
+        with _running(order, pool, beat) as run:
             solver = _loop_solver(run)
-            natives = None if compiled is False or observe is not None or solver is not None else _natives(run)
-            if compiled and natives is None:
+            natives = None if python or solver is not None else _natives(run)
+            if order.compiled and natives is None:
                 raise _not_compiled(run)
             if natives is not None:
                 run_compiled(run, natives)
@@ -60,25 +48,18 @@ def run_in_process(
         first = error
     # Signals are looked at every 32 ticks: by then NaN has gone around the loop, and the first one in the
     # order of the signals is not the first one in time.
-    with _running(system, reference, ticks, bounds, pool, beat) as run:
+    with _running(order, pool, beat) as run:
         run_interpreted(run, solver=_loop_solver(run), careful=True)
     raise first  # it was one only once
 
 
 @contextmanager
-def _running(
-    system: System,
-    reference: Trajectory,
-    ticks: NDArray[np.int64],
-    bounds: Mapping[str, tuple[float, float]],
-    pool: InstancePool | None,
-    beat: Beat | None,
-) -> Iterator[LoopRun]:
+def _running(order: Order, pool: InstancePool | None, beat: Beat | None) -> Iterator[LoopRun]:
     """A run that is initialised; its instances go back to the pool, unless a component failed in it."""
-    run, reusable = assemble(system, reference, pool, beat), False
+    run, reusable = assemble(order.system, order.reference, pool, beat), False
     try:
         with np.errstate(all="ignore"):
-            run.prepare(ticks, bounds)
+            run.prepare(_all_ticks(order.reference.time.size) if order.ticks is None else order.ticks, order.bounds)
             run.initialise()
             yield run
         reusable = True
@@ -90,7 +71,7 @@ def _running(
 
 
 def compiled_components(system: System) -> System:
-    """The system with components that are compiled, if all can be; a part of them would gain nothing."""
+    """The system with the compiled form of each component that has one."""
     forms = {name: component.compiled() for name, component in system.components.items()}
     for name, form in forms.items():
         if form is not system.components[name]:
@@ -99,6 +80,7 @@ def compiled_components(system: System) -> System:
 
 
 def _natives(run: LoopRun) -> list[Native] | None:
+    """How compiled code runs the parts; None if only Python can run one of them."""
     if loop_library() is None:
         return None
     natives = []
@@ -146,9 +128,10 @@ def _all_ticks(count: int) -> NDArray[np.int64]:
     return ticks
 
 
-def check_reference(system: System, reference: Trajectory, ticks: NDArray[np.int64] | None) -> None:
+def check_reference(order: Order) -> None:
     """Raise InputError where the reference does not fit the step, or the ticks lie outside of it."""
-    time, h = reference.time, system.step_size
+    reference, ticks, h = order.reference, order.ticks, order.system.step_size
+    time = reference.time
     worst = reference.deviation(h)
     if worst > 0.01 * h:
         raise InputError(

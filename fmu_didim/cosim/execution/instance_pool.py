@@ -22,13 +22,14 @@ class InstancePool:
 
     Attributes:
         failure: the first error in a run by which a component failed whose equations are not known here.
+        noted: keys of loops that cannot run in one process of their own.
     """
 
     def __init__(self, *, size: int = 4) -> None:
         self._size = size
         self.failure: FmuDidimError | None = None
         self._kept: dict[Any, list[Any]] = {}
-        self._noted: set[Hashable] = set()
+        self.noted: set[Hashable] = set()
         self._lock = threading.Lock()
         self._end = weakref.finalize(self, _close_all, self._kept)
 
@@ -53,7 +54,7 @@ class InstancePool:
         self.put_back(component.pool_key(), instance)
 
     def borrow(self, key: Hashable) -> Any:
-        """The instance or process that was returned under a key; None if there is none waiting."""
+        """The instance or process that was returned under a key; None if none is waiting."""
         with self._lock:
             waiting = self._kept.get(key, [])
             return waiting.pop() if waiting else None
@@ -66,14 +67,6 @@ class InstancePool:
                 waiting.append(thing)
                 return
         thing.close()
-
-    def note(self, key: Hashable) -> None:
-        """Remember a key."""
-        self._noted.add(key)
-
-    def is_noted(self, key: Hashable) -> bool:
-        """Whether a key was noted."""
-        return key in self._noted
 
     def close(self) -> None:
         """Close all instances; the pool can still be used, but keeps no further instances."""

@@ -2,15 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-
 import numpy as np
 
-from fmu_didim.components import Instance
 from fmu_didim.cosim.execution.algebraic_loops import LoopSolver
-from fmu_didim.cosim.execution.running import CHECK_INTERVAL, LoopRun
-
-Observer = Callable[[int, Mapping[str, Instance]], None]
+from fmu_didim.cosim.execution.running import CHECK_INTERVAL, LoopRun, Observer
 
 
 def run_interpreted(
@@ -18,7 +13,7 @@ def run_interpreted(
 ) -> None:
     """Run all ticks and fill the recording of the run; ``careful``: look at all values whenever they change."""
     h, t0, table, signals, rows = run.system.step_size, run.start, run.table, run.signals, run.rows
-    count, parts, lag = table.shape[1], run.parts, run.lag
+    count, parts, lag, jacobi = table.shape[1], run.parts, run.lag, run.system.jacobi
     instances = {part.name: part.instance for part in parts}
     one_rate = all(part.every == 1 for part in parts)
     time = t0
@@ -28,21 +23,17 @@ def run_interpreted(
         if run.delayed and rows[k] >= 0:
             run.sampled[rows[k]] = signals
         due = parts if one_rate else [part for part in parts if k % part.every == 0]
-        if run.system.jacobi:
+        if jacobi:
             for part in due:
                 part.gather(signals)
-            for part in due:
-                part.apply(time)
-                if careful:
-                    run.look(part, time)
-        else:
-            for part in due:
+        for part in due:
+            if not jacobi:
                 part.gather(signals)
-                part.apply(time)
-                if careful:
-                    run.look(part, time)
-            if solver is not None:
-                solver.solve(signals, due, time)
+            part.apply(time)
+            if careful:
+                run.look(part, time)
+        if solver is not None:
+            solver.solve(signals, due, time)
         _record(run, k, count)
         if observe is not None and k >= lag and rows[k - lag] >= 0:
             observe(int(rows[k - lag]), instances)

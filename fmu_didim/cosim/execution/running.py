@@ -22,6 +22,19 @@ CHECK_INTERVAL = 32
 
 Beat = Callable[[], None]
 """Called while a run goes on, at every tick or every few."""
+Observer = Callable[[int, Mapping[str, Instance]], None]
+
+
+@dataclass(frozen=True)
+class Order:
+    """The arguments of :func:`fmu_didim.cosim.simulate`."""
+
+    system: System
+    reference: Trajectory
+    ticks: NDArray[np.int64] | None = None
+    bounds: Mapping[str, tuple[float, float]] | None = None
+    observe: Observer | None = None
+    compiled: bool | None = None
 
 
 class Wiring:
@@ -46,9 +59,9 @@ class Wiring:
 def reads_between(component: Component) -> bool | None:
     """Whether the outputs of a component are read at each tick between its inputs and its step.
 
-    To read them is no mere look in FMUs of other tools: some evaluate their model for it where their solver has got to,
-    and go on otherwise (Dymola 2021: 0.4 % of the torque). So theirs are read always, where they follow the inputs at
-    once, or never, where they do not: what is recorded must not decide what happens. None: as somebody looks at them.
+    Reading is not neutral in FMUs of other tools: some evaluate their model where their solver stands, and continue
+    differently then (Dymola 2021: 0.4 % of the torque). So theirs are read always, where they follow the inputs at
+    once, or never, where they do not: recording must not change a run. None: where they are used.
     """
     fmu = foreign_co_simulation(component)
     return None if fmu is None or fmu.event_mode else fmu.feedthrough() != frozenset()
@@ -81,7 +94,7 @@ class Part:
 
     @property
     def delayed(self) -> bool:
-        """Whether its inputs act later than they are computed."""
+        """Whether its inputs are delayed."""
         return self.whole > 0 or self.part > 0
 
     @property
@@ -178,7 +191,7 @@ class LoopRun:
         """Time of tick 0, s."""
         return float(self.reference.time[0])
 
-    def prepare(self, ticks: NDArray[np.int64], bounds: Mapping[str, tuple[float, float]]) -> None:
+    def prepare(self, ticks: NDArray[np.int64], bounds: Mapping[str, tuple[float, float]] | None) -> None:
         """The buffer of the recording at these ticks, and the bounds by signal."""
         self.ticks = ticks
         self.lag = max(part.lag for part in self.parts)
@@ -187,7 +200,7 @@ class LoopRun:
         self.applied = self.record[:, : len(self.names)]
         self.sampled = recording_buffer(ticks.size, len(self.names)) if self.delayed else self.applied
         self.lowest, self.highest = np.full(len(self.names), -1e100), np.full(len(self.names), 1e100)
-        for name, (low, high) in bounds.items():
+        for name, (low, high) in (bounds or {}).items():
             if name not in self.names:
                 raise UnknownNameError("signal", name, self.names, where="bounds")
             i = self.names.index(name)
@@ -205,7 +218,7 @@ class LoopRun:
         return int(self.ticks[-1]) + self.lag + 1
 
     def initialise(self) -> None:
-        """Initialisation mode: values pass around the loop until every component has seen all others."""
+        """Initialisation mode: values pass around the loop until each component has received those of all others."""
         self.signals[: self.table.shape[1]] = self.table[0]
         part = self.parts[0]
         try:
@@ -238,9 +251,9 @@ class LoopRun:
         return DivergedError(what + ".", time=time, next_step=advice, is_finite=bool(np.isfinite(value)))
 
     def look(self, part: Part, time: float) -> None:
-        """Raise DivergedError where a part makes no number of numbers.
+        """Raise DivergedError where outputs of a part are not finite though its inputs are.
 
-        One whose equations are known here is not to be blamed for that: they have no solution for its values.
+        The error names the part, unless its equations are known here: then the loop has diverged.
         """
         bad = np.flatnonzero(~np.isfinite(self.values[part.place]))
         if not bad.size or not np.isfinite(part.inputs).all():

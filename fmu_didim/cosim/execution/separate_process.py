@@ -9,41 +9,24 @@ from __future__ import annotations
 
 import logging
 from collections import Counter
-from collections.abc import Hashable, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
-
-import numpy as np
-from numpy.typing import NDArray
 
 from fmu_didim.components import Component, FmuComponent
 from fmu_didim.components.fmu.isolation.process import START_LIMIT, NotCarriedError, ProcessEndedError, Worker
-from fmu_didim.components.fmu.isolation.trust import record_trust
-from fmu_didim.components.fmu.reuse.reset import log_isolation
-from fmu_didim.components.fmu.settings import PROCESS, Rerun
+from fmu_didim.components.fmu.isolation.trust import log_isolation, record_trust
+from fmu_didim.components.fmu.settings import PROCESS
 from fmu_didim.cosim.execution.compiled import loop_library
 from fmu_didim.cosim.execution.in_process import compiled_components, run_in_process
 from fmu_didim.cosim.execution.instance_pool import InstancePool
-from fmu_didim.cosim.execution.interpreted import Observer
+from fmu_didim.cosim.execution.running import Order
 from fmu_didim.cosim.recording import Recording
 from fmu_didim.cosim.system import System
-from fmu_didim.data.signals import Trajectory
 
 _log = logging.getLogger(__name__)
 BEATS_A_LIMIT = 5
-"""Signs of life that a process gives within the time limit of a call, while it runs a loop."""
-
-
-@dataclass(frozen=True)
-class Order:
-    """What is to be run, as of :func:`fmu_didim.cosim.simulate`."""
-
-    system: System
-    reference: Trajectory
-    ticks: NDArray[np.int64] | None
-    bounds: Mapping[str, tuple[float, float]] | None
-    observe: Observer | None
-    compiled: bool | None
+"""[1] Signs of life of a process within the time limit of a call, while it runs a loop."""
 
 
 class LoopProcess:
@@ -90,22 +73,19 @@ def _run(there: Any, order: Order) -> tuple[Recording, dict[str, Any] | None]:
     if any(there.ways.get(digest, way) != way for digest, way in ways.items()):
         there.pool.close()  # an FMU that allows one instance is not made a second time beside the first
     there.ways |= ways
-    found = run_in_process(
-        order.system, order.reference, ticks=order.ticks, bounds=order.bounds, observe=order.observe,
-        pool=there.pool, compiled=order.compiled, beat=there.beat,
-    )  # fmt: skip
+    found = run_in_process(order, there.pool, there.beat)
     return found, None if order.observe is None else vars(order.observe)
 
 
 def run_in_separate_process(order: Order, fmus: Mapping[str, FmuComponent], pool: InstancePool | None) -> Recording:
     """Run a loop in a process of its own because of some FMUs; with a pool, in the one that it ran in before."""
     key = frozenset((name, c.digest, c.interface.kind, c.time_limit_s) for name, c in fmus.items())
-    if pool is not None and pool.is_noted(key):
+    if pool is not None and key in pool.noted:
         return _run_isolated(order, fmus, pool)
     process = pool.borrow(key) if pool is not None else None
     system, once = _as_sent(order.system, run_before=process is not None)
     process = process if process is not None else LoopProcess(tuple(fmus.values()))
-    keep = False
+    names, keep = ", ".join(sorted({fmu.path.name for fmu in fmus.values()})), False
     try:
         found = process.run(replace(order, system=system))
         keep = pool is not None and not once
@@ -116,16 +96,18 @@ def run_in_separate_process(order: Order, fmus: Mapping[str, FmuComponent], pool
         found = _run_isolated(order, fmus, None)  # raises an error that says more
         _log.warning(
             "A loop with %s ends its process (%s), while each of them in one of its own does not. It runs so now, "
-            "tens of times slower: perhaps they cannot share a process.", _names(fmus), error.what,
+            "tens of times slower: perhaps they cannot share a process.", names, error.what,
         )  # fmt: skip
-        _note(pool, key)
+        if pool is not None:
+            pool.noted.add(key)
         return found
     except NotCarriedError as error:
         _log.warning(
-            "The loop cannot go to another process (%s). So each of these FMUs runs in one of its own, tens of times "
-            "slower, until it is trusted; isolated: false, if you trust it: %s.", error.got, _names(fmus),
+            "The loop cannot be sent to another process (%s). So each of these FMUs runs in one of its own, tens of "
+            "times slower, until it is trusted; isolated: false, if you trust it: %s.", error.got, names,
         )  # fmt: skip
-        _note(pool, key)
+        if pool is not None:
+            pool.noted.add(key)
         return _run_isolated(order, fmus, pool)
     finally:
         if keep and pool is not None:
@@ -141,17 +123,8 @@ def needing_own_process(system: System) -> dict[str, FmuComponent]:
     return {name: fmu for name, fmu in fmus.items() if fmu.needs_own_process(counts[fmu.digest])}
 
 
-def _names(fmus: Mapping[str, FmuComponent]) -> str:
-    return ", ".join(sorted({fmu.path.name for fmu in fmus.values()}))
-
-
-def _note(pool: InstancePool | None, key: Hashable) -> None:
-    if pool is not None:
-        pool.note(key)
-
-
 def _as_sent(system: System, *, run_before: bool) -> tuple[System, bool]:
-    """The system as it goes to the process, and whether an FMU of it needs a new process for each run."""
+    """The system to send to the process, and whether an FMU of it needs a new process for each run."""
     if loop_library() is not None:
         system = compiled_components(system)
     components: dict[str, Component] = {}
@@ -160,25 +133,18 @@ def _as_sent(system: System, *, run_before: bool) -> tuple[System, bool]:
         components[name] = component
         if isinstance(component, FmuComponent):
             components[name], rerun = component.for_separate_process(run_before=run_before and not component.is_own)
-            _log_isolation(component, rerun)
+            if component.isolated is not None or component.rerun == PROCESS:
+                pass  # as asked for
+            elif rerun is not None and rerun.isolated:
+                log_isolation(component, rerun)
+            elif component.needs_own_process():
+                log_isolation(component, None)
             once |= rerun is not None and rerun.strategy == PROCESS
     return replace(system, components=components), once
-
-
-def _log_isolation(component: FmuComponent, rerun: Rerun | None) -> None:
-    if component.isolated is not None or component.rerun == PROCESS:
-        return  # as asked for
-    if rerun is not None and rerun.isolated:
-        log_isolation(component, rerun)
-    elif component.needs_own_process():
-        log_isolation(component, None)
 
 
 def _run_isolated(order: Order, fmus: Mapping[str, FmuComponent], pool: InstancePool | None) -> Recording:
     """The loop in this process, with each of these FMUs in a process of its own."""
     isolated = {name: replace(fmu, isolated=True) for name, fmu in fmus.items()}
     system = replace(order.system, components={**order.system.components, **isolated})
-    return run_in_process(
-        system, order.reference, ticks=order.ticks, bounds=order.bounds, observe=order.observe, pool=pool,
-        compiled=order.compiled,
-    )  # fmt: skip
+    return run_in_process(replace(order, system=system), pool)

@@ -21,7 +21,7 @@ _STAMP = re.compile(rf"{_DATE}(?:[T ]\s*{_TIME})?|{_TIME.replace('?P<', '?P<only
 
 @dataclass
 class Calendar:
-    """What the calendar stamps of one file count from; it learns the day from the first stamp that has one.
+    """The origin of the calendar stamps of one file, which takes the day from the first stamp that has one.
 
     Attributes:
         day: from whose 0:00 they count, None before a stamp with a date; columns: places of the columns of stamps.

@@ -26,7 +26,7 @@ UNIT_UNKNOWN = CATALOGUE(
 )  # fmt: skip
 COUNTED_TIME = CATALOGUE(
     "time-counted", REMARK, rank=92,
-    meaning="The rows of a file were counted to know their instants; a row that the logger dropped cannot be seen.",
+    meaning="The rows of a file were counted to know their instants; a row that the logger dropped goes unnoticed.",
     next_step="Nothing if the logger drops none; else log the time, too.",
 )  # fmt: skip
 TIME_CONTRADICTS = CATALOGUE(

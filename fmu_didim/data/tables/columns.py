@@ -95,7 +95,7 @@ MOTION = {"q": 0, "dq": 1, "ddq": 2}
 
 @dataclass(frozen=True)
 class Target:
-    """What a signal must be in the end.
+    """The kind of a signal in a case.
 
     Attributes:
         units: valid SI units, as exponents; empty if any will do.
@@ -109,7 +109,7 @@ class Target:
 
 
 def target(signal: str, torque_units: tuple[str, ...] = (), *, is_command: bool = False) -> Target:
-    """What the signal of this name is: ``q<j>``, ``dq<j>``, ``ddq<j>`` and ``tau<j>`` of joints, anything else.
+    """The kind of a signal by its name: ``q<j>``, ``dq<j>``, ``ddq<j>`` and ``tau<j>`` of joints, or another.
 
     Args:
         torque_units: (n,) N.m or N of each joint, where they are known.
@@ -162,7 +162,9 @@ def conversion(signal: str, column: Column, stated: str, wanted: Target, *, wher
     """
     unit = column.unit if column.unit is not None else stated
     definition = known_unit(unit) if unit else None
-    factor = column.sign * column.scale * _gear(column, wanted)
+    factor = column.sign * column.scale
+    if column.gear_ratio is not None:
+        factor *= column.gear_ratio if wanted.order is None else 1.0 / column.gear_ratio
     if definition is not None:
         _check(signal, unit, definition, column, wanted, where)
         factor *= definition.factor
@@ -172,12 +174,6 @@ def conversion(signal: str, column: Column, stated: str, wanted: Target, *, wher
     differs = other is not None and definition is not None and other != definition
     from_file = column.unit is None and definition is not None and definition.factor != 1.0
     return Conversion(factor, factor / column.scale * column.zero, unit, from_file, stated if differs else "")
-
-
-def _gear(column: Column, wanted: Target) -> float:
-    if column.gear_ratio is None:
-        return 1.0
-    return column.gear_ratio if wanted.order is None else 1.0 / column.gear_ratio
 
 
 def _check(signal: str, unit: str, definition: UnitDefinition, column: Column, wanted: Target, where: str) -> None:

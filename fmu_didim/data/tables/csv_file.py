@@ -267,7 +267,7 @@ def _in_words(parsed: _Parsed) -> str:
 
 
 def _notes(parsed: _Parsed, layout: CsvLayout, encoding: str) -> Iterator[str]:
-    """What was found out about a file that is not plain."""
+    """How a file that is not plain was read."""
     if parsed.delimiter not in (",", NONE) and layout.delimiter is None:
         yield f"{WORDS[parsed.delimiter]}-separated"
     if parsed.decimal == "," and layout.decimal is None:

@@ -13,7 +13,7 @@ from fmu_didim.base.errors import InputError
 from fmu_didim.data.signals import Array, Trajectory, Variable
 from fmu_didim.data.tables.clock import clock_column, instants
 from fmu_didim.data.tables.codes import FILE_LAYOUT, UNIT_CONTRADICTS, UNIT_FROM_FILE, UNIT_UNKNOWN
-from fmu_didim.data.tables.columns import Column, Target, TimeColumn, conversion, target
+from fmu_didim.data.tables.columns import Column, TimeColumn, conversion, target
 from fmu_didim.data.tables.table import SignalTable, split_unit
 from fmu_didim.data.units import known_unit
 
@@ -51,9 +51,8 @@ def selected(
     count = _row_count(table, own, clock)
     stamps, told = instants(table, time, clock, count)
     if table.notes:
-        told.insert(
-            0, Diagnostic(FILE_LAYOUT, f"The file was read as follows: {'; '.join(table.notes)}.", table.source)
-        )
+        text = f"The file was read as follows: {'; '.join(table.notes)}."
+        told.insert(0, Diagnostic(FILE_LAYOUT, text, table.source))
     made: dict[str, Array] = {}
     units: dict[str, str] = {}
     converted: list[str] = []
@@ -68,13 +67,17 @@ def selected(
         units[signal] = wanted.names[0] if len(wanted.names) == 1 else ""
         if how.from_file:
             converted.append(f"{signal} from {how.unit}")
-        told += _unit_doubts(table, signal, name, column, stated, wanted, how.contradicts)
+        if how.contradicts:
+            text = f"The case says {column.unit} for {signal}, the file says {how.contradicts} for its column {name}."
+            told.append(Diagnostic(UNIT_CONTRADICTS, text, table.source))
+        if stated and column.unit is None and wanted.units and known_unit(stated) is None:
+            text = f"The file says {stated} for its column {name}, which is not known: {signal} was taken as "
+            told.append(Diagnostic(UNIT_UNKNOWN, f"{text}{' or '.join(wanted.names)}.", table.source))
     if not made:
         raise InputError("The file has a time column but no signal of its length.", where=table.source)
     if converted:
-        told.append(
-            Diagnostic(UNIT_FROM_FILE, f"Converted by the units in the file: {', '.join(converted)}.", table.source)
-        )
+        text = f"Converted by the units in the file: {', '.join(converted)}."
+        told.append(Diagnostic(UNIT_FROM_FILE, text, table.source))
     variables = tuple(Variable(signal, units[signal]) for signal in made)
     signals = Trajectory(stamps, np.column_stack(list(made.values())), variables, source=table.source)
     return Selected(signals, tuple(told))
@@ -109,14 +112,3 @@ def _others(table: SignalTable, own: Mapping[str, str], clock: str | None, count
         signal = bare[name] if usual[bare[name]] == 1 else name
         if signal not in own:
             yield signal, name
-
-
-def _unit_doubts(
-    table: SignalTable, signal: str, name: str, column: Column, stated: str, wanted: Target, contradicts: str
-) -> Iterator[Diagnostic]:
-    if contradicts:
-        text = f"The case says {column.unit} for {signal}, the file says {contradicts} for its column {name}."
-        yield Diagnostic(UNIT_CONTRADICTS, text, table.source)
-    if stated and column.unit is None and wanted.units and known_unit(stated) is None:
-        text = f"The file says {stated} for its column {name}, which is not known: {signal} was taken as "
-        yield Diagnostic(UNIT_UNKNOWN, f"{text}{' or '.join(wanted.names)}.", table.source)

@@ -1,4 +1,4 @@
-"""What a file of signals holds, as it stands there, before names and units of a case are applied."""
+"""The columns of a file as they are there, before names and units of a case are applied."""
 
 from __future__ import annotations
 

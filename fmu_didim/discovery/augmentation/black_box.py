@@ -12,7 +12,7 @@ tick of such a loop is a part of it.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import lru_cache
 
@@ -43,8 +43,8 @@ from fmu_didim.model.loop_model import LoopModel
 SUBDIVISIONS = (4, 16)
 """[ticks] In a control period that are tried: with one, the torque comes half a period late."""
 SETTLED = 1e-3
-"""[1] RMS change of the torque of a joint, as a fraction of its RMS, by four times shorter steps, below which the
-longer ones do: little beside the noise of any drive."""
+"""[1] RMS change of the torque of a joint, as a fraction of its RMS, below which four times shorter steps are not
+needed: little beside the noise of any drive."""
 
 START_TIME, START_POSITION = "t_start", "q_start"
 
@@ -99,20 +99,15 @@ class TorquePart(InsertedEffect):
             all_ddq=ca.SX(0), time=further.get("clock", ca.SX(0)), state=tuple(z[i] for i in range(len(states))),
         )  # fmt: skip
         own = {v.name: values[v.name] for v in shapes}
-        torque = sum(
-            (
-                values[v.name] * (c[0] if isinstance(c, Mapping) else c)
-                for v, c in zip(amplitudes, effect.columns(at, own), strict=True)
-            ),
-            ca.SX(0),
-        )
+        torque = ca.SX(0)
+        for v, column in zip(amplitudes, effect.columns(at, own), strict=True):
+            torque += values[v.name] * (column[0] if isinstance(column, Mapping) else column)
         slopes = {"position": inputs["dq"], "clock": ca.SX(1)}
         rates = [*effect.rates(at, own), *(slopes[name] for name in added)]
-        first = [*(ca.SX(v.start) for v in states), *ca.vertsplit(begin)] if added else [ca.SX(v.start) for v in states]
+        first = [*(ca.SX(v.start) for v in states), *(ca.vertsplit(begin) if added else ())]
         within = OperatingRange(NOMINAL_SPEED[joint_type], NOMINAL_ACCELERATION[joint_type], ca.SX(0))
         settled = EXPLICIT.relaxing * effect.relaxation(own, within)
         rate = ca.fmax(effect.own_rate(own, within), settled) if states else ca.SX(0)
-        neutral = {v.name: 0.0 for v in amplitudes}
         return Block(
             name=effect.name,
             description=f"{effect.title}: u - ({effect.equation})",
@@ -120,19 +115,19 @@ class TorquePart(InsertedEffect):
             outputs=(Variable("y", units.torque, "output", 0.0, "torque that is left for the plant"),),
             states=(*states, *(Variable(name, _begin(name, units).unit, "local") for name in added)),
             parameters=(
-                *(
-                    replace(v, causality="parameter", start=neutral.get(v.name, v.start))
-                    for v in (*amplitudes, *shapes)
-                ),
+                *(replace(v, causality="parameter", start=0.0) for v in amplitudes),
+                *(replace(v, causality="parameter") for v in shapes),
                 *(_begin(name, units) for name in added),
             ),
-            update=ca.Function(
-                "update", [z, u, parameters], [ca.densify(ca.vertcat(*rates)) if rates else ca.SX(0, 1)]
-            ),
+            update=ca.Function("update", [z, u, parameters], [_column(rates)]),
             output=ca.Function("output", [z, u, parameters], [ca.densify(inputs["u"] - torque)]),
-            start=ca.Function("start", [u, parameters], [ca.densify(ca.vertcat(*first)) if first else ca.SX(0, 1)]),
+            start=ca.Function("start", [u, parameters], [_column(first)]),
             rate_bound=ca.Function("rate", [z, parameters], [ca.densify(rate)]),
         )
+
+
+def _column(values: Sequence[ca.SX]) -> ca.SX:
+    return ca.densify(ca.vertcat(*values)) if values else ca.SX(0, 1)
 
 
 _INPUTS: Mapping[str, Callable[[JointUnits], Variable]] = {
@@ -175,11 +170,6 @@ def acts_on_own_joint(effect: TorqueEffect, joint_type: JointType) -> bool:
     return not ca.depends_on(full, ca.vertcat(ddq, load, link))
 
 
-def can_be_added(model: LoopModel, effect: TorqueEffect, joint: int, joint_type: JointType) -> bool:
-    """Whether an effect can be inserted before a black-box plant: it gives dq of the joint."""
-    return f"dq{joint}" in {v.name for v in model.plant.outputs} and acts_on_own_joint(effect, joint_type)
-
-
 def insert_part(
     system: System, part: TorquePart, joint: int, joint_type: JointType, *, starts: Mapping[str, float], plant: str
 ) -> System:
@@ -211,7 +201,7 @@ def subdivision(model: LoopModel) -> int:
     chosen, before = SUBDIVISIONS[-1], None
     for count in SUBDIVISIONS:
         try:
-            torque = replace(model, subdivision=count).torque(model.start)
+            torque = model.with_loop(subdivision=count).torque(model.start)
         except SimulationError:
             before = None
             continue

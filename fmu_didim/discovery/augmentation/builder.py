@@ -19,8 +19,7 @@ from fmu_didim.discovery.progress import Progress
 from fmu_didim.dynamics.effects import EFFECTS, Effect
 from fmu_didim.dynamics.robot import RobotDescription
 from fmu_didim.model.free_parameter import PLANT
-from fmu_didim.model.loop_description import EffectAtJoint
-from fmu_didim.model.loop_model import LoopModel
+from fmu_didim.model.loop_model import EffectAtJoint, LoopModel
 
 LIKELY_SIZE = 0.1
 """[1] Of the steepest effects, with which that is tried, as a fraction of the torque."""
@@ -55,8 +54,7 @@ class LoopModelBuilder:
         return self.effects[effect_at.effect]
 
     def joints(self, name: str) -> tuple[int, ...]:
-        """The joints, from 1, on which an effect may be; the first one only where it acts on the whole log or on the
-        base of the robot."""
+        """The joints, from 1, that an effect may act on; only the first one if it acts on the whole log or the base."""
         effect = self.effects[name]
         return tuple(range(1, self.base.joint_count + 1))[: 1 if effect.is_of_log or effect.acts_on_base else None]
 
@@ -80,25 +78,23 @@ class LoopModelBuilder:
             own = self.at(proposal.effect_at).free_parameters(proposal, index)
             free_parameters += [parameter for parameter in own if parameter.name not in known]
         built = self._with_effects(model, (*model.added_effects, *(p.effect_at for p in proposals)))
-        offered = {v.name for v in built.plant.parameters}
-        present = (p for p in free_parameters if p.owner != PLANT or p.key in offered)
-        return replace(built, free_parameters=tuple(present))
+        offered = {v.name for v in built.loop.plant.parameters}
+        return built.with_free(p for p in free_parameters if p.owner != PLANT or p.key in offered)
 
     def without(self, model: LoopModel, index: int) -> LoopModel:
         """A model without one of its effects; its other free parameters keep their values."""
         added_effects = tuple(a for i, a in enumerate(model.added_effects) if i != index)
-        free_parameters = tuple(
+        free_parameters = [
             replace(k, effect=k.effect - 1 if k.effect is not None and k.effect > index else k.effect)
             for k in model.free_parameters
             if k.effect != index
-        )
-        return self._with_effects(replace(model, free_parameters=free_parameters), added_effects)
+        ]
+        return self._with_effects(model.with_free(free_parameters), added_effects)
 
     def prepare(self, wanted: Sequence[Sequence[EffectAtJoint]], *, progress: Progress, workers: int) -> None:
-        """Compile all that models with these effects need, plants side by side, as far as the time allows.
+        """Compile what models with these effects need, plants side by side, as far as the time allows.
 
-        CasADi expressions must not be built by several threads at once: models that are built in threads are prepared
-        first.
+        Models that are built in threads must be prepared first: CasADi expressions are not thread-safe.
         """
         self._plants.compile(
             [self._at_all(added_effects) for added_effects in wanted], progress=progress, workers=workers
@@ -113,31 +109,29 @@ class LoopModelBuilder:
     def _with_effects(self, model: LoopModel, added_effects: tuple[EffectAtJoint, ...]) -> LoopModel:
         """The model with these effects in plant and wiring instead of those that it has."""
         added = self._at_all(added_effects)
-        return replace(
-            self._wired(model, [one for one in added if isinstance(one, InWiring)]),
-            plant=self._plants.plant(added),
-            added_effects=added_effects,
-            subdivision=self._ticks if any(one.needs_short_steps for one in added) else 1,
-        )
+        wired = self._wired(model, [one for one in added if isinstance(one, InWiring)])
+        ticks = self._ticks if any(one.needs_short_steps for one in added) else 1
+        model = wired.with_loop(plant=self._plants.plant(added), subdivision=ticks)
+        return replace(model, added_effects=added_effects)
 
     def _wired(self, model: LoopModel, parts: Sequence[InWiring]) -> LoopModel:
         """The model with the wiring of the base and these components in it."""
-        systems = dict(self.base.systems)
+        systems = dict(self.base.loop.systems)
         for part in parts:
             systems = {label: part.wired(system, label) for label, system in systems.items()}
-        return replace(model, systems=systems, added_components={p.owner: p.effect_at.joint for p in parts})
+        return model.with_loop(systems=systems, added_components={p.owner: p.effect_at.joint for p in parts})
 
     @cached_property
     def _ticks(self) -> int:
-        """Ticks in a control period where a torque of the plant stands in the wiring: one number for all models, which
-        are compared, found with more of the steepest effects than is likely, such as Coulomb friction."""
+        """Ticks in a control period of models with a torque of the plant in the wiring, found with more of the steepest
+        effects, such as Coulomb friction, than is likely: one number for all, so that models can be compared."""
         sizes = LIKELY_SIZE * np.sqrt(np.mean(self.base.measured**2, axis=0))
         steepest = [one for one in self._placed.values() if one.effect.sets_ticks and isinstance(one, InWiring)]
         model = self._wired(replace(self.base, added_effects=tuple(p.effect_at for p in steepest)), steepest)
-        systems = dict(model.systems)
+        systems = dict(model.loop.systems)
         for part in steepest:
             values = {v.name: float(sizes[part.effect_at.joint - 1]) for v in part.amplitudes}
             for label, system in systems.items():
                 component = system.components[part.owner].with_parameters(values)
                 systems[label] = system.replace(part.owner, component)
-        return subdivision(replace(model, systems=systems))
+        return subdivision(model.with_loop(systems=systems))

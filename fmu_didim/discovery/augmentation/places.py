@@ -1,4 +1,4 @@
-"""Where an effect acts in a loop: decided once, with its free parameters and what it changes there.
+"""Where an effect acts in a loop, decided once, with its free parameters and its change of the loop.
 
     torque balance, structure    the equations of the plant, which is built anew
     drive, sensor                a component in the wiring
@@ -32,8 +32,7 @@ from fmu_didim.discovery.augmentation.ranges import Range, travelled
 from fmu_didim.dynamics.effects import Effect, InsertedEffect, JointType, Place, Search, TorqueEffect
 from fmu_didim.dynamics.robot import RobotDescription
 from fmu_didim.model.free_parameter import LOG, PLANT, FreeParameter, joint_parameter
-from fmu_didim.model.loop_description import EffectAtJoint
-from fmu_didim.model.loop_model import LoopModel
+from fmu_didim.model.loop_model import EffectAtJoint, LoopModel
 from fmu_didim.model.motion import joint_reference
 
 SMALLEST_SCALE = 1e-3
@@ -80,7 +79,7 @@ class BaseLoop:
     @cached_property
     def plant_parameters(self) -> frozenset[str]:
         """Names of all parameters of the plant."""
-        return frozenset(v.name for v in self.model.plant.parameters)
+        return frozenset(v.name for v in self.model.loop.plant.parameters)
 
     def joint_type(self, joint: int) -> JointType:
         """Type of a joint, counted from 1."""
@@ -132,7 +131,7 @@ class LoopEffect(ABC):
 
     @cached_property
     def search(self) -> Mapping[str, Search]:
-        """The searched parameters, their grids moved to where the reference goes and the data can tell."""
+        """The searched parameters, with grids adapted to the range of the reference."""
         kind = self.joint_type
         units = {v.name: v.unit for v in (*self.effect.parameters(kind), *self.effect.shapes(kind))}
         within = self.loop.ranges[self.effect_at.joint - 1]
@@ -149,16 +148,13 @@ class LoopEffect(ABC):
         """Its searched shapes, by their plain names."""
         return tuple(v for v in self.effect.shapes(self.joint_type) if v.name in self.search)
 
-    @property
+    @cached_property
     def cost(self) -> float:
         """Parameters that it counts as when models are compared."""
         return parameter_cost([v.name for v in self.amplitudes], self.search)
 
     def free_parameters(self, proposal: Proposal, index: int) -> list[FreeParameter]:
-        """Its free parameters, as the effect of this index of a model, at the values proposed.
-
-        A parameter of a nonlinear effect without a proposed value stays neutral.
-        """
+        """Its free parameters as effect ``index`` of a model; of a nonlinear effect those with proposed values only."""
         amplitudes = [v for v in self.amplitudes if self.effect.is_linear or v.name in proposal.values]
         return [
             *(self._free(v, proposal, index, is_shape=False) for v in amplitudes),
@@ -178,18 +174,11 @@ class LoopEffect(ABC):
         name, key = self._name_and_key(variable.name, is_shape)
         value = proposal.values.get(variable.name, variable.start)
         lowest, highest = self._limits(variable.name, is_shape)
+        scale = float(abs(proposal.scales.get(variable.name, value)) or SMALLEST_SCALE)
         return FreeParameter(
-            name=name,
-            unit=variable.unit,
-            owner=self.owner,
-            key=key,
-            value=float(value),
-            scale=float(abs(proposal.scales.get(variable.name, value)) or SMALLEST_SCALE),
-            lowest=float(lowest),
-            highest=float(highest),
-            effect=index,
+            name, variable.unit, self.owner, key, float(value), scale, float(lowest), float(highest), effect=index,
             is_shape=is_shape,
-        )
+        )  # fmt: skip
 
     def _name_and_key(self, name: str, is_shape: bool) -> tuple[str, str]:
         """Name shown to the user, and name in the owner, of a parameter."""
@@ -248,9 +237,9 @@ class InWiring(LoopEffect):
     @property
     def can_be_added(self) -> bool:
         """An effect of an encoder shows where the controller gets the position of the plant."""
-        position, model = f"{self.loop.model.plant_name}.q{self.effect_at.joint}", self.loop.model
+        position, model = f"{self.loop.model.loop.plant_name}.q{self.effect_at.joint}", self.loop.model
         return self.effect.place != "sensor" or any(
-            c.source == position for c in model.systems[model.first].connections
+            c.source == position for c in model.loop.systems[model.first].connections
         )
 
     @property
@@ -260,8 +249,8 @@ class InWiring(LoopEffect):
         return self.effect
 
     def wired(self, system: System, label: str) -> System:
-        """The loop along the experiment of this label with its component."""
-        joint, plant = self.effect_at.joint, self.loop.model.plant_name
+        """The loop of an experiment with its component."""
+        joint, plant = self.effect_at.joint, self.loop.model.loop.plant_name
         return insert_effect(system, self.part, joint, self.joint_type, plant=plant)
 
     def _name_and_key(self, name: str, is_shape: bool) -> tuple[str, str]:
@@ -281,7 +270,7 @@ class BeforePlant(InWiring):
     def part(self) -> TorquePart:
         """The effect as a component, which integrates the velocity where the plant gives no position."""
         assert isinstance(self.effect, TorqueEffect)
-        given = {v.name for v in self.loop.model.plant.outputs}
+        given = {v.name for v in self.loop.model.loop.plant.outputs}
         return torque_part(self.effect, integrates=f"q{self.effect_at.joint}" not in given)
 
     def wired(self, system: System, label: str) -> System:
@@ -289,7 +278,7 @@ class BeforePlant(InWiring):
         reference = model.experiments[label].reference
         position, _ = joint_reference(reference, joint)
         starts = {START_TIME: float(reference.time[0]), START_POSITION: float(position[0])}
-        return insert_part(system, self.part, joint, self.joint_type, starts=starts, plant=model.plant_name)
+        return insert_part(system, self.part, joint, self.joint_type, starts=starts, plant=model.loop.plant_name)
 
 
 PLACES: Mapping[Place, type[LoopEffect]] = {
@@ -309,7 +298,7 @@ def placed(effect_at: EffectAtJoint, effect: Effect, loop: BaseLoop) -> LoopEffe
         names = amplitude_names(effect, joint, joint_type)
         if names and names <= loop.plant_parameters - set(loop.model.parameters.plant_names):
             kind = InBlackBox
-        elif f"dq{joint}" in {v.name for v in loop.model.plant.outputs} and acts_on_own_joint(effect, joint_type):
+        elif f"dq{joint}" in {v.name for v in loop.model.loop.plant.outputs} and acts_on_own_joint(effect, joint_type):
             kind = BeforePlant
     return kind(effect_at, effect, loop)
 

@@ -12,7 +12,7 @@ from fmu_didim.discovery.augmentation.places import BaseLoop, LoopEffect
 from fmu_didim.discovery.progress import Progress
 from fmu_didim.dynamics.block import Block
 from fmu_didim.dynamics.robot import RobotDescription, RobotModel
-from fmu_didim.model.loop_description import EffectAtJoint
+from fmu_didim.model.loop_model import EffectAtJoint
 from fmu_didim.model.workers import side_by_side
 
 
@@ -21,7 +21,7 @@ class Plants:
 
     def __init__(self, loop: BaseLoop) -> None:
         self.loop = loop
-        plant = loop.model.plant
+        plant = loop.model.loop.plant
         self._substeps = getattr(plant, "substeps", None) or getattr(plant, "options", {}).get("substeps")
         self._compiled: dict[tuple[EffectAtJoint, ...], Component] = {(): plant}
 
@@ -31,15 +31,15 @@ class Plants:
         Raises:
             InputError: the plant is a black box.
         """
-        added = _in_equations(added)
-        if _key(added) not in self._compiled:
-            self._compiled[_key(added)] = self._compile(self._block(added))
-        return self._compiled[_key(added)]
+        key = _key(added)
+        if key not in self._compiled:
+            self._compiled[key] = self._compile(self._block(added))
+        return self._compiled[key]
 
     def compile(self, wanted: Sequence[Sequence[LoopEffect]], *, progress: Progress, workers: int) -> None:
         """Compile the plants with these effects side by side: a compiler keeps one core busy, and takes seconds."""
-        missing = {_key(added): added for added in map(_in_equations, wanted) if _key(added) not in self._compiled}
-        blocks = {key: self._block(added) for key, added in missing.items()}
+        missing = {_key(added): added for added in wanted}
+        blocks = {key: self._block(added) for key, added in missing.items() if key not in self._compiled}
         report = progress.counted("compiling plant", len(blocks))
 
         def compile_one(key: tuple[EffectAtJoint, ...], block: Block) -> None:
@@ -52,7 +52,8 @@ class Plants:
     def _block(self, added: Sequence[LoopEffect]) -> Block:
         if self.loop.description is None:
             raise InputError("This plant has no robot description, so its torque balance cannot get further effects.")
-        return RobotModel(described(self.loop.description, added)).block()
+        changing = [one for one in added if one.changes_equations]
+        return RobotModel(described(self.loop.description, changing)).block()
 
     def _compile(self, block: Block) -> Component:
         component = with_compiled_twin(ModelComponent(block))
@@ -66,9 +67,5 @@ def described(robot: RobotDescription, added: Sequence[LoopEffect]) -> RobotDesc
     return robot
 
 
-def _in_equations(added: Sequence[LoopEffect]) -> tuple[LoopEffect, ...]:
-    return tuple(one for one in added if one.changes_equations)
-
-
 def _key(added: Sequence[LoopEffect]) -> tuple[EffectAtJoint, ...]:
-    return tuple(one.effect_at for one in added)
+    return tuple(one.effect_at for one in added if one.changes_equations)

@@ -1,4 +1,4 @@
-"""Where the reference of a joint goes, and the grids of shapes that make sense there."""
+"""The range of the reference of a joint, and the grids of shapes that suit it."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ MARGIN = 0.02
 
 @dataclass(frozen=True)
 class Range:
-    """Where the reference of one joint goes: positions, speeds, times, and the way of one control period."""
+    """The range of the reference of a joint: positions, largest speed, way in a control period, times."""
 
     lowest: float
     highest: float
@@ -34,7 +34,7 @@ class Range:
     end: float
 
     def adapted(self, search: Search, unit: str) -> Search:
-        """The grid of a shape of this unit, moved to where the data can tell something about it."""
+        """The grid of a shape of this unit, moved to the range in which the data determine it."""
         if search.logarithmic:
             way, speed = SHORTEST_WAY * self.way, LOWEST_SPEED * self.speed
             floor = {"rad": way, "m": way, "rad/s": speed, "m/s": speed}

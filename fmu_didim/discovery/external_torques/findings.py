@@ -25,17 +25,16 @@ SMALLEST_DEVIATION = 1e-12
 def external_torque_finding(
     fitted_torques: FittedExternalTorques, base: Fit, free: Fit, effect: Effect
 ) -> FindingResult:
-    """The finding: times and torques of the external torques with their intervals, named by the effect."""
-    external_torques = free.model.experiments[fitted_torques.label].external_torques
-    first, count = external_torques[0], len(external_torques)
-    where = "It was added to the command, so that the torque log shows it." if first.is_logged else ""
+    """The finding: times and torques of the external torques with their intervals."""
+    first, *others = free.model.experiments[fitted_torques.label].external_torques
+    where = " It was added to the command, so that the torque log shows it." if first.is_logged else ""
     return FindingResult(
         effect=effect.name,
         title=effect.title,
         class_=effect.class_name,
         joint=first.joint,
         place="command" if first.is_logged else effect.place,
-        equation=f"F[i] from t_on[i] to t_off[i], i = 1 to {count}, positive along the joint. {where}".strip(),
+        equation=f"F[i] from t_on[i] to t_off[i], i = 1 to {1 + len(others)}, positive along the joint.{where}",
         parameters=_summary(free),
         share_of_gap=fitted_torques.share,
         delta_bic=fitted_torques.delta_bic,
@@ -66,7 +65,7 @@ def _is_external_torque(parameter: FreeParameter) -> bool:
 
 
 def _summary(free: Fit) -> list[ValueFound]:
-    """All of a few external torques; of many their mean, with its spread, and the times of the first."""
+    """All of a few external torques; of many the mean with its spread, and the times of the first."""
     values = values_found(free, _is_external_torque)
     torques = np.array([v.value for v in values if v.name.startswith("F[")])
     if torques.size <= LISTED:
@@ -79,7 +78,7 @@ def _summary(free: Fit) -> list[ValueFound]:
 
 
 def _gaps(before: Fit, after: Fit) -> Mapping[str, GapPair]:
-    """On the data of the fit, and on the held-out ones, which the better base parameters help too."""
+    """The gaps before and after of each experiment that both models can simulate."""
     result = {}
     for label in before.model.experiments:
         try:

@@ -1,16 +1,15 @@
 """Torques from outside during some time: when they begin and end, and how large they are.
 
-The loop reacts to an external torque within milliseconds, so that the log does not simply show the external torque.
-Steps of the torque are first found to first order, then their times and sizes are fitted in the closed loop, together
-with the model.
-
-The search for steps is that of :mod:`fmu_didim.discovery.external_torques.search`.
+The loop reacts to an external torque within milliseconds, so the log does not simply show it. Steps of the torque are
+found to first order (:mod:`fmu_didim.discovery.external_torques.search`); their times and sizes are then fitted in the
+closed loop, together with the model.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
@@ -31,16 +30,13 @@ from fmu_didim.model.loop_model import LoopModel
 from fmu_didim.model.workers import side_by_side
 
 LINEAR_SHARE = 0.5
-"""[1] Fraction of the gap that external torques must explain to first order, whose times are those of control
-periods."""
+"""[1] Fraction of the gap that external torques must explain to first order, with edges at control periods."""
 LONGEST = 0.5
-"""[1] Fraction of the data that external torques may last: what lasts longer, or does not end, may as well be an
-offset or a load."""
+"""[1] Fraction of the data that external torques may last: what lasts longer may as well be an offset or a load."""
 UNBOUNDED = 0.5
 """[1] Fraction of their time that may lie in those without a visible edge."""
 STAIRCASE = 0.25
-"""[1] Fraction of the external torques that may follow each other without a pause: more of them only copy what else
-is missing."""
+"""[1] Fraction of the external torques that may follow each other without a pause: more only copy another effect."""
 COMES_BACK = 0.5
 """[1] Fraction of the impulse that is there again one period later, from which it belongs to the machine."""
 SAME_PHASE = 0.05
@@ -48,7 +44,7 @@ SAME_PHASE = 0.05
 SAME_PHASE_S = 0.1
 """[s] but no longer than this."""
 SHARE = 0.6
-"""[1] Fraction of the gap that external torques must explain to be taken for what is missing."""
+"""[1] Fraction of the gap that external torques must explain to be accepted."""
 DELAY_START = 0.1
 """[control periods] Added to the known delay of the loop where its fit starts."""
 DELAY_ROOM = 3.0
@@ -64,7 +60,7 @@ LAST_STEPS = 6
 EDGE_MOVES = (-0.6, -0.3, 0.3, 0.6)
 """[control periods] Tried of each edge: its instant has a minimum in each control period."""
 EDGE_GAIN = 1.0
-"""[chi-square] That such a move must gain."""
+"""[chi-square] Least gain of a move."""
 EDGE_ROOM = 4.0
 """[samples or control periods] How far a fit may take an edge; the longer of the two."""
 EDGE_SLOPE = 0.5
@@ -73,14 +69,13 @@ EDGE_SLOPE = 0.5
 
 @dataclass(frozen=True)
 class FittedExternalTorques:
-    """Pushes that were found, fitted with the parameters of the model.
+    """External torques that were found, fitted with the parameters of the model.
 
     Attributes:
-        fit: of the model with the external torques, which are held there for all that follows; free: with a delay of
-            the loop and the times and torques of the external torques as its last free parameters. Both with the noise
-            of the data without the external torques.
+        fit: of the model with the external torques held; free: with a delay of the loop and the times and torques of
+            the external torques as the last free parameters. Both with the noise of the data without them.
         label: of the experiment in which they act.
-        delta_bic: over the model without; share: of the gap.
+        delta_bic: over the model without them; share: of the gap.
     """
 
     fit: Fit
@@ -95,12 +90,16 @@ class FittedExternalTorques:
         return self.fit.model.experiments[self.label].external_torques
 
     def refitted(self, final: Fit) -> tuple[Fit, Fit]:
-        """A final model with the external torques fitted once more, and the same with them as its last parameters."""
+        """A final model with the external torques fitted again, and the same with them as its last parameters."""
         model, label = final.model, self.label
         count = len(model.free_parameters)
         try:
             further = external_torque_parameters(final, label, model.experiments[label].external_torques)
-            free = minimise(model.with_free(further), final.noise, stopping=Stopping(LAST_STEPS, updates=1))
+            free = minimise(
+                model.with_free((*model.free_parameters, *further)),
+                final.noise,
+                stopping=Stopping(LAST_STEPS, updates=1),
+            )
         except SimulationError:
             return final, self.free
         held = model.pushed(label, free.simulation(label).external_torques).with_values(free.values[:count])
@@ -109,13 +108,9 @@ class FittedExternalTorques:
 
 
 def find_external_torques(fit: Fit, *, say: Callable[[str], None] = lambda text: None) -> FittedExternalTorques | None:
-    """The external torques that explain most of what a model leaves, or None if none do.
+    """The external torques that explain most of the residual of a fit; None without any.
 
-    A torque that comes back with each period of the motion belongs to the machine and is not taken for an external
-    torque.
-
-    Args:
-        fit: of the model.
+    A torque that comes back with each period of the motion belongs to the machine.
     """
     best: tuple[float, str, list[ExternalTorque]] | None = None
     for label in fit.model.estimation_labels:
@@ -145,7 +140,7 @@ def _is_staircase(external_torques: list[ExternalTorque]) -> bool:
 
 
 def _is_lasting(external_torques: list[ExternalTorque], time: Array) -> bool:
-    """Whether most of the time is pushed, or most of that in external torques without a visible start or end."""
+    """Whether they act most of the time, or most of them have no visible start or end."""
     lengths = np.array([p.end_s - p.begin_s for p in external_torques])
     bounded = np.array([p.begin_s > time[0] and p.end_s <= time[-1] for p in external_torques])
     long = lengths.sum() > LONGEST * (time[-1] - time[0])
@@ -153,7 +148,7 @@ def _is_lasting(external_torques: list[ExternalTorque], time: Array) -> bool:
 
 
 def _comes_back(external_torques: Sequence[ExternalTorque], period: float | None) -> bool:
-    """Whether most of the impulse is there again one period of the motion later, or was one before."""
+    """Whether most of the impulse comes back one period of the motion later, or was there one before."""
     if period is None or not external_torques:
         return False
     begins = np.array([p.begin_s for p in external_torques])
@@ -168,18 +163,14 @@ def _fitted(fit: Fit, label: str, external_torques: list[ExternalTorque]) -> Fit
     model = fit.model
     count = len(model.free_parameters)
     # Edges are so sharp that an unknown delay of the loop would go into the torques: it is free while they are fitted.
-    known = float(model.systems[label].delays.get(model.plant_name, 0.0))
+    known = float(model.loop.systems[label].delays.get(model.loop.plant_name, 0.0))
     delay = replace(
-        delay_parameter(known + DELAY_START),
-        name="loop_delay",
-        scale=DELAY_START,
-        lowest=known,
-        highest=known + DELAY_ROOM,
-        is_shape=True,
-    )
+        delay_parameter(known + DELAY_START), name="loop_delay", scale=DELAY_START, lowest=known,
+        highest=known + DELAY_ROOM, is_shape=True,
+    )  # fmt: skip
     further = (delay, *external_torque_parameters(fit, label, external_torques))
     try:
-        pushed = model.pushed(label, external_torques).with_free(further)
+        pushed = model.pushed(label, external_torques).with_free((*model.free_parameters, *further))
         free = minimise(pushed, fit.noise, stopping=Stopping(FIRST_STEPS, updates=UPDATES))
         noise = noise_beside_fit(free)  # until now external torques that do not repeat counted as noise
         again = Stopping(FURTHER_STEPS, updates=UPDATES)
@@ -199,23 +190,17 @@ def _fitted(fit: Fit, label: str, external_torques: list[ExternalTorque]) -> Fit
 
 
 def _edges_moved(free: Fit, label: str) -> LoopModel | None:
-    """The model with edges moved into a neighbouring control period where the data fit better there; None if nowhere.
+    """The model with edges moved to a neighbouring control period where that fits better; None if nowhere.
 
-    An instant has a minimum in each period, because what is held over a period changes its slope from one to the next.
+    An instant has a minimum in each period: the slope of a torque that is held changes from period to period.
     """
     model, weight = free.model, free.noise.weight
     step = model.experiments[label].reference.step
     edges = [i for i, k in enumerate(model.free_parameters) if k.owner == EXTERNAL_TORQUE and k.is_shape]
     table = (free.jacobian * weight[:, None]).reshape(-1, free.values.size)
-    measured = model.measured
-
-    def shifted(i: int, change: float) -> Array:
-        values = free.values.copy()
-        values[i] += change
-        return model.torque(values)
-
+    measured, places = model.measured, np.arange(free.values.size)
     tried = [(i, part * step) for i in edges for part in EDGE_MOVES]
-    tasks = [lambda i=i, c=c: shifted(i, c) for i, c in tried]
+    tasks = [partial(model.torque, free.values + change * (places == i)) for i, change in tried]
     torques = side_by_side(tasks, model.allowed_workers(free.values))
     values, best = free.values.copy(), dict.fromkeys(edges, free.chi_square - EDGE_GAIN)
     for (i, change), torque in zip(tried, torques, strict=True):
@@ -235,14 +220,11 @@ def external_torque_parameters(fit: Fit, label: str, external_torques: Sequence[
     room = max(EDGE_ROOM / rate, EDGE_ROOM * step)
     found: list[FreeParameter] = []
     for i, external in enumerate(external_torques):
-        key = f"{i}.torque"
-        found.append(
-            FreeParameter(f"F[{i + 1}]", unit, EXTERNAL_TORQUE, key, external.torque, size, experiment=label)
-        )  # fmt: skip
+        torque, key = external.torque, f"{i}.torque"
+        found.append(FreeParameter(f"F[{i + 1}]", unit, EXTERNAL_TORQUE, key, torque, size, experiment=label))
         for shown, name in (("t_on", "begin_s"), ("t_off", "end_s")):
             at = float(getattr(external, name))
             if float(time[0]) < at < float(time[-1]) + step:  # an edge outside the data cannot be fitted
-                # Slopes over half a period: those at an instant change from one period to the next.
                 half = EDGE_SLOPE * step / STEP
                 found.append(
                     FreeParameter(

@@ -1,8 +1,6 @@
-"""Torques from outside against what looks like them: a load taken up during the run, friction that sticks."""
+"""Torques from outside against effects that look like them: a load taken up during the run, friction that sticks."""
 
 from __future__ import annotations
-
-from collections.abc import Mapping
 
 from fmu_didim.discovery.augmentation.builder import LoopModelBuilder
 from fmu_didim.discovery.external_torques.fit import FittedExternalTorques
@@ -10,14 +8,8 @@ from fmu_didim.discovery.progress import Progress
 from fmu_didim.discovery.screening.catalogue import SignatureCatalogue
 from fmu_didim.discovery.selection.candidates import ScreenedCandidate
 from fmu_didim.discovery.selection.competition import Competition
-from fmu_didim.dynamics.effects import Effect
 from fmu_didim.fit.fit import Fit
-from fmu_didim.model.loop_description import EffectAtJoint
-
-
-def external_effect(effects: Mapping[str, Effect], forbid: frozenset[str]) -> Effect | None:
-    """The effect by which torques from outside are named; None if the catalogue has none or it must not be proposed."""
-    return next((effect for name, effect in effects.items() if effect.is_external and name not in forbid), None)
+from fmu_didim.model.loop_model import EffectAtJoint
 
 
 def rivalled(

@@ -1,4 +1,4 @@
-"""The search for external torques to first order: steps of a torque, found in what they leave in the log.
+"""The search for external torques to first order: steps of a torque, found by their response in the residual.
 
 With s(t) the change of the log by a lasting unit torque that begins at t = 0, which one more simulation gives, a
 residual made of external torques is
@@ -32,12 +32,11 @@ from fmu_didim.model.external_torque import ExternalTorque
 MOST = 2 * MAXIMUM_WINDOWS
 """[external torques] Looked for on a joint: twice as many as windows."""
 STEP_COST = 2.0
-"""[parameters] That one step counts as: instant and size."""
+"""[parameters] Cost of a step: instant and size."""
 INDEPENDENT = 0.05
 """[1] Smallest fraction of the samples that counts as independent in the cost of a step."""
 WEAKEST = 0.02
-"""[1] Of the largest power of a shifted response: steps at the end of the log, which hardly show, count as that
-much."""
+"""[1] Least power of a shifted response, of the largest: steps at the end of the log hardly show."""
 SMALLEST_GAIN = 0.003
 """[1] Fraction of the sum of squares that a step must explain to be looked at."""
 UNSETTLED = 0.2
@@ -51,11 +50,10 @@ LEAST = 0.05
 
 
 def step_response(fit: Fit, label: str, joint: int) -> Array | None:
-    """(K,) change of the command by a lasting unit torque on the joint in an experiment, from the tick on at which it
-    begins."""
+    """(K,) change of the command by a lasting unit torque on the joint, from its first tick on; None if that fails."""
     run = fit.simulation(label)
     time, already = run.experiment.reference.time, run.experiment.external_torques
-    size = float(np.sqrt(np.mean(run.model.measured_in(label)[:, joint - 1] ** 2)))
+    size = float(np.sqrt(np.mean(run.model.experiments.measured_in(label)[:, joint - 1] ** 2)))
     begin = time.size // 2
     try:
         still = run.logged_torque(run.record(all_ticks=True))
@@ -99,9 +97,8 @@ def _shifted(operator: SampleOperator, response: Array, ticks: int) -> _Shifted:
 def linear_external_torques(
     fit: Fit, label: str, joint: int, response: Array, is_logged: bool
 ) -> tuple[float, list[ExternalTorque]] | None:
-    """Share of the gap of the joint, over all experiments, that external torques explain to first order, and the
-    external torques."""
-    experiment, rows = fit.model.experiments[label], fit.model.rows[label]
+    """Share of the gap of the joint that external torques explain to first order, and the external torques."""
+    experiment, rows = fit.model.experiments[label], fit.model.experiments.rows[label]
     time = experiment.reference.time
     weight = 1 / fit.noise.deviation[joint - 1]
     shifted = _shifted(experiment.operator, response, time.size)
@@ -145,12 +142,13 @@ def linear_external_torques(
 
 @dataclass(frozen=True)
 class _Problem:
-    """Least squares of what a joint shows in all experiments, on the parameters of the model and on columns that one
-    of the experiments has for itself; the others are brought to as many rows as there are parameters.
+    """Least squares of the residual of a joint on the parameters of the model and on columns of one experiment.
+
+    A QR decomposition reduces the other experiments to as many rows as there are parameters.
 
     Attributes:
-        base: rows of the experiment, then those of the others; target: the same; own: number of the former.
-        unexplained: square of what the parameters leave of the others in any case; count: of all samples.
+        base, target: rows of the experiment, then those of the others; own: number of the former.
+        unexplained: sum of squares of the others that the parameters leave in any case; count: of all samples.
     """
 
     base: Array
@@ -172,11 +170,11 @@ class _Problem:
         return _Problem(np.concatenate([own, r]), stacked, own.shape[0], unexplained, target.size)
 
     def rest(self, columns: Sequence[Array]) -> Array:
-        """What is left of the experiment."""
+        """Residual of the experiment beside these columns."""
         return self._left(columns)[: self.own]
 
     def gap(self, columns: Sequence[Array]) -> float:
-        """By how much the square of what is left of all experiments exceeds that of noise."""
+        """By how much the squared residual of all experiments exceeds that of noise."""
         left = self._left(columns)
         return float(left @ left) + self.unexplained - self.count
 
@@ -195,7 +193,7 @@ class _Problem:
 
 
 def _merged(ticks: list[int], sizes: Array, near: int) -> list[int]:
-    """Instants of the steps, those joined into one that only correct its instant or the course of its response."""
+    """Instants of the steps; those that only correct the instant or the response of another are joined with it."""
     groups: list[list[int]] = []
     for i, tick in enumerate(ticks):
         group = groups[-1] if groups else []
@@ -207,7 +205,7 @@ def _merged(ticks: list[int], sizes: Array, near: int) -> list[int]:
             groups.append([i])
     least = LEAST * float(np.abs(sizes).max())
     kept = [group for group in groups if abs(sizes[group].sum()) > least]
-    # The same impulse, to first order, as all of the group together.
+    # To first order the impulse of the whole group.
     return [round(float(np.average(np.array(ticks)[group], weights=sizes[group]))) for group in kept]
 
 
@@ -225,8 +223,7 @@ def _solved(table: Array, target: Array) -> Array:
 
 
 def _joined(time: Array, ticks: list[int], sizes: Array, joint: int, is_logged: bool) -> list[ExternalTorque]:
-    """Steps joined to external torques: neighbours that cancel belong together; of others the torque between them
-    counts."""
+    """Steps joined to external torques: neighbours that cancel bound one; of others the torque between them counts."""
     external_torques: list[ExternalTorque] = []
     end = float(time[-1] + (time[1] - time[0]))
     level, i = 0.0, 0
@@ -238,7 +235,7 @@ def _joined(time: Array, ticks: list[int], sizes: Array, joint: int, is_logged: 
             external_torques.append(ExternalTorque(joint, begin, after, float(pair[0] - pair[1]) / 2, is_logged))
             i += 2
             continue
-        # A staircase, or an external torque that outlasts the data: what little is left at its end is not counted.
+        # A staircase, or an external torque that outlasts the data: a small rest at its end is not counted.
         level += float(sizes[i])
         if abs(level) < UNPAIRED * np.abs(sizes).max():
             level = 0.0

@@ -1,9 +1,8 @@
 """Design of the experiment that splits an ambiguous set: the reference that separates its members best.
 
-Discovery ends with effects that its data cannot tell apart. Seeded candidates of many kinds (Fourier series, rests,
-slow ramps, small reversals, the same path at two speeds) are compared by the smallest separation of any two members
-(:mod:`fmu_didim.discovery.next_experiment.separation`), and the best one is improved. What no motion can split, such as
-lag and delay, is said to be so.
+Seeded candidates of many kinds (Fourier series, rests, slow ramps, small reversals, the same path at two speeds) are
+compared by the smallest separation of any two members (:mod:`fmu_didim.discovery.next_experiment.separation`), and the
+best one is improved. Members that no motion can split, such as lag and delay, are reported.
 """
 
 from __future__ import annotations
@@ -27,7 +26,7 @@ from fmu_didim.discovery.selection.decide import BIC
 from fmu_didim.dynamics.effects import EFFECTS, Effect
 from fmu_didim.dynamics.robot import RobotDescription, RobotModel
 from fmu_didim.fit.noise.noise import Noise
-from fmu_didim.model.loop_description import EffectAtJoint
+from fmu_didim.model.loop_model import EffectAtJoint
 
 
 @dataclass(frozen=True)
@@ -35,10 +34,9 @@ class PairSeparation:
     """How well one member can be distinguished from another if it is the truth.
 
     Attributes:
-        truth, rival: the members.
         now, then: separation d(truth|rival) on the present and on the proposed motion, in units of the noise.
         bic_now, bic_then: BIC difference to expect in favour of the truth.
-        same: whether they have the same first-order signature on every motion: torque alone cannot split them.
+        same: whether their first-order signatures agree on every motion, so that torque alone cannot split them.
     """
 
     truth: EffectAtJoint
@@ -55,13 +53,13 @@ class SplittingExperiment:
     """A proposed experiment.
 
     Attributes:
-        description: what to do, what it will tell, and what it cannot.
-        reference: the motion, one row a control period, from rest to rest; None if none does better than the present.
+        description: the proposal in words, with what it can and cannot split.
+        reference: the motion, one row a control period, from rest to rest; None if none beats the present one.
         excitation: its document for a case, where it is a Fourier series.
         separation_now, separation_then: smallest d over the pairs that a motion can split; NaN without such a pair.
         bic_now, bic_then: smallest BIC difference to expect over these pairs.
         pairs: all, in both orders.
-        advice: what splits the members, from the catalogue, for pairs that this motion leaves open.
+        advice: from the catalogue, for pairs that this motion does not split.
         is_sufficient: whether every pair is expected to be split, by a BIC difference of at least 10.
     """
 
@@ -128,9 +126,7 @@ def design_experiment(
     if len(shown) < 2:
         return _textual(members, effects, (), hidden)
     evaluator = MotionEvaluator(context, model, shown, reference, search)
-    tried = []
-    for candidate in evaluator.candidates:
-        tried.append((candidate, evaluator.table(candidate.build(candidate.design))))
+    tried = [(one, evaluator.table(one.build(one.design))) for one in evaluator.candidates]
     same = same_pairs([evaluator.now, *(table for _, table in tried)])
     evaluator.open = {pair for pair in evaluator.now if pair not in same}
     if not evaluator.open:
@@ -161,16 +157,11 @@ def _sorted_out(
 def _pairs(members: Sequence[AmbiguousEffect], now: Table, then: Table, same: set[Pair]) -> tuple[PairSeparation, ...]:
     return tuple(
         PairSeparation(
-            members[a].effect_at,
-            members[b].effect_at,
-            now[a, b].distance,
-            then[a, b].distance,
-            float(now[a, b].margin),
-            float(then[a, b].margin),
-            (a, b) in same,
+            members[a].effect_at, members[b].effect_at, now[a, b].distance, then[a, b].distance,
+            float(now[a, b].margin), float(then[a, b].margin), (a, b) in same,
         )
         for a, b in sorted(now.keys() & then.keys())
-    )
+    )  # fmt: skip
 
 
 def _proposal(
@@ -234,13 +225,10 @@ def _advice(effects: Sequence[Effect]) -> tuple[str, ...]:
 
 
 def _textual(
-    members: Sequence[Proposal],
-    effects: Mapping[str, Effect],
-    pairs: tuple[PairSeparation, ...],
-    hidden: Sequence[Effect],
-    why: str = "",
-) -> SplittingExperiment:
-    """No motion is proposed, only what the catalogue advises."""
+    members: Sequence[Proposal], effects: Mapping[str, Effect], pairs: tuple[PairSeparation, ...],
+    hidden: Sequence[Effect], why: str = "",
+) -> SplittingExperiment:  # fmt: skip
+    """The advice of the catalogue, without a motion."""
     advice = _advice([effects[m.effect_at.effect] for m in members])
     lines = [*([why] if why else []), *_same_lines(pairs), *_hidden_lines(hidden)]
     nothing = float("nan")

@@ -1,4 +1,4 @@
-"""The members of an ambiguous set as columns on a motion, and the base model that absorbs part of them."""
+"""The members of an ambiguous set as columns on a motion, and the base model that absorbs a part of them."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def _joint_torque(motion: Motion, joint: int) -> JointTorque:
 
 
 def _displaced(model: RobotModel, chi: Array, motion: Motion, joint: int, displacement: Array) -> Array:
-    """(K, n, 1) change of the torque of the links for a small displacement of one of them, a unit of it."""
+    """(K, n, 1) change of the torque of the links by a small displacement of one of them, for a unit of it."""
     size = DISPLACEMENT / max(float(np.abs(displacement).max()), SMALLEST_DISPLACEMENT)
     change = displacement * size
     moved = [motion.q.copy(), motion.dq.copy(), motion.ddq.copy()]
@@ -58,13 +58,11 @@ def _displaced(model: RobotModel, chi: Array, motion: Motion, joint: int, displa
 
 @dataclass(frozen=True)
 class DesignContext:
-    """What is known before the experiment.
+    """The known quantities of a design.
 
     Attributes:
-        description, chi: the base robot and its (ns,) standard parameters.
-        noise: of the torque log; rate_hz: of its samples.
-        effects: the catalogue.
-        follow: how the robot follows a reference; None: exactly.
+        description, chi: the base robot and its (ns,) standard parameters; effects: the catalogue.
+        noise, rate_hz: of the torque log; follow: how the robot follows a reference, None: exactly.
     """
 
     description: RobotDescription
@@ -79,8 +77,7 @@ class ProjectedMotion:
     """The base model on one motion, and what it absorbs there.
 
     Args:
-        most: largest number of samples looked at; fewer, spread evenly, then stand for all, and shapes are searched
-            for on a coarser grid.
+        most: at most so many samples, spread evenly, stand for all; shapes are then searched for on a coarser grid.
     """
 
     def __init__(
@@ -95,7 +92,9 @@ class ProjectedMotion:
         self.path = Motion(time, *moved, none, none, step, {})
         ticks = np.unique(np.round(np.arange(0, time[-1] - time[0], 1 / context.rate_hz) / step).astype(int))
         self.samples = ticks.size * context.noise.factor
-        self.ticks = ticks if most is None or ticks.size <= most else _spread(ticks, most)
+        self.ticks = ticks
+        if most is not None and ticks.size > most:
+            self.ticks = ticks[np.linspace(0, ticks.size - 1, most).round().astype(int)]
         every = observed_along(model, time, *moved, context.chi) if model.observed else np.zeros((time.size, 0))
         q, dq, ddq, self._observed = (np.ascontiguousarray(v[self.ticks]) for v in (*moved, every))
         rows = model.regressor_rows(q, dq, ddq, observed=self._observed)
@@ -130,10 +129,6 @@ class ProjectedMotion:
     def per_joint(self, rest: Array) -> Array:
         """(n,) sums of squares of a weighted residual (N n,)."""
         return np.asarray((rest.reshape(-1, self.joints) ** 2).sum(axis=0))
-
-
-def _spread(ticks: Array, most: int) -> Array:
-    return np.asarray(ticks[np.linspace(0, ticks.size - 1, most).round().astype(int)])
 
 
 class AmbiguousEffect:
@@ -175,9 +170,8 @@ class AmbiguousEffect:
     def columns(self, motion_projection: ProjectedMotion, shapes: Mapping[str, float]) -> Array | None:
         """(N n, m) weighted columns, None where the offline integration of states fails."""
         if self._made is not None:
-            states = None
-            if self._made.has_states:
-                states = self._made.states(motion_projection.path, shapes)[motion_projection.ticks]
+            made, ticks = self._made, motion_projection.ticks
+            states = made.states(motion_projection.path, shapes)[ticks] if made.has_states else None
             table = self._made.columns(motion_projection.sampled, shapes, states)
         else:
             table = self._by_first_order(motion_projection.motion)[motion_projection.ticks]
@@ -199,15 +193,11 @@ class AmbiguousEffect:
 
     @property
     def distance(self) -> float:
-        """The distance over which the effect builds up after a reversal; NaN if it has none."""
+        """The distance over which the effect builds up after a reversal; NaN without one."""
         return self.shapes.get(self.effect.distance, float("nan"))
 
     def grid(self, motion: Motion, *, coarse: bool) -> list[dict[str, float]]:
-        """Shapes to try, the fitted ones first; those that are positions lie where the motion is.
-
-        Args:
-            coarse: take only every second one.
-        """
+        """Shapes to try, the fitted ones first, positions where the motion is; every second one if ``coarse``."""
         units = {v.name: v.unit for v in self.effect.shapes(self._kind)}
         search = dict(self.search)
         for name, s in self.search.items():

@@ -16,7 +16,7 @@ WITHIN = 0.999
 
 @dataclass(frozen=True)
 class Limits:
-    """Where and how fast each joint may move: (n,) positions low and high, speed and acceleration, SI units."""
+    """Limits (n,) of the position, speed and acceleration of each joint, SI units."""
 
     low: Array
     high: Array
@@ -43,7 +43,7 @@ def limits_of(
     reference: Trajectory, joints: int, *, position_scale: float = 1.0, speed_scale: float = 1.0,
     acceleration_scale: float = 1.0,
 ) -> Limits:  # fmt: skip
-    """What a reference makes use of, each scaled; the range about its middle.
+    """The limits that a reference uses, each scaled; the range about its middle.
 
     Raises:
         InputError: a joint does not move.
@@ -62,11 +62,10 @@ BLEND_ACCELERATION = 1.5
 
 @dataclass(frozen=True)
 class Space:
-    """What candidates are made for.
+    """The frame of candidates.
 
     Attributes:
-        limits; duration_s; step: control period, s.
-        lengths: (n,) small amplitude that matters, such as a presliding distance; NaN where none is known.
+        step: control period, s; lengths: (n,) small amplitude that matters, as of presliding; NaN if unknown.
     """
 
     limits: Limits
@@ -80,8 +79,8 @@ class Leg:
     """A straight move of all joints to ``target`` (n,) and a rest.
 
     Attributes:
-        move_s, dwell_s: durations of move and rest.
-        blend_s: 0: quintic polynomial; else constant speed, with smooth changes of speed of this duration at both ends.
+        move_s, dwell_s: durations of move and rest; blend_s: 0 for a quintic polynomial, else of the smooth changes of
+            speed at both ends of a move at constant speed.
     """
 
     target: Array
@@ -93,7 +92,7 @@ class Leg:
 def straight(
     space: Space, position: Array, target: Array, pace: float, *, dwell_s: float = 0.0, ramp: bool = False
 ) -> Leg:
-    """The quickest move within the limits at a part ``pace`` of the speed."""
+    """The quickest move within the limits at the fraction ``pace`` of the speed."""
     way, speed = np.abs(target - position), WITHIN * pace * space.limits.speed
     acceleration = WITHIN * space.limits.acceleration
     if not ramp:
@@ -107,7 +106,7 @@ def straight(
 
 
 def sampled(start: Array, legs: list[Leg], space: Space) -> Trajectory:
-    """Legs one after another at the control rate, then rest for what is left of the duration."""
+    """Legs one after another at the control rate, then rest for the remaining time."""
     time = np.arange(round(space.duration_s / space.step) + 1) * space.step
     q = np.tile(legs[-1].target if legs else start, (time.size, 1))
     dq, ddq = np.zeros_like(q), np.zeros_like(q)
@@ -127,7 +126,7 @@ def sampled(start: Array, legs: list[Leg], space: Space) -> Trajectory:
 
 
 def _profile(t: Array, leg: Leg) -> tuple[Array, Array, Array]:
-    """Part of the way from 0 to 1, and its two derivatives."""
+    """Position along the way from 0 to 1, and its two derivatives."""
     if leg.blend_s == 0:
         s, length = t / leg.move_s, leg.move_s
         first, second = 30 * s**2 * (1 - s) ** 2, 60 * s * (1 - s) * (1 - 2 * s)

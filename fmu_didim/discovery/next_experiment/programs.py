@@ -29,12 +29,7 @@ Build = Callable[[Design], "Fourier | Trajectory"]
 
 @dataclass(frozen=True)
 class Candidate:
-    """A family of motions.
-
-    Attributes:
-        description: what the motion consists of; build: the motion from its design variables.
-        design: (m,) where they start.
-    """
+    """A family of motions: ``build`` makes one from design variables (m,), which start at ``design``."""
 
     description: str
     build: Build
@@ -43,9 +38,7 @@ class Candidate:
 
 def candidates(space: Space, *, seed: int, draws: int = DRAWS) -> list[Candidate]:
     """Fourier series with random phases, programs of one kind, and mixtures of them; the same ones for a seed."""
-    found = []
-    for i in range(draws):
-        found.append(_fourier(space, np.random.default_rng([seed, 1, i]), pace=(0.1, 0.3, 0.6)[i % 3]))
+    found = [_fourier(space, np.random.default_rng([seed, 1, i]), pace=(0.1, 0.3, 0.6)[i % 3]) for i in range(draws)]
     for i, names in enumerate(RECIPES):
         words = ", ".join(BLOCKS[name][0] for name in names)
         found.append(Candidate(words, _program(space, names, (seed, 2, i)), np.array([0.8, 0.5, 0.5, 0.5])))
@@ -79,13 +72,8 @@ def _fourier(space: Space, rng: np.random.Generator, *, pace: float) -> Candidat
             )
             low, high = limits.low[j] - factor * q.min(), limits.high[j] - factor * q.max()
             offset = low + (high - low) * centre[j]
-            joints.append(
-                FourierJoint(
-                    offset=float(offset),
-                    cosine=tuple(float(v) for v in factor * a[j]),
-                    sine=tuple(float(v) for v in factor * b[j]),
-                )
-            )
+            cosines, sines = (tuple((factor * amplitudes[j]).tolist()) for amplitudes in (a, b))
+            joints.append(FourierJoint(offset=float(offset), cosine=cosines, sine=sines))
         return Fourier(fundamental_hz=base, duration_s=space.duration_s, joints=tuple(joints))
 
     return Candidate(f"a Fourier series of {HARMONICS} harmonics", build, np.array([0.5] * HARMONICS + [pace]))
@@ -152,8 +140,7 @@ def _sweep(space: Space, position: Array, u: Design, rng: np.random.Generator) -
     edge = (1 - WITHIN) / 2 * (space.limits.high - space.limits.low)
     ends = [space.limits.low + edge, space.limits.high - edge]
     flip = rng.random(edge.size) < 0.5
-    first = np.where(flip, ends[0], ends[1])
-    second = np.where(flip, ends[1], ends[0])
+    first, second = np.where(flip, *ends), np.where(flip, *reversed(ends))
     pace = 10 ** (-1.2 * u[1])
     for start, target in ((position, first), (first, second), (second, first)):
         yield straight(space, start, target, pace, ramp=True, dwell_s=0.1)
@@ -167,18 +154,10 @@ BLOCKS: Mapping[str, tuple[str, Callable[[Space, Array, Design, np.random.Genera
     "sweep": ("sweeps over the whole range", _sweep),
 }
 RECIPES: tuple[tuple[str, ...], ...] = (
-    ("holds",),
-    ("ladder",),
-    ("reversals",),
-    ("two speeds",),
-    ("sweep",),
-    ("holds", "ladder"),
-    ("holds", "two speeds"),
-    ("reversals", "two speeds"),
-    ("ladder", "reversals"),
-    ("two speeds", "ladder", "sweep"),
-    ("two speeds", "holds", "reversals", "ladder"),
-)
+    *((name,) for name in BLOCKS),
+    ("holds", "ladder"), ("holds", "two speeds"), ("reversals", "two speeds"), ("ladder", "reversals"),
+    ("two speeds", "ladder", "sweep"), ("two speeds", "holds", "reversals", "ladder"),
+)  # fmt: skip
 
 
 def _program(space: Space, names: tuple[str, ...], seed: tuple[int, ...]) -> Build:

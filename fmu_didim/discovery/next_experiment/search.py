@@ -16,11 +16,11 @@ from fmu_didim.discovery.next_experiment.separation import Pair, Table, amplitud
 from fmu_didim.dynamics.robot import RobotModel
 
 SAME = 1e-4
-"""[1] Members are the same to first order when less than this fraction of a signature is left on every motion."""
+"""[1] Members are the same to first order if less than this fraction of a signature is left on every motion."""
 MEAN_PART = 0.1
 """[1] Weight of the mean separation beside the smallest one."""
 MOST_SAMPLES = 600
-"""[samples] That the search looks at; the result is computed with all."""
+"""[samples] Used by the search; the result is computed with all."""
 EVALUATIONS = 30
 """[motions] Tried to improve the best candidates."""
 FIRST_MOVE = 0.35
@@ -30,7 +30,7 @@ TURNED = 0.6
 MOTION_SETTLED = 0.01
 """[1] Change of design and of the logarithm of the score that ends it."""
 SMALLEST_SCORE = 1e-12
-"""[standard deviations] Of which that logarithm is taken."""
+"""[standard deviations] Least score for that logarithm."""
 
 
 @dataclass(frozen=True)
@@ -38,8 +38,7 @@ class Search:
     """How the motion is searched for.
 
     Attributes:
-        limits: of the motion; what the present reference makes use of by default.
-        duration_s: of the proposed motion; that of the present reference by default.
+        limits, duration_s: of the proposed motion; those of the present reference by default.
         follow: how the robot follows a reference, such as a closed-loop simulation; exactly by default.
         seed: of the candidates; draws: number of Fourier series.
         evaluations: motions tried to improve the best candidates.
@@ -54,21 +53,19 @@ class Search:
 
 
 class MotionEvaluator:
-    """Tries motions."""
+    """Separates the members on candidate motions."""
 
     def __init__(
-        self,
-        context: DesignContext,
-        model: RobotModel,
-        members: list[AmbiguousEffect],
-        reference: Trajectory,
+        self, context: DesignContext, model: RobotModel, members: list[AmbiguousEffect], reference: Trajectory,
         search: Search,
-    ) -> None:
+    ) -> None:  # fmt: skip
         n = model.joint_count
         self.context, self.model, self.members = context, model, members
-        step = float((reference.time[-1] - reference.time[0]) / (reference.time.size - 1))
-        duration = search.duration_s or float(reference.time[-1] - reference.time[0])
-        self.space = Space(search.limits or limits_of(reference, n), duration, step, _lengths(members, n))
+        seconds, lengths = float(reference.time[-1] - reference.time[0]), np.full(n, np.nan)
+        for member in members:
+            lengths[member.joint] = np.fmin(lengths[member.joint], member.distance)
+        step = seconds / (reference.time.size - 1)
+        self.space = Space(search.limits or limits_of(reference, n), search.duration_s or seconds, step, lengths)
         self.candidates = candidates(self.space, seed=search.seed, draws=search.draws)
         motion_projection = ProjectedMotion(context, model, reference)
         self.theta = amplitudes(motion_projection, members)
@@ -92,20 +89,10 @@ class MotionEvaluator:
         return min((table[p].distance if p in table else 0.0 for p in self.open), default=0.0)
 
     def score(self, table: Table) -> float:
-        """Smallest separation of the pairs that can be split, plus a small fraction of their mean.
-
-        A member that hardly shows on any motion would else hide that another one is split well.
-        """
+        """The smallest separation plus a small fraction of the mean: a member that hardly shows on any motion would
+        otherwise hide that another one is split well."""
         found = [table[p].distance if p in table else 0.0 for p in self.open]
         return float(min(found) + MEAN_PART * np.mean(found)) if found else 0.0
-
-
-def _lengths(members: Sequence[AmbiguousEffect], joints: int) -> Array:
-    """(n,) the smallest distance over which an effect of the joint changes."""
-    result = np.full(joints, np.nan)
-    for member in members:
-        result[member.joint] = np.fmin(result[member.joint], member.distance)
-    return result
 
 
 def same_pairs(tables: Sequence[Table]) -> set[Pair]:
@@ -122,7 +109,7 @@ def improved(
     evaluations: int,
     progress: Callable[[str], None],
 ) -> tuple[Candidate, Array]:
-    """The best candidates, their design variables moved within [0, 1] by the simplex search of Nelder and Mead."""
+    """The best candidate and its design variables, improved within [0, 1] by the simplex search of Nelder and Mead."""
     from scipy.optimize import minimize
 
     winner = (best[0][0], best[0][0].design, best[0][1])

@@ -1,7 +1,7 @@
 """How far a motion separates effects that explain the same data.
 
-What is left of the fitted signature of a member a when the base model and the best fit of another member b
-are projected out, in units of the noise:
+The part of the fitted signature of a member a that remains when the base model and the best fit of another member b are
+projected out, in units of the noise:
 
     d(a|b)^2 = min over shapes of b of  sum_j f_j/sigma_j^2 | (I - P_[W, C_b]) C_a theta_a |_j^2
 
@@ -33,7 +33,7 @@ REFINED = 0.02
 
 @dataclass(frozen=True)
 class Separation:
-    """What a motion tells about one ordered pair: is the truth the first, how much worse is the second?
+    """How much worse the second of an ordered pair fits if the first is the truth.
 
     Attributes:
         chi_square: (n,) of each joint, d(a|b)^2; separable: |signature of a|^2 that the base cannot absorb.
@@ -51,7 +51,7 @@ class Separation:
 
 
 Pair = tuple[int, int]
-"""Places of two members: the truth, and what it is told from."""
+"""Indices of two members: the truth and its rival."""
 Table = dict[Pair, Separation]
 
 
@@ -78,7 +78,7 @@ def separations(
 
 
 def amplitudes(motion_projection: ProjectedMotion, members: Sequence[AmbiguousEffect]) -> list[Array]:
-    """Fitted amplitudes; a member without any gets those with which it looks most like the first that has."""
+    """Fitted amplitudes; a member without any gets those that make it look most like the first one that has some."""
     known = next((m for m in members if m.theta is not None), None)
     if known is None or known.theta is None:
         raise InputError("No member of the set has fitted amplitudes.", where="splitting experiment")
@@ -135,9 +135,8 @@ class _Columns:
             if not search.logarithmic or shapes[name] <= 0:
                 continue
             low, high = (np.log(v) for v in shape_limits(search, False))
-            width = (
-                np.log(search.highest / search.lowest) / max(search.count - 1, 1) * (2 if self._scene.is_quick else 1)
-            )
+            spacing = np.log(search.highest / search.lowest) / max(search.count - 1, 1)
+            width = spacing * (2 if self._scene.is_quick else 1)
             size, shapes = self._refined(name, shapes, target, size, (low, high), width)
         return shapes
 

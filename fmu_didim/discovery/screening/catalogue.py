@@ -21,23 +21,21 @@ from fmu_didim.fit.derivatives.repetition import Beginning, change_of_torque
 from fmu_didim.fit.derivatives.sensitivity import by_variation, sensitivity
 from fmu_didim.fit.fit import Fit
 from fmu_didim.model.free_parameter import joint_parameter
-from fmu_didim.model.loop_description import EffectAtJoint
-from fmu_didim.model.loop_model import LoopModel
+from fmu_didim.model.loop_model import EffectAtJoint, LoopModel
 from fmu_didim.model.motion import Motion, simulated_motion
 from fmu_didim.model.workers import side_by_side
 
 GRID_LIMIT = 400
 """[shapes] Tried of one effect at most; a finer grid is thinned."""
 REPEATS = 0.05
-"""[1] Two periods of the change that an effect makes are the same, for its signature, when they differ by less than
-this fraction of the root mean square of that change: elastic gears ring for a while."""
+"""[1] Fraction of the RMS of the change that an effect makes, below which two of its periods are the same: elastic
+gears ring for a while."""
 TOGETHER = 32
 """[shapes] Whose loads the closed loop answers in one go."""
 ABREAST = 16
-"""[candidates] Whose signatures are made side by side before the time is looked at."""
+"""[candidates] Whose signatures are made side by side between two looks at the time."""
 SEEN = 0.1
-"""[1] Fraction of the largest column of an effect below which another one is of second order, such as a tilt out of
-the plane of an arm."""
+"""[1] Fraction of the largest column of an effect below which another is of second order: a tilt out of the plane."""
 LARGEST_COLUMN = 1e12
 """[SI] A larger column comes from states that the offline integration could not follow."""
 STIFFEST = 1e-12
@@ -58,12 +56,12 @@ SAME_SHAPE = 12
 
 @dataclass(frozen=True)
 class Signature:
-    """What an effect would add to the torque at the samples.
+    """The change of the torque at the samples by an effect.
 
     Attributes:
-        effect_at: effect and joint; shapes: values of its shapes and of all else that is not an amplitude.
+        effect_at: effect and joint; shapes: values of all parameters but the amplitudes.
         columns: (N, n, m), for one unit of each of the amplitudes named in ``amplitudes``.
-        neutral: value of each amplitude with which nothing is there.
+        neutral: value of each amplitude without the effect.
         inverse: whether the columns are for one unit of the inverse of the amplitude, a compliance for a stiffness.
     """
 
@@ -76,36 +74,29 @@ class Signature:
 
     def proposal(self, coefficients: Array) -> Proposal:
         """Start values of a fit, from the coefficients of the columns."""
+        own = dict(zip(self.amplitudes, map(float, coefficients), strict=True))
         if self.inverse:
-            stiffness = {
-                n: 1 / max(abs(float(c)), STIFFEST) for n, c in zip(self.amplitudes, coefficients, strict=True)
-            }
+            stiffness = {n: 1 / max(abs(c), STIFFEST) for n, c in own.items()}
             return Proposal(self.effect_at, {**self.shapes, **stiffness})
-        found = {n: self.neutral.get(n, 0.0) + float(c) for n, c in zip(self.amplitudes, coefficients, strict=True)}
-        scales = {n: abs(float(c)) for n, c in zip(self.amplitudes, coefficients, strict=True)}
-        return Proposal(self.effect_at, {**self.shapes, **found}, scales)
+        found = {n: self.neutral.get(n, 0.0) + c for n, c in own.items()}
+        return Proposal(self.effect_at, {**self.shapes, **found}, {n: abs(c) for n, c in own.items()})
 
 
 class SignatureCatalogue:
     """Signatures at the motion of a fit; made once, because the motion hardly changes when effects are added.
 
     Attributes:
-        builder: builds the loops; fit: the motion's.
-        left: candidates of which no signature was made, because the time was up.
+        builder: of the loops; fit: of the model; left: candidates without a signature because the time was up.
     """
 
     def __init__(
-        self,
-        builder: LoopModelBuilder,
-        fit: Fit,
-        *,
-        candidates: Sequence[EffectAtJoint],
+        self, builder: LoopModelBuilder, fit: Fit, *, candidates: Sequence[EffectAtJoint],
         progress: Progress | None = None,
-    ) -> None:
+    ) -> None:  # fmt: skip
         self.builder, self.fit = builder, fit
         self._signatures: list[Signature] = []
         self._motions = [_ExperimentMotion.of(builder, fit, label) for label in fit.model.estimation_labels]
-        torque, rows = fit.torque, fit.model.rows
+        torque, rows = fit.torque, fit.model.experiments.rows
         self._beginnings = {label: Beginning.of(fit.simulation(label), torque[part]) for label, part in rows.items()}
         smooth = [c for c in candidates if builder.effect(c).is_smooth and builder.at(c).can_be_added]
         derived = self._by_derivatives(smooth) if smooth else {}
@@ -124,29 +115,25 @@ class SignatureCatalogue:
             in_balance = [
                 c for c in together if not (c in derived or c in simulated or isinstance(builder.at(c), InBlackBox))
             ]
-            made = side_by_side([partial(self._signatures_of, c) for c in in_balance], workers)
+            made = side_by_side([partial(self._make, c) for c in in_balance], workers)
             found = derived | dict(zip(in_balance, made, strict=True))
             for effect_at in together:
-                self._signatures += found[effect_at] if effect_at in found else self._signatures_of(effect_at)
+                self._signatures += found[effect_at] if effect_at in found else self._make(effect_at)
                 report("")
         self.left = tuple(left)
 
     def __iter__(self) -> Iterator[Signature]:
         return iter(self._signatures)
 
-    def _signatures_of(self, effect_at: EffectAtJoint) -> list[Signature]:
-        return list(self._make(effect_at))
-
-    def _make(self, effect_at: EffectAtJoint) -> Iterator[Signature]:
-        effect = self.builder.effect(effect_at)
-        if not self.builder.at(effect_at).can_be_added:
-            return
-        if isinstance(self.builder.at(effect_at), InBlackBox):
-            yield self._of_the_plant(effect_at)
-        elif not isinstance(effect, TorqueEffect):
-            yield from self._by_simulation(effect_at, effect)
-        elif self._motions[0].motion is not None:
-            yield from self._by_regressor(effect_at, effect)
+    def _make(self, effect_at: EffectAtJoint) -> list[Signature]:
+        effect, placed = self.builder.effect(effect_at), self.builder.at(effect_at)
+        if not placed.can_be_added:
+            return []
+        if isinstance(placed, InBlackBox):
+            return [self._of_the_plant(effect_at)]
+        if not isinstance(effect, TorqueEffect):
+            return list(self._by_simulation(effect_at, effect))
+        return [] if self._motions[0].motion is None else list(self._by_regressor(effect_at, effect))
 
     def _by_regressor(self, effect_at: EffectAtJoint, effect: TorqueEffect) -> Iterator[Signature]:
         joint, joints = effect_at.joint - 1, range(1, self.fit.model.joint_count + 1)
@@ -157,7 +144,9 @@ class SignatureCatalogue:
         defaults = self._defaults(effect_at, effect)
         made = TorqueSignature(effect, joint, tuple(kinds), tuple(defaults))
         names = tuple(v.name for v in effect.parameters(kind))
-        tried = _thinned(effect, self.builder.at(effect_at).search, defaults)
+        tried = [s for s in search_grid(self.builder.at(effect_at).search, defaults) if effect.allows(s)]
+        if len(tried) > GRID_LIMIT:
+            tried = [tried[i] for i in np.linspace(0, len(tried) - 1, GRID_LIMIT).astype(int)]
         for first in range(0, len(tried), TOGETHER):
             kept, loads = [], []
             for shapes in tried[first : first + TOGETHER]:
@@ -174,9 +163,9 @@ class SignatureCatalogue:
                     yield Signature(effect_at, shapes, names, np.concatenate(answer), {})
 
     def _of_the_plant(self, effect_at: EffectAtJoint) -> Signature:
-        """Derivatives by the parameters of an effect that a black box has, at the values that it has."""
+        """Derivatives by the parameters of an effect that a black box has, at its values."""
         joint, fit = effect_at.joint, self.fit
-        present = {v.name: v.start for v in fit.model.plant.parameters}
+        present = {v.name: v.start for v in fit.model.loop.plant.parameters}
         amplitudes = [v.name for v in self.builder.at(effect_at).amplitudes]
         own = {name: present[joint_parameter(name, joint, is_shape=False)] for name in amplitudes}
         size = TORQUE_TRIALS[0] * float(np.sqrt(np.mean(fit.torque[:, joint - 1] ** 2)))
@@ -237,15 +226,13 @@ class SignatureCatalogue:
                 yield Signature(effect_at, tried[first][0], names, table, neutral)
 
     def _by_derivatives(self, smooth: Sequence[EffectAtJoint]) -> dict[EffectAtJoint, list[Signature]]:
-        """Derivatives by the parameters of effects that are smooth where they are neutral, at a few shapes: those of
-        all joints from one run of the loop; nothing where its equations are not known."""
+        """Derivatives by the parameters of effects that are smooth where they are neutral, at a few shapes.
+
+        Those of all joints come from one run of the loop; nothing where its equations are not known.
+        """
         found: dict[EffectAtJoint, list[Signature]] = {effect_at: [] for effect_at in smooth}
-        shapes = {
-            effect_at: _one_at_a_time(
-                {v.name: self.builder.at(effect_at).search[v.name] for v in self.builder.at(effect_at).shapes}
-            )
-            for effect_at in smooth
-        }
+        placed = {effect_at: self.builder.at(effect_at) for effect_at in smooth}
+        shapes = {a: _one_at_a_time({v.name: p.search[v.name] for v in p.shapes}) for a, p in placed.items()}
         for place in range(max(len(tried) for tried in shapes.values())):
             shapes_at = {effect_at: tried[place] for effect_at, tried in shapes.items() if place < len(tried)}
             columns = self._derivatives(shapes_at)
@@ -284,14 +271,14 @@ class SignatureCatalogue:
         }
 
     def _difference(self, model: LoopModel) -> Array:
-        """(N, n) what a model changes in the torque; zero where it cannot be simulated."""
+        """(N, n) change of the torque in another model; zero where it cannot be simulated."""
         torque = self.fit.torque
         try:
             parts = [
                 change_of_torque(
                     model.simulation(model.start, label), torque[part], self._beginnings[label], tolerance=REPEATS
                 )
-                for label, part in self.fit.model.rows.items()
+                for label, part in self.fit.model.experiments.rows.items()
             ]
         except SimulationError:
             return np.zeros_like(torque)
@@ -323,14 +310,12 @@ class _ExperimentMotion:
         return made.columns(self.thinned, shapes, states)
 
 
-def _middle(search: Search) -> float:
-    both = (search.lowest, search.highest)
-    return float(np.sqrt(both[0] * both[1]) if search.logarithmic else np.mean(both))
-
-
 def _one_at_a_time(search: Mapping[str, Search]) -> list[dict[str, float]]:
     """Shapes on their grids, one after the other, with the others in the middle of theirs."""
-    middle = {name: _middle(s) for name, s in search.items()}
+    middle = {
+        name: float(np.sqrt(s.lowest * s.highest) if s.logarithmic else np.mean((s.lowest, s.highest)))
+        for name, s in search.items()
+    }
     found = [middle]
     for name, s in search.items():
         found += [{**middle, **at} for at in search_grid({name: s}, {})]
@@ -339,7 +324,7 @@ def _one_at_a_time(search: Mapping[str, Search]) -> list[dict[str, float]]:
 
 
 def _trials(variable: Variable, search: Search, size: float, neutral: float) -> list[float]:
-    """Values of a parameter to try: a smaller and a larger one; more of a stiffness, with which the loop resonates."""
+    """Values of a parameter to try: a smaller and a larger one; more of a stiffness."""
     if variable.unit in ("N.m", "N"):
         values = [part * size for part in TORQUE_TRIALS]
     elif search.logarithmic:
@@ -352,27 +337,12 @@ def _trials(variable: Variable, search: Search, size: float, neutral: float) -> 
 
 
 def _mirrored(values: list[float], effect: Effect, name: str) -> list[float]:
-    """The values, and with them those as far on the other side of the neutral one, if the parameter has two sides."""
+    """The values and, of a parameter with two sides, those mirrored at the neutral one."""
     off = effect.neutral.get(name, 0.0)
     low, high = effect.limits.get(name, (off, off))
     return [*values, *(2 * off - v for v in values)] if name in effect.signed and low < off < high else values
 
 
-def _thinned(effect: Effect, search: Mapping[str, Search], defaults: Mapping[str, float]) -> list[dict[str, float]]:
-    grid = [shapes for shapes in search_grid(search, defaults) if effect.allows(shapes)]
-    if len(grid) > GRID_LIMIT:
-        grid = [grid[i] for i in np.linspace(0, len(grid) - 1, GRID_LIMIT).astype(int)]
-    return grid
-
-
 def _at(motion: Motion, ticks: NDArray[np.int64]) -> Motion:
-    return replace(
-        motion,
-        time=motion.time[ticks],
-        q=motion.q[ticks],
-        dq=motion.dq[ticks],
-        ddq=motion.ddq[ticks],
-        torque=motion.torque[ticks],
-        load=motion.load[ticks],
-        links={j: table[ticks] for j, table in motion.links.items()},
-    )
+    signals = {name: getattr(motion, name)[ticks] for name in ("time", "q", "dq", "ddq", "torque", "load")}
+    return replace(motion, **signals, links={j: table[ticks] for j, table in motion.links.items()})

@@ -1,8 +1,8 @@
-"""How the logged command answers a load: the controller compensates it, but no faster than its loop is.
+"""The response of the logged command to a load, which the controller compensates as fast as its loop allows.
 
     du_i(t_k) = sum_j sum_l g_ij[l] e_j(t_(k-l)),      e_j: load of joint j, its mean over [t_k, t_(k+1))
 
-g is the best linear approximation along the simulated motion: the least-squares answer to a small random two-level
+g is the best linear approximation along the simulated motion: the least-squares response to a small random two-level
 torque on one joint after the other. Slow loads show in the command in full; jumps of friction at a reversal do not.
 
 Source: Pintelon, Schoukens, System Identification: A Frequency Domain Approach, 2nd ed., 2012, chapter 3.
@@ -27,9 +27,9 @@ from fmu_didim.model.loop_model import Simulation
 from fmu_didim.model.workers import side_by_side
 
 SPACING_S = 0.005
-"""[s] Largest spacing of the instants at which loads are looked at, unless the control period is longer."""
+"""[s] Largest spacing of the instants at which loads are taken, unless the control period is longer."""
 MEMORY_S = 0.5
-"""[s] Time after which a lasting load is made up for."""
+"""[s] Time after which a lasting load is compensated."""
 MOST_TAPS = 200
 """[taps] Of the answer to a load."""
 MOST_OF_LOG = 4
@@ -42,12 +42,12 @@ DWELL_S = (0.01, 0.2)
 
 @dataclass(frozen=True)
 class LoadResponse:
-    """The answer of the logged torque to loads.
+    """The response of the logged torque to loads.
 
     Attributes:
-        ticks: (K,) of the control at which loads are looked at, equally spaced.
-        taps: (L, n, n) g: answer of joint i, second axis, to joint j, third.
-        sampling: (N, K) from the answer at the ticks to the samples of the log.
+        ticks: (K,) of the control at which loads are taken, equally spaced.
+        taps: (L, n, n) g: response of joint i, second axis, to joint j, third.
+        sampling: (N, K) from the response at the ticks to the samples of the log.
     """
 
     ticks: NDArray[np.int64]
@@ -77,8 +77,7 @@ class LoadResponse:
 
 
 def load_response(fit: Fit, label: str, *, seed: int = 0) -> LoadResponse:
-    """The response of the closed loop of a fit along an experiment; loads come back unchanged where it cannot be
-    simulated.
+    """The response of the closed loop of a fit along an experiment; the identity where it cannot be simulated.
 
     Args:
         seed: of the random two-level torque.
@@ -114,10 +113,10 @@ def _telegraph(count: int, step: float, rng: np.random.Generator) -> Array:
 
 
 def _answer(run: Simulation, still: Array, switched: Array, time: Array, joint: int) -> Callable[[], Array]:
-    """What simulates the change (ticks, n) of the command by the two-level torque on a joint, for its unit size."""
+    """A function that simulates the change (ticks, n) of the command by the two-level torque on a joint of size one."""
 
     def simulated() -> Array:
-        size = SIZE * float(np.sqrt(np.mean(run.model.measured_in(run.label)[:, joint - 1] ** 2)))
+        size = SIZE * float(np.sqrt(np.mean(run.model.experiments.measured_in(run.label)[:, joint - 1] ** 2)))
         edges = np.flatnonzero(np.diff(switched, prepend=0.0))
         ends = np.append(time[edges[1:]], time[-1] + (time[1] - time[0]))
         levels = size * switched[edges]
@@ -131,7 +130,7 @@ def _answer(run: Simulation, still: Array, switched: Array, time: Array, joint: 
 
 
 def _command(run: Simulation, further: Sequence[ExternalTorque]) -> Array:
-    """(ticks, n) command at all ticks, the external torques left out of it."""
+    """(ticks, n) command at all ticks, without the external torques."""
     run = run.on(replace(run.experiment, external_torques=(*run.experiment.external_torques, *further)))
     return run.logged_torque(run.record(all_ticks=True))
 

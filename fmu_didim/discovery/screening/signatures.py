@@ -1,8 +1,8 @@
-"""Signatures: how the logged torque would change, to first order, if an effect were there.
+"""Signatures: the change of the logged torque, to first order, by an effect.
 
-For an effect in the torque balance that is its regressor at the simulated motion, here, as the closed loop answers it
-(:mod:`fmu_didim.discovery.screening.load_response`). All other effects have the difference of two simulations of the
-closed loop (:mod:`fmu_didim.discovery.screening.catalogue`).
+That of an effect in the torque balance is its regressor at the simulated motion, passed through the response of the
+closed loop (:mod:`fmu_didim.discovery.screening.load_response`). That of any other effect is the difference of two
+simulations of the closed loop (:mod:`fmu_didim.discovery.screening.catalogue`).
 """
 
 from __future__ import annotations
@@ -22,15 +22,9 @@ from fmu_didim.model.motion import Motion
 
 def search_grid(search: Mapping[str, Search], defaults: Mapping[str, float]) -> Iterator[dict[str, float]]:
     """All combinations of the grids of the searched shapes; the others at their defaults."""
-    names = list(search)
-    grids = []
-    for name in names:
-        s = search[name]
-        grids.append(
-            np.geomspace(s.lowest, s.highest, s.count) if s.logarithmic else np.linspace(s.lowest, s.highest, s.count)
-        )
+    grids = [(np.geomspace if s.logarithmic else np.linspace)(s.lowest, s.highest, s.count) for s in search.values()]
     for values in product(*grids):
-        yield {**defaults, **{n: float(v) for n, v in zip(names, values, strict=True)}}
+        yield {**defaults, **{n: float(v) for n, v in zip(search, values, strict=True)}}
 
 
 class TorqueSignature:
@@ -60,15 +54,10 @@ class TorqueSignature:
                 full[row] = value
             columns.append(full)
         self.count = len(columns)
-        self._columns = Vectorised(
-            ca.Function(
-                "columns", [q, dq, ddq, load, time, z, ca.vec(link), shapes], [ca.densify(ca.vertcat(*columns))]
-            )
-        )
-        rates = effect.rates(at, by_name)
-        self._rates = (
-            ca.Function("rates", [z, q, dq, time, shapes], [ca.densify(ca.vertcat(*rates))]) if rates else None
-        )
+        inputs, table = [q, dq, ddq, load, time, z, ca.vec(link), shapes], ca.densify(ca.vertcat(*columns))
+        self._columns = Vectorised(ca.Function("columns", inputs, [table]))
+        rates = ca.vertcat(*effect.rates(at, by_name))
+        self._rates = ca.Function("rates", [z, q, dq, time, shapes], [ca.densify(rates)]) if rates.numel() else None
 
     def columns(self, motion: Motion, shapes: Mapping[str, float], states: Array | None = None) -> Array:
         """(K, n, m) columns at the ticks of the motion; ``states`` (K, nz) if the effect has any."""

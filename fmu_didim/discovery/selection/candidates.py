@@ -1,4 +1,4 @@
-"""The candidates of a round: screened by their signatures, fitted in the loop, and what became of all."""
+"""The candidates of a round: screened by their signatures, fitted in the loop, and the outcome of each."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from enum import Enum
 from fmu_didim.data.signals import Array
 from fmu_didim.discovery.screening.catalogue import Signature
 from fmu_didim.fit.fit import Fit
-from fmu_didim.model.loop_description import EffectAtJoint
+from fmu_didim.model.loop_model import EffectAtJoint
 
 
 @dataclass(frozen=True)
@@ -18,8 +18,8 @@ class ScreenedCandidate:
     Attributes:
         signature: with the best shapes; coefficients: (m,) of its columns; gain: of the screening, cost deducted.
         surviving: part of the norm of the signature that the base cannot absorb.
-        others: the same candidate at further shapes that are nearly as good, which are tried too if it leads; None in
-            the torque balance, where a signature is the slope itself.
+        others: the candidate at further shapes that are nearly as good, tried too if it leads; None in the torque
+            balance, where the signature is the slope itself.
     """
 
     signature: Signature
@@ -39,11 +39,10 @@ class FittedCandidate:
 
     Attributes:
         effect_at: effect and joint; fit: of the model with it; delta_bic: over the model without.
-        size: what it explains that nothing else in the model can, in units of the noise; share: of the gap.
-        torque_change: how much it changes the torque when it is switched off and nothing else changes, in the same
-        units.
+        size: the part of the residual that only it can explain, in units of the noise; share: of the gap.
+        torque_change: of switching it off while nothing else changes, in units of the noise.
         cost: parameters that it counts as, without amplitudes that change nothing here, such as a mass on an axis.
-        implausible: why its values say nothing or cannot be, or an empty string.
+        implausible: why its values are not significant or not possible, or an empty string.
     """
 
     effect_at: EffectAtJoint
@@ -57,11 +56,11 @@ class FittedCandidate:
 
 
 class Outcome(Enum):
-    """What became of a shortlisted candidate."""
+    """The outcome of a shortlisted candidate."""
 
     FITTED = "fitted"
     LEFT_EARLY = "left early"
-    """The best was out of its reach, by its signature or in the course of its fit."""
+    """It could not reach the best, by its signature or in the course of its fit."""
     NOT_SIMULABLE = "cannot be simulated"
     NOT_TRIED = "not tried"
     """The time was up before, or in the middle of its fit."""
@@ -69,10 +68,10 @@ class Outcome(Enum):
 
 @dataclass(frozen=True)
 class TriedCandidate:
-    """A candidate of a round and what became of it.
+    """A candidate of a round and its outcome.
 
     Attributes:
-        delta_bic: over the model without it, of the point that its fit came to; None without one.
+        delta_bic: over the model without it, where its fit ended; None without a fit.
         share, cost, implausible: as of :class:`FittedCandidate`, where it was fitted.
     """
 
@@ -89,8 +88,8 @@ class Comparison:
     """The fits of a round.
 
     Attributes:
-        ranking: those that were fitted, the best first; tried: all candidates, in the order of the fits.
-        unfitted: those that were left early by their signatures.
+        ranking: the fitted ones, the best first; tried: all candidates, in the order of the fits.
+        unfitted: those left early by their signatures.
     """
 
     ranking: tuple[FittedCandidate, ...]

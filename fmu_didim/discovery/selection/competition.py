@@ -1,6 +1,6 @@
 """The competition: every candidate is screened by its signature, the best are fitted in the closed loop.
 
-Screening projects the base out of each signature: only what the present model cannot absorb counts.
+Screening projects the base out of each signature: only the part that the present model cannot absorb counts.
 
     gain = |Q_c' r|^2 - cost log(N f),   Q_c = orthonormal basis of (I - Q Q') C,   Q of the sensitivities of the model
 """
@@ -36,8 +36,7 @@ from fmu_didim.fit.solver.accuracy import with_fitting_substeps
 from fmu_didim.fit.solver.least_squares import minimise
 from fmu_didim.fit.solver.termination import Stopping
 from fmu_didim.model.free_parameter import PLANT, plain_name
-from fmu_didim.model.loop_description import EffectAtJoint
-from fmu_didim.model.loop_model import LoopModel
+from fmu_didim.model.loop_model import EffectAtJoint, LoopModel
 from fmu_didim.model.workers import side_by_side
 
 SURVIVING = 5e-3
@@ -50,27 +49,25 @@ SHORTLIST = 6
 """[candidates] Fitted in the closed loop, beside the best of each class near them."""
 WORTH = 0.25
 """[1] Fraction of the best gain of the screening below which a candidate is not fitted: it would have to explain four
-times what its signature says."""
+times as much as its signature."""
 LEADING = 0.75
 """[1] Fraction of the best gain from which a candidate leads, and further shapes of it are nearly as good."""
 FURTHER = 3
 """[shapes] Largest number of those further shapes."""
 REACH = 4.0
-"""[1] Times what its signature explains to first order, beside the base refitted, that a candidate in the torque
-balance may lower chi-square by: where that is not enough for the best so far, it is not fitted. As WORTH, but against
-what the best has really explained."""
+"""[1] A candidate in the torque balance lowers chi-square at most by so many times what its signature explains to first
+order beside the base: if that does not reach the best fit so far, it is not fitted."""
 SIZES = (0.5, 1.0, 2.0)
-"""[1] Tried of an effect outside the torque balance, as multiples of what its signature says: gears rattle."""
+"""[1] Tried of an effect outside the torque balance, as multiples of that of its signature: gears rattle."""
 ABREAST = 4
-"""[candidates] Fitted against the same best so far: what is left early must not depend on which of them ends
-first."""
+"""[candidates] Fitted against the same best so far, so that it does not matter which of them ends first."""
 STARTS = 2
-"""[starts] Number of those from which it is fitted."""
+"""[starts] Number of those sizes and shapes from which it is fitted."""
 SMALLER = (1.0, 0.3, 0.03)
-"""[1] Fractions of what is proposed from which a fit starts, one after the other, until one can be simulated."""
+"""[1] Fractions of the proposal from which a fit starts, one after the other, until one can be simulated."""
 LEAST = 5.0
-"""[chi-square] What a candidate must promise to lower chi-square by, for its fit to be carried to the end: less is no
-BIC difference of 10."""
+"""[chi-square] By which a candidate must promise to lower it for its fit to be completed: less is no BIC difference
+of 10."""
 
 
 @dataclass(frozen=True)
@@ -86,7 +83,7 @@ class Competition:
 
     @cached_property
     def base(self) -> BaseProjection:
-        """What the present model can absorb."""
+        """The projection of what the present model can absorb."""
         return BaseProjection.of_fit(self.fit)
 
     @cached_property
@@ -100,7 +97,6 @@ class Competition:
         residual = base.rest_of(base.weighted(fit.residual))
         count = float(np.sum(effective_fraction(fit.residual)) * fit.residual.shape[0])
         found: dict[EffectAtJoint, list[ScreenedCandidate]] = {}
-        costs: dict[EffectAtJoint, float] = {}
         # A class is named once on a joint: a second member would only correct the form of the first.
         named = {(builder.effect(a).class_name, a.joint) for a in fit.model.added_effects}
         asked = [s for s in catalogue if (builder.effect(s.effect_at).class_name, s.effect_at.joint) not in named]
@@ -111,9 +107,7 @@ class Competition:
             if surviving < SURVIVING:
                 continue
             coefficients = _coefficients(rest, residual)
-            if effect_at not in costs:
-                costs[effect_at] = builder.at(effect_at).cost
-            cost = costs[effect_at] - _idle(table)
+            cost = builder.at(effect_at).cost - _idle(table)
             gain = float(np.sum((rest @ coefficients) ** 2)) - cost * np.log(count)
             found.setdefault(effect_at, []).append(ScreenedCandidate(signature, coefficients, gain, surviving))
         return sorted((self._best(shapes) for shapes in found.values()), key=lambda s: -s.gain)
@@ -130,13 +124,10 @@ class Competition:
     def shortlist(self, screened: Sequence[ScreenedCandidate], *, size: int = SHORTLIST) -> list[ScreenedCandidate]:
         """The candidates to fit: the best, the best of each class near them, a gear on all joints."""
         promising = [s for s in screened if s.gain > max(WORTH * screened[0].gain, 0.0)]
-        if not promising:
-            return []
-        chosen = promising[:size]
-        classes = {(self.builder.effect(s.effect_at).class_name, s.effect_at.joint) for s in chosen}
-        for s in promising[size:]:
+        chosen, classes = [], set()
+        for place, s in enumerate(promising):
             key = (self.builder.effect(s.effect_at).class_name, s.effect_at.joint)
-            if key not in classes:
+            if place < size or key not in classes:
                 chosen.append(s)
                 classes.add(key)
         # What a gear of one joint does shows on its neighbours too, and no signature tells whose gear it is.
@@ -144,9 +135,10 @@ class Competition:
         return [*chosen, *(s for s in screened if s.effect_at.effect in gears and s.gain > 0 and s not in chosen)]
 
     def compare(self, chosen: Sequence[ScreenedCandidate], *, progress: Progress, reach: float = REACH) -> Comparison:
-        """Closed-loop fits of the chosen candidates, first on the joint with the largest gap; what cannot be simulated,
-        cannot catch up with the best, or is not fitted when the time is up, is not ranked. The best is the best
-        plausible candidate of the groups before, so that it does not matter which fit of a group ends first.
+        """Closed-loop fits of the chosen candidates, first on the joint with the largest gap.
+
+        A candidate is not ranked if it cannot be simulated, cannot catch up with the best plausible one of the groups
+        before it, or is not fitted when the time is up.
 
         Args:
             reach: see ``REACH``.
@@ -210,7 +202,7 @@ class Competition:
         return result
 
     def _largest_gap_first(self, chosen: Sequence[ScreenedCandidate]) -> list[ScreenedCandidate]:
-        """Candidates by the gap of their joint, those of no joint in particular first; on one joint as they are."""
+        """Candidates by the gap of their joint, those of no joint in particular first."""
         gaps = joint_gaps(self.fit.residual, self.fit.noise)
 
         def gap(candidate: ScreenedCandidate) -> float:
@@ -221,8 +213,8 @@ class Competition:
         return sorted(chosen, key=lambda s: -gap(s))
 
     def _promised(self, candidate: ScreenedCandidate) -> float:
-        """What a candidate lowers chi-square by to first order, with the base refitted; infinite outside the torque
-        balance, where a signature is no slope."""
+        """By how much a candidate lowers chi-square to first order, with the base refitted; infinite outside the
+        torque balance, where a signature is no slope."""
         if candidate.others is not None:
             return np.inf
         white = self._white
@@ -230,8 +222,7 @@ class Competition:
         return float(np.sum((rest @ _coefficients(rest, white.weighted(self.fit.residual))) ** 2))
 
     def finished(self, candidate: FittedCandidate) -> FittedCandidate:
-        """A candidate whose fit was given up, because another one was better, once more to its minimum: only there
-        can it be judged on held-out data."""
+        """A candidate whose fit was given up, fitted to its minimum: only there can held-out data judge it."""
         if not candidate.fit.given_up:
             return candidate
         found = minimise(
@@ -241,9 +232,9 @@ class Competition:
         return self.assess(candidate.effect_at, found)
 
     def with_shapes_held(self, candidate: ScreenedCandidate) -> Iterator[FittedCandidate]:
-        """A candidate outside the torque balance once more, its shapes held at those screened, the best first.
+        """A candidate outside the torque balance fitted with its shapes held at those screened, the best first.
 
-        Where the form of an effect is not quite right, free shapes make up for it along one motion and fail on another.
+        Where the form of an effect is not quite right, free shapes compensate along one motion and fail on another.
         """
         for screened in (candidate, *(candidate.others or ())):
             proposal = screened.signature.proposal(screened.coefficients)
@@ -252,14 +243,14 @@ class Competition:
                 yield self.assess(candidate.effect_at, fitted)
 
     def _scanned(self, candidate: ScreenedCandidate) -> list[Proposal]:
-        """Starts of a candidate outside the torque balance: sizes and shapes tried in the loop, with the base refitted
-        to first order, the best ones first."""
+        """Starts of a candidate outside the torque balance, the best first: sizes and shapes tried in the loop, with
+        the base refitted to first order."""
         tried: list[tuple[float, int, Proposal]] = []
         for screened in (candidate, *(candidate.others or ())):
             for size in SIZES:
                 proposal = screened.signature.proposal(size * screened.coefficients)
                 model = self.builder.build(self.fit.model, [proposal])
-                low, high = model.limits
+                low, high = model.free_parameters.limits
                 try:
                     residual = model.residual(np.clip(model.start, low, high))
                 except SimulationError:
@@ -273,11 +264,7 @@ class Competition:
         """The figures by which a fit with one more effect is judged."""
         builder, fit = self.builder, self.fit
         index = found.model.added_effects.index(effect_at)
-        own = [
-            i
-            for i, parameter in enumerate(found.model.free_parameters)
-            if parameter.effect == index and not parameter.is_shape
-        ]
+        own = [i for i, p in enumerate(found.model.free_parameters) if p.effect == index and not p.is_shape]
         absent = len(builder.at(effect_at).amplitudes) - len(own)
         cost = builder.at(effect_at).cost - absent - _idle(found.jacobian[:, :, own])
         gain = delta_bic(fit.residual, found.residual, cost, fit.noise)
@@ -288,12 +275,12 @@ class Competition:
         return FittedCandidate(effect_at, whole, gain, size, share, raw, cost, why)
 
     def torque_change_without(self, effect_at: EffectAtJoint, found: Fit, *, held_out: bool = False) -> float:
-        """RMS change of the torque, in units of the noise of the joint where it is largest, when an effect is taken out
-        and nothing else changes; infinite if the loop cannot be run."""
+        """Largest RMS change of the torque of a joint, in units of its noise, when an effect is taken out and nothing
+        else changes; infinite if the loop cannot be run."""
         without = self.builder.without(found.model, found.model.added_effects.index(effect_at))
         try:
             if held_out:
-                labels = found.model.validation_labels
+                labels = found.model.experiments.validation_labels
                 torque = np.concatenate([found.model.torque(found.values, label) for label in labels])
                 change = torque - np.concatenate([without.torque(without.start, label) for label in labels])
             else:
@@ -324,11 +311,11 @@ class Competition:
             model = builder.build(fit.model, [Proposal(proposal.effect_at, values, proposal.scales)])
             if len(model.free_parameters) == len(fit.model.free_parameters):
                 return None  # all its parameters belong to effects that are there already
-            low, high = model.limits
+            low, high = model.free_parameters.limits
             start = np.clip(model.start, low, high)
             model = _shapes_held(model.with_values(start), len(fit.model.free_parameters)) if hold else model
             model = replace(model.with_values(start), workers=1)  # several candidates are fitted side by side
-            if model.own_states > fit.model.own_states:  # they may be faster than what the base resolves
+            if model.loop.own_states > fit.model.loop.own_states:  # they may be faster than what the base resolves
                 model = with_fitting_substeps(model, start, fit.noise.deviation)
             try:
                 torque = model.torque(start)
@@ -361,7 +348,7 @@ def _coefficients(columns: Array, residual: Array) -> Array:
 
 
 def _idle(columns: Array) -> int:
-    """Number of columns (..., m) that are nothing but rounding beside the largest."""
+    """Number of columns (..., m) that are rounding beside the largest."""
     if columns.shape[-1] == 1:
         return 0
     sizes = np.linalg.norm(columns.reshape(-1, columns.shape[-1]), axis=0)
@@ -369,13 +356,10 @@ def _idle(columns: Array) -> int:
 
 
 def _shapes_held(model: LoopModel, first: int) -> LoopModel:
-    free_parameters = tuple(
-        replace(parameter, lowest=parameter.value, highest=parameter.value)
-        if i >= first and parameter.is_shape
-        else parameter
-        for i, parameter in enumerate(model.free_parameters)
+    return model.with_free(
+        replace(p, lowest=p.value, highest=p.value) if i >= first and p.is_shape else p
+        for i, p in enumerate(model.free_parameters)
     )
-    return replace(model, free_parameters=free_parameters)
 
 
 def proposal_of(found: FittedCandidate) -> Proposal:

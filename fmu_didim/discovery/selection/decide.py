@@ -1,4 +1,4 @@
-"""The decision: which candidate is added, if any, and what the data cannot tell from it."""
+"""The decision: the candidate that is added, if any, and those that the data cannot distinguish from it."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from fmu_didim.discovery.selection.candidates import FittedCandidate
 from fmu_didim.discovery.selection.competition import Competition, proposal_of
 from fmu_didim.fit.fit import Fit
 from fmu_didim.fit.gap import Ratio, gaps, held_out_ratio, held_out_ratios, part_of_first
-from fmu_didim.model.loop_description import EffectAtJoint
+from fmu_didim.model.loop_model import EffectAtJoint
 
 ROUNDS = 5
 """[effects] Largest number that is named."""
@@ -20,27 +20,26 @@ BIC = 10.0
 """[BIC] Difference from which a larger model is accepted, or one member of a set: 'very strong' evidence by Kass and
 Raftery, Journal of the American Statistical Association 90 (1995)."""
 SMALLEST_SIZE = 0.6
-"""[standard deviations] How much an effect must change the torque at least, in units of the noise of a joint, when it
-is switched off and nothing else changes: as much as the clutter that is planted on clean plants in the blind
-benchmark."""
+"""[standard deviations] Least change of the torque of a joint, in units of its noise, when an effect is switched off
+and nothing else changes: as much as the clutter on clean plants of the blind benchmark."""
 SMALLEST_GAIN = 0.2
-"""[standard deviations] What it must explain at least that nothing else in the model can, in the same units."""
+"""[standard deviations] Least part of the residual that only the effect can explain, in the same units."""
 SMALLEST_SHARE = 0.05
-"""[1] And as a fraction of the gap."""
+"""[1] The same as a fraction of the gap."""
 SMALLEST_PART = 0.03
-"""[1] And as a fraction of the gap that the base model had on the joint where it explains most: a refinement of what
-was found is not another effect. On EMPS four further forms of friction and ripple explain less than 3 % each."""
+"""[1] The same as a fraction of the gap of the base model on the joint where it explains most: a refinement is no
+further effect. On EMPS four further forms of friction and ripple explain less than 3 % each."""
 WORSE_JOINT = 1.02
 """[1] Lower end of the interval of the held-out RMS ratio of a joint above which an effect makes that joint worse;
 the base parameters, fitted anew, may move others by a little."""
 HELD_OUT = 1.0
-"""[1] The interval of the held-out RMS ratio must lie below: else a model may be worse."""
+"""[1] The interval of the held-out RMS ratio must lie below; otherwise a model may be worse."""
 NEAR = 0.02
 """[1] Fraction of the gain in BIC by which candidates may differ and still be ambiguous: no form is exact. Measured
 with the blind benchmark."""
 
 FAILS_HELD_OUT = "held-out RMS ratio"
-"""Start of the objection that a candidate does not help on the held-out data."""
+"""Beginning of the objection that a candidate does not help on the held-out data."""
 
 
 @dataclass(frozen=True)
@@ -50,12 +49,7 @@ class Options:
     Attributes:
         forbid: effects that are not proposed; prefer: effects taken first out of an ambiguous set.
         rounds: largest number of effects; threshold: BIC difference from which a larger model is accepted.
-        smallest_size: how much an effect must change the torque at least, in units of the noise of a joint, when it is
-            switched off and nothing else changes.
-        smallest_gain: what it must explain at least that nothing else in the model can, in the same units.
-        smallest_share: and as a fraction of the gap; smallest_part: and as a fraction of the gap that the base model
-            had on the
-            joint where it explains most: a refinement of what was found is not another effect.
+        smallest_size, smallest_gain, smallest_share, smallest_part: see the constants of these names.
         seed: of the bootstrap.
     """
 
@@ -80,11 +74,11 @@ class Step:
 
     Attributes:
         effect_at, delta_bic, size, share: as of :class:`~fmu_didim.discovery.selection.competition.FittedCandidate`.
-        ambiguous: further candidates that the data cannot tell from it, with the BIC by which they are behind, and the
-            other members of its class; a shift of the log and a lag of the loop only where their fits are that close.
+        ambiguous: candidates that the data cannot tell from it, with the BIC difference to the best, and the other
+            members of its class; a shift of the log and a lag of the loop only where their fits are that close.
         before, after: label -> (n,) gap of each joint; ratio: of the held-out RMS, None without held-out data.
         members: the effect and those ambiguous ones that were fitted, with their values.
-        remark: what the user should know of the decision.
+        remark: on the decision, for the user.
     """
 
     effect_at: EffectAtJoint
@@ -112,8 +106,8 @@ def decide(
 
     Args:
         ranking: the best first; fit: of the model without them; base: of the model without any effect.
-        held: the same candidate with its shapes held at screened values, for one that fails on held-out data only.
-        finished: the same candidate at its minimum, for one whose fit was given up.
+        held: a candidate that fails on held-out data only, with its shapes held at screened values.
+        finished: a candidate whose fit was given up, at its minimum.
     """
 
     def judged(candidate: FittedCandidate) -> tuple[FittedCandidate, str]:
@@ -166,28 +160,21 @@ def objection(candidate: FittedCandidate, fit: Fit, options: Options, *, base: F
 
 
 def _simplest(near: Sequence[FittedCandidate], options: Options) -> FittedCandidate:
-    """Of an ambiguous set: what the user prefers, else the member with the fewest parameters."""
-    for name in options.prefer:
-        for c in near:
-            if c.effect_at.effect == name:
-                return c
-    return min(near, key=lambda c: (c.cost, -c.delta_bic))
+    """The member of an ambiguous set that the user prefers, else the one with the fewest parameters."""
+    preferred = [c for name in options.prefer for c in near if c.effect_at.effect == name]
+    return preferred[0] if preferred else min(near, key=lambda c: (c.cost, -c.delta_bic))
 
 
 def _nearness(winner: FittedCandidate, options: Options) -> float:
-    """BIC difference within which candidates are ambiguous: no form is exact, so that a small fraction of a large gain
-    decides nothing."""
+    """BIC difference within which candidates are ambiguous: no form is exact, so a small part of a large gain decides
+    nothing."""
     return max(options.threshold, NEAR * winner.delta_bic)
 
 
 def step_of(
     accepted: FittedCandidate, ranking: Sequence[FittedCandidate], competition: Competition, options: Options
 ) -> Step:
-    """A candidate that is added, and which others are as good.
-
-    Args:
-        ranking: all of the competition, the best first.
-    """
+    """The step that adds a candidate of this ranking, with the candidates that are as good."""
     builder, fit = competition.builder, competition.fit
     best = ranking[0].delta_bic
     near = [

@@ -20,15 +20,14 @@ from fmu_didim.fit.fit import Fit
 from fmu_didim.model.free_parameter import plain_name
 
 ZERO = 0.05
-"""[1] Probability, by its covariance, with which an effect may be zero and still be named: that of a 95 %
-interval."""
+"""[1] Largest p value, by its covariance, of an effect that is named: that of a 95 % interval."""
 
 
 def implausible(fit: Fit, index: int, effect: Effect, link: Mapping[str, float]) -> str:
     """Why the values of an effect are not significant or not possible, or an empty string.
 
     Args:
-        index: of the effect among those of the model; link: what is known of the inertia of its link.
+        index: of the effect among those of the model; link: known inertial parameters of its link.
     """
     places = [i for i, p in enumerate(fit.model.free_parameters) if p.effect == index and not p.is_shape]
     if not places:
@@ -50,8 +49,8 @@ def implausible(fit: Fit, index: int, effect: Effect, link: Mapping[str, float])
 
 
 def chance_of_none(values: Array, covariance: Array, neutral: Array) -> float:
-    """Probability of values (k,) as far from neutral ones by chance; what is absent where it is infinite, such as a
-    stiffness, is as far away as its inverse is from zero."""
+    """Probability of values (k,) as far from neutral ones by chance; where the neutral one is infinite, as of a
+    stiffness, the inverse is compared with zero."""
     inverse = ~np.isfinite(neutral)
     scale = np.where(inverse, 1 / np.where(inverse, values, 1.0) ** 2, 1.0)
     covariance = covariance * np.outer(scale, scale)

@@ -17,8 +17,7 @@ from fmu_didim.discovery.selection.decide import FAILS_HELD_OUT, Options, Step, 
 from fmu_didim.dynamics.effects import PreCheck
 from fmu_didim.fit.fit import Fit
 from fmu_didim.fit.gap import held_out_ratio
-from fmu_didim.model.loop_description import EffectAtJoint
-from fmu_didim.model.loop_model import LoopModel
+from fmu_didim.model.loop_model import EffectAtJoint, LoopModel
 from fmu_didim.model.workers import side_by_side
 
 FITTED = 4
@@ -26,14 +25,14 @@ FITTED = 4
 PROMISING = 0.9
 """[1] Fraction of the chi-square of the base model below which the best trial must come."""
 WORSE = 1.02
-"""[1] Held-out RMS ratio beyond which data that do not reach the value still speak against it; a little comes from
-the base parameters, which are fitted along."""
+"""[1] Held-out RMS ratio beyond which data that do not reach the value still contradict it; the base parameters, which
+are fitted along, make a little of it."""
 
 
 def pre_check(builder: LoopModelBuilder, base: Fit, options: Options, progress: Progress) -> tuple[Fit, list[Step]]:
-    """The base model with the effects that are found before all others, and one step for each of them.
+    """The base model with the effects of the pre-check, and a step for each of them.
 
-    Values at the upper quantiles of the measured torque of each joint are tried in full simulations.
+    Values at upper quantiles of the measured torque of each joint are tried in full simulations.
     """
     fit, steps = base, []
     for name, effect in builder.effects.items():

@@ -20,14 +20,14 @@ from fmu_didim.fit.gap import delta_bic, explained
 from fmu_didim.fit.solver.least_squares import minimise
 from fmu_didim.fit.solver.termination import Stopping
 from fmu_didim.model.free_parameter import LOG
-from fmu_didim.model.loop_description import EffectAtJoint
+from fmu_didim.model.loop_model import EffectAtJoint
 
 KEPT_GAIN = 0.5
-"""[1] Fraction of that which an effect must still explain when later ones are in the model."""
+"""[1] Fraction of the smallest gain that an effect must still have beside later ones."""
 
 
 class Ending(Enum):
-    """Whether a search is at its end."""
+    """The state of a search."""
 
     COMPLETE = "complete"
     RUNNING = "running"
@@ -36,13 +36,12 @@ class Ending(Enum):
 
 @dataclass(frozen=True)
 class Discovery:
-    """What the rounds came to.
+    """The result of the rounds.
 
     Attributes:
-        base, final: fits without and with the effects; steps: one an effect that stayed.
-        refused: candidates that were best in the last round but not accepted, and why.
+        base, final: fits without and with the effects; steps: one for each effect.
+        refused: candidates of the last round that were not accepted, and why.
         tried: the shortlisted candidates, round by round.
-        ending: whether it is at its end.
     """
 
     base: Fit
@@ -63,7 +62,7 @@ def run_rounds(
     """Add effects to the base model as long as the data support them.
 
     Args:
-        keep: called with what is known before the first round and after each one.
+        keep: called with the state before the first round and after each one.
     """
     keep(Discovery(base, base, (), ending=Ending.RUNNING))
     candidates = _candidates(builder, options)
@@ -92,7 +91,7 @@ def run_rounds(
             ending = Ending.TIME_UP
             break
         if isinstance(accepted, FittedCandidate):
-            # The competition's fits are short; what is missing next is looked for from the minimum.
+            # The fits of a competition are short; the next round starts from the minimum.
             accepted = replace(
                 accepted, fit=minimise(accepted.fit.model, fit.noise, stopping=Stopping(updates=1, exact=True))
             )
@@ -117,8 +116,8 @@ def _round(
     tuple[TriedCandidate, ...],
     FittedCandidate | tuple[tuple[EffectAtJoint, str], ...] | None,
 ]:
-    """The ranking of a round, all that was tried, and the candidate to add, or why no candidate is accepted; None where
-    the time was up before all were tried."""
+    """The ranking of a round, all candidates tried, and the one to add or the objections to all; None if the time was
+    up before all were tried."""
     screened = competition.screen(catalogue)
     comparison = competition.compare(competition.shortlist(screened), progress=progress)
     ranking, tried = comparison.ranking, comparison.tried
@@ -127,7 +126,7 @@ def _round(
     held = partial(_with_shapes_held, competition, screened)
     judge = partial(decide, fit=competition.fit, options=options, base=base, held=held, finished=competition.finished)
     accepted = judge(ranking)
-    if comparison.unfitted and not isinstance(accepted, FittedCandidate):  # the best was none that can be accepted
+    if comparison.unfitted and not isinstance(accepted, FittedCandidate):
         comparison = competition.compare(comparison.unfitted, progress=progress, reach=float("inf"))
         again = {t.effect_at for t in comparison.tried}
         tried = (*(t for t in tried if t.effect_at not in again), *comparison.tried)
@@ -155,7 +154,7 @@ def _shifts_log(fit: Fit) -> bool:
 
 
 def _candidates(builder: LoopModelBuilder, options: Options) -> list[EffectAtJoint]:
-    """The candidates; for a black box also what every base model has, because the box may lack it."""
+    """The candidates; for a black box also the effects of every base model, which the box may lack."""
     anything = builder.description is None
     names = [
         name

@@ -1,4 +1,4 @@
-"""What a physical effect is: its parameters, its equations, where it acts and what it is confounded with.
+"""The interface of a physical effect: parameters, equations, place, and what it is confounded with.
 
 :class:`Effect` is the root of all effects, wherever they act. :class:`TorqueEffect` acts in the torque balance
 of a joint: it adds to the inverse dynamic model the torque

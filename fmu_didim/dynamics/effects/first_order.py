@@ -1,4 +1,4 @@
-"""What an effect outside the torque balance does to first order, along a motion that is given.
+"""First-order change of the torque by an effect outside the torque balance, along a given motion.
 
 Effects in the torque balance have columns; of the others only some show without a simulation of the closed loop: those
 whose first-order change follows from the torque of their joint alone. The design of the next experiment compares them.

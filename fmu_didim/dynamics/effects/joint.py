@@ -1,4 +1,4 @@
-"""A joint as its effects see it: units, parameters of either type of joint, surroundings."""
+"""A joint from the view of its effects: units, parameters of either type of joint, surroundings."""
 
 from __future__ import annotations
 
@@ -130,7 +130,7 @@ def _of_type(one_or_two: Either[T], joint_type: JointType) -> T:
 
 @dataclass(frozen=True)
 class Surroundings:
-    """What a torque effect of one joint can see; CasADi expressions.
+    """Quantities that a torque effect of one joint may use; CasADi expressions.
 
     Attributes:
         joint: number of its joint, from 0; joint_type: that joint's type.

@@ -11,7 +11,7 @@ class PayloadChange(TorqueEffect):
     W_p (n,) is the column of p in the rigid-body regressor of all joints; r(t; t1) = (1 + tanh((t - t1)/w_load))/2 with
     the time t of the loop in s; dM in kg, the first moments in kg.m. The moments of inertia of the load about the
     link's frame are left out. Listed at the joint that carries the load, as a rule the last one. A load that is there
-    all the time is part of the link and cannot be told from it.
+    all the time is part of the link and cannot be separated from it.
     """
 
     name = "payload_change"

@@ -1,4 +1,4 @@
-"""What several effects share: smoothed steps, and the experiment that tells friction by speed."""
+"""Shared by several effects: smoothed steps, and the experiment that shows friction by speed."""
 
 from __future__ import annotations
 

@@ -135,7 +135,7 @@ class PlacedEffect:
         load: ca.SX,
         link: Mapping[str, ca.SX],
     ) -> Surroundings:
-        """What it sees; z are the states of all effects."""
+        """Surroundings of the effect; z are the states of all effects."""
         own = tuple(z[i] for i in range(self.states.start, self.states.stop))
         kind = robot.joints[self.joint].type
         return Surroundings(self.joint, kind, *motion, load=load, time=time, state=own, link=link)

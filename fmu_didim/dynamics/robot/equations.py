@@ -24,7 +24,7 @@ from fmu_didim.dynamics.robot.rate import EXPLICIT, Method, fastest_rate
 from fmu_didim.dynamics.robot.tilt import gravity_vector
 
 NEWTON_STEPS = 3
-"""Enough for |load| and its like: once no load changes its sign any more, one step is exact."""
+"""Enough for |load| and the like: once no load changes its sign, one step is exact."""
 
 
 class Equations:
@@ -119,8 +119,8 @@ class Equations:
 
     @property
     def stiff_balance(self) -> StiffBalance | None:
-        """What a linearly implicit step is made of; None where friction depends on the load: that is solved for by
-        Newton's method, which such a step would not save."""
+        """The parts of a linearly implicit step; None where friction depends on the load: Newton's method, which
+        solves for it, would still be needed."""
         if self.loaded:
             return None
         return StiffBalance(

@@ -27,7 +27,7 @@ from fmu_didim.dynamics.linearly_implicit import LinearlyImplicit
 
 @dataclass(frozen=True)
 class StiffBalance:
-    """What of a robot's torque balance a linearly implicit step is made of, in symbols.
+    """The parts of a robot's torque balance that a linearly implicit step needs, in symbols.
 
     Attributes:
         rows: (na,) imbalance; unknown: (na,) accelerations; v, w: (na,), (nw,) symbols; rate: f_w (nw,).
@@ -194,7 +194,7 @@ def _beyond(value: ca.SX, limit: ca.SX) -> ca.SX:
 
 
 def _weights(relaxed: ca.SX) -> ca.SX:
-    """Theta for what would relax by so much in the step."""
+    """Theta by the relaxation in the step."""
     return ca.densify(1 - 1 / (2 * (1 + (ca.fmax(relaxed, 0) / RELAXED) ** 2)))
 
 
@@ -221,7 +221,7 @@ def _chords(friction: ca.SX, v: ca.SX) -> ca.SX:
 
 
 STANDSTILL = 1e-9
-"""Speed in rad/s (m/s) that stands for none, where a chord would be 0/0."""
+"""Speed in rad/s (m/s) that replaces zero, where a chord would be 0/0."""
 RELAXED = 30.0
 """Times of relaxation in a step from which Theta leaves 1/2: beyond, the rule would ring by (1 - z/2)/(1 + z/2) a step,
 below it is more accurate with 1/2."""

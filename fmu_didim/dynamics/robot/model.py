@@ -26,7 +26,7 @@ from fmu_didim.dynamics.robot.rate import EXPLICIT, IMPLICIT, MOTION_RATE, RESOL
 from fmu_didim.dynamics.robot.vectorised import Vectorised
 
 LONG = 1e9
-"""A time in s that lies after, and with the other sign before, all that happens in a run."""
+"""A time in s after, and with the other sign before, all events of a run."""
 _SIGNALS: Mapping[str, tuple[str, str, str]] = {
     "tau{}": ("torque", "input", "joint torque"),
     "q{}": ("position", "output", "joint position"),
@@ -220,7 +220,7 @@ class RobotModel:
         definite. A negative or zero diagonal element gives a value <= 0."""
         if not self._mass_changes:
             return scaled_eigenvalues((self._inertia_columns.at(q) @ chi).reshape(-1, *self._square))
-        # Before and after whatever changes with time.
+        # Before and after all that changes with time.
         found = []
         for time in (-LONG, LONG):
             own = (chi, self.shape_values, self._extra_at(time))

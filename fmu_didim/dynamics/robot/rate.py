@@ -30,11 +30,11 @@ class Method:
 EXPLICIT = Method(1.0, 1.0, 0.1)
 """RK4 at h rate <= 0.2: stable with room to spare at h rate = 2, its limit being 2.78."""
 IMPLICIT = Method(1.0, 2.0, 0.0)
-"""With h rate = 0.2 of what friction damps, a linearly implicit step is 3e-7 of the velocities of the TX40 wrong where
+"""With h rate = 0.2 of the damping by friction, a linearly implicit step errs by 3e-7 of the velocity of a TX40 where
 the torque jumps every 5 ms. What oscillates, a step of second order with h rate = 0.1 misses by 0.04 * 0.1^2 = 4e-4 of
 the oscillation in each radian."""
 RESOLVING = Method(0.0, 0.2, 0.0)
-"""What a linearly implicit step must resolve whatever accuracy is asked for."""
+"""Rates that a linearly implicit step must resolve at any accuracy."""
 
 
 MOTION_RATE = 2500.0

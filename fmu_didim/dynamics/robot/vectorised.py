@@ -11,7 +11,7 @@ import numpy as np
 from fmu_didim.data.signals import Array
 
 TOGETHER = 4096
-"""Points whose intermediate numbers are kept at once: more would need much memory and leave the processor's caches."""
+"""Points evaluated at once: more would need much memory and leave the processor's caches."""
 _OPERATIONS: dict[int, Callable[..., Any]] = {
     ca.OP_ASSIGN: lambda x: x,
     ca.OP_ADD: np.add,
@@ -68,6 +68,9 @@ class Vectorised:
 
     Args:
         function: (a, b, ...) -> y (m,).
+
+    Attributes:
+        is_known: whether all its instructions are known here.
     """
 
     def __init__(self, function: ca.Function) -> None:
@@ -83,7 +86,7 @@ class Vectorised:
             )
             for k in range(count)
         ]
-        self._is_known = count > 0 and all(row[0] in known for row in self._program)
+        self.is_known = count > 0 and all(row[0] in known for row in self._program)
 
     def __call__(self, count: int, arguments: Sequence[Array | Sequence[Any]]) -> Array:
         """(K, m) of the output.
@@ -91,7 +94,7 @@ class Vectorised:
         Args:
             count: K; arguments: for each argument of the function its elements, each (K,) or one number.
         """
-        if not self._is_known:
+        if not self.is_known:
             return self._by_casadi(count, arguments)
         result = np.zeros((self._size, count))
         for first in range(0, count, TOGETHER):

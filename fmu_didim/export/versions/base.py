@@ -1,4 +1,4 @@
-"""What a version of FMI is to those who write FMUs."""
+"""A version of FMI, for writing FMUs."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ def _no_sources(block: Block) -> dict[str, str]:
 
 @dataclass(frozen=True)
 class WrittenVersion:
-    """A version of FMI: how a block is described in it, and what lies where in the archive.
+    """A version of FMI: how it describes a block, and the layout of its archive.
 
     Attributes:
         name: what ``fmiVersion`` of its descriptions says.

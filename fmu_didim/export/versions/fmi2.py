@@ -22,8 +22,9 @@ _MAIN = "fmi2.c"
 
 def _model_description(block: Block, guid: str, tool: str) -> str:
     """The variables stand in the order of their value references."""
-    told = stated(fmiVersion="2.0", modelName=block.name, guid=guid, description=block.description, generationTool=tool)
-    root = ET.Element("fmiModelDescription", told, variableNamingConvention="flat", numberOfEventIndicators="0")
+    about = stated(modelName=block.name, guid=guid, description=block.description, generationTool=tool)
+    fixed = {"variableNamingConvention": "flat", "numberOfEventIndicators": "0"}
+    root = ET.Element("fmiModelDescription", {"fmiVersion": "2.0"} | about | fixed)
     common = {
         "modelIdentifier": file_name(block.name),
         "canNotUseMemoryManagementFunctions": "true",
@@ -71,7 +72,7 @@ def _add_variables(parent: ET.Element, block: Block) -> None:
 def _folders(platforms: Sequence[Platform], host: Platform) -> dict[str, Platform]:
     """The bits for Intel's processors, and since 2.0.4 the tuples of FMI 3.0 for all others (section 2.3).
 
-    An ARM machine's own binary is also put where the tools on that machine look for it that only know ``linux64`` and
+    An ARM machine's own binary also goes where tools on that machine look for it that know only ``linux64`` and
     ``darwin64`` (FMPy 0.3 is one), unless the standard's owner of that folder is there.
     """
     folders = {p.bits_folder if p.architecture in ("x86", "x86_64") else p.tuple_folder: p for p in platforms}

@@ -22,8 +22,8 @@ _MAIN, _TIME = "fmi3.c", "time"
 
 def _model_description(block: Block, token: str, tool: str) -> str:
     """The variables stand in the order of their value references; the independent one, ``time``, is the last."""
-    told = stated(modelName=block.name, instantiationToken=token, description=block.description, generationTool=tool)
-    root = ET.Element("fmiModelDescription", {"fmiVersion": "3.0"} | told, variableNamingConvention="flat")
+    about = stated(modelName=block.name, instantiationToken=token, description=block.description, generationTool=tool)
+    root = ET.Element("fmiModelDescription", {"fmiVersion": "3.0"} | about, variableNamingConvention="flat")
     common = {
         "modelIdentifier": file_name(block.name),
         "canBeInstantiatedOnlyOncePerProcess": "false",

@@ -31,11 +31,11 @@ DIFFERENCE_STEPS = (1e-9, 1e-8, 1e-7, 1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 0.03, 0.1, 0
 """[1] Relative steps tried on a loop whose integrator is not ours, from rounding to where no parameter acts linearly;
 denser where the torque jitters that much."""
 KEPT_STEP = 3.0
-"""[1] A step that was found is kept until its column errs by so many times as much as then."""
+"""[1] A step is kept until the error of its column has grown by this factor."""
 SHOWS_SOMETHING = 0.3
-"""[1] A column that errs by more of its norm does not tell whether a shorter step is right."""
+"""[1] A column with a larger error, relative to its norm, cannot confirm a shorter step."""
 KNOWN_WITHIN = 3.0
-"""[1] Columns of two steps agree within so many times what the longer one errs by."""
+"""[1] Columns of two steps agree if they differ by less than this many errors of the longer one."""
 TRUNCATED = 0.1
 """[1] Part of a column beyond that by which a longer step may differ: its truncation, which second differences of
 symmetric functions do not show."""
@@ -65,11 +65,11 @@ class Step:
     curved: float = 1.0
 
     def is_sought(self, wanted: float) -> bool:
-        """Whether a step for such an error was looked for already."""
+        """Whether a step with this error was searched for already."""
         return self.sought <= KEPT_STEP * wanted
 
     def after(self, known: Step, wanted: float) -> Step:
-        """This one, with what the one before has shown."""
+        """This step, with what is known from the one before."""
         sought = min(wanted, known.sought)
         if known.place != self.place or self.curved > 1:
             return replace(self, sought=sought)
@@ -77,7 +77,7 @@ class Step:
 
 
 Steps = dict[tuple[str, int], Step]
-"""The steps that were found, by label of the experiment and number of the parameter, so that they are kept."""
+"""Known steps, by label of the experiment and number of the parameter."""
 
 
 def jitter_in(steps: Steps, deviation: Array) -> float:
@@ -164,7 +164,7 @@ class Ladder:
         return len(found) > 1 and _error(self._best()) <= wanted
 
     def _known(self) -> list[Difference]:
-        """What was simulated, from the longest step to the shortest."""
+        """Simulated differences, from the longest step to the shortest."""
         return [one for _, one in sorted(self._tried.items(), reverse=True) if one is not None]
 
     def _best(self) -> Difference:

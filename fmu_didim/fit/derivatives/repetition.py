@@ -70,7 +70,7 @@ class Beginning:
     @staticmethod
     def of(run: Simulation, torque: Array) -> Beginning | None:
         """The first part of an experiment; None where its torque (N, n) does not repeat early enough."""
-        if run.model.low_pass is not None or "t_start" in {v.name for v in run.model.plant.parameters}:
+        if run.model.experiments.low_pass is not None or "t_start" in {v.name for v in run.model.loop.plant.parameters}:
             return None  # the ends of a filtered log are not like its middle; a plant with a clock need not repeat
         found = repetition(run.experiment, run.experiment.operator, run.step_size, torque)
         return None if found is None else Beginning(found, torque)

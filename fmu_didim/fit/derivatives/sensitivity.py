@@ -1,4 +1,4 @@
-"""How the torque changes with the free parameters of a loop: S = d tau / d values.
+"""Sensitivity of the torque to the free parameters of a loop: S = d tau / d values.
 
 Three ways, the best one that a parameter allows:
 
@@ -33,14 +33,14 @@ from fmu_didim.model.prediction import Prediction
 from fmu_didim.model.workers import side_by_side
 
 SHORTER_STEP = 30.0
-"""[1] Where neither that step nor its opposite can be simulated, one so many times shorter."""
+"""[1] Where neither that step nor its opposite can be simulated, it is divided by this."""
 SMOOTH_STEP = 3e-7
 """[1] Of the value at which a parameter alone would make up the whole torque. The simulations of our own plants are
 smooth in the parameters, so that truncation and rounding both stay at some 1e-6 of the sensitivity."""
 ROUGHNESS = 0.1
 """[1] Error of a column, relative to its norm, that a search among many models goes on with."""
 SMOOTH = 1e-3
-"""[1] The same of a fit, until the columns are known that a column has to be told from."""
+"""[1] The same in a fit, until the other columns are known, from which it has to be distinguished."""
 SHARE_OF_SINGULAR = 0.02
 """[1] Errors of the columns, of length one, over the smallest singular value of all of them: no deviation is wrong by
 a larger part. Shorter or longer steps are tried where it is more."""
@@ -67,17 +67,17 @@ def sensitivity(
     Args:
         torque: (N, n) at the values.
         sizes: (b,) of the base parameters, see :func:`parameter_sizes`; their scales by default.
-        exact: False where a search compares many models, for which forward differences do.
+        exact: False where a search compares many models: forward differences are enough there.
         whole: False where, if motion and torque repeat, parameters need be moved for the first period alone.
-        steps: of central differences that were found before, which are kept; those that are found now are added.
+        steps: of central differences that are known already; new ones are added.
     """
     steps = {} if steps is None else steps
     chosen = list(only) if len(only) else list(range(len(model.free_parameters)))
     model = model.integrated_as(values)  # other steps of the integration would look like a change
     tables, tasks = {}, []
-    for label, rows in model.rows.items():
+    for label, rows in model.experiments.rows.items():
         table = tables[label] = np.zeros((rows.stop - rows.start, torque.shape[1], len(chosen)))
-        acting = [k for k, i in enumerate(chosen) if model.acts(i, label)]
+        acting = [k for k, i in enumerate(chosen) if model.free_parameters.acts(i, label)]
         missing = [k for k in acting if not model.free_parameters[chosen[k]].is_held]
         run = model.simulation(values, label)
         beginning = None if whole else Beginning.of(run, torque[rows])
@@ -91,7 +91,7 @@ def sensitivity(
     workers = model.allowed_workers(values) if len(tasks) > 1 else 1
     _fill(tables, tasks, steps, SMOOTH if exact else ROUGHNESS, workers)
     if exact and any(task.ladder for task in tasks):
-        # Only now it is known which columns are hard to tell apart.
+        # Nearly collinear columns show only now.
         size = np.sqrt(np.mean(torque**2, axis=0))
         smallest = smallest_singular_value(np.concatenate(list(tables.values())) / np.where(size > 0, size, 1)[:, None])
         wanted = SHARE_OF_SINGULAR * smallest / float(np.sqrt(len(chosen)))
@@ -117,7 +117,7 @@ def parameter_sizes(model: LoopModel, values: Array, prediction: Prediction) -> 
 
 
 def step_size(model: LoopModel, i: int, sizes: Array | None) -> float:
-    """What the steps of a parameter are relative to."""
+    """The size of a parameter to which its steps are relative."""
     return float(sizes[i] if sizes is not None and i < sizes.size else model.free_parameters[i].scale)
 
 
@@ -158,8 +158,8 @@ def _groups(places: list[tuple[str, str]], workers: int) -> list[list[tuple[str,
 
 
 def _followed_all(run: Simulation, systems: Sequence[tuple[System, int]]) -> Array | None:
-    """(N, n, p) derivatives of the torque from systems with so many each, side by side; None where Python would run
-    the loop."""
+    """(N, n, p) derivatives of the torque from systems with their counts, side by side; None where Python would
+    run the loop."""
     tables = side_by_side([partial(_followed, run, *system) for system in systems], run.model.workers)
     found = [table for table in tables if table is not None]
     return np.concatenate(found, axis=2) if len(found) == len(systems) else None
@@ -172,7 +172,7 @@ def _followed(run: Simulation, varied: System, count: int) -> Array | None:
         return None
     columns = [
         np.column_stack([recording.inputs[derivative_name(name, lane)] for lane in range(count)])
-        for name in run.model.logged
+        for name in run.model.loop.logged
     ]
     return run.sampled(np.stack(columns, axis=1))
 
@@ -188,8 +188,8 @@ def _place(model: LoopModel, parameter: FreeParameter) -> tuple[str, str] | None
     if parameter.owner in (DELAY, LOG, EXTERNAL_TORQUE):
         return None
     if parameter.owner == BASE:
-        return model.plant_name, model.parameters.plant_names[model.parameters.names.index(parameter.key)]
-    return (model.plant_name if parameter.owner == PLANT else parameter.owner), parameter.key
+        return model.loop.plant_name, model.parameters.plant_names[model.parameters.names.index(parameter.key)]
+    return (model.loop.plant_name if parameter.owner == PLANT else parameter.owner), parameter.key
 
 
 @dataclass(frozen=True)
@@ -204,7 +204,7 @@ class _Column:
     ladder: Ladder | None
 
     def simulated(self, steps: Steps, wanted: float) -> Difference:
-        """With a step whose error is wanted; the one that was found before is kept while it serves as well as then."""
+        """With a step of the wanted error; a known one is kept while its error does not grow."""
         if self.ladder is None:
             assert self.forward is not None
             return Difference(self.forward())
@@ -217,7 +217,7 @@ class _Column:
         return replace(found, step=found.step and found.step.after(known, wanted))
 
     def falls_short(self, steps: Steps, wanted: float) -> bool:
-        """Whether a better step than the known one is to be looked for."""
+        """Whether to search for a better step than the known one."""
         known = steps.get((self.label, self.i)) if self.ladder else None
         return known is not None and known.error > wanted and not known.is_sought(wanted)
 
@@ -238,10 +238,10 @@ class _Experiment:
         self, run: Simulation, torque: Array, sizes: Array | None, exact: bool, beginning: Beginning | None
     ) -> None:
         self._run, self._torque, self._sizes, self._exact, self._beginning = run, torque, sizes, exact, beginning
-        self._smooth = run.model.can_refine or run.model.plant.equations() is not None
+        self._smooth = run.model.can_refine or run.model.loop.plant.equations() is not None
 
     def way(self, i: int) -> tuple[Callable[[], Array] | None, Ladder | None]:
-        """What simulates the column (N, n) of a parameter: a forward difference, or central ones."""
+        """The function that simulates the column (N, n) of a parameter: a forward difference, or central ones."""
         parameter = self._run.model.free_parameters[i]
         timed = parameter.owner in (DELAY, LOG, EXTERNAL_TORQUE)
         if timed or (self._smooth and (not self._exact or parameter.owner == BASE)):

@@ -21,7 +21,7 @@ SAMPLES_A_COEFFICIENT = 5.0
 
 
 def largest_order(samples: int) -> int:
-    """The largest order that so many samples are asked for."""
+    """The largest order that is tried for this number of samples."""
     return int(min(ORDERS * np.log10(samples), samples / SAMPLES_A_COEFFICIENT))
 
 
@@ -47,7 +47,7 @@ def autoregression(covariance: Array, samples: int, largest: int) -> Array:
 
 
 def _cost(samples: int, order: int) -> float:
-    """What so many coefficients and a variance cost: Hurvich, Tsai, Biometrika 76 (1989)."""
+    """Cost of a variance and this number of coefficients: Hurvich, Tsai, Biometrika 76 (1989)."""
     return 2.0 * (order + 1) * samples / max(samples - order - 2, 1)
 
 
@@ -76,10 +76,10 @@ def innovations(covariance: Array, coefficients: Array, lags: int) -> Array:
 
 
 def portmanteau(covariance: Array, pairs: Array, lags: int) -> float:
-    """Ljung and Box's sum over the lags 1 ... ``lags``, a chi-square of so many degrees of freedom if all is white.
+    """Ljung and Box's sum over the lags 1 ... ``lags``, a chi-square with that many degrees of freedom if all is white.
 
     Args:
-        covariance: (K + 1,) means of the products; pairs: (K + 1,) how many products each is the mean of.
+        covariance: (K + 1,) means of the products; pairs: (K + 1,) number of products in each mean.
     """
     if covariance[0] <= 0:
         return 0.0

@@ -1,4 +1,4 @@
-"""How noisy the torque is, and how much of it repeats: known before any model.
+"""Noise of a torque log, and how much of it repeats, without any model.
 
 A motion that repeats shows both: the difference of two periods is noise, their mean repeats. Without
 repetition the noise is what is left in the residual of a model above the frequencies of the motion.
@@ -26,7 +26,7 @@ LONGEST_PERIOD = 0.75
 FEWEST_DIFFERENCES = 30
 """[samples] Fewer differences of two periods give no noise: the deviation of 30 is known to 13 %."""
 LARGEST_CORRELATION = 0.98
-"""[1] Correlation of neighbouring samples that is believed at most, so that one sample of a hundred still counts."""
+"""[1] Largest correlation of neighbouring samples that is used, so that one sample of a hundred still counts."""
 SEGMENTS = 6
 """[segments] A residual's spectrum comes from at least as many, for their median."""
 SEGMENT = (32, 256)
@@ -39,35 +39,35 @@ HIGHEST_CUT = 0.3
 FEWEST_FREQUENCIES = 4
 """[frequencies] With fewer above the cut, the upper half of the spectrum is taken."""
 UPPER_HALF = 0.5
-"""[1] That half, as a fraction of the highest frequency."""
+"""[1] Where that half begins, as a fraction of the highest frequency."""
 CORRELATIONS = (-0.5, 0.9)
-"""[1] Range of those tried for the colour of a residual."""
+"""[1] Range of the correlations tried for the colour of a residual."""
 CORRELATION_COUNT = 57
 """[correlations] Tried in that range, in steps of 0.025."""
 USUAL = (0.2, 0.2)
 """[1] Correlation of neighbouring samples that noise usually has, and its spread."""
 SLOW_S = 0.05
-"""[s] Noise of a current sensor has forgotten itself after this time."""
+"""[s] Noise of a current sensor is uncorrelated after this time."""
 LEAST_NOISE = 1e-9
 """[1] Smallest noise, as a fraction of the torque: a simulated log may repeat exactly, its weight must stay
 finite."""
 BLOCKS = 20
 """[blocks] In a period, to find those in which something happened once."""
 SHORTEST_BLOCK = 10
-"""[samples] A block is not shorter: the power of fewer samples is chance."""
+"""[samples] Shortest block: the power of fewer samples is chance."""
 OUTLIER = 6.0
-"""[1] A block of this many times the usual power is no noise."""
+"""[1] A block with more than this many times the usual power is not noise,"""
 MOST_OUTLIERS = 0.4
-"""[1] Unless so large a fraction of them is: then the motion has loud and quiet parts."""
+"""[1] unless more than this fraction of the blocks are: then the motion has loud and quiet parts."""
 OUTLIER_ROUNDS = 4
-"""[rounds] Blocks are left out at most so often."""
+"""[rounds] Largest number of times that blocks are left out."""
 MOTION_POWER = 0.999
 """[1] Fraction of the power of the velocities below the highest frequency of a motion."""
 
 TINY = 1e-300
-"""[1] Nothing is divided by less."""
+"""[1] Smallest divisor."""
 SMALLEST_MISFIT = 1e-12
-"""[1] Nor a misfit by a smaller one, where a colour fits exactly."""
+"""[1] Smallest misfit to divide by, where a colour fits exactly."""
 
 
 @dataclass(frozen=True)
@@ -158,7 +158,7 @@ def noise_from_periods(
         slow[j] = _correlation(rest, kept, spread, max(round(SLOW_S * rate_hz), 1))
         # A simulated log may repeat exactly; its weight must stay finite.
         deviation[j] = max(spread, LEAST_NOISE * float(np.sqrt(np.nanmean(torque[:, j] ** 2))), TINY)
-    periods = -((skip - torque.shape[0]) // samples)  # begun ones: a last one that is cut short is compared as well
+    periods = -((skip - torque.shape[0]) // samples)  # a last one that is cut short is compared as well
     count = int(np.isfinite(torque).all(axis=1).sum())
     return Noise(deviation, correlation, "periods", periods=periods, samples=count, slow=slow)
 
@@ -166,7 +166,7 @@ def noise_from_periods(
 def _without_events(
     difference: Array, table: Array, there: NDArray[np.bool_], block: int
 ) -> tuple[Array, NDArray[np.bool_]]:
-    """What columns (N, m) leave of a difference (N,), and which samples are there, in blocks that do not stand out."""
+    """Residual (N,) of a difference on columns (N, m), and the samples in blocks that do not stand out."""
     place = np.arange(difference.size) // block
     kept = there
     for _ in range(OUTLIER_ROUNDS):
@@ -184,7 +184,7 @@ def _without_events(
 
 
 def _correlation(values: Array, kept: NDArray[np.bool_], deviation: float, lag: int) -> float:
-    """Of the kept values so many samples apart."""
+    """Correlation of the kept values at a lag, in samples."""
     pairs = kept[lag:] & kept[:-lag]
     return float(np.sum((values[lag:] * values[:-lag])[pairs]) / max(float(pairs.sum()) * deviation**2, TINY))
 
@@ -244,7 +244,7 @@ def noise_from_residual(residual: Array, *, rate_hz: float, motion_hz: float) ->
 
 
 def _misfit(power: Array, rho: float, phase: Array) -> tuple[float, float]:
-    """How badly level / |1 - rho e^(-i w)|^2 fits, in logarithms, and the level."""
+    """Misfit of level / |1 - rho e^(-i w)|^2, in logarithms, and the level."""
     shape = 1.0 / (1 + rho**2 - 2 * rho * np.cos(2 * np.pi * phase))
     logs = np.log(np.maximum(power, TINY)) - np.log(shape)
     return float(np.var(logs)), float(np.exp(np.mean(logs)))

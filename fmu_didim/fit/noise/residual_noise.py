@@ -1,4 +1,4 @@
-"""The noise of logs on their grids, as a residual shows it.
+"""The noise of logs on their grids, estimated from a residual.
 
 The fit takes up a part of the noise e, most of it where the motion is slow, so the residual r = (I - S Phi') e of
 sensitivity S and influence Phi is smaller than the noise. What noise of a given autocovariance Omega would lose so,
@@ -31,9 +31,9 @@ little, since what is then estimated is nearly white; a colour that is missed co
 CLEARLY_NOT_WHITE = 0.01
 """[1] The same of one joint where all together look white; there are several to ask."""
 LONGEST_GAP = 1000
-"""[samples] A longer gap in a log counts as so long: nothing remembers across."""
+"""[samples] A longer gap in a log counts as this long: noise is uncorrelated across it."""
 FEWEST_COLOURED = 20
-"""[samples] Fewer are too few to see a colour in."""
+"""[samples] Fewer samples are too few to show a colour."""
 
 
 @dataclass(frozen=True)
@@ -107,11 +107,11 @@ class LogsOfOneRate:
 
     @property
     def samples(self) -> int:
-        """How many there are."""
+        """Their number."""
         return int(sum(log.there.sum() for log in self.logs))
 
     def pairs(self, lags: int) -> Array:
-        """(lags + 1,) how many pairs of samples are so far apart; at least one, so that nothing is divided by zero."""
+        """(lags + 1,) numbers of pairs of samples at each lag, at least one, to divide by."""
         counts = np.sum([_lagged(log.there, log.there, lags) for log in self.logs], axis=0)
         return np.asarray(np.maximum(counts[:, 0], 1.0))
 

@@ -1,8 +1,6 @@
-"""As many substeps of the plant as the noise of the data asks for."""
+"""The fewest substeps of the plant whose error is hidden by the noise of the data."""
 
 from __future__ import annotations
-
-from dataclasses import replace
 
 import numpy as np
 
@@ -14,7 +12,7 @@ from fmu_didim.fit.solver.termination import Stopping
 from fmu_didim.model.loop_model import LoopModel
 
 POLISHING = 2
-"""[steps] From the minimum of one integration to that of a finer one, a small fraction of the noise away."""
+"""[steps] From the minimum with one integration to that with a finer one, a small fraction of the noise away."""
 INTEGRATION_SHARE = 0.01
 """[standard deviations] Twice the substeps of the plant may change the torque of a joint by this much of its noise: a
 hundredth moves no parameter by more than a hundredth of its standard deviation."""
@@ -28,18 +26,18 @@ def with_fitting_substeps(model: LoopModel, values: Array, deviation: Array | No
     substeps by the rule change the torque by more, the rule holds.
 
     Args:
-        values: (p,) where the torque is looked at.
-        deviation: (n,) noise of each joint; by default what the model knows of it, else the residual at the values.
+        values: (p,) at which the torque is compared.
+        deviation: (n,) noise of each joint; by default that of the model, else the residual at the values.
     """
-    automatic = replace(model, substeps=None)
-    if not model.chooses_substeps:
+    automatic = model.with_loop(substeps=None)
+    if not model.loop.chooses_substeps:
         return automatic
     most, count, torque = automatic.automatic_substeps(values), model.fewest_substeps(values), None
     while 2 * count <= most:
-        finer = _torque(replace(model, substeps=2 * count), values)
-        torque = _torque(replace(model, substeps=count), values) if torque is None else torque
+        finer = _torque(model.with_loop(substeps=2 * count), values)
+        torque = _torque(model.with_loop(substeps=count), values) if torque is None else torque
         if torque is not None and finer is not None and integration_change(model, torque, finer, deviation) <= 1:
-            return replace(model, substeps=count)
+            return model.with_loop(substeps=count)
         count, torque = 2 * count, finer
     return automatic
 
@@ -47,7 +45,7 @@ def with_fitting_substeps(model: LoopModel, values: Array, deviation: Array | No
 def integrated(fit: Fit) -> Fit:
     """The same minimum, integrated as finely as its model asks for there; raises SimulationError where that fails."""
     model = with_fitting_substeps(fit.model, fit.values, fit.noise.deviation)
-    if model.substeps == fit.model.substeps:
+    if model.loop.substeps == fit.model.loop.substeps:
         return fit
     return minimise(model, fit.noise, stopping=Stopping(POLISHING, updates=0), jacobian=fit.jacobian)
 
@@ -56,7 +54,7 @@ def integration_change(model: LoopModel, torque: Array, finer: Array, deviation:
     """Change of the torque (N, n) by finer integration over what is allowed, at the joint where it is worst.
 
     Args:
-        deviation: (n,) noise; by default what the model knows of it, else the residual.
+        deviation: (n,) noise; by default that of the model, else the residual.
     """
     if deviation is None:
         deviation = model.torque_deviation

@@ -1,4 +1,4 @@
-"""What may be simulated, and what may be returned."""
+"""Checks of values before they are simulated, and before they are returned."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from fmu_didim.model.loop_model import LoopModel
 CHECKED_POSITIONS = 200
 """[positions] Along the reference, at which the inertia matrix is checked."""
 FARTHEST = 1.0
-"""[1] Relative error of the torque beyond which a model explains less than nothing: zero would be nearer."""
+"""[1] Relative error of the torque beyond which a model is worse than zero torque."""
 
 
 def mass_matrix_problem(model: LoopModel, values: Array) -> str:
@@ -46,7 +46,7 @@ def physical_problem(model: LoopModel, values: Array, deviation: Array) -> str:
 
 
 def tracking_problem(measured: Array, simulated: Array) -> str:
-    """Whether the simulated torque explains less than nothing of the measured one, or an empty string."""
+    """Why the simulated torque is worse than zero torque, or an empty string."""
     error = np.linalg.norm(measured - simulated) / np.linalg.norm(measured)
     if error > FARTHEST:
         return f"the simulated torque is farther from the measured one than zero is ({100 * error:.0f} %)"

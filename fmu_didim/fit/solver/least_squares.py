@@ -36,7 +36,7 @@ from fmu_didim.fit.statistics import relative_error_percent
 from fmu_didim.model.loop_model import LoopModel
 
 HOPE = 2.0
-"""[1] A fit is given up when not even so many times what a step promises would be enough."""
+"""[1] A fit is given up when this many times the gain that a step promises would not be enough."""
 
 
 def minimise(
@@ -59,7 +59,7 @@ def minimise(
         torque: (N, n) at the start, if known.
         sizes: (b,) of the base parameters, for exact differences; see :func:`parameter_sizes`.
         steps: of central differences that are known.
-        stage: name of the iterations in the history, which is kept where ``progress`` is given.
+        stage: name of the iterations in the history, which is recorded if ``progress`` is given.
 
     Raises:
         SimulationError: the start cannot be simulated.
@@ -118,7 +118,7 @@ class _Solver:
         return LinearStep.of(at, self._deviation(at), self._measured, self._region)
 
     def _before(self, step: LinearStep) -> Ending | None:
-        """How the fit ends without making a step, if it does."""
+        """The ending if the fit ends without this step, else None."""
         rules = self._stopping
         if rules.tolerance is None and step.promised < rules.promise:
             return Ending.NOTHING_PROMISED
@@ -127,7 +127,7 @@ class _Solver:
         return Ending.OUT_OF_TIME if clock.perf_counter() >= rules.until else None
 
     def _move(self, at: State, step: LinearStep, found: Trial) -> Ending | None:
-        """Go where a step led; how the fit ends with it, if it does."""
+        """Move to where a step led; the ending if the fit ends there, else None."""
         decision = self._termination.after(at, step, found)
         self._record(at, step, found)
         at.simulations += found.tried
@@ -152,7 +152,7 @@ class _Solver:
         return self._weighting.deviation(self._measured - at.torque, at.jacobian)
 
     def _is_at_minimum(self, at: State) -> bool:
-        """Whether the step that would follow, with the sensitivity of this very point, is nothing."""
+        """Whether the next step, with the sensitivity of this very point, would be negligible."""
         if not at.fresh and at.updates > 0:
             self._differentiate(at)
         return at.fresh and self._termination.is_nothing(self._step(at))

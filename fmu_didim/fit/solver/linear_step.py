@@ -1,4 +1,4 @@
-"""Where the steps of a fit are, and the linear problem of the next one."""
+"""State of the steps of a fit, and the linear problem of the next one."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ hides what it gains."""
 
 @dataclass
 class State:
-    """Where the steps are.
+    """State of the steps.
 
     Attributes:
         values: (p,); torque: (N, n); jacobian: (N, n, p), of the last sensitivity.
@@ -71,7 +71,7 @@ class LinearStep:
         return bool((np.abs(self.change) <= part * self.scale).all())
 
     def promise_of(self, jitter: float) -> float:
-        """How much the step may promise where the minimum is reached, but the torque jitters by J deviations.
+        """Gain that a step may promise at the minimum, where the torque jitters by J deviations.
 
         Chi-square of the jitter in as many directions as there are parameters; or, as long as it is a small part of a
         deviation, what two costs differ by because of it.

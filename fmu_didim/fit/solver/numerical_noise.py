@@ -6,7 +6,7 @@ standard deviations depend, nor is the minimum: it scatters as it would by noise
 What counts is by how much the columns of the sensitivity err beside their smallest singular value. Up to a fifth of it,
 values and deviations are those without jitter, to half a standard deviation and 5 %. From two fifths on, values scatter
 by a third of a deviation, deviations come out up to a tenth too small, and a few fits do not settle. Beyond, they are
-told as rough: a second step then changes a deviation by more than a tenth. Where two columns are the same to 0.3 %,
+reported as rough: a second step then changes a deviation by more than a tenth. Where two columns are the same to 0.3 %,
 those limits are jitters of 1 % and 3 % of the noise. The width of the pieces in which the torque is smooth does not
 matter, unless it comes near the standard deviations: each piece may then have a minimum of its own, and a few fits do
 not settle (``tests/fit/test_numerical_noise.py``).
@@ -38,7 +38,7 @@ SMOOTHER = 0.1
 
 @dataclass(frozen=True)
 class Roughness:
-    """What central differences leave open.
+    """Uncertainty that central differences leave.
 
     Attributes:
         change: largest relative change of a standard deviation when the sensitivities are taken with a second step.
@@ -52,7 +52,7 @@ class Roughness:
 
 
 def roughness(fit: Fit, sizes: Array | None = None) -> Roughness | None:
-    """How rough a loop is at a fit, by two simulations a column; None where no column is a central difference.
+    """Roughness of a loop at a fit, by two simulations a column; None where no column is a central difference.
 
     Args:
         sizes: of the base parameters, as the steps of the fit were taken with.
@@ -74,7 +74,7 @@ def smoother_after_step(model: LoopModel) -> str:
     the last step by chance.
     """
     label = model.first
-    system = model.systems[label]
+    system = model.loop.systems[label]
     now = _jitter(model, label)
     for name, component in system.components.items():
         fmu = foreign_co_simulation(component)
@@ -82,7 +82,7 @@ def smoother_after_step(model: LoopModel) -> str:
             continue
         other = replace(system, after_step=system.after_step | {name})
         try:
-            after = _jitter(replace(model, systems={**model.systems, label: other}), label)
+            after = _jitter(model.with_loop(systems={**model.loop.systems, label: other}), label)
         except FmuDidimError:  # a loop that is wired otherwise, or that such a delay makes unstable
             continue
         if after < SMOOTHER * now:
@@ -100,7 +100,7 @@ def _jitter(model: LoopModel, label: str) -> float:
 def _at_second_steps(fit: Fit, sizes: Array | None) -> Array:
     """The sensitivity (N, n, p) with other steps of the columns that are central differences."""
     model, table = fit.model, fit.jacobian.copy()
-    rows: Mapping[str, slice] = model.rows
+    rows: Mapping[str, slice] = model.experiments.rows
     length = np.linalg.norm(fit.jacobian / fit.deviation[:, None], axis=(0, 1))
     for (label, i), step in fit.steps.items():
         size = step_size(model, i, sizes)

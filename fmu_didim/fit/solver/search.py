@@ -1,4 +1,4 @@
-"""Where a step leads: the least damped trial that lowers the cost."""
+"""Line search of a step: the least damped trial that lowers the cost."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ NO_STEP = "no step lowers the error"
 
 @dataclass(frozen=True)
 class Trial:
-    """Where a step led.
+    """Result of a step.
 
     Attributes:
         values: (p,); torque: (N, n) there; None where no step lowers the cost.
@@ -72,7 +72,7 @@ class Search:
         """The least damped step that lowers the cost; the next more damped one where less damping is not feasible,
         because at the edge of what can be simulated a loop hardly damps itself any more."""
         model, settles = self.model, self.settles
-        measured, others = model.measured, model.validation_labels if self.check_all else ()
+        measured, others = model.measured, model.experiments.validation_labels if self.check_all else ()
         tried, edge, best, note = 0, False, None, ""
         for damping in DAMPINGS:
             change, promised = step.equations.step(at.values, self.region, damping)
@@ -87,7 +87,7 @@ class Search:
                 reached = sum_of_squares(measured - torque, step.deviation)
                 kept = damping == 0 and self.keeps_promise(at, step, reached)
                 if kept or reached < step.cost:
-                    for label in others:  # what was measured there is not looked at
+                    for label in others:  # only whether it runs
                         model.torque(trial, label)
             except SimulationError as error:
                 edge, note = True, f"step damped: {error.what}"
@@ -111,7 +111,7 @@ class Search:
         return best or Trial(at.values, None, step.cost, 0.0, tried, edge, NO_STEP)
 
     def keeps_promise(self, at: State, step: LinearStep, reached: float) -> bool:
-        """Whether a full step with fresh slopes has reached the cost that it promised, as far as jitter lets one see.
+        """Whether a full step with fresh slopes has reached the cost that it promised, within the jitter of the torque.
 
         What it misses must be less than noise moves the minimum by, so that no jitter excuses a step that is wrong.
         """

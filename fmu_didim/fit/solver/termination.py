@@ -1,4 +1,4 @@
-"""When the steps of a fit end."""
+"""Termination of the steps of a fit."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ class Stopping:
 
 @dataclass(frozen=True)
 class Decision:
-    """What follows a step.
+    """Decision after a step.
 
     Attributes:
         ending: how the fit ends with it; None: it goes on.
@@ -125,7 +125,7 @@ class Termination:
     def _is_small(
         self, at: State, step: LinearStep, found: Trial, tolerance: float, size: float, *, stale: bool
     ) -> bool:
-        """Whether a step that was made shows that the next one is nothing."""
+        """Whether a step that was made shows that the next one is negligible."""
         floor = np.maximum(np.maximum(np.abs(found.values), step.scale), TORQUE_FLOOR * step.size)
         # A step that was damped or shortened is small for that: what it should have been counts.
         whole = not found.note or step.is_far_below_sigma
@@ -135,7 +135,7 @@ class Termination:
         return at.fresh and step.promised <= self._promise_of_jitter(step)
 
     def is_nothing(self, step: LinearStep) -> bool:
-        """Whether a step changes no conclusion, or is one that jitter alone would ask for."""
+        """Whether a step changes no conclusion, or is within jitter."""
         return step.is_far_below_sigma or step.promised <= self._promise_of_jitter(step)
 
     def _promise_of_jitter(self, step: LinearStep) -> float:

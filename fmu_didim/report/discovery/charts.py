@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +14,7 @@ from fmu_didim.report.drawing.residual_charts import QUANTITIES, Residuals, agai
 from fmu_didim.report.drawing.torque_charts import SHOWN, Simulated, samples_text, torque_chart
 from fmu_didim.report.identification.charts import ExperimentCharts
 from fmu_didim.report.numbers import joint_unit, pretty_unit
-from fmu_didim.results.findings import FindingsDocument, FrictionResult
+from fmu_didim.results.findings import FindingsDocument
 
 MODELS = {"base model": "base", "final model": "final"}
 """Name in a legend -> column of the simulated torque."""
@@ -53,7 +52,10 @@ def _experiment(
     torque = torque_chart(
         f"torque-{number}", f"Torque, {title}", signals.time, measured, simulated, units, noise=document.noise.std
     )
-    residuals = [_residuals(signals, models, j) for j in joints]
+    residuals: list[Residuals] = [
+        {m: (SHOWN[m], measured[:, j - 1] - signals.column(f"{column}{j}")) for m, column in models.items()}
+        for j in joints
+    ]
     against = [
         against_chart(
             f"binned-{number}-{j}-{quantity}", j, quantity, units[j - 1],
@@ -79,11 +81,6 @@ def _models(signals: Trajectory, joints: int) -> dict[str, str]:
     return found
 
 
-def _residuals(signals: Trajectory, models: dict[str, str], joint: int) -> Residuals:
-    measured = signals.column(f"measured{joint}")
-    return {m: (SHOWN[m], measured - signals.column(f"{column}{joint}")) for m, column in models.items()}
-
-
 def panel_quantities(document: FindingsDocument, signals: Trajectory, joint: int) -> list[str]:
     """The quantities of the charts of a joint: those of its strongest regions, then velocity and position."""
     ranked = sorted((r for r in document.regions if r.joint == joint), key=lambda r: -r.share_of_gap)
@@ -93,15 +90,15 @@ def panel_quantities(document: FindingsDocument, signals: Trajectory, joint: int
 
 def friction_charts(document: FindingsDocument) -> list[Chart]:
     """The friction of base and final model over velocity, with the interval of the final one."""
-    return [_friction(found, document.torque_unit) for found in document.friction]
-
-
-def _friction(found: FrictionResult, units: Sequence[str]) -> Chart:
-    velocity = np.array(found.velocity)
-    series = [
-        Series("base model", velocity, np.array(found.base), "base"),
-        Series("final model, 95 %", velocity, np.array(found.final), "final", band=np.array(found.half_width)),
-    ]
-    panel = Panel(f"friction ({joint_unit(units, found.joint - 1)})", series, f"Joint {found.joint}", FRICTION_HEIGHT)
-    title = f"Friction of joint {found.joint} over its velocity"
-    return Chart(f"friction-{found.joint}", title, [panel], f"velocity ({pretty_unit(found.unit)})")
+    charts = []
+    for found in document.friction:
+        j, velocity = found.joint, np.array(found.velocity)
+        series = [
+            Series("base model", velocity, np.array(found.base), "base"),
+            Series("final model, 95 %", velocity, np.array(found.final), "final", band=np.array(found.half_width)),
+        ]
+        unit = joint_unit(document.torque_unit, j - 1)
+        panel = Panel(f"friction ({unit})", series, f"Joint {j}", FRICTION_HEIGHT)
+        title = f"Friction of joint {j} over its velocity"
+        charts.append(Chart(f"friction-{j}", title, [panel], f"velocity ({pretty_unit(found.unit)})"))
+    return charts

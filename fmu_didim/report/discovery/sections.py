@@ -54,6 +54,11 @@ from fmu_didim.results.findings import (
 )
 
 DISCOVERY_FILE = "discovery.html"
+FILES = {
+    "robot": "robot description with the effects", "plant_fmu": "plant with the effects, FMU",
+    "reference_next": "proposed next experiment",
+}  # fmt: skip
+"""Key of a file -> what it is."""
 NAME_WIDTH = 36
 """[characters] Of an effect in the table of gaps; two experiments then have room beside it."""
 SHOWN = 6
@@ -134,8 +139,12 @@ def _finding(document: FindingsDocument, number: int, finding: FindingResult) ->
         interval = texts.interval_text(finding.ratio_interval)
         facts.append(Fact("held-out RMS", f"{interval} of what it was, 95 % interval"))
     facts.append(Fact("gain in BIC", significant(finding.delta_bic), shown="page"))
-    rivals = "; ".join(texts.rival_text(r) for r in finding.ambiguous) or "nothing in the catalogue"
-    facts += [Fact("cannot be told from", rivals), Fact(texts.experiment_head(finding), finding.experiment)]
+    rivals = []
+    for r in finding.ambiguous:
+        why = "same class" if r.bic_behind is None else f"BIC {significant(r.bic_behind, 2)} behind"
+        rivals.append(f"{r.title}, {texts.location(r.effect, r.joint)} ({why})")
+    facts.append(Fact("cannot be told from", "; ".join(rivals) or "nothing in the catalogue"))
+    facts.append(Fact("to split them" if rivals else "to confirm it", finding.experiment))
     blocks: list[Block] = [Text(finding.equation, "code", "page"), _values(finding.parameters), Facts(facts)]
     heading = f"{number}  {texts.finding_title(finding)} ({finding.place})"
     return Section(heading, blocks, has_title=True, is_brief=True, is_framed=True)
@@ -164,7 +173,10 @@ def _gap(document: FindingsDocument) -> Section:
     ]
     rows.append(("base → final model" if changed else "base model", list(final)))
     joints = len(document.torque_unit) if len(document.torque_unit) > 1 else 0
-    rows += [(f"   joint {j + 1}", [_of_joint(pair, j) for pair in final]) for j in range(joints)]
+    for j in range(joints):
+        own = [(item_or_none(pair.before_per_joint, j), item_or_none(pair.after_per_joint, j)) for pair in final]
+        rows.append((f"   joint {j + 1}", [GapPair(before=b, after=a, before_per_joint=[b], after_per_joint=[a])
+                                           for b, a in own]))  # fmt: skip
     sizes = [v for _, pairs in rows for p in pairs if p for v in (p.before, p.after) if v is not None]
     longest = max(sizes, default=0.0)
     columns = [words("Gap, in times the noise".ljust(NAME_WIDTH), [name for name, _ in rows], limit=NAME_WIDTH)]
@@ -188,11 +200,6 @@ def _gap(document: FindingsDocument) -> Section:
         "held-out RMS ratio below 1 says that the effect helps on data that it was not fitted to."
     ))  # fmt: skip
     return Section("Gap", blocks if labels else [], anchor="gap")
-
-
-def _of_joint(pair: GapPair, index: int) -> GapPair:
-    before, after = item_or_none(pair.before_per_joint, index), item_or_none(pair.after_per_joint, index)
-    return GapPair(before=before, after=after, before_per_joint=[before], after_per_joint=[after])
 
 
 def _bar(pair: GapPair | None, longest: float) -> Bar | None:
@@ -225,7 +232,12 @@ def _places(document: FindingsDocument) -> list[Section]:
         "All regions: bins whose mean residual is not noise, with the false-discovery rate controlled over all bins of "
         "all joints. Share: part of the model error of the joint that the means of all bins of the quantity explain."
     )
-    windows = [texts.window_line(w, document.torque_unit) for w in document.windows]
+    windows = [
+        f"joint {w.joint}: {w.begin_s:.6g} s to {w.end_s:.6g} s, {significant(w.torque, 2)} "
+        f"{joint_unit(document.torque_unit, w.joint - 1)} ({significant(w.score, 2)} standard deviations), "
+        f"{w.experiment}"
+        for w in document.windows
+    ]
     where = Items(regions_by_joint(document), empty="No region with a mean residual of its own.")
     after = [note("In what the final model leaves.")] if windows else []
     return [
@@ -241,8 +253,10 @@ def _noise(document: FindingsDocument) -> Section:
     noise, changed = document.noise, bool(document.findings)
     facts = []
     if noise.std:
-        text = f"{noise_text(noise.std, document.torque_unit)} ({texts.noise_source(noise)})"
-        facts.append(Fact("Noise σ", text))
+        source = {"residual": "residual above the frequencies of the motion"}.get(noise.source, noise.source)
+        if noise.source == "periods" and noise.period_s is not None:
+            source = f"difference of {noise.periods} periods of {significant(noise.period_s)} s"
+        facts.append(Fact("Noise σ", f"{noise_text(noise.std, document.torque_unit)} ({source})"))
         correlations = [f"joint {j} {significant(value, 2)}" for j, value in enumerate(noise.correlation, start=1)]
         facts.append(Fact("Correlation of neighbouring samples", ", ".join(correlations), shown="page"))
     errors = [
@@ -272,13 +286,11 @@ def _competition(document: FindingsDocument) -> list[Section]:
         is_last = number == document.candidates[-1].round
         found.append(Section(f"Round {number}", [_round(ranked, why if is_last else {})]))
     untried = document.unfinished.untried if document.unfinished is not None else []
-    refused = [texts.refused_line(r) for r in document.refused]
+    refused = [f"{texts.candidate_title(effect, joint)}: {reason}" for effect, joint, reason in document.refused]
     return [
         *found,
         Section("Not accepted", [Items(refused, limit=SHOWN)], has_title=True),
-        Section(
-            "Not tried", [Items([texts.candidate_title(*place) for place in untried], limit=SHOWN)], has_title=True
-        ),
+        Section("Not tried", [Items([texts.candidate_title(*at) for at in untried], limit=SHOWN)], has_title=True),
     ]
 
 
@@ -331,7 +343,11 @@ def _loop(document: FindingsDocument) -> Section:
 
 
 def _files(document: FindingsDocument) -> Section:
-    titles = [texts.file_title(key) for key in document.files]
+    kinds = {texts.SIGNALS: "torques", texts.SIMULATED: "simulated torques, every control period"}
+    titles = [
+        next((f"{kinds[k]}, {key.removeprefix(k)}" for k in kinds if key.startswith(k)), FILES.get(key, key))
+        for key in document.files
+    ]
     links = [Link(name, _target(name)) for name in document.files.values()]
     return Section("Files", [Items(titles, links)], anchor="files", has_title=True)
 

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 
 from fmu_didim.dynamics.effects import EFFECTS
 from fmu_didim.report.experiments import with_role
 from fmu_didim.report.numbers import (
     MISSING,
     ParameterText,
-    joint_unit,
     percent_std,
     percentage,
     pretty_unit,
@@ -21,30 +19,12 @@ from fmu_didim.results.findings import (
     FindingResult,
     FindingsDocument,
     GapPair,
-    NoiseResult,
-    Rival,
     ValueFound,
-    WindowResult,
 )
-
-FILES = {
-    "robot": "robot description with the effects",
-    "plant_fmu": "plant with the effects, FMU",
-    "reference_next": "proposed next experiment",
-}
-
 
 SIGNALS, SIMULATED = "signals_", "simulated_"
 """Prefixes of the keys of files, before the label of an experiment: torques at its samples, and simulated ones at every
 control period."""
-
-
-def file_title(key: str) -> str:
-    """The description of a file by its key."""
-    for begin, title in ((SIGNALS, "torques"), (SIMULATED, "simulated torques, every control period")):
-        if key.startswith(begin):
-            return f"{title}, {key.removeprefix(begin)}"
-    return FILES.get(key, key)
 
 
 def experiment_name(document: FindingsDocument, label: str) -> str:
@@ -83,14 +63,12 @@ def value_text(found: ValueFound) -> ParameterText:
     low, high = found.interval
     bounded = low is not None and high is not None
     return ParameterText(
-        name=found.name,
-        value=digits.text(found.value),
+        name=found.name, value=digits.text(found.value), unit=pretty_unit(found.unit),
         std=digits.deviation(std) if math.isfinite(std) else MISSING,
         percent=percent_std(100 * std / abs(found.value) if found.value else None),
-        unit=pretty_unit(found.unit),
         interval=(MISSING if low is None else digits.text(low), MISSING if high is None else digits.text(high)),
         insignificant=found.std != 0 and (not bounded or (low or 0.0) <= 0.0 <= (high or 0.0)),
-    )
+    )  # fmt: skip
 
 
 def value_line(found: ValueFound) -> str:
@@ -104,12 +82,6 @@ def value_line(found: ValueFound) -> str:
     return f"({shown.value} ± {shown.std}) {shown.unit}".rstrip() + f", 95 % interval {low} to {high}"
 
 
-def rival_text(rival: Rival) -> str:
-    """An effect that may explain the same part of the gap."""
-    why = "same class" if rival.bic_behind is None else f"BIC {significant(rival.bic_behind, 2)} behind"
-    return f"{rival.title}, {location(rival.effect, rival.joint)} ({why})"
-
-
 def location(effect: str, joint: int) -> str:
     """The location of an effect: its joint, or the whole log."""
     return "whole log" if effect in EFFECTS and EFFECTS[effect].is_of_log else f"joint {joint}"
@@ -118,32 +90,6 @@ def location(effect: str, joint: int) -> str:
 def finding_title(finding: FindingResult) -> str:
     """Title and location of an effect that was found."""
     return f"{finding.title}, {location(finding.effect, finding.joint)}"
-
-
-def experiment_head(finding: FindingResult) -> str:
-    """The purpose of the proposed experiment."""
-    return "to split them" if finding.ambiguous else "to confirm it"
-
-
-def window_line(window: WindowResult, units: Sequence[str]) -> str:
-    """An interval of time with an additional torque."""
-    size = f"{significant(window.torque, 2)} {joint_unit(units, window.joint - 1)}"
-    times = f"{window.begin_s:.6g} s to {window.end_s:.6g} s"
-    score = significant(window.score, 2)
-    return f"joint {window.joint}: {times}, {size} ({score} standard deviations), {window.experiment}"
-
-
-def noise_source(noise: NoiseResult) -> str:
-    """How the noise was estimated."""
-    if noise.source == "periods" and noise.period_s is not None:
-        return f"difference of {noise.periods} periods of {significant(noise.period_s)} s"
-    return {"residual": "residual above the frequencies of the motion"}.get(noise.source, noise.source)
-
-
-def refused_line(refused: tuple[str, int, str]) -> str:
-    """A candidate that was not accepted, and why."""
-    effect, joint, why = refused
-    return f"{candidate_title(effect, joint)}: {why}"
 
 
 def candidate_title(effect: str, joint: int) -> str:

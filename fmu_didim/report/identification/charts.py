@@ -79,16 +79,14 @@ def _experiment(
         f"torque-{number}", f"Torque, {title}", signals.time, measured, {"simulated": model}, units,
         percent=error.per_joint if error is not None else (), noise=document.noise_std,
     )  # fmt: skip
-    residual = measured - simulated
+    residuals = [{"residual": ("residual", (measured - simulated)[:, j - 1])} for j in joints]
     against = [
         against_chart(
-            f"{quantity}-{number}-{j}", j, quantity, units[j - 1], signals.column(f"{column}{j}"),
-            {"residual": ("residual", residual[:, j - 1])},
+            f"{quantity}-{number}-{j}", j, quantity, units[j - 1], signals.column(f"{column}{j}"), residuals[j - 1]
         )
         for j in joints
         for quantity, column in (("velocity", "dq"), ("position", "q"))
         if f"{column}{j}" in signals.names
-    ]  # fmt: skip
-    each = [{"residual": ("residual", residual[:, j - 1])} for j in joints]
-    whiteness = whiteness_charts(str(number), title, signals.time, each, units)
+    ]
+    whiteness = whiteness_charts(str(number), title, signals.time, residuals, units)
     return ExperimentCharts(title, samples_text(signals.time), torque, against, whiteness)

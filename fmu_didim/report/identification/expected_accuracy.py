@@ -1,4 +1,4 @@
-"""What is predicted of the parameters before an identification, as a table for the terminal."""
+"""Predicted accuracy of the parameters before an identification, as a table for the terminal."""
 
 from __future__ import annotations
 

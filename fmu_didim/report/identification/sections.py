@@ -87,6 +87,8 @@ def result_report(document: ResultDocument, parts: Sequence[ExperimentCharts] = 
     """All that is shown of a result, with the charts of its experiments."""
     count = len(document.parameters)
     kind = f"{document.estimator}, {count} parameters" if count else document.estimator
+    history = [] if document.status == "converged" else document.history
+    notes = [f"{it.stage} {it.number}: {it.note}" for it in history if it.note]
     advice = "A shape says that the model lacks something; fmu-didim discover finds out what."
     sections = [
         _parameters(document),
@@ -97,7 +99,8 @@ def result_report(document: ResultDocument, parts: Sequence[ExperimentCharts] = 
         _model(document),
         Section("Regrouping", [Items(document.regrouping, is_code=True, empty="No parameters are regrouped.")],
                 has_title=True),
-        Section("Notes of the iterations", [Items(_notes(document), shown="terminal")], has_title=True),
+        # Of interest where the iterations did not end well; the page has them in its table.
+        Section("Notes of the iterations", [Items(notes, shown="terminal")], has_title=True),
         _plant(document),
         *_correlations(document),
         _stages(document),
@@ -167,14 +170,13 @@ def _further_values(document: ResultDocument, listed: Sequence[tuple[str, Parame
     if any(described.values()):
         columns["by description"] = described
     return [
-        numbers(head, [_value(p, values.get(name)) for name, p in listed], shown="page")
+        numbers(
+            head,
+            [MISSING if (v := values.get(name)) is None else rounding(p.value, p.std).text(v) for name, p in listed],
+            shown="page",
+        )
         for head, values in columns.items()
     ]
-
-
-def _value(parameter: ParameterResult, value: float | None) -> str:
-    """Another value of a parameter, rounded as the identified one."""
-    return MISSING if value is None else rounding(parameter.value, parameter.std).text(value)
 
 
 def _bar(percent: float | None) -> Bar | None:
@@ -203,14 +205,17 @@ def _experiments(document: ResultDocument) -> Section:
              "square of measured − simulated torque."]  # fmt: skip
     if any(e.agreement is not None for e in each):
         marks = ["" if e.agreement is None or e.agreement.agrees else " !" for e in each]
-        texts = [experiments.agreement_text(e.agreement) for e in each]
+        texts = [MISSING if e.agreement is None else significant(e.agreement.p_value, 2) for e in each]
         columns.append(numbers("agreement p", texts, marks=marks, page_head="p-value of its agreement"))
-        differences = [experiments.difference_text(e.agreement) for e in each]
+        differences = [
+            f"{a.differs_most}, by {a.change_in_std:.1f} σ" if (a := e.agreement) and a.differs_most else MISSING
+            for e in each
+        ]
         columns.append(words("would differ most", differences, shown="page"))
         notes.append("p-value: probability of as much disagreement with the other fitted experiments on shared "
                      "parameters, by noise alone. !: too small to be chance.")  # fmt: skip
     if any(e.own for e in each):
-        own = [", ".join(experiments.own_names(label, e)) for label, e in found.items()]
+        own = [", ".join(name.removesuffix(f"[{label}]") for name in e.own) for label, e in found.items()]
         columns.append(words("own", own, shrinks=True, page_head="own parameters"))
     if any(e.failure for e in each):
         columns.append(words("failure", [e.failure or MISSING for e in each], shown="page"))
@@ -273,15 +278,6 @@ def _model(document: ResultDocument) -> Section:
     if document.consistency is not None:
         facts.append(Fact("Plant's equations", consistency_line(document)))
     return Section("Model", [Facts(facts), *notes], anchor="model")
-
-
-def _notes(document: ResultDocument) -> list[str]:
-    """Problems during the iterations, of interest when they did not end well; the page has them in its table."""
-    return (
-        []
-        if document.status == "converged"
-        else [f"{it.stage} {it.number}: {it.note}" for it in document.history if it.note]
-    )
 
 
 def _plant(document: ResultDocument) -> Section:

@@ -46,12 +46,12 @@ class FmuPorts:
 
     @cached_property
     def inputs(self) -> list[Guess]:
-        """What each input is taken for."""
+        """The guess for each input."""
         return self._guesses("input")
 
     @cached_property
     def outputs(self) -> list[Guess]:
-        """What each output is taken for."""
+        """The guess for each output."""
         return self._guesses("output")
 
     def _guesses(self, causality: str) -> list[Guess]:
@@ -71,7 +71,7 @@ class FmuPorts:
 
 
 def _port(name: str, unit: str, description: str) -> Guess:
-    """What a port is taken for, by its unit, its name and, where they do not tell, its description."""
+    """The guess for a port, by its unit, its name and, where these do not tell, its description."""
     found = guess(name, unit)
     text = found.name.lower() if found.side or found.role != "other" else f"{name} {description}".lower()
     side: Side = found.side
@@ -84,10 +84,10 @@ def _port(name: str, unit: str, description: str) -> Guess:
 
 @dataclass(frozen=True)
 class Reading:
-    """What an FMU is taken for.
+    """The role of an FMU.
 
     Attributes:
-        role: None where it cannot be told; reason: why, or what speaks for either.
+        role: None where the signals do not tell; reason: for the role, or for each of them.
     """
 
     role: FmuRole | None
@@ -95,15 +95,23 @@ class Reading:
 
 
 def reading(ports: FmuPorts, torques: int) -> Reading:
-    """What an FMU is by itself.
+    """The role of an FMU by its own signals.
 
     Args:
         torques: how many the log has.
     """
-    counts = _by_count(ports, torques)
-    counted = f"{_count(ports.inputs, 'input')} and {_count(ports.outputs, 'output')}"
+    inputs, outputs = len(ports.inputs), len(ports.outputs)
+    counts: set[FmuRole] = set()
+    if inputs == torques and outputs >= torques:
+        counts.add("plant")
+    if outputs == torques and inputs >= torques:
+        counts.add("controller")
+    counted = f"{inputs} input{'s' if inputs != 1 else ''} and {outputs} output{'s' if outputs != 1 else ''}"
     counted += f" for {torques} torque{'s' if torques > 1 else ''} in the log"
-    votes = {word: role for word, role in (("units", _by_unit(ports)), ("names", _by_name(ports))) if role is not None}
+    by_unit = _vote([g.role for g in ports.inputs if g.unit], [g.role for g in ports.outputs if g.unit])
+    bare = [[guess(g.name, "").role for g in side] for side in (ports.inputs, ports.outputs)]
+    by_name = _vote(*bare, takes_reference=any(g.side for g in ports.inputs))
+    votes = {word: role for word, role in (("units", by_unit), ("names", by_name)) if role is not None}
     agreed = set(votes.values())
     if len(agreed) == 1:
         (role,) = agreed
@@ -117,35 +125,12 @@ def reading(ports: FmuPorts, torques: int) -> Reading:
     return Reading(None, "; ".join((counted, *hints)))
 
 
-def _count(ports: Sequence[Guess], word: str) -> str:
-    return f"{len(ports)} {word}{'' if len(ports) == 1 else 's'}"
+def _vote(inputs: Iterable[str], outputs: Iterable[str], *, takes_reference: bool = False) -> FmuRole | None:
+    """The role that kinds of signals indicate: a plant takes torques or gives motion; None where they contradict.
 
-
-def _by_count(ports: FmuPorts, torques: int) -> set[FmuRole]:
-    inputs, outputs = len(ports.inputs), len(ports.outputs)
-    found: set[FmuRole] = set()
-    if inputs == torques and outputs >= torques:
-        found.add("plant")
-    if outputs == torques and inputs >= torques:
-        found.add("controller")
-    return found
-
-
-def _by_unit(ports: FmuPorts) -> FmuRole | None:
-    of_unit = [[g.role for g in side if g.unit] for side in (ports.inputs, ports.outputs)]
-    return _one(_votes(*of_unit))
-
-
-def _by_name(ports: FmuPorts) -> FmuRole | None:
-    bare = [[guess(g.name, "").role for g in side] for side in (ports.inputs, ports.outputs)]
-    votes = _votes(*bare)
-    if not votes and any(g.side for g in ports.inputs):
-        return "controller"
-    return _one(votes)
-
-
-def _votes(inputs: Iterable[str], outputs: Iterable[str]) -> set[FmuRole]:
-    """What kinds of signals speak for: a torque that goes in, or a motion that comes out, for a plant."""
+    Args:
+        takes_reference: whether inputs are named as set points or measurements, as those of a controller are.
+    """
     inputs, outputs = set(inputs), set(outputs)
     votes: set[FmuRole] = set()
     if inputs & {*_DRIVE} and not inputs & {*_MOTION}:
@@ -156,10 +141,8 @@ def _votes(inputs: Iterable[str], outputs: Iterable[str]) -> set[FmuRole]:
         votes.add("plant")
     elif outputs & {*_DRIVE}:
         votes.add("controller")
-    return votes
-
-
-def _one(votes: set[FmuRole]) -> FmuRole | None:
+    if not votes and takes_reference:
+        return "controller"
     return next(iter(votes)) if len(votes) == 1 else None
 
 
@@ -170,10 +153,10 @@ def assigned(
 
     Args:
         torques: how many the log has; said: what the user says of a file, by its whole path.
-        has_controller: whether the controller is none of the FMUs.
+        has_controller: whether something else than these FMUs is the controller.
 
     Raises:
-        InputError: what an FMU is cannot be told, or two are the same.
+        InputError: the role of an FMU is not clear, or two have the same.
     """
     readings = {
         p.source: Reading(said[p.source.resolve()], "as you say") if p.source.resolve() in said else reading(p, torques)
@@ -188,7 +171,10 @@ def assigned(
         if role is None:
             raise _unclear(ports, reason)
         if role in found:
-            raise _doubled(role, found[role][0], ports)
+            raise InputError(
+                f"Two FMUs are taken for the {role}.", where=str(ports.source), got=str(found[role][0].source),
+                next_step="Leave one out, or say what they are: --plant FILE --controller FILE.",
+            )  # fmt: skip
         if role == "controller" and has_controller:
             raise InputError(
                 "There are two controllers: a description or law, and an FMU that is taken for one.",
@@ -200,7 +186,11 @@ def assigned(
 
 
 def _unclear(ports: FmuPorts, reason: str) -> InputError:
-    inputs, outputs = (_shown(side) for side in (ports.inputs, ports.outputs))
+    shown = []
+    for side in (ports.inputs, ports.outputs):
+        names = [f"{g.name} in {g.unit}" if g.unit else g.name for g in side[:_MOST_SHOWN]]
+        shown.append(", ".join([*names, *(["..."] if len(side) > _MOST_SHOWN else [])]) or "none")
+    inputs, outputs = shown
     return InputError(
         "Whether this FMU is the plant or the controller cannot be told from its signals.", where=str(ports.source),
         got=reason,
@@ -208,18 +198,6 @@ def _unclear(ports: FmuPorts, reason: str) -> InputError:
         f"set points and measurements ({inputs}) and gives torques or commands ({outputs})",
         next_step=f"Say which: --plant {ports.source}, or --controller {ports.source}",
     )  # fmt: skip
-
-
-def _doubled(role: FmuRole, first: FmuPorts, second: FmuPorts) -> InputError:
-    return InputError(
-        f"Two FMUs are taken for the {role}.", where=str(second.source), got=str(first.source),
-        next_step="Leave one out, or say what they are: --plant FILE --controller FILE.",
-    )  # fmt: skip
-
-
-def _shown(ports: Sequence[Guess]) -> str:
-    names = [f"{g.name} in {g.unit}" if g.unit else g.name for g in ports[:_MOST_SHOWN]]
-    return ", ".join([*names, *(["..."] if len(ports) > _MOST_SHOWN else [])]) or "none"
 
 
 @dataclass(frozen=True)

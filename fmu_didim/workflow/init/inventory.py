@@ -1,4 +1,4 @@
-"""What the files given are: tables of signals, FMUs, descriptions; and which tables belong to one run."""
+"""The kinds of the given files: tables of signals, FMUs, descriptions; and the tables that belong to one run."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class DataFile:
 
     @cached_property
     def guesses(self) -> list[Guess]:
-        """What its columns are taken for."""
+        """The guess for each column."""
         return guesses(self.table)
 
     def clock(self, *roles: str) -> str | None:
@@ -91,15 +91,15 @@ class Inventory:
 
 
 def inventory(files: Sequence[Path], said: Mapping[Path, FmuRole], *, has_law: bool) -> Inventory:
-    """What the files are.
+    """The files by their kinds.
 
     Args:
-        said: whole path of an FMU or a Modelica file -> what it is, where the user says so.
+        said: whole path of an FMU or a Modelica file -> its role, where the user states it.
         has_law: whether a controller will be written.
 
     Raises:
-        InputError: a file is missing, cannot be read, or is of no kind that is known; what an FMU is cannot be told; no
-            data file is among them. BuildError: a Modelica file cannot be compiled.
+        InputError: a file is missing, cannot be read, or is of an unknown kind; the role of an FMU is not clear; there
+            is no data file. BuildError: a Modelica file cannot be compiled.
     """
     found = Inventory()
     for path in files:
@@ -115,7 +115,13 @@ def inventory(files: Sequence[Path], said: Mapping[Path, FmuRole], *, has_law: b
         elif suffix == ".ssp":
             found.system = path
         elif suffix in (".yaml", ".yml"):
-            _add_description(found, path)
+            content = load_yaml(path)
+            if "law" in content:
+                found.controller = path
+            elif "joints" in content:
+                found.robot = path, read_robot(path)
+            else:
+                raise InputError("This YAML is neither a robot (joints:) nor a controller (law:).", where=str(path))
         else:
             raise InputError(
                 "This file is of no kind that is known.", where=str(path),
@@ -128,16 +134,6 @@ def inventory(files: Sequence[Path], said: Mapping[Path, FmuRole], *, has_law: b
     has_controller = found.controller is not None or has_law
     found.taken = assigned(found.fmus, found.torque_count, said=said, has_controller=has_controller)
     return found
-
-
-def _add_description(found: Inventory, path: Path) -> None:
-    content = load_yaml(path)
-    if "law" in content:
-        found.controller = path
-    elif "joints" in content:
-        found.robot = path, read_robot(path)
-    else:
-        raise InputError("This YAML file describes neither a robot (joints:) nor a controller (law:).", where=str(path))
 
 
 @dataclass(frozen=True)

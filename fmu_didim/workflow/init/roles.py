@@ -1,4 +1,4 @@
-"""What the columns of a file are likely to be, from their names, English and German, and their units.
+"""Guesses for the columns of a file, from their names, English and German, and their units.
 
 Nothing is taken for granted: what was guessed is written into the case, where it can be seen and changed, and where
 two columns may be meant, none is taken.
@@ -38,7 +38,7 @@ _MEASURED = r"ist|act|meas|mess|enc|feedback|fbk|^qm\b|^q_?mes"
 
 @dataclass(frozen=True)
 class Guess:
-    """What a column is taken for.
+    """The meaning of a column, by its unit and its name.
 
     Attributes:
         name, unit: of the column in the file; role: what it is; joint: counted from 1, None if its name has no number.
@@ -53,10 +53,10 @@ class Guess:
 
 
 def guesses(table: SignalTable) -> list[Guess]:
-    """What each column is taken for, the time left out."""
+    """The guess for each column but the time."""
     clock = time_column(table)
     names = [n for n in table.columns if n != clock and n not in table.times.values()]
-    return [_guess(table, name) for name in names]
+    return [guess(n, table.unit(n), bare=split_unit(n)[0] if table.has_header else "") for n in names]
 
 
 def time_column(table: SignalTable, names: Sequence[str] = ()) -> str | None:
@@ -67,12 +67,8 @@ def time_column(table: SignalTable, names: Sequence[str] = ()) -> str | None:
         return None
 
 
-def _guess(table: SignalTable, name: str) -> Guess:
-    return guess(name, table.unit(name), bare=split_unit(name)[0] if table.has_header else "")
-
-
 def guess(name: str, unit: str, *, bare: str | None = None) -> Guess:
-    """What a signal is taken for.
+    """The guess for a signal.
 
     Args:
         bare: its name without the unit; the name itself by default.

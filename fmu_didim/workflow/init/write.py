@@ -30,7 +30,7 @@ EFFECTS = "[motor_inertia, viscous, coulomb, torque_offset]"
 
 @dataclass(frozen=True)
 class Started:
-    """What ``init`` wrote.
+    """The files that ``init`` wrote.
 
     Attributes:
         files: the files; found: (file, column, what it was taken for), one for each column used.
@@ -52,7 +52,7 @@ def start_case(
 ) -> Started:
     """Write a commented case for these files, with a robot description and a controller where none is among them.
 
-    What the files do not say stands there as ``EDIT``; nothing runs before each of these is filled in.
+    ``EDIT`` marks what the files do not say; nothing runs before each of these is filled in.
 
     Args:
         out: folder of the case; law: control law of the controller that is written, with its keys.
@@ -84,11 +84,11 @@ def start_case(
     for name, text in texts.items():
         (out / name).write_text(text, encoding="utf-8")
     written = tuple(out / name for name in texts)
-    return Started(written, tuple(_told(found)), {path: Lines(path).unfilled() for path in written})
+    return Started(written, tuple(_guessed(found)), {path: Lines(path).unfilled() for path in written})
 
 
 def _said(plant: Path | str | None, controller: Path | str | None) -> dict[Path, FmuRole]:
-    """What the user says of the files; raises InputError for one that is said to be both."""
+    """The roles that the user states; raises InputError for a file that would have both."""
     said: dict[Path, FmuRole] = {}
     roles: tuple[tuple[FmuRole, Path | str | None], ...] = (("plant", plant), ("controller", controller))
     for role, file in roles:
@@ -96,7 +96,7 @@ def _said(plant: Path | str | None, controller: Path | str | None) -> dict[Path,
             continue
         if Path(file).suffix.lower() not in (".fmu", ".mo"):
             raise InputError(
-                "Only of an FMU or a Modelica file it is asked what it is.", where=f"--{role}", got=str(file),
+                "Only an FMU or a Modelica file can be given a role.", where=f"--{role}", got=str(file),
                 valid=(".fmu", ".mo"), next_step="Give any other file without the option.",
             )  # fmt: skip
         if Path(file).resolve() in said:
@@ -115,6 +115,10 @@ def _case(found: Inventory, out: Path) -> str:
     command = any("quantity" in entry["torque"] for entry in entries)
     plant, controller = found.plant_fmu, found.controller_fmu
     own = controller.source if controller else found.controller
+    ports = {
+        f"{fmu.source.name} {kind}": [g.name for g in side]
+        for fmu in found.fmus for kind, side in (("inputs", fmu.inputs), ("outputs", fmu.outputs))
+    }  # fmt: skip
     tunable = [v for v in plant.fmu.variables if v.causality == "parameter"] if plant else []
     return _rendered(
         "case.yaml.j2", entries=entries, short=short, joints=joints, edit=TO_FILL_IN, command=command,
@@ -122,39 +126,26 @@ def _case(found: Inventory, out: Path) -> str:
         has_robot=found.robot is not None or plant is None, system=found.system and _path(found.system, out),
         plant=plant and _path(plant.source, out), plant_ports=plant and mappings(plant, "plant", joints),
         controller=_path(own, out) if own else CONTROLLER_FILE,
-        controller_ports=controller and mappings(controller, "controller", joints), ports=_ports(found),
+        controller_ports=controller and mappings(controller, "controller", joints), ports=ports,
         rate=_control_rate(found),
         tunable=[v for v in tunable if v.start is not None][:30],
     )  # fmt: skip
 
 
-def _ports(found: Inventory) -> dict[str, list[str]]:
-    """Inputs and outputs of the FMUs, for the comments."""
-    return {
-        f"{ports.source.name} {kind}": [g.name for g in side]
-        for ports in found.fmus
-        for kind, side in (("inputs", ports.inputs), ("outputs", ports.outputs))
-    }
-
-
 def _experiment(found: Inventory, run: Run, joints: int, out: Path) -> dict[str, Any]:
     torque, comment = _torque_columns(run.torque, joints)
     motion, notes = _motion_columns(run.reference, joints, torque)
-    reference: dict[str, Any] = {"file": _path(run.reference.path, out), **_clock(run.reference, "q")}
-    log: dict[str, Any] = {"file": _path(run.torque.path, out), **_clock(run.torque, *TORQUES), "columns": torque}
-    if any(g.role == "command" for g in _used(run.torque, torque)):
+    time = {"time": {"name": TO_FILL_IN, "unit": "s"}}
+    reference = {"file": _path(run.reference.path, out), **({} if run.reference.clock("q") else time)}
+    log = {"file": _path(run.torque.path, out), **({} if run.torque.clock(*TORQUES) else time), "columns": torque}
+    used = {entry["name"] if isinstance(entry, dict) else entry for entry in torque.values()}
+    if any(g.role == "command" and g.name in used for g in run.torque.guesses):
         log["quantity"] = "command"
     return {
         "reference": {**reference, "columns": motion}, "torque": log, "reference_note": notes, "torque_note": comment,
-        "reference_columns": _listed(run.reference), "torque_columns": _listed(run.torque),
-            }  # fmt: skip
-
-
-def _clock(data: DataFile, *roles: str) -> dict[str, Any]:
-    """What the case must say of the time of a file; nothing where it is found without."""
-    if data.clock(*roles) is not None:
-        return {}
-    return {"time": {"name": TO_FILL_IN, "unit": "s"}}
+        "reference_columns": ", ".join(run.reference.table.columns),
+        "torque_columns": ", ".join(run.torque.table.columns),
+    }  # fmt: skip
 
 
 def _motion_columns(data: DataFile, joints: int, torque: dict[str, Any]) -> tuple[dict[str, Any], str]:
@@ -168,12 +159,8 @@ def _motion_columns(data: DataFile, joints: int, torque: dict[str, Any]) -> tupl
         each = [chosen(data.guesses, [signal], j, single=joints == 1, prefer="reference") for j in range(1, joints + 1)]  # type: ignore[list-item]
         if all(len(meant) == 1 and meant[0].side in sides for meant in each):
             columns |= {f"{signal}{j}": _entry(meant) for j, meant in enumerate(each, start=1)}
-    note = (
-        ""
-        if sides == {"reference"}
-        else "whether these are set points or measured positions could not be seen: it must be the set points"
-    )
-    return columns, note
+    unsure = "the names do not say whether these are set points or measured positions: they must be the set points"
+    return columns, "" if sides == {"reference"} else unsure
 
 
 def _torque_columns(data: DataFile, joints: int) -> tuple[dict[str, Any], str]:
@@ -182,12 +169,8 @@ def _torque_columns(data: DataFile, joints: int) -> tuple[dict[str, Any], str]:
         meant = chosen(data.guesses, TORQUES, j, single=joints == 1, prefer="measured")
         columns[f"tau{j}"] = _entry(meant)
         if len(meant) == 1 and meant[0].role == "current":
-            columns[f"tau{j}"] = {
-                "name": meant[0].name,
-                "unit": meant[0].unit or "A",
-                "torque_constant": TO_FILL_IN,
-                "gear_ratio": TO_FILL_IN,
-            }
+            known = {"name": meant[0].name, "unit": meant[0].unit or "A"}
+            columns[f"tau{j}"] = {**known, "torque_constant": TO_FILL_IN, "gear_ratio": TO_FILL_IN}
             note = (
                 "torque_constant: N.m/A, of the same kind of ampere; gear_ratio: turns of the motor in one of a joint"
             )
@@ -203,22 +186,12 @@ def _entry(meant: list[Guess]) -> Any:
     return name if known is None or (known.factor == 1 and unit != "1") else {"name": name, "unit": unit}
 
 
-def _used(data: DataFile, columns: dict[str, Any]) -> Iterator[Guess]:
-    names = {entry["name"] if isinstance(entry, dict) else entry for entry in columns.values()}
-    return (g for g in data.guesses if g.name in names)
-
-
-def _listed(data: DataFile) -> str:
-    return ", ".join(data.table.columns)
-
-
 def _joint_types(found: Inventory) -> list[tuple[str, str]]:
     """Type of each joint, and why."""
     made = []
     for j in range(1, found.joint_count + 1):
-        units = [
-            g.unit for d in found.data for g in d.guesses if g.joint in (j, None) and g.role in ("q", "tau") and g.unit
-        ]
+        own = [g for d in found.data for g in d.guesses if g.joint in (j, None) and g.role in ("q", "tau")]
+        units = [g.unit for g in own if g.unit]
         powers = [known.powers for unit in units if (known := known_unit(unit)) is not None]
         slides = {"m": 1} in powers or {"kg": 1, "m": 1, "s": -2} in powers
         turns = {"rad": 1} in powers or {"kg": 1, "m": 2, "s": -2} in powers
@@ -228,9 +201,7 @@ def _joint_types(found: Inventory) -> list[tuple[str, str]]:
 
 
 def _controller(found: Inventory, law: str | None) -> str:
-    kinds = (
-        [joint.type for joint in found.robot[1].joints] if found.robot else [kind for kind, _ in _joint_types(found)]
-    )
+    kinds = [j.type for j in found.robot[1].joints] if found.robot else [kind for kind, _ in _joint_types(found)]
     common = set(LAWS["pd"].model_fields) - {"Kp", "Kd", "velocity"}
     keys = {name: {k: f for k, f in form.model_fields.items() if k not in common} for name, form in LAWS.items()}
     return _rendered(
@@ -244,7 +215,7 @@ def _control_rate(found: Inventory) -> float | None:
     return next((run.reference.rate_hz("q") for run in runs(found)), None)
 
 
-def _told(found: Inventory) -> Iterator[tuple[str, str, str]]:
+def _guessed(found: Inventory) -> Iterator[tuple[str, str, str]]:
     for role, (ports, reason) in found.taken.items():
         yield ports.source.name, "", f"the {role}, {reason}"
     words = {"q": "position", "dq": "velocity", "ddq": "acceleration", "tau": "torque", "other": "not used"}

@@ -1,1 +1,1 @@
-"""What the verbs return, and the files that they write."""
+"""Results of the verbs, and the files that they write."""

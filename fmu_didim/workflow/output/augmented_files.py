@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -62,7 +62,7 @@ def write_signals(found: Found, out: Path) -> dict[str, str]:
     files: dict[str, str] = {}
     base, final = found.discovery.base, found.discovery.final
     for label, experiment in final.model.experiments.items():
-        joints, measured = range(1, final.model.joint_count + 1), final.model.measured_in(label)
+        joints, measured = range(1, final.model.joint_count + 1), final.model.experiments.measured_in(label)
         columns = {f"measured{j}": measured[:, j - 1] for j in joints}
         every: dict[str, Array] = {}
         for name, fit in (("base", base), ("final", final)):
@@ -109,8 +109,7 @@ def _write_robot(
     write_robot(robot, out / ROBOT_FILE)
     fmu = build_fmu(RobotModel(robot).block(), directory=out)
     given = _write_given(case, out)
-    at_home = _augmented_case(fit, _relocated(case.content, case.folder, home, given))
-    (out / CASE_FILE).write_text(yaml.safe_dump(at_home, sort_keys=False, allow_unicode=True), encoding="utf-8")
+    _write_case(_augmented_case(fit, _relocated(case.content, case.folder, home, given)), out)
     files = {"robot": ROBOT_FILE, "plant_fmu": fmu.name, "case": CASE_FILE}
     return files, _augmented_case(fit, _relocated(case.content, case.folder, out, given))
 
@@ -135,6 +134,16 @@ def _write_given(case: Case, out: Path) -> dict[str, str]:
         written[name] = f"data_{number}.csv"
         write_csv(signals, out / written[name])
     return written
+
+
+def move_case(old: Path, new: Path, home: Path, copied: Iterable[str]) -> None:
+    """Write the case of the folder ``old`` to ``new`` as it must be in ``home``, beside the files that were copied."""
+    content = yaml.safe_load((old / CASE_FILE).read_text(encoding="utf-8"))
+    _write_case(_relocated(content, old, home, {name: name for name in copied}), new)
+
+
+def _write_case(content: dict[str, Any], out: Path) -> None:
+    (out / CASE_FILE).write_text(yaml.safe_dump(content, sort_keys=False, allow_unicode=True), encoding="utf-8")
 
 
 def _relocated(content: Any, old: Path, new: Path, written: Mapping[str, str]) -> Any:
@@ -165,7 +174,7 @@ def _seen_from(name: str, old: Path, new: Path, written: Mapping[str, str]) -> s
 def _write_parts(builder: LoopModelBuilder, fit: Fit, out: Path) -> dict[str, str]:
     """The FMUs of the effects that stand in the wiring, with their values."""
     files = {}
-    step = fit.model.systems[fit.model.first].step_size
+    step = fit.model.loop.systems[fit.model.first].step_size
     for index, effect_at in enumerate(fit.model.added_effects):
         placed = builder.at(effect_at)
         if not isinstance(placed, InWiring):
@@ -206,7 +215,7 @@ def _write_system(name: str, fit: Fit, files: Mapping[str, str], out: Path) -> t
 
 def _rerun(case: Case, final: Fit) -> str:
     """The augmented case run anew from its files, with the plant as an FMU, against the model that was fitted."""
-    model = replace(case.model, low_pass=None)  # as discovery fits it
+    model = case.model.with_low_pass(None)  # as discovery fits it
     # Torques from outside belong to the experiment, not to the augmented model.
     alone = without_external_torques(final.model)
 

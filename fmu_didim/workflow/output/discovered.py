@@ -1,21 +1,24 @@
-"""What ``discover`` returns: the findings, the models they come from, and views of both."""
+"""The result of a discovery: the findings, the models they come from, and views of both."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from fmu_didim.base.errors import InputError, UnknownNameError
+from fmu_didim.case import Case
 from fmu_didim.checks.judgement import DiagnosticResult, Verdict
 from fmu_didim.data.signals import Array
 from fmu_didim.data.tables import read_trajectory
+from fmu_didim.discovery.progress import Progress
 from fmu_didim.discovery.run import Found
 from fmu_didim.model.experiment import Role
 from fmu_didim.model.loop_model import LoopModel
 from fmu_didim.model.simulated_table import simulated_table
 from fmu_didim.results.findings import (
+    FINDINGS_FILE,
     Answer,
     CandidateResult,
     FindingResult,
@@ -28,8 +31,11 @@ from fmu_didim.results.findings import (
     WindowResult,
     load_findings,
 )
+from fmu_didim.workflow.case_files import paths_read
+from fmu_didim.workflow.output.discovered_files import copy_saved, result_folder, write_found
 from fmu_didim.workflow.output.exit_codes import EXIT_CODES
 from fmu_didim.workflow.output.frames import findings_frame
+from fmu_didim.workflow.output.result_folder import ResultFolder
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -40,27 +46,80 @@ if TYPE_CHECKING:
     Torques = tuple[Array, Array, dict[str, Simulated]]
 
 
+NO_LIMIT = Progress()
+_ADDED: Any = {"files": True, "notes": True, "findings": {"__all__": {"experiment"}}}
+"""Entries of a document that saving changes."""
+
+
 @dataclass(frozen=True, repr=False, eq=False)
 class Discovered:
-    """What :func:`~fmu_didim.discover` returns, and :meth:`load` reads from a folder.
+    """The result of :func:`~fmu_didim.discover`, which :meth:`load` reads from a folder.
 
-    Two are equal if their documents are.
+    Two are equal if their documents are, apart from what saving adds: files, the notes on them, proposed motions.
 
     Attributes:
         document: the content of ``findings.json``.
         fits: base and final model with the noise, the steps between; None where it was loaded.
-        folder: from which it was loaded.
+        folder: from which it was loaded; case: which was searched, None where it was loaded.
     """
 
     document: FindingsDocument
     fits: Found | None = None
     folder: Path | None = None
+    case: Case | None = None
 
     @classmethod
     def load(cls, path: Path | str) -> Discovered:
-        """What was saved in a folder, or in its ``findings.json``; raises InputError if that is no discovery."""
+        """The discovery of a folder, or of its ``findings.json``; raises InputError if there is no discovery."""
         document, path = load_findings(path), Path(path)
         return cls(document, folder=path if path.is_dir() else path.parent)
+
+    def save(self, folder: Path | str, *, figures: bool = False) -> Path:
+        """Write what ``discover(..., out=folder)`` writes: findings, signals, the augmented model, ``discovery.html``.
+
+        They replace all that an earlier discovery left there, or nothing of it. A discovery that was loaded is copied.
+
+        Args:
+            figures: whether each chart of the page is written, too, as PNG and SVG (``figure_*``).
+
+        Returns:
+            The path of ``findings.json``.
+
+        Raises:
+            InputError: they cannot be written, or a file of a discovery that was loaded is missing.
+        """
+        place = result_folder(folder, figures=figures)
+        place.check(reads=() if self.case is None else paths_read(self.case))
+        self.write(place)
+        return place.folder / FINDINGS_FILE
+
+    def write(
+        self, folder: ResultFolder, *, progress: Progress = NO_LIMIT, show: Callable[[Discovered], None] | None = None
+    ) -> Discovered:
+        """As :meth:`save`, to a folder that was checked before; returns what was written.
+
+        Args:
+            show: called with it before it takes its place in the folder, also where writing fails.
+        """
+        from fmu_didim.report.discovery.sections import write_discovery_report
+
+        written = self
+        with folder.written() as new:
+            try:
+                if self.fits is not None and self.case is not None:
+                    document = write_found(self.case, self.fits, new, folder.folder, progress)
+                    written = replace(self, document=document)
+                else:
+                    copy_saved(self.document, self.folder or Path(), new, folder.folder)
+                write_discovery_report(new)
+                if folder.figures:
+                    from fmu_didim.report.paper import write_figures
+
+                    write_figures(new)
+            finally:
+                if show is not None:
+                    show(written)
+        return written
 
     @property
     def found(self) -> Found:
@@ -89,7 +148,7 @@ class Discovered:
 
     @property
     def exit_code(self) -> int:
-        """What the command line ends with."""
+        """The exit code of the command line."""
         return EXIT_CODES[self.verdict]
 
     @property
@@ -139,7 +198,7 @@ class Discovered:
 
     @property
     def candidates(self) -> list[CandidateResult]:
-        """The competition: what was worth a fit in each round, and what became of it."""
+        """The shortlisted candidates of each round and their outcomes."""
         return self.document.candidates
 
     @property
@@ -164,12 +223,12 @@ class Discovered:
 
     @property
     def notes(self) -> list[str]:
-        """What the user should know of the data and of the search."""
+        """Remarks on the data and on the search."""
         return self.document.notes
 
     @property
     def files(self) -> Mapping[str, str]:
-        """What was written beside ``findings.json``; empty without an output folder."""
+        """Files beside ``findings.json``; empty without an output folder."""
         return self.document.files
 
     @property
@@ -226,7 +285,7 @@ class Discovered:
             run = getattr(self.found.discovery, name).simulation(label)
             every = simulated_table(run).first(model.joint_count)
             models[title] = Simulated(run.torque(), every.time, every.values)
-        return model.experiments[label].time, model.measured_in(label), models
+        return model.experiments[label].time, model.experiments.measured_in(label), models
 
     def _saved(self, label: str, names: Mapping[str, str]) -> Torques:
         from fmu_didim.report.drawing.torque_charts import Simulated
@@ -241,7 +300,10 @@ class Discovered:
         return samples.time, samples.select([f"measured{j}" for j in joints]), models
 
     def __eq__(self, other: object) -> bool:
-        return self.document == other.document if isinstance(other, Discovered) else NotImplemented
+        if not isinstance(other, Discovered):
+            return NotImplemented
+        one, another = (found.document.model_dump(exclude=_ADDED) for found in (self, other))
+        return one == another
 
     __hash__ = None  # type: ignore[assignment]
 

@@ -15,21 +15,11 @@ if TYPE_CHECKING:
 
 def parameter_frame(document: ResultDocument) -> DataFrame:
     """One row a parameter, by name; see :meth:`fmu_didim.Result.to_frame`."""
+    heads = ("parameter", "value", "std", "rel_std_percent", "low", "high", "unit", "of", "experiment")
     rows = [
-        {
-            "parameter": name,
-            "value": p.value,
-            "std": p.std,
-            "rel_std_percent": p.rel_std_percent,
-            "low": p.interval[0],
-            "high": p.interval[1],
-            "unit": p.unit,
-            "of": p.of,
-            "experiment": p.experiment or "",
-        }
+        (name, p.value, p.std, p.rel_std_percent, *p.interval, p.unit, p.of, p.experiment or "")
         for name, p in document.parameters.items()
     ]
-    heads = ("parameter", "value", "std", "rel_std_percent", "low", "high", "unit", "of", "experiment")
     return _frame(rows, heads, numbers=heads[1:6]).set_index("parameter")
 
 
@@ -48,29 +38,16 @@ def matrix_frame(document: ResultDocument) -> DataFrame:
 
 def findings_frame(document: FindingsDocument) -> DataFrame:
     """One row a parameter of each effect found; see :meth:`fmu_didim.Discovered.to_frame`."""
-    rows = [
-        {
-            "effect": finding.effect,
-            "joint": finding.joint,
-            "parameter": value.name,
-            "value": value.value,
-            "std": value.std,
-            "low": value.interval[0],
-            "high": value.interval[1],
-            "unit": value.unit,
-            "share_of_gap": finding.share_of_gap,
-            "delta_bic": finding.delta_bic,
-            "ambiguous": ", ".join(f"{rival.effect} {rival.joint}" for rival in finding.ambiguous),
-        }
-        for finding in document.findings
-        for value in finding.parameters
-    ]
-    numbers = ("value", "std", "low", "high", "share_of_gap", "delta_bic")
     heads = ("effect", "joint", "parameter", "value", "std", "low", "high", "unit", "share_of_gap", "delta_bic")
-    return _frame(rows, (*heads, "ambiguous"), numbers=numbers)
+    rows = [
+        (f.effect, f.joint, v.name, v.value, v.std, *v.interval, v.unit, f.share_of_gap, f.delta_bic,
+         ", ".join(f"{rival.effect} {rival.joint}" for rival in f.ambiguous))
+        for f in document.findings for v in f.parameters
+    ]  # fmt: skip
+    return _frame(rows, (*heads, "ambiguous"), numbers=(*heads[3:7], *heads[8:]))
 
 
-def _frame(rows: Sequence[dict[str, Any]], heads: Sequence[str], *, numbers: Sequence[str]) -> DataFrame:
+def _frame(rows: Sequence[tuple[Any, ...]], heads: Sequence[str], *, numbers: Sequence[str]) -> DataFrame:
     """A table with these columns, also where it has no rows."""
     import pandas  # takes a third of a second, which most uses of this package do not need
 

@@ -1,4 +1,4 @@
-"""What ``identify`` returns and ``load_result`` reads: parameters, validation, and views of both."""
+"""The result of an identification: parameters, validation, and views of both."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def result_folder(out: Path | str, *, figures: bool = False) -> ResultFolder:
 
 @dataclass(frozen=True, repr=False, eq=False)
 class Result:
-    """What :func:`~fmu_didim.identify` returns, and :meth:`load` reads from a folder.
+    """The result of :func:`~fmu_didim.identify`, which :meth:`load` reads from a folder.
 
     Two results are equal if their documents and their torques are.
 
@@ -75,7 +75,11 @@ class Result:
         """The result of an estimate and its validations."""
         model = estimate.model
         values = {SHARED: estimate.base_value}
-        values |= {label: model.theta(model.start, label) for label in model.experiments if model.has_own_base(label)}
+        values |= {
+            label: model.theta(model.start, label)
+            for label in model.experiments
+            if model.free_parameters.has_own_base(label)
+        }
         robots = {label: model.parameters.described(theta) for label, theta in values.items()}
         found = {label: robot for label, robot in robots.items() if robot is not None}
         return cls(document, tuple(validations), found, estimate)
@@ -180,7 +184,7 @@ class Result:
 
     @property
     def exit_code(self) -> int:
-        """What the command line ends with."""
+        """The exit code of the command line."""
         return EXIT_CODES[self.verdict]
 
     @property

@@ -84,6 +84,10 @@ class ResultFolder:
         except OSError as error:
             raise _unwritable(self.folder, error) from error
 
+    def left(self) -> list[str]:
+        """Names of the files that the last run left, beside its head."""
+        return sorted(name for name in self._earlier() - {self.head} if (self.folder / name).is_file())
+
     def _take_in(self, new: Path) -> None:
         names = {path.name for path in new.iterdir()}
         for name in names:
@@ -120,19 +124,16 @@ class ResultFolder:
             temporary.write_text("\n".join(sorted(names)), encoding="utf-8")
 
     def _earlier(self) -> set[str]:
-        """Names of what earlier runs have left."""
-        names = {self.head, *self.fixed}
-        with suppress(OSError, ValueError):
-            return names | _plain(self._list.read_text(encoding="utf-8").splitlines())
-        with suppress(OSError, ValueError, KeyError, AttributeError):
-            listed = json.loads((self.folder / self.head).read_text(encoding="utf-8"))[self.lists]
-            return names | _plain(str(name) for name in listed.values())
-        return names
-
-
-def _plain(names: Iterable[str]) -> set[str]:
-    """The names that stay in their folder."""
-    return {name for name in names if name not in ("", ".", "..") and not set(name) & set("/\\:\0")}
+        """Names of the files that earlier runs have left, all of them in this folder."""
+        names: list[str] = []
+        try:
+            names = self._list.read_text(encoding="utf-8").splitlines()
+        except (OSError, ValueError):
+            with suppress(OSError, ValueError, KeyError, AttributeError):
+                listed = json.loads((self.folder / self.head).read_text(encoding="utf-8"))[self.lists]
+                names = [str(name) for name in listed.values()]
+        inside = {name for name in names if name not in ("", ".", "..") and not set(name) & set("/\\:\0")}
+        return {self.head, *self.fixed, *inside}
 
 
 def checked_case(
@@ -170,15 +171,15 @@ def check_writable(folder: Path) -> None:
 
 def write_whole(path: Path, write: Callable[[Path], object]) -> None:
     """Let ``write`` write a file, which takes the place of an earlier one as a whole; raises InputError if it fails."""
-    with told_unwritable(path):
+    with reported_unwritable(path):
         path.parent.mkdir(parents=True, exist_ok=True)
         with whole_file(path) as temporary:
             write(temporary)
 
 
 @contextmanager
-def told_unwritable(path: Path) -> Iterator[None]:
-    """What hinders the writing of a file or folder as an InputError."""
+def reported_unwritable(path: Path) -> Iterator[None]:
+    """Report an error in writing a file or folder as an InputError."""
     try:
         yield
     except OSError as error:

@@ -1,1 +1,1 @@
-"""What a reader can look up: codes of diagnostics, effects, schemas of documents."""
+"""Reference: codes of diagnostics, effects, schemas of documents."""

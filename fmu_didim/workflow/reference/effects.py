@@ -107,17 +107,13 @@ def effects_text() -> str:
 
 
 def effect_text(name: str) -> str:
-    """What an effect is, how it shows, how it is written at a joint, and what it does along a motion."""
+    """An effect: equation, signature, how it is written at a joint, and a plot along a motion."""
     entry = effect_entry(name)
     lines = [f"{entry.name}: {entry.title} ({entry.place})", "", f"  {entry.equation}", ""]
     for p in entry.parameters:
         default = "none" if p.default is None else f"{p.default:g}"
         units = " or ".join(dict.fromkeys(u for u in (p.unit, p.prismatic_unit) if u not in (None, "")))
-        lines += wrapped(
-            f"{p.description}{f', {units}' if units else ''}; {default}",
-            f"  {p.name:8} ",
-            " " * 11,
-        )
+        lines += wrapped(f"{p.description}{f', {units}' if units else ''}; {default}", f"  {p.name:8} ", " " * 11)
     texts = {"Signature": entry.signature, "Confounded": ", ".join(entry.confounded_with) or "with none"}
     texts |= {"Told by": entry.experiment, "Source": entry.source, "Written": _written(entry)}
     lines += ["", *(line for head, text in texts.items() for line in wrapped(text, f"{head:11}", " " * 11))]
@@ -134,7 +130,7 @@ def _written(entry: EffectEntry) -> str:
 
 
 def effect_plot(effect: Effect) -> list[str]:
-    """What an effect does along a sine, as lines of text; none where one joint alone does not show it."""
+    """A plot of an effect along a sine, as lines of text; empty where one joint alone does not show it."""
     time = np.arange(POINTS, dtype=np.float64) * STEP
     w = 2 * np.pi * FREQUENCY_HZ
     q, dq, ddq = (AMPLITUDE * w**k * np.sin(w * time + k * np.pi / 2) for k in (0, 1, 2))
@@ -150,13 +146,13 @@ def effect_plot(effect: Effect) -> list[str]:
         return []
     later = slice(POINTS // 2, None)  # the second period: states have settled
     along = {"velocity": dq, "position": q, "acceleration": ddq, "time in s": time}
-    name = min(along, key=lambda n: _roughness(along[n][later], torque[later]))
+
+    def variation(name: str) -> float:
+        """How much the torque varies between neighbours: small where it is a function of this quantity."""
+        return float(np.abs(np.diff(torque[later][np.argsort(along[name][later], kind="stable")])).sum())
+
+    name = min(along, key=variation)
     return text_plot(along[name][later], {"*": torque[later]}, x_name=name, y_name="torque, all amplitudes 1")
-
-
-def _roughness(x: Array, y: Array) -> float:
-    """How much y varies between neighbours in x: small where y is a function of x."""
-    return float(np.abs(np.diff(y[np.argsort(x, kind="stable")])).sum())
 
 
 def _torque(effect: TorqueEffect, time: Array, q: Array, dq: Array, ddq: Array) -> Array | None:
@@ -164,33 +160,33 @@ def _torque(effect: TorqueEffect, time: Array, q: Array, dq: Array, ddq: Array) 
     x, z = ca.SX.sym("x", 4), ca.SX.sym("z", len(effect.states("revolute")))
     shapes = {v.name: ca.SX(v.start) for v in effect.shapes("revolute")}
 
-    def seen(state: ca.SX, row: ca.SX) -> Surroundings:
+    def at(state: ca.SX, row: ca.SX) -> Surroundings:
         parts = tuple(state[i] for i in range(state.numel()))
         return Surroundings(0, "revolute", row[0], row[1], row[2], time=row[3], state=parts)
 
     motion = np.column_stack([q, dq, ddq, time])
     try:
-        columns = effect.columns(seen(z, x), shapes)
+        columns = effect.columns(at(z, x), shapes)
     except (KeyError, IndexError):  # it looks at more than its joint
         return None
     total = sum((c for c in columns if isinstance(c, ca.SX)), ca.SX(0))
     states = np.zeros((time.size, z.numel()))
     if z.numel():
         start = np.array([v.start for v in effect.states("revolute")])
-        states = states_along(lambda s, row: ca.vertcat(*effect.rates(seen(s, row), shapes)), start, time, motion)
+        states = states_along(lambda s, row: ca.vertcat(*effect.rates(at(s, row), shapes)), start, time, motion)
     return np.asarray(ca.Function("torque", [x, z], [total]).map(time.size)(motion.T, states.T)).ravel()
 
 
 def _output(effect: InsertedEffect, u: Array) -> Array:
-    """What comes out of a drive or sensor effect, each of its parameters in the middle of where it is searched."""
+    """The output of a drive or sensor effect, with each parameter in the middle of its search range."""
     block = effect.block("revolute", STEP)
     grids = effect.search("revolute")
-    values = np.array([
-        (grids[v.name].lowest * grids[v.name].highest) ** 0.5
-        if v.name in grids and grids[v.name].logarithmic
-        else sum((grids[v.name].lowest, grids[v.name].highest)) / 2 if v.name in grids else _small(v.start)
-        for v in block.parameters
-    ])  # fmt: skip
+    middle = {
+        name: (g.lowest * g.highest) ** 0.5 if g.logarithmic else (g.lowest + g.highest) / 2
+        for name, g in grids.items()
+    }
+    starts = {v.name: v.start if abs(v.start) < 1e6 else 0.7 for v in block.parameters}  # limits act on this sine
+    values = np.array(list((starts | {name: middle[name] for name in middle if name in starts}).values()))
     assert block.output is not None
     x = np.asarray(block.start([u[0]], values)).ravel() if block.states else np.zeros(0)
     found = []
@@ -198,8 +194,3 @@ def _output(effect: InsertedEffect, u: Array) -> Array:
         found.append(float(block.output(x, [value], values)))
         x = np.asarray(block.update(x, [value], values)).ravel() if block.states else x
     return np.array(found)
-
-
-def _small(value: float) -> float:
-    """A limit that acts on a sine of amplitude one, for one that no drive reaches."""
-    return value if abs(value) < 1e6 else 0.7

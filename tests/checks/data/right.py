@@ -74,15 +74,14 @@ def right(
     """
     truth = loaded(robot)
     rng = np.random.default_rng([seed, 7])
-    experiments = {}
+    model = truth
     for label in truth.experiments:
         run = logged(truth, label, motion(robot, seed, label), rate_hz or RATES[robot])
         real = run if change is None else change(run.on(label))
         torque = real.torque(real.start, label)
         unit = unit_noise(rng, run.experiments[label].time, torque.shape[1], coloured=coloured, memory_s=MEMORY_S)
         errors = noise * torque.std(axis=0) * unit
-        experiments[label] = replace(run.experiments[label], torque=torque + errors)
-    model = replace(truth, experiments=experiments)
+        model = model.with_experiment(label, replace(run.experiments[label], torque=torque + errors))
     while True:
         values = truth.start * np.exp(rng.uniform(-1, 1, size=truth.start.size) * np.log(OFF))
         if not mass_matrix_problem(model, values):
@@ -92,7 +91,7 @@ def right(
 def logged(model: LoopModel, label: str, reference: Trajectory, rate_hz: float) -> LoopModel:
     """The model along another reference, its log still empty, to the last sample that the rate allows."""
     time = np.arange(int(reference.time[-1] * rate_hz + 1e-9)) / rate_hz
-    step = model.systems[label].step_size
+    step = model.loop.systems[label].step_size
     operator = sample_operator(time, start=0.0, step=step, tick_count=reference.time.size)
     torque = np.zeros((time.size, model.joint_count))
     return model.with_experiment(

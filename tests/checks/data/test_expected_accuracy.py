@@ -69,6 +69,6 @@ def test_wrist_of_the_tx40_rings_above_half_the_rate_of_its_log() -> None:
     """sqrt(gain Kp / (ZZ6 + Ia6)) of a rigid joint, but for its damping and delay, in a log at 100 Hz."""
     model = loaded("tx40")
     (found,) = resonance_diagnostics(model, model.start)
-    inertia = model.start[model.index("ZZ6")] + model.start[model.index("Ia6")]
+    inertia = model.start[model.names.index("ZZ6")] + model.start[model.names.index("Ia6")]
     expected = np.sqrt(6.56 * 358.858725 / inertia) / (2 * np.pi)
     assert found.place == "joint 6" and found.value == pytest.approx(expected, rel=0.1)

@@ -15,7 +15,7 @@ from fmu_didim.dynamics.robot import RobotModel
 from fmu_didim.model.loop_model import LoopModel
 from fmu_didim.model.parameters import RobotParameters
 from tests.checks.data.right import motion, right, with_columns, with_experiment, with_log
-from tests.helpers import with_component, with_delay
+from tests.helpers import with_component
 
 Array = np.ndarray
 ROBOTS = ("scara", "arm", "tx40")
@@ -133,7 +133,7 @@ def late(seconds: float) -> Callable[[LoopModel], LoopModel]:
     """The stamps of the log are late by so much."""
 
     def change(model: LoopModel) -> LoopModel:
-        own, step = model.experiments[model.first], model.systems[model.first].step_size
+        own, step = model.experiments[model.first], model.loop.systems[model.first].step_size
         count = own.reference.time.size
         return with_experiment(model, model.first, operator=own.operator.stamped_later(seconds / step, count))
 
@@ -151,7 +151,7 @@ def averaged(window: str) -> Callable[[LoopModel], LoopModel]:
 
 def delayed(samples: float) -> Callable[[LoopModel], LoopModel]:
     """The command acts later than the model says."""
-    return lambda model: with_delay(model, samples)
+    return lambda model: model.with_delay(samples)
 
 
 def longer(model: LoopModel) -> LoopModel:

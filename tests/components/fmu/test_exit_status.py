@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import subprocess
 
 import pytest
 
@@ -56,12 +57,12 @@ def test_the_end_of_a_process_on_windows(
     worker = Worker("some.fmu", 60.0)
     try:
         assert worker.request("start", keep_constants, True, []) is None
-        real = worker._process.poll
+        real = subprocess.Popen.poll
 
-        def poll() -> int | None:
-            return None if real() is None else code
+        def poll(process: subprocess.Popen[bytes]) -> int | None:
+            return None if real(process) is None else code
 
-        monkeypatch.setattr(worker._process, "poll", poll)
+        monkeypatch.setattr(subprocess.Popen, "poll", poll)
         with pytest.raises(ProcessEndedError, match=rf"{told}[\s\S]*during step") as caught:
             worker.kill()
             worker.request("step", keep_constants, True, [])

@@ -16,7 +16,6 @@ import pytest
 from fmu_didim.base.errors import FmuError, InputError, SimulationError
 from fmu_didim.components import Instance
 from fmu_didim.components.fmu import load_fmu, probe_fmu
-from fmu_didim.components.fmu.inspection import probe as probe_module
 from fmu_didim.components.fmu.isolation import process as process_module
 from fmu_didim.components.fmu.isolation.isolate import IsolatedInstance
 from fmu_didim.components.fmu.isolation.process import ProcessEndedError
@@ -257,17 +256,19 @@ def test_the_trial_is_done_once_for_all_values(tmp_path: Path, monkeypatch: pyte
 
 
 def failing(monkeypatch: pytest.MonkeyPatch, question: str, *, by_fmu: bool) -> None:
-    """One of the trials ends its process."""
-    real = process_module.ReusedWorker.run
+    """One of the trials ends its process, the first time that it is asked for."""
+    real, asked_for = process_module.Worker.request, []
 
-    def run(self: Any, asked: Any, *arguments: Any, **options: Any) -> Any:
-        if asked.__name__ == question:
-            error = ProcessEndedError("The process ended.")
-            error.by_fmu = by_fmu
-            raise error
-        return real(self, asked, *arguments, **options)
+    def request(self: Any, what: str, function: Any, *arguments: Any, **options: Any) -> Any:
+        if function is process_module.hold:
+            asked_for.append(arguments[0].__name__)
+            if asked_for[-1] == question and asked_for.count(question) == 1:
+                error = ProcessEndedError("The process ended.")
+                error.by_fmu = by_fmu
+                raise error
+        return real(self, what, function, *arguments, **options)
 
-    monkeypatch.setattr(process_module.ReusedWorker, "run", run)
+    monkeypatch.setattr(process_module.Worker, "request", request)
 
 
 def kept(tmp_path: Path) -> list[str]:
@@ -275,7 +276,7 @@ def kept(tmp_path: Path) -> list[str]:
 
 
 @pytest.mark.parametrize("by_fmu", [False, True])
-@pytest.mark.parametrize("question", ["runs_again", "once"])
+@pytest.mark.parametrize("question", ["in_turn", "once"])
 def test_a_trial_that_did_not_come_to_its_end_is_not_kept(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture, question: str, by_fmu: bool
 ) -> None:
@@ -285,13 +286,13 @@ def test_a_trial_that_did_not_come_to_its_end_is_not_kept(
         failing(busy, question, by_fmu=by_fmu)
         made.find_rerun()
     assert kept(tmp_path) == (["reruns"] if by_fmu else [])
-    told = [record.getMessage() for record in caplog.records if "did not come to its end" in record.getMessage()]
+    told = [record.getMessage() for record in caplog.records if "did not end" in record.getMessage()]
     assert len(told) == (not by_fmu)
     assert by_fmu or question.replace("_", " ") in told[0]
     monkeypatch.setattr(rerun_module, "_known", {})  # as in another process
     found = made.find_rerun()
     assert kept(tmp_path) == ["reruns"]
-    assert (found.strategy, found.isolated) == ("reset", by_fmu and question == "runs_again")
+    assert (found.strategy, found.isolated) == ("reset", by_fmu and question == "in_turn")
 
 
 @pytest.mark.gate
@@ -299,9 +300,8 @@ def test_a_trial_that_did_not_come_to_its_end_is_not_kept(
 def test_a_probe_that_did_not_come_to_its_end_is_not_kept(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, question: str
 ) -> None:
-    monkeypatch.setattr(probe_module, "cache_directory", rerun_module.cache_directory)
     made = load_fmu(awkward_fmu(tmp_path))
-    for by_fmu, wanted in ((False, []), (True, ["probes", "reruns"])):
+    for by_fmu, wanted in ((False, []), (True, ["reruns"])):
         with monkeypatch.context() as busy:
             failing(busy, question, by_fmu=by_fmu)
             probe_fmu(made)
@@ -311,7 +311,6 @@ def test_a_probe_that_did_not_come_to_its_end_is_not_kept(
 @pytest.mark.gate
 def test_what_does_not_run_here_is_not_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A licence or a library that is missing today may be there tomorrow."""
-    monkeypatch.setattr(probe_module, "cache_directory", rerun_module.cache_directory)
     monkeypatch.setattr(rerun_module, "TIME_LIMIT", 0.5)
     for macro in ("CRASH_IN_STEP", "HANG_IN_STEP", "MISSING_SYMBOL"):
         made = load_fmu(awkward_fmu(tmp_path, macro))
@@ -343,7 +342,7 @@ def test_a_process_that_does_not_start(tmp_path: Path, monkeypatch: pytest.Monke
 
 
 def test_a_probe_of_one_instance_a_process(tmp_path: Path) -> None:
-    lines = probe_fmu(load_fmu(awkward_fmu(tmp_path, "CRASH_AT_SECOND")), fresh=True).lines()
+    lines = probe_fmu(load_fmu(awkward_fmu(tmp_path, "CRASH_AT_SECOND"))).lines()
     assert "new instances one after the other: FATAL" in lines
     assert "reset: restores" in lines
     assert "parameters: not tried, as a process can hold one instance only" in lines
@@ -356,7 +355,7 @@ def test_a_probe_within_its_time(tmp_path: Path) -> None:
     found = probe_fmu(made, whole_s=0.0, say=told.append)
     assert told == ["whether it can be run again"]
     assert found.facts.reset == "restores"
-    assert "half the step: Not asked: the time was up" in found.lines()
+    assert "half step: NOT KNOWN, the time was up" in found.lines()
     again = probe_fmu(made, say=told.append)
     assert "half step" in told
     assert again.parameters == {"a": "acts", "d": "acts", "unused": "no effect"}
@@ -364,21 +363,26 @@ def test_a_probe_within_its_time(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("macro", "line"),
-    [("", "outputs change by"), ("OTHER_AT_HALF_STEP", "ANOTHER RESULT, y by"), ("REFUSED_STEP", "Discard")],
+    [
+        ("", "half the step: changes outputs by"),
+        ("OTHER_AT_HALF_STEP", "half the step: ANOTHER RESULT, y by"),
+        ("REFUSED_STEP", "half step: NOT KNOWN, "),
+    ],
 )
 def test_half_the_step(tmp_path: Path, macro: str, line: str) -> None:
-    found = probe_fmu(load_fmu(awkward_fmu(tmp_path, *([macro] if macro else []))), fresh=True)
-    (said,) = [text for text in found.lines() if text.startswith("half the step: ")]
-    assert line in said
+    found = probe_fmu(load_fmu(awkward_fmu(tmp_path, *([macro] if macro else []))))
+    (said,) = [text for text in found.lines() if text.startswith("half ")]
+    assert said.startswith(line)
+    assert ("Discard" in said) == (macro == "REFUSED_STEP")
     assert found.rerun.strategy == "reset"
 
 
 @pytest.mark.parametrize(("macro", "told"), [("", False), ("READING_ACTS", True), ("ROUGH_BETWEEN_STEPS", False)])
 def test_reading_between_inputs_and_step(tmp_path: Path, macro: str, told: bool) -> None:
-    found = probe_fmu(load_fmu(awkward_fmu(tmp_path, *([macro] if macro else []))), fresh=True)
+    found = probe_fmu(load_fmu(awkward_fmu(tmp_path, *([macro] if macro else []))))
     said = [text for text in found.lines() if "CHANGE WHAT FOLLOWS, y by" in text]
     assert bool(said) == told
-    assert not isinstance(found.reading, str)
+    assert found.reading is not None
 
 
 @pytest.mark.parametrize(("dependencies", "d", "told"), [("", 0.5, False), (' dependencies=""', 0.5, True),
@@ -386,13 +390,13 @@ def test_reading_between_inputs_and_step(tmp_path: Path, macro: str, told: bool)
 def test_outputs_that_follow_against_the_description(tmp_path: Path, dependencies: str, d: float, told: bool) -> None:
     """A loop would take them a step late without a word."""
     made = load_fmu(awkward_fmu(tmp_path, dependencies=dependencies)).with_parameters({"d": d})
-    said = [text for text in probe_fmu(made, fresh=True).lines() if "AGAINST THE FMU'S OWN DESCRIPTION" in text]
+    said = [text for text in probe_fmu(made).lines() if "AGAINST THE FMU'S OWN DESCRIPTION" in text]
     assert [text.endswith(": y") for text in said] == [True] * told
 
 
 def test_a_probe_is_a_trial_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     made = load_fmu(awkward_fmu(tmp_path, "RESET_KEEPS_STATE"))
-    found = probe_fmu(made, fresh=True)
+    found = probe_fmu(made)
     assert made.describe()["reset"] == found.rerun.strategy == "state"
     monkeypatch.delattr(rerun_module, "find_facts")
     instance = made.instantiate()

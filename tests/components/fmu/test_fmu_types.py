@@ -83,7 +83,7 @@ def test_derivatives_leave_integers_alone(tmp_path: Path) -> None:
 
 
 def test_probes_of_other_types(tmp_path: Path) -> None:
-    found = probe_fmu(load_fmu(typed(tmp_path, 2)), fresh=True)
+    found = probe_fmu(load_fmu(typed(tmp_path, 2)))
     assert not found.facts.failure
     assert found.response == {"y": "at once", "off": "at once", "mode_out": "never", "double_gear": "never"}
     assert found.rerun.strategy == "re-instantiate"  # it has no reset

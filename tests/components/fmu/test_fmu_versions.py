@@ -67,7 +67,7 @@ def test_what_fmi_1_cannot_do(tmp_path: Path) -> None:
 @pytest.mark.parametrize(("macros", "strategy"), [((), "reset"), (("RESET_KEEPS_STATE",), "re-instantiate")])
 def test_fmi_1_is_run_again(tmp_path: Path, macros: tuple[str, ...], strategy: str) -> None:
     made = load_fmu(fmi_1(tmp_path, *macros))
-    found = probe_fmu(made, fresh=True, step_size=H)
+    found = probe_fmu(made, step_size=H)
     assert (found.rerun.strategy, found.facts.failure) == (strategy, "")
     assert found.parameters == {"a": "acts", "d": "acts"}
     instance = made.with_parameters({"a": 5.0}).instantiate()

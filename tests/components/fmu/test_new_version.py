@@ -85,7 +85,7 @@ def test_a_row_in_the_table_is_enough_to_read_a_version(tmp_path: Path, kind: st
 @pytest.mark.usefixtures("read_too", "elsewhere")
 def test_a_new_version_is_tried_out_and_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = stated(exported("pd", "3.0"), tmp_path / "nine.fmu", "9.0")
-    found = probe_fmu(load_fmu(path), fresh=True, step_size=PERIOD)
+    found = probe_fmu(load_fmu(path), step_size=PERIOD)
     assert (found.facts.failure, found.rerun.strategy, found.facts.reset) == ("", "reset", "restores")
     assert main(["fmu", "info", str(path)]) == 0
     assert "FMI 9.0" in capsys.readouterr().out

@@ -15,7 +15,7 @@ import pytest
 import fmu_didim
 from fmu_didim.cli.main import main
 from fmu_didim.components.fmu import load_fmu
-from fmu_didim.components.fmu.isolation.process import ReusedWorker
+from fmu_didim.components.fmu.isolation.process import Worker, hold, run_held
 from tests.awkward.build import awkward_fmu, library
 from tests.components.fmu.helpers import ONES, H, slave_outputs
 from tests.helpers import drive
@@ -73,8 +73,9 @@ def test_the_command_with_the_folder_in_nothing_but_the_current_one(folder: Path
 
 
 def in_another_process(expression: str) -> Any:
-    with closing(ReusedWorker("test")) as worker:
-        return worker.run(eval, expression, time_limit=patience(30.0))
+    with closing(Worker("test", patience(30.0))) as worker:
+        worker.request("start", hold, eval, (expression,))
+        return worker.request("the run", run_held)
 
 
 @pytest.mark.usefixtures("folder")

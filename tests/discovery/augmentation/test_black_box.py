@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 import casadi as ca
@@ -15,7 +14,7 @@ from fmu_didim.discovery.augmentation.black_box import acts_on_own_joint, torque
 from fmu_didim.discovery.augmentation.builder import LoopModelBuilder
 from fmu_didim.discovery.augmentation.places import Proposal
 from fmu_didim.dynamics.effects import EFFECTS, Surroundings, TorqueEffect
-from fmu_didim.model.loop_description import EffectAtJoint
+from fmu_didim.model.loop_model import EffectAtJoint
 from fmu_didim.workflow import discover
 from tests.discovery.vendor import NOISE, vendor_case
 
@@ -108,10 +107,10 @@ def test_friction_before_the_plant_is_friction_in_the_plant(tmp_path: Path) -> N
     assert base is not None
     shop = LoopModelBuilder(base, None)
     model = shop.build(base, [Proposal(EffectAtJoint("stribeck", 2), {"Fs": 0.08, "vs": 0.15})])
-    assert model.subdivision > 1
+    assert model.loop.subdivision > 1
     misfit = [
-        np.std(replace(model, subdivision=m).residual(model.start), axis=0)[1] / NOISE[1]
-        for m in (1, model.subdivision)
+        np.std(model.with_loop(subdivision=m).residual(model.start), axis=0)[1] / NOISE[1]
+        for m in (1, model.loop.subdivision)
     ]
     assert misfit[0] > 1.1
     assert misfit[1] == pytest.approx(1.0, abs=0.05)

@@ -11,7 +11,7 @@ from fmu_didim.discovery.augmentation import plants
 from fmu_didim.discovery.augmentation.builder import LoopModelBuilder
 from fmu_didim.discovery.augmentation.places import Proposal
 from fmu_didim.discovery.progress import Progress
-from fmu_didim.model.loop_description import EffectAtJoint
+from fmu_didim.model.loop_model import EffectAtJoint
 from tests.discovery.helpers import arm_case
 
 GEAR, SPRING, LAG, CLOCK = (
@@ -39,8 +39,8 @@ def test_each_plant_is_compiled_once(builder: tuple[LoopModelBuilder, list[Any]]
     model = made.build(made.base, [Proposal(SPRING, {})])
     assert len(compiled) == 2
     assert model.added_effects == (SPRING,)
-    assert model.plant.block in compiled  # type: ignore[attr-defined]
-    assert model.plant is made.build(made.base, [Proposal(LAG, {}), Proposal(SPRING, {})]).plant
+    assert model.loop.plant.block in compiled  # type: ignore[attr-defined]
+    assert model.loop.plant is made.build(made.base, [Proposal(LAG, {}), Proposal(SPRING, {})]).loop.plant
 
 
 def test_nothing_is_compiled_when_the_time_is_up(builder: tuple[LoopModelBuilder, list[Any]]) -> None:

@@ -11,19 +11,15 @@ import pytest
 
 from fmu_didim.discovery.external_torques import findings, fit, rivals
 from fmu_didim.discovery.external_torques.findings import _summary
-from fmu_didim.discovery.external_torques.fit import (
-    FittedExternalTorques,
-    _comes_back,
-    _is_lasting,
-    _is_staircase,
-    find_external_torques,
-)
-from fmu_didim.discovery.external_torques.rivals import external_effect, rivalled
+from fmu_didim.discovery.external_torques.fit import FittedExternalTorques, find_external_torques
+from fmu_didim.discovery.external_torques.rivals import rivalled
 from fmu_didim.discovery.external_torques.search import _joined, _merged, _solved
 from fmu_didim.discovery.progress import Progress
+from fmu_didim.discovery.request import Request
 from fmu_didim.discovery.selection.competition import Competition
+from fmu_didim.discovery.selection.decide import Options
 from fmu_didim.model.external_torque import ExternalTorque
-from fmu_didim.model.loop_description import EffectAtJoint
+from fmu_didim.model.loop_model import EffectAtJoint
 from fmu_didim.results.findings import ValueFound
 from tests.discovery.by_hand import Catalogue, effect_of, table_fit
 
@@ -93,60 +89,6 @@ def test_sizes_of_steps_by_least_squares_with_idle_columns() -> None:
     assert _solved(table, np.array([3e6, 4.0, 9.0])).tolist() == pytest.approx([3.0, 2.0, 0.0])
 
 
-# ---- what is no torque from outside
-
-
-@pytest.mark.parametrize(("following", "staircase"), [(1, False), (2, True)])
-def test_a_quarter_may_follow_without_a_pause(following: int, staircase: bool) -> None:
-    torques = [torque(k, k + 0.5) for k in range(4)]
-    for k in range(following):
-        torques[k] = torque(k, k + 1)
-    assert _is_staircase(torques) is staircase
-    assert not _is_staircase([torque(0, 1)])
-
-
-@pytest.mark.parametrize(
-    ("torques", "lasting"),
-    [
-        ([torque(1, 5.9)], False),
-        ([torque(1, 6.1)], True),  # longer than half of the ten seconds
-        ([torque(1, 3.4), torque(4, 6.5)], False),
-        ([torque(1, 3.6), torque(4, 6.5)], True),
-        # Most of the time without a visible begin or end.
-        ([torque(9, 10.1)], True),
-        ([torque(0, 1)], True),
-        ([torque(0, 1), torque(2, 2.9)], True),
-        ([torque(0, 1), torque(2, 3.1)], False),
-        ([torque(9, 10.0)], False),
-    ],
-)
-def test_torques_that_last_may_as_well_be_a_load(torques: list[ExternalTorque], lasting: bool) -> None:
-    assert _is_lasting(torques, TIME) is lasting
-
-
-@pytest.mark.parametrize(
-    ("torques", "period", "back"),
-    [
-        ([torque(1, 2), torque(4, 5)], 3.0, True),
-        ([torque(1, 2), torque(4.09, 5)], 3.0, True),  # within 0.1 s
-        ([torque(1, 2), torque(4.11, 5)], 3.0, False),
-        ([torque(1, 2), torque(2.04, 2.5)], 1.0, True),  # within a twentieth of the period
-        ([torque(1, 2), torque(2.06, 2.5)], 1.0, False),
-        ([torque(1, 2), torque(4, 5)], None, False),
-        ([torque(1, 2), torque(4, 5)], 2.0, False),
-        # By impulse: half of it must come back.
-        ([torque(1, 2, 1.0), torque(4, 5, -1.0), torque(6, 7, 1.9)], 3.0, True),
-        ([torque(1, 2, 1.0), torque(4, 5, -1.0), torque(6, 7, 2.1)], 3.0, False),
-        ([torque(1, 2, 1.0), torque(4, 5, 1.0), torque(6, 8, -1.1)], 3.0, False),
-        ([], 3.0, False),
-    ],
-)
-def test_a_torque_that_comes_back_belongs_to_the_machine(
-    torques: list[ExternalTorque], period: float | None, back: bool
-) -> None:
-    assert _comes_back(torques, period) is back
-
-
 # ---- the best of all experiments and joints
 
 
@@ -185,6 +127,13 @@ def find(monkeypatch: pytest.MonkeyPatch, shares: Any, **more: Any) -> tuple[Any
     return found, search, said
 
 
+def is_refused(monkeypatch: pytest.MonkeyPatch, torques: list[ExternalTorque], period: float | None = None) -> bool:
+    """Whether torques that explain nearly all are not even fitted."""
+    found, search, said = find(monkeypatch, {("x", 1, False): 0.9}, torques=torques, period=period)
+    assert (found is None) == (not search.fitted) == (not said)
+    return found is None
+
+
 def test_the_joint_where_most_is_explained_is_fitted(monkeypatch: pytest.MonkeyPatch) -> None:
     shares = {("x", 1, False): 0.6, ("y", 2, True): 0.9, ("y", 2, False): 0.8}
     found, search, said = find(monkeypatch, shares)
@@ -206,26 +155,66 @@ def test_joints_that_cannot_be_moved_are_left_out(monkeypatch: pytest.MonkeyPatc
     assert find(monkeypatch, {}, silent=(1, 2))[0] is None
 
 
-@pytest.mark.parametrize(
-    ("torques", "period"),
-    [
-        ([torque(1, 2), torque(2, 3)], None),
-        ([torque(1, 7)], None),
-        ([torque(1, 2), torque(4, 5)], 3.0),
-    ],
-)
-def test_what_is_no_torque_from_outside_is_not_fitted(
-    monkeypatch: pytest.MonkeyPatch, torques: Any, period: float | None
-) -> None:
-    found, search, said = find(monkeypatch, {("x", 1, False): 0.9}, torques=torques, period=period)
-    assert (found, search.fitted, said) == (None, [], [])
-
-
 def test_torques_that_come_back_once_they_are_fitted_are_none(monkeypatch: pytest.MonkeyPatch) -> None:
     answer = SimpleNamespace(external_torques=(torque(1, 2), torque(4, 5)))
     found, search, _ = find(monkeypatch, {("x", 1, False): 0.9}, period=3.0, answer=answer)
     assert found is None and len(search.fitted) == 1
     assert find(monkeypatch, {("x", 1, False): 0.9}, period=2.0, answer=answer)[0] is answer
+
+
+# ---- what is no torque from outside
+
+
+@pytest.mark.parametrize(("following", "staircase"), [(1, False), (2, True)])
+def test_a_quarter_may_follow_without_a_pause(monkeypatch: pytest.MonkeyPatch, following: int, staircase: bool) -> None:
+    torques = [torque(k, k + 0.5) for k in range(4)]
+    for k in range(following):
+        torques[k] = torque(k, k + 1)
+    assert is_refused(monkeypatch, torques) is staircase
+    assert not is_refused(monkeypatch, [torque(1, 2)])
+
+
+@pytest.mark.parametrize(
+    ("torques", "lasting"),
+    [
+        ([torque(1, 5.9)], False),
+        ([torque(1, 6.1)], True),  # longer than half of the ten seconds
+        ([torque(1, 3.4), torque(4, 6.5)], False),
+        ([torque(1, 3.6), torque(4, 6.5)], True),
+        # Most of the time without a visible begin or end.
+        ([torque(9, 10.1)], True),
+        ([torque(0, 1)], True),
+        ([torque(0, 1), torque(2, 2.9)], True),
+        ([torque(0, 1), torque(2, 3.1)], False),
+        ([torque(9, 10.0)], False),
+    ],
+)
+def test_torques_that_last_may_as_well_be_a_load(
+    monkeypatch: pytest.MonkeyPatch, torques: list[ExternalTorque], lasting: bool
+) -> None:
+    assert is_refused(monkeypatch, torques) is lasting
+
+
+@pytest.mark.parametrize(
+    ("torques", "period", "back"),
+    [
+        ([torque(1, 2), torque(4, 5)], 3.0, True),
+        ([torque(1, 2), torque(4.09, 5)], 3.0, True),  # within 0.1 s
+        ([torque(1, 2), torque(4.11, 5)], 3.0, False),
+        ([torque(1, 2), torque(2.04, 2.5)], 1.0, True),  # within a twentieth of the period
+        ([torque(1, 2), torque(2.06, 2.5)], 1.0, False),
+        ([torque(1, 2), torque(4, 5)], None, False),
+        ([torque(1, 2), torque(4, 5)], 2.0, False),
+        # By impulse: half of it must come back.
+        ([torque(1, 2, 1.0), torque(4, 5, -1.0), torque(6, 7, 1.9)], 3.0, True),
+        ([torque(1, 2, 1.0), torque(4, 5, -1.0), torque(6, 7, 2.1)], 3.0, False),
+        ([torque(1, 2, 1.0), torque(4, 5, 1.0), torque(6, 8, -1.1)], 3.0, False),
+    ],
+)
+def test_a_torque_that_comes_back_belongs_to_the_machine(
+    monkeypatch: pytest.MonkeyPatch, torques: list[ExternalTorque], period: float | None, back: bool
+) -> None:
+    assert is_refused(monkeypatch, torques, period) is back
 
 
 # ---- against what looks like them
@@ -240,10 +229,10 @@ EFFECTS = (
 
 
 def test_the_effect_that_names_them() -> None:
-    effects = Catalogue(*EFFECTS).effects
-    assert external_effect(effects, frozenset()).name == "force"
-    assert external_effect(effects, frozenset({"force"})) is None
-    assert external_effect({"viscous": effects["viscous"]}, frozenset()) is None
+    request = Request("", None, Catalogue(*EFFECTS).effects)
+    assert request.external is not None and request.external.name == "force"
+    assert replace(request, options=Options(forbid=frozenset({"force"}))).external is None
+    assert replace(request, effects={"viscous": request.effects["viscous"]}).external is None
 
 
 @pytest.mark.parametrize(("bic", "better"), [(100.1, True), (100.0, False), (None, False)])

@@ -41,9 +41,10 @@ from fmu_didim.estimators.reference_start import reference_motion
 from fmu_didim.fit.noise.noise import Noise
 from fmu_didim.fit.solver.least_squares import minimise
 from fmu_didim.model.experiment import Experiment
+from fmu_didim.model.experiments import Experiments
 from fmu_didim.model.free_parameter import base_free_parameters
-from fmu_didim.model.loop_description import EffectAtJoint
-from fmu_didim.model.loop_model import LoopModel
+from fmu_didim.model.loop import Loop
+from fmu_didim.model.loop_model import EffectAtJoint, LoopModel
 from fmu_didim.model.parameters import RobotParameters
 from tests.helpers import PERIOD, ROOT, on_reference
 
@@ -114,8 +115,8 @@ def measured(of: Component, reference: Trajectory, rate_hz: float, seed: int) ->
     experiment = Experiment(reference, time, torque + coloured * NOISE.deviation, operator)
     system, parameters = loop(plant(), reference), RobotParameters(model, base_parameters(model))
     return LoopModel(
-        {"estimation": system}, {"estimation": experiment}, parameters, system.components["plant"],
-        free_parameters=base_free_parameters(parameters),
+        Loop({"estimation": system}, parameters, system.components["plant"]), Experiments({"estimation": experiment}),
+        base_free_parameters(parameters),
     )  # fmt: skip
 
 
@@ -149,6 +150,7 @@ def member(effect: str, **values: float) -> Proposal:
 QUICK = {"fundamental_hz": 0.5, "size": 0.5}
 SLOWER = {"fundamental_hz": 0.2, "size": 1.0}
 WIDER = {"position_scale": 2.0}
+DRAWS = (1, 2, 3)
 FASTER = {"speed_scale": 2.0, "acceleration_scale": 2.0}
 
 
@@ -169,11 +171,16 @@ def test_the_truth_wins_on_the_proposed_motion(
     truth: str, values: tuple[tuple[str, float], ...], names: tuple[str, str], rate_hz: float,
     present: dict[str, float], scales: dict[str, float],
 ) -> None:  # fmt: skip
-    """Present data leave both members open (BIC difference below 10); those of the proposed motion do not."""
+    """Data of the proposed motion decide for the truth (BIC difference beyond 10), whatever noise is drawn, and by much
+    more than those of the present motion would."""
     hidden, reference = plant(truth, values), motion(**present)
     (rival,) = set(names) - {truth}
-    now = fitted(measured(hidden, reference, rate_hz, 1), names)
-    assert abs(now[truth].delta_bic - now[rival].delta_bic) < 10
+
+    def by_draw(wanted: Trajectory) -> Array:
+        fits = [fitted(measured(hidden, wanted, rate_hz, seed), names) for seed in DRAWS]
+        return np.array([fit[truth].delta_bic - fit[rival].delta_bic for fit in fits])
+
+    now = fitted(measured(hidden, reference, rate_hz, DRAWS[0]), names)
     limits = limits_of(reference, 2, **scales)
     found = design(
         [proposal(c) for c in now.values()], reference, rate_hz=rate_hz, limits=limits, follow=follow, evaluations=20,
@@ -184,9 +191,9 @@ def test_the_truth_wins_on_the_proposed_motion(
     pair = next(p for p in found.pairs if p.truth.effect == truth)
     assert pair.then > 1.1 * pair.now
     assert pair.bic_then > max(10.0, pair.bic_now)
-    for seed in (2, 3):
-        then = fitted(measured(hidden, found.reference, rate_hz, seed), names)
-        assert then[truth].delta_bic - then[rival].delta_bic > 10
+    before, then = by_draw(reference), by_draw(found.reference)
+    assert then.min() > 10
+    assert then.mean() > 1.5 * before.mean()
 
 
 def test_offset_and_asymmetric_coulomb_are_split_at_rest() -> None:

@@ -18,7 +18,7 @@ from fmu_didim.discovery.screening.signatures import TorqueSignature, search_gri
 from fmu_didim.dynamics.effects import EFFECTS, Search, TorqueEffect
 from fmu_didim.fit.fit import Fit
 from fmu_didim.fit.solver.least_squares import minimise
-from fmu_didim.model.loop_description import EffectAtJoint
+from fmu_didim.model.loop_model import EffectAtJoint
 from fmu_didim.model.motion import Motion, simulated_motion
 from tests.discovery.helpers import arm_model, known_noise
 

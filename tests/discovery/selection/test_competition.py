@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
@@ -22,7 +22,7 @@ from fmu_didim.fit.fit import Fit
 from fmu_didim.fit.noise.noise import Noise
 from fmu_didim.fit.solver.termination import Stopping
 from fmu_didim.model.free_parameter import FreeParameter
-from fmu_didim.model.loop_description import EffectAtJoint
+from fmu_didim.model.loop_model import EffectAtJoint
 from tests.discovery.by_hand import SAMPLES, SIGNS, Catalogue, TableModel, effect_of, fit_of, noise
 from tests.model.law_model import LawModel, free
 
@@ -368,7 +368,7 @@ def test_amplitudes_that_change_nothing_cost_nothing() -> None:
     builder.amplitudes = (SimpleNamespace(name="F"), SimpleNamespace(name="mass"))
     assert Competition(builder, before).assess(GEAR, found).cost == 1.0
     further = FreeParameter("mass1", "kg", "plant", "mass1", 0.0, 1.0, effect=0)
-    model = replace(found.model, free_parameters=(*found.model.free_parameters, further))
+    model = found.model.with_free((*found.model.free_parameters, further))
     idle = np.concatenate([found.jacobian, 1e-9 * found.jacobian[:, :, :1]], axis=2)
     whole = replace(found, model=model, jacobian=idle, values=np.append(found.values, 0.0))
     monkey = builder.without
@@ -379,7 +379,7 @@ def test_amplitudes_that_change_nothing_cost_nothing() -> None:
 def test_only_amplitudes_of_its_own_count() -> None:
     builder, before, found = one_more(costs={"gear": 4.0})
     further = tuple(replace(free(f"N{i}", 0.0), effect=None) for i in range(2))
-    model = replace(found.model, free_parameters=(*found.model.free_parameters, *further))
+    model = found.model.with_free((*found.model.free_parameters, *further))
     slopes = np.concatenate([found.jacobian, column((1.0, SIGNS)), column((1.0, SIGNS))], axis=2)
     known = builder.without
     builder.without = lambda m, i: known(found.model, i)
@@ -434,32 +434,42 @@ def tried(gain: float, *, name: str = "gear", v: float = 0.5, others: Any = (), 
     )  # fmt: skip
 
 
-def test_sizes_and_shapes_are_tried_in_the_loop_and_the_best_two_taken() -> None:
-    before = fitted(plant())
-    near = tried(90.0, v=-0.5)
-    found = Competition(Builder(effect_of("gear")), before)._scanned(tried(100.0, others=(near,)))
+@pytest.fixture
+def starts(monkeypatch: pytest.MonkeyPatch) -> Callable[..., list[Proposal]]:
+    """From where a candidate is fitted."""
+
+    def of(candidate: ScreenedCandidate, builder: Builder | None = None, before: Fit | None = None) -> list[Proposal]:
+        found: list[Proposal] = []
+        monkeypatch.setattr(Competition, "refit", lambda _, proposal, **more: found.append(proposal))
+        competition = Competition(builder or Builder(effect_of("gear")), before or fitted(plant()))
+        competition.compare([candidate], progress=Progress())
+        return found
+
+    return of
+
+
+def test_sizes_and_shapes_are_tried_in_the_loop_and_the_best_two_taken(starts: Callable[..., list[Proposal]]) -> None:
+    found = starts(tried(100.0, others=(tried(90.0, v=-0.5),)))
     assert [p.values for p in found] == [{"v": 0.5, "F": 3.0}, {"v": 0.5, "F": 1.5}]
 
 
-def test_further_shapes_are_tried_too() -> None:
-    before, good = fitted(plant()), tried(90.0, v=0.5)
-    found = Competition(Builder(effect_of("gear")), before)._scanned(tried(100.0, v=-0.9, others=(good,)))
+def test_further_shapes_are_tried_too(starts: Callable[..., list[Proposal]]) -> None:
+    found = starts(tried(100.0, v=-0.9, others=(tried(90.0, v=0.5),)))
     assert [p.values["v"] for p in found] == [0.5, 0.5]
 
 
-def test_sizes_that_cannot_be_simulated_are_left_out() -> None:
-    before, builder = fitted(plant()), Builder(effect_of("gear"), broken=2.0)
-    found = Competition(builder, before)._scanned(tried(100.0))
-    assert [p.values["F"] for p in found] == [1.5]
+def test_sizes_that_cannot_be_simulated_are_left_out(starts: Callable[..., list[Proposal]]) -> None:
+    builder = Builder(effect_of("gear"), broken=2.0)
+    assert [p.values["F"] for p in starts(tried(100.0), builder)] == [1.5]
     builder.broken = 0.0
-    found = Competition(builder, before)._scanned(tried(100.0))
-    assert [p.values["F"] for p in found] == [3.0]
+    assert [p.values["F"] for p in starts(tried(100.0), builder)] == [3.0]
 
 
-def test_trial_sizes_stay_within_the_limits_and_the_base_is_fitted_along() -> None:
+def test_trial_sizes_stay_within_the_limits_and_the_base_is_fitted_along(
+    starts: Callable[..., list[Proposal]],
+) -> None:
     before = fitted(plant(DATA + 40.0 * BASE[:, None] + 47.0 * (OTHER + 0.5 * THIRD)[:, None]))
-    found = Competition(Builder(effect_of("gear")), before)._scanned(tried(100.0, size=40.0))
-    assert [p.values["F"] for p in found] == [80.0, 40.0]
+    assert [p.values["F"] for p in starts(tried(100.0, size=40.0), before=before)] == [80.0, 40.0]
 
 
 def competing(
@@ -532,9 +542,9 @@ def test_the_joint_with_the_largest_gap_comes_first() -> None:
     rest = np.column_stack([1.5 * SIGNS, 3.0 * SIGNS, 2.0 * SIGNS])
     fit = fit_of(TableModel(rest), white=noise([1.0, 1.0, 1.0]))
     places = [("a", 1), ("a", 2), ("b", 3), ("clock", 1), ("b", 2), ("b", 1)]
-    chosen = [scored(1.0, name, joint) for name, joint in places]
-    found = Competition(builder, fit)._largest_gap_first(chosen)  # type: ignore[arg-type]
-    assert [(s.effect_at.effect, s.effect_at.joint) for s in found] == [
+    chosen = [replace(scored(1.0, name, joint), others=()) for name, joint in places]
+    found = Competition(builder, fit).compare(chosen, progress=Progress(ends=0.0)).tried
+    assert [(t.effect_at.effect, t.effect_at.joint) for t in found] == [
         ("a", 2), ("clock", 1), ("b", 2), ("b", 3), ("a", 1), ("b", 1)
     ]  # fmt: skip
 

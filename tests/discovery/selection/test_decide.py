@@ -21,7 +21,7 @@ from fmu_didim.discovery.selection.decide import (
 )
 from fmu_didim.fit.ending import Ending
 from fmu_didim.fit.gap import gaps, held_out_ratio
-from fmu_didim.model.loop_description import EffectAtJoint
+from fmu_didim.model.loop_model import EffectAtJoint
 from tests.discovery.by_hand import (
     SIGNS,
     Catalogue,

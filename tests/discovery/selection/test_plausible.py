@@ -12,7 +12,7 @@ from scipy import stats
 from fmu_didim.discovery.selection.plausible import chance_of_none, implausible
 from fmu_didim.dynamics.effects import EFFECTS
 from fmu_didim.model.free_parameter import FreeParameter
-from fmu_didim.model.loop_description import EffectAtJoint
+from fmu_didim.model.loop_model import EffectAtJoint
 
 
 def fit(effect: str, values: dict[str, tuple[float, float]], joint: int = 2) -> Any:

@@ -22,7 +22,7 @@ from fmu_didim.dynamics.effects import PreCheck
 from fmu_didim.fit.fit import Fit
 from fmu_didim.fit.gap import Ratio
 from fmu_didim.fit.noise.noise import Noise
-from fmu_didim.model.loop_description import EffectAtJoint
+from fmu_didim.model.loop_model import EffectAtJoint
 from tests.discovery.by_hand import Catalogue, TableModel, candidate_of, effect_of, fit_of, noise, residual, table_fit
 
 WHITE = noise((1.0, 1.0))

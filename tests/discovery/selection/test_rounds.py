@@ -151,7 +151,7 @@ def test_a_gear_whose_play_shows_where_the_data_begin_is_found(cluttered: Run) -
     document, truth = cluttered("backlash", 4)
     assert [(f.effect, f.joint) for f in document.findings] == truth
     assert_gap_shrinks(document)
-    assert "takes them in" in document.notes[0]
+    assert "includes them" in document.notes[0]
 
 
 @pytest.mark.gate

@@ -25,7 +25,7 @@ from fmu_didim.discovery.selection.rounds import Ending, _backward, _candidates,
 from fmu_didim.fit.fit import Fit
 from fmu_didim.fit.solver.termination import Stopping
 from fmu_didim.model.free_parameter import LOG, PLANT, FreeParameter
-from fmu_didim.model.loop_description import EffectAtJoint
+from fmu_didim.model.loop_model import EffectAtJoint
 from tests.discovery.by_hand import Catalogue, TableModel, candidate_of, effect_of, fit_of, residual
 
 

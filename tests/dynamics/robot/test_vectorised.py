@@ -35,7 +35,7 @@ def test_every_operation_gives_what_casadi_gives(index: int) -> None:
     points = RNG.uniform(0.2, 3.0, (COUNT, 2))
     points[::3] = np.round(points[::3] + 0.5)
     own = Vectorised(function)
-    assert own._is_known
+    assert own.is_known
     found = own(COUNT, [points.T, [2.0]])
     assert found.shape == (COUNT, 3)
     assert found == pytest.approx(expected(function, points, 2.0), rel=1e-14, abs=1e-14, nan_ok=True)
@@ -45,7 +45,7 @@ def test_an_operation_that_is_not_known_is_left_to_casadi(monkeypatch: pytest.Mo
     x, y = ca.SX.sym("x", 2), ca.SX.sym("y")
     function = ca.Function("f", [x, y], [ca.vertcat(ca.erf(x[0]) * y, ca.sin(x[1]))])
     own = Vectorised(function)
-    assert not own._is_known
+    assert not own.is_known
     assert ca.OP_ERF not in vectorised._OPERATIONS
     points = RNG.uniform(-2, 2, (COUNT, 2))
     assert own(COUNT, [points.T, [3.0]]) == pytest.approx(expected(function, points, 3.0), rel=1e-14)

@@ -39,7 +39,7 @@ def simulated(model: LoopModel, estimator: Estimator) -> tuple[Estimate, Simulat
     counts: dict[bool, list[int]] = {False: [], True: []}
 
     def counted(system: System, *arguments: Any, ticks: Any, **options: Any) -> Recording:
-        plant = system.components[model.plant_name]
+        plant = system.components[model.loop.plant_name]
         if ticks[-1] > 0:
             counts[isinstance(plant, VariationalComponent)].append(plant.stated_substeps or 0)
         return simulate(system, *arguments, ticks=ticks, **options)

@@ -38,7 +38,7 @@ def program(theta: np.ndarray) -> ClosedLoop:
     plant = robot.block({**here.parameters.values(theta), **starts})
     p = plant.parameter_values
     rate = float(plant.rate_bound(plant.start(np.zeros(2), p), p)) if plant.rate_bound is not None else 0.0
-    step = here.systems[here.first].step_size
+    step = here.loop.systems[here.first].step_size
     return ClosedLoop(
         plant, read_controller(ROOT / "controllers/scara_pd.yaml"), reference, (1.0, 1.0), step,
         choose_substeps(rate, step),

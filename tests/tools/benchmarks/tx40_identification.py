@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import statistics
 import time
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -100,7 +100,7 @@ def _steps_of_rk4(duration_s: float) -> int:
     motion = tx40.excitation(duration_s=duration_s)
     ticks = np.arange(0, round(duration_s * tx40.RATE_HZ), tx40.RATE_HZ // LOG_HZ)
     here, _ = model(duration_s)
-    one, exact = (replace(here, substeps=n).torque(here.start) for n in (1, 32))
+    one, exact = (here.with_loop(substeps=n).torque(here.start) for n in (1, 32))
     count = 1
     while True:
         theirs = tx40.program(motion, substeps=count).runner(ticks)()[:, :6]

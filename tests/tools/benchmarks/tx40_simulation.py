@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import ctypes
 import tempfile
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -52,8 +51,8 @@ def run(settings: Settings) -> list[Figure]:
     evaluate = loop.library().evaluate
     evaluate.restype = ctypes.c_double
     arguments = (ctypes.c_longlong(count), ctypes.c_int(each), doubles(states), doubles(torque), doubles(p))
-    systems = {n: replace(here, substeps=n).system(here.start) for n in (1, 2)}
-    torques = {n: replace(here, substeps=n).torque(here.start) for n in (1, 2, 32)}
+    systems = {n: here.with_loop(substeps=n).system(here.start) for n in (1, 2)}
+    torques = {n: here.with_loop(substeps=n).torque(here.start) for n in (1, 2, 32)}
     size = np.sqrt(np.mean(torques[32] ** 2, axis=0))
     errors = {n: float(np.max(np.sqrt(np.mean((torques[n] - torques[32]) ** 2, axis=0)) / size)) for n in (1, 2)}
     times = interleaved(

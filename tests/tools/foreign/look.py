@@ -79,8 +79,8 @@ def _remarks(found: FmuProbe) -> list[str]:
     return [text for holds, text in remarks if holds]
 
 
-def _is_above(change: Change | str, limit: float) -> bool:
-    return not isinstance(change, str) and change[1] > limit
+def _is_above(change: Change | None, limit: float) -> bool:
+    return change is not None and change[1] > limit
 
 
 def peer(path: Path) -> str:

@@ -16,12 +16,11 @@ from fmu_didim.components import Component
 from fmu_didim.discovery.augmentation.builder import LoopModelBuilder
 from fmu_didim.discovery.augmentation.places import Proposal
 from fmu_didim.dynamics.robot import RobotModel, read_robot, write_robot
-from fmu_didim.model.loop_description import EffectAtJoint
-from fmu_didim.model.loop_model import LoopModel
+from fmu_didim.model.loop_model import EffectAtJoint, LoopModel
 from tests.checks.data import right as data
 from tests.checks.data.right import CASES, loaded, with_experiment, with_log
 from tests.checks.data.test_wrong_inputs import TIMING, WRONG, late
-from tests.helpers import with_component, with_delay
+from tests.helpers import with_component
 from tests.tools.verdict.run import without_start
 
 ALL = ("scara", "arm", "tx40")
@@ -115,7 +114,7 @@ def gains(factor: float) -> Callable[[LoopModel], LoopModel]:
     """All gains of the controller of the machine are off by a factor."""
 
     def change(model: LoopModel) -> LoopModel:
-        controller = model.systems[model.first].components["controller"]
+        controller = model.loop.systems[model.first].components["controller"]
         scaled = {
             v.name: factor * v.start for v in controller.parameters if v.name.rstrip("0123456789") in ("Kp", "Kd", "Kv")
         }
@@ -200,7 +199,7 @@ CATALOGUE: list[Wrong] = [
     ),
     Wrong("timing: clock 8 ms late", on_machine(late(0.008)), CLOCK),
     Wrong("timing: clock 12 ms early", on_machine(late(-0.012)), CLOCK),
-    Wrong("timing: half a sample of delay", on_machine(lambda m: with_delay(m, 0.5)), (*CLOCK, *FIT), robots=TWO),
+    Wrong("timing: half a sample of delay", on_machine(lambda m: m.with_delay(0.5)), (*CLOCK, *FIT), robots=TWO),
     Wrong("timing: log glued together", on_data(stuck), ("reference-foreign", *CLOCK, *FIT)),
     *(
         Wrong(f"controller: gains {100 * (f - 1):+.0f} %", on_machine(gains(f)), (*FIT, *CLOCK, "torque-unit"))

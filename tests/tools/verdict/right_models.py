@@ -16,7 +16,7 @@ import sys
 import time
 from collections import Counter
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from itertools import product
 from pathlib import Path
 
@@ -51,7 +51,7 @@ def one(task: tuple[Setting, int]) -> tuple[Answer, float]:
     begin = time.monotonic()
     model = right(setting.robot, seed, rate_hz=setting.rate_hz, coloured=COLOURED[setting.noise])
     if setting.low_pass_hz:
-        model = replace(model, low_pass=LowPass(setting.low_pass_hz))
+        model = model.with_low_pass(LowPass(setting.low_pass_hz))
     right.func.cache_clear()
     return answer(model, named(loaded(setting.robot))), time.monotonic() - begin
 

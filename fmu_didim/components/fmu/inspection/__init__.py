@@ -1,1 +1,1 @@
-"""What an FMU says of itself, and how it behaves."""
+"""The description of an FMU as text, and trials of how it behaves."""

@@ -1,4 +1,4 @@
-"""What an FMU says about itself, as text."""
+"""The description of an FMU as text."""
 
 from __future__ import annotations
 
@@ -39,6 +39,6 @@ def info_lines(fmu: FmuDescription) -> Iterator[str]:
 
 
 def _note(variable: FmuVariable) -> str:
-    """What is not offered in the loop."""
+    """Marks a variable that the loop cannot use."""
     types = OPTION_TYPES + REAL_TYPES if variable.causality == "parameter" else PORT_TYPES
     return "" if variable.type in types else "(not offered) "

@@ -1,4 +1,4 @@
-"""What the exit status of a process says about its end."""
+"""The cause of the end of a process, from its exit status."""
 
 from __future__ import annotations
 
@@ -32,13 +32,13 @@ _STATUSES = {
     0xC0000417: "an invalid argument of a C function",
     0xE06D7363: "a C++ exception that nothing has caught",
 }
-"""What they mean. Sources: Microsoft, "[MS-ERREF] NTSTATUS Values"; the last one is of Microsoft's C++ compiler."""
+"""Their meanings. Sources: Microsoft, "[MS-ERREF] NTSTATUS Values"; the last one is of Microsoft's C++ compiler."""
 _FROM_OUTSIDE = (0xC0000017, 0xC000012D, 0xC000013A)
 """Those of them that the process is not to blame for: a machine without memory left, an interruption."""
 
 
 def crash_name(code: int | None) -> str:
-    """What ended a process that did not end by itself, "" if none did; None: the process has not ended.
+    """Name of the crash or signal that ended a process; "" if it ended by itself or runs.
 
     Args:
         code: a signal as a negative number, a status of Windows, or what the process ended with.

@@ -16,7 +16,7 @@ from fmu_didim.data.signals import Array
 
 
 def _hold(there: Any, component: FmuSettings) -> None:
-    """Nothing else: that the component has arrived, all that it needs was imported, which takes its time."""
+    """Receive the component: that imports all that it needs, which takes time."""
     there.component = component
 
 
@@ -26,7 +26,7 @@ def _instantiate(there: Any, keep_new_state: bool) -> None:
 
 
 def _restart(there: Any, strategy: str, component: FmuSettings) -> None:
-    """Run again in that process, by a new instance where it must be."""
+    """Restart in that process, by a new instance where no strategy applies."""
     there.states.clear()
     if not there.instance.restart_by(strategy, component):
         there.instance.close()

@@ -1,7 +1,7 @@
 """The process of an FMU, as its parent controls it: a crash, an exit or an endless loop becomes an error.
 
 The process is started fresh (it inherits no memory), talks over its standard input and output, and ends when it is
-told to, when its input closes, or when a call takes longer than the time limit.
+asked to, when its input closes, or when a call takes longer than the time limit.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from fmu_didim.base.errors import FmuError, SimulationError
 from fmu_didim.components.fmu.isolation.exit_status import crash_name, is_from_outside
 
 START_LIMIT = 120.0
-"""Seconds until the process must have started: it imports this package first."""
+"""[s] Limit for the start of the process: it imports this package first."""
 _START = Path(__file__).resolve().with_name("worker_start.py")
 _PACKAGE = _START.parents[3] / "__init__.py"
 
@@ -35,7 +35,7 @@ WELL = 77
 ANSWER, ERROR, BEAT = "answer", "error", "beat"
 """Kinds of messages of the process."""
 MOST_CONSTANTS = 64
-"""Objects that the process keeps at most; then it forgets them all."""
+"""[1] Objects that the process keeps at most; then it forgets all of them."""
 
 
 def pack(message: Any, numbers: Mapping[int, int] | None = None) -> bytes:
@@ -87,7 +87,8 @@ class _Resolving(pickle.Unpickler):
 
 def not_carried(error: Exception, where: str = "") -> NotCarriedError:
     """The error of something that cannot be packed or unpacked."""
-    return NotCarriedError("This cannot go to another process.", where=where, got=f"{type(error).__name__}: {error}")
+    got = f"{type(error).__name__}: {error}"
+    return NotCarriedError("This cannot be sent to another process.", where=where, got=got)
 
 
 def worker_command() -> list[str]:
@@ -104,7 +105,7 @@ def worker_command() -> list[str]:
 
 
 class NotCarriedError(SimulationError):
-    """Something of a request cannot go to another process, such as a function that was made in this one."""
+    """A part of a request cannot be sent to another process, such as a function defined in this one."""
 
 
 class ProcessEndedError(FmuError):
@@ -210,7 +211,7 @@ class Worker:
         return answer
 
     def _messages(self, request: Any, constants: Sequence[Any]) -> list[bytes]:
-        """What is sent for a request: first those of its constants that the process does not have yet."""
+        """The messages of a request: first those of its constants that the process does not have yet."""
         try:
             messages = []
             if new := [one for one in constants if id(one) not in self._numbers]:
@@ -220,13 +221,13 @@ class Worker:
                 self._numbers |= {id(one): len(self._constants) + i for i, one in enumerate(new)}
                 self._constants += new  # kept alive, so that no other object gets the same id
             return [*messages, pack(request, self._numbers)]
-        except Exception as error:  # whatever the objects raise
+        except Exception as error:  # the objects may raise anything
             self._constants, self._numbers = [], {}
             raise not_carried(error, self._where) from error
 
     @property
     def ended_well(self) -> bool:
-        """Whether the process has come to its own end, all that it kept closed."""
+        """Whether the process ended by itself, after it closed all that it kept."""
         return self._process.poll() == WELL
 
     def _died(self, call: str, allowed: float) -> ProcessEndedError:
@@ -298,46 +299,12 @@ def keep_constants(there: Any, forget: bool, new: list[Any]) -> None:
     there.constants[:] = new if forget else [*there.constants, *new]
 
 
-def _hold(there: Any, function: Callable[..., Any], arguments: tuple[Any, ...]) -> None:
+def hold(there: Any, function: Callable[..., Any], arguments: tuple[Any, ...]) -> None:
+    """Keep a call there; that imports all that it needs, which takes time."""
     there.job = function, arguments
 
 
-def _run_held(there: Any) -> Any:
+def run_held(there: Any) -> Any:
+    """The result of the call that was kept."""
     function, arguments = there.job
     return function(*arguments)
-
-
-class ReusedWorker:
-    """A process for one call after the other; a new one after the last has died.
-
-    Args:
-        where: the FMU, for messages.
-    """
-
-    def __init__(self, where: str) -> None:
-        self._where = where
-        self._worker: Worker | None = None
-
-    def run(self, function: Callable[..., Any], *arguments: Any, time_limit: float) -> Any:
-        """The result of a function of this package, called in the process; all must be picklable.
-
-        Args:
-            time_limit: s, beside the time in which the process starts.
-
-        Raises:
-            FmuDidimError: the call raised it there; ProcessEndedError: the process died, or the time limit passed.
-        """
-        if self._worker is None:
-            self._worker = Worker(self._where, time_limit)
-        try:
-            self._worker.request("start", _hold, function, arguments, limit=max(time_limit, START_LIMIT))
-            return self._worker.request("the run", _run_held, limit=time_limit)
-        except ProcessEndedError:
-            self.close()
-            raise
-
-    def close(self) -> None:
-        """End the process; the next call starts a new one."""
-        if self._worker is not None:
-            self._worker.close()
-            self._worker = None

@@ -1,4 +1,4 @@
-"""Which FMUs of other tools are trusted to run in this process: those whose loop has run and ended well before.
+"""FMUs of other tools that may run in this process: those whose loop has run without error before.
 
 A record in the cache, under the content of the FMU, states how many instances of it ran at once in a process of its own
 that ended without an error. While it runs in an ordinary process a mark lies beside that record: a mark that outlives
@@ -15,10 +15,11 @@ import sys
 from pathlib import Path
 
 from fmu_didim.base.cache import cache_directory, read_record, write_record
-from fmu_didim.components.fmu.settings import FmuSettings
+from fmu_didim.components.fmu.settings import PROCESS, FmuSettings, Rerun
 
 _log = logging.getLogger(__name__)
 _marks: dict[Path, Path] = {}
+_logged: set[Path] = set()
 
 
 def is_trusted(component: FmuSettings, instances: int = 1) -> bool:
@@ -47,7 +48,7 @@ def record_trust(component: FmuSettings, instances: int = 1) -> None:
 
 
 def mark_running(component: FmuSettings) -> None:
-    """Mark that a trusted FMU runs in this process, until this ends in order."""
+    """Mark that a trusted FMU runs in this process; the mark goes when the process ends normally."""
     path = _path(component)
     if path in _marks or sys.platform == "win32" or not path.is_file():
         return
@@ -55,6 +56,30 @@ def mark_running(component: FmuSettings) -> None:
     with contextlib.suppress(OSError):
         mark.touch()
         _marks[path] = mark
+
+
+def log_isolation(component: FmuSettings, rerun: Rerun | None) -> None:
+    """Log, once in a process, why an FMU runs in a process of its own, what that costs, and the remedy.
+
+    Args:
+        rerun: how it is run again, if that needs the process; None if it has not run here before.
+    """
+    path = _path(component)
+    if path in _logged:
+        return
+    _logged.add(path)
+    if rerun is None:
+        level, text = logging.INFO, (
+            "has not run on this machine before: its loop runs in a process of its own this time, which takes about a "
+            "second to start ('isolated: false' beside its source, if you trust it)."
+        )  # fmt: skip
+    else:
+        cost = "a new process, about a second, for each run" if rerun.strategy == PROCESS else "a second to start"
+        level, text = logging.WARNING, (
+            f"runs in a process of its own, by '{rerun.strategy}': {rerun.reason}. That costs {cost}. "
+            "If you know better, say so beside its source: 'isolated: false', and 'rerun' for how to run it again."
+        )  # fmt: skip
+    _log.log(level, "%s %s", component.path.name, text)
 
 
 @atexit.register

@@ -1,4 +1,4 @@
-"""What runs in the process of an isolated FMU: begun by ``worker_start``, started by ``process`` only."""
+"""The main function of the process of an isolated FMU; run by ``worker_start``, which only ``process`` starts."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ from fmu_didim.components.fmu.isolation.process import (
 
 
 def _end_with_parent(parent: int) -> None:
-    """A process in an endless loop of an FMU sees no end of input; so look for the parent too."""
+    """End this process with its parent: in an endless loop of an FMU it does not notice the end of its input."""
     while os.getppid() == parent:
         clock.sleep(1.0)
     os._exit(1)
 
 
 class WorkerState(SimpleNamespace):
-    """What the functions that are called keep for one another, and how they report that they go on.
+    """State that the called functions share, and their sign of life to the other process.
 
     Attributes:
         closing: what is closed at the end, in reverse order.
@@ -50,7 +50,7 @@ class WorkerState(SimpleNamespace):
 
 
 def _serve(requests: IO[bytes], answers: IO[bytes]) -> None:
-    """Call what is asked for, one function after the other, each with the state that those before it left."""
+    """Call the requested functions one after the other; they share a state."""
     state = WorkerState(answers)
     while True:
         try:
@@ -74,7 +74,7 @@ def _reply(state: WorkerState, data: bytes) -> bytes:
         return pack((ANSWER, function(state, *arguments)))
     except FmuDidimError as error:
         return pack((ERROR, error))
-    except Exception as error:  # noqa: BLE001 - whatever it is, the other process has to know
+    except Exception as error:  # noqa: BLE001 - the other process reports it
         return pack((ERROR, SimulationError(f"{type(error).__name__}: {error}")))
 
 

@@ -1,9 +1,9 @@
-"""How an FMU is run again: found out once for its content, then remembered.
+"""How an FMU is run again: tried out once for its content, then remembered.
 
 Not every FMU is as new after ``fmiXReset``. So a reset is used only if a trial has shown that it works, with the values
 of all parameters changed before; else the state saved right after the instantiation; else a new instance; and if that
-differs from the first one, a new process. An FMU that crashes or hangs in what every run does gets a process of its
-own; a way to run it again that crashes is just not used.
+differs from the first one, a new process. An FMU that crashes or hangs in an ordinary run gets a process of its own; a
+way to run it again that crashes is not used.
 """
 
 from __future__ import annotations
@@ -11,23 +11,20 @@ from __future__ import annotations
 import hashlib
 import json
 import logging
-import math
 import threading
-import time as clock
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from fmu_didim.base.cache import cache_directory, read_record, write_record
-from fmu_didim.base.errors import FmuDidimError, SimulationError
-from fmu_didim.components.fmu.isolation.process import ProcessEndedError, ReusedWorker
+from fmu_didim.base.errors import FmuDidimError
+from fmu_didim.components.fmu.isolation.process import START_LIMIT, ProcessEndedError, Worker, hold, run_held
 from fmu_didim.components.fmu.reuse import trials
 from fmu_didim.components.fmu.reuse.trials import RESTORES
 from fmu_didim.components.fmu.settings import AGAIN, AUTO, PROCESS, RESET, STATE, FmuSettings, Rerun
-from fmu_didim.data.signals import Array
 
 QUICK = 0.1
 """[1] Fraction of the time limit within which a single instance must run, so that the timeout of a trial with two of
@@ -38,95 +35,60 @@ TIME_LIMIT = 30.0
 """[s] For each trial: far more than 50 steps of any sensible model take."""
 TOGETHER = "several instances in one process"
 """The trial in which an FMU crashed, if each of the ways to run it again works alone."""
-IN_TURN = "one instance after the other in one process"
-"""The same, if a process can hold a single instance only."""
-ONLY_QUIET = "with pseudo-random inputs, while it does with its inputs at their start values"
-"""Start of the failure of an FMU whose inputs may not have any value."""
 _FORMAT = 5
 _log = logging.getLogger(__name__)
 _lock = threading.Lock()
 _known: dict[Path, Rerun] = {}
-_logged: set[Path] = set()
-
-
-@dataclass(frozen=True)
-class Answer:
-    """The value of a trial, or the error that it ended with."""
-
-    value: Any = None
-    error: FmuDidimError | None = None
-
-    @property
-    def has_crashed(self) -> bool:
-        """Whether the process of the trial ended or hung."""
-        return isinstance(self.error, ProcessEndedError)
-
-    @property
-    def in_words(self) -> Any:
-        """The value, or why there is no value."""
-        return self.value if self.error is None else trials.in_words(self.error)
 
 
 class TrialRunner:
     """Runs trials of an FMU in other processes.
 
-    Args:
-        limit_s: for each trial; whole_s: for all of them together, from now on.
-        shared: whether the trials share a process, as long as it lives.
-        progress: called with the name of each trial before it starts.
-
     Attributes:
+        limit_s: for each trial; shared: whether the trials share a process, as long as it lives.
         crashed: the trials in which the FMU ended its process.
         unfinished: the trials that took too long, or whose process was killed or did not start. A busy machine may be
             the reason, so what follows from them is not kept for later runs.
     """
 
-    def __init__(
-        self, component: FmuSettings, h: float, limit_s: float, whole_s: float = math.inf, *, shared: bool = False,
-        progress: Callable[[str], None] = lambda name: None,
-    ) -> None:  # fmt: skip
-        self.component, self.h, self.limit_s, self._progress, self._shared = component, h, limit_s, progress, shared
-        self._ends = clock.monotonic() + whole_s
-        self._worker = ReusedWorker(str(component.path))
+    def __init__(self, component: FmuSettings, h: float, limit_s: float) -> None:
+        self.component, self.h, self.limit_s, self.shared = component, h, limit_s, False
+        self._worker: Worker | None = None
         self.crashed: list[str] = []
         self.unfinished: list[str] = []
 
-    @property
-    def left_s(self) -> float:
-        """Time for the next trial, s."""
-        return min(self.limit_s, self._ends - clock.monotonic())
-
-    def __call__(self, trial: Callable[..., Any], *arguments: Any) -> Answer:
-        """Run a trial; what goes wrong in it is part of the answer."""
-        name = trial.__name__.replace("_", " ")
-        if self.left_s <= 0:
-            self.unfinished.append(name)
-            return Answer(error=SimulationError("Not asked: the time was up."))
-        self._progress(name)
+    def __call__(self, trial: Callable[..., Any], *arguments: Any) -> Any:
+        """Run a trial; returns its value, or the FmuDidimError that ended it."""
         try:
-            return Answer(self._worker.run(trial, self.component, self.h, *arguments, time_limit=self.left_s))
+            self._worker = self._worker or Worker(str(self.component.path), self.limit_s)
+            held = trial, (self.component, self.h, *arguments)
+            self._worker.request("start", hold, *held, limit=max(self.limit_s, START_LIMIT))
+            return self._worker.request("the run", run_held, limit=self.limit_s)
         except FmuDidimError as error:
             if isinstance(error, ProcessEndedError):
-                (self.crashed if error.by_fmu else self.unfinished).append(name)
-            return Answer(error=error)
+                self.close()
+                (self.crashed if error.by_fmu else self.unfinished).append(trials.title(trial))
+            return error
         finally:
-            if not self._shared:
+            if not self.shared:
                 self.close()
 
     def close(self) -> None:
-        """End the process."""
-        self._worker.close()
+        """End the process; the next trial starts a new one."""
+        if self._worker is not None:
+            self._worker.close()
+            self._worker = None
 
 
 @dataclass(frozen=True)
 class Facts:
-    """What trials of an FMU have shown of running it again.
+    """How an FMU runs again, by trials.
 
     Attributes:
         failure: why it does not run; empty if it does; crashed: the trials that ended their process.
         not_finite: outputs that became NaN or infinite.
-        deterministic: a second new instance in its process gives the same trajectory.
-        reproducible: an instance in a new process does so.
+        deterministic: a second new instance in its process gives the same trajectory; reproducible: one in a new
+            process does.
         reset, new_state: ``restores``, ``does not restore``, or why that could not be tried: whether a reset, or the
             state saved right after the instantiation, gives a new instance, changed parameters included.
         single: a second instance in its process, after the first, was fatal, hung or was refused.
@@ -143,61 +105,42 @@ class Facts:
     single: bool = False
     unfinished: tuple[str, ...] = ()
 
-    @property
-    def is_final(self) -> bool:
-        """Whether the FMU runs and all trials came to their end: what prevents that may be gone the next time."""
-        return not self.failure and not self.unfinished
-
 
 def find_facts(run: TrialRunner) -> Facts:
     """Try an FMU out: in one process if that goes well, else in one process for each trial."""
-    whole = run(trials.runs_again)
-    if whole.error is None:
-        first, second, *answers = whole.value
-        return _facts(run, first, second, answers)
-    pair = run(trials.two_in_turn) if whole.has_crashed else whole
-    if pair.error is not None:
-        return _facts_of_single(run, (IN_TURN,) if whole.has_crashed else ())
-    first, second = pair.value
-    reset, state = run(trials.reset, first), run(trials.new_state, first)
-    crashed = (RESET,) * reset.has_crashed + (STATE,) * state.has_crashed
-    return _facts(run, first, second, [reset.in_words, state.in_words], crashed or (TOGETHER,))
-
-
-def _facts_of_single(run: TrialRunner, crashed: tuple[str, ...]) -> Facts:
-    """What can be found out if a process can hold one instance only, or none."""
-    alone = run(trials.once_timed)
-    if alone.error is not None:
-        failure = " ".join(str(alone.error).split())
-        if run(trials.quiet).error is None:  # pseudo-random inputs may be more than the model supports
-            failure = f"{ONLY_QUIET}: {failure}"
-        return Facts(failure, ("runs",) if crashed else (), unfinished=tuple(run.unfinished))
-    first, took = alone.value
-    answers = [run(trial, first).in_words for trial in (trials.reset, trials.new_state)]
-    found = _facts(run, first, None, answers, crashed)
-    # If it is quick alone, it hung with two instances, and no busy machine was to blame.
-    return replace(found, unfinished=()) if took < QUICK * run.limit_s else found
-
-
-def _facts(
-    run: TrialRunner, first: Array, second: Array | None, answers: list[str], crashed: tuple[str, ...] = ()
-) -> Facts:
-    repeated = run(trials.once)
+    found = run(trials.in_turn, 2, (RESET, STATE))
+    has_crashed = isinstance(found, ProcessEndedError)
+    if has_crashed:
+        found = run(trials.in_turn, 2)
+    if isinstance(found, FmuDidimError):
+        found = run(trials.in_turn, 1)
+    if isinstance(found, FmuDidimError):
+        failure = " ".join(str(found).split())
+        if not isinstance(run(trials.quiet), FmuDidimError):  # pseudo-random inputs may be more than the model supports
+            failure = f"with pseudo-random inputs, while it does with its inputs at their start values: {failure}"
+        return Facts(failure, ("runs",) * has_crashed, unfinished=tuple(run.unfinished))
+    (first, *second), answers, took = found
+    crashed: tuple[str, ...] = ()
+    if not answers:
+        tried = {way: run(trials.restarted, first, way) for way in (RESET, STATE)}
+        answers = [trials.in_words(answer) for answer in tried.values()]
+        crashed = ("one instance after the other in one process",) * has_crashed
+        if second:
+            crashed = tuple(way for way, a in tried.items() if isinstance(a, ProcessEndedError)) or (TOGETHER,)
+    is_finite, repeated = np.isfinite(first).all(axis=0), run(trials.once)
+    # An FMU that is quick alone hung with two instances, and no busy machine was to blame.
+    unfinished = () if not second and took < QUICK * run.limit_s else tuple(dict.fromkeys(run.unfinished))
     return Facts(
         crashed=crashed,
-        not_finite=tuple(v.name for v, y in zip(run.component.outputs, first.T, strict=True) if not _is_finite(y)),
-        deterministic=second is not None and trials.same(first, second),
-        reproducible=repeated.error is None and trials.same(first, repeated.value),
-        reset=answers[0], new_state=answers[1], single=second is None, unfinished=tuple(dict.fromkeys(run.unfinished)),
+        not_finite=tuple(v.name for v, finite in zip(run.component.outputs, is_finite, strict=True) if not finite),
+        deterministic=bool(second) and trials.same(first, second[0]),
+        reproducible=not isinstance(repeated, FmuDidimError) and trials.same(first, repeated),
+        reset=answers[0], new_state=answers[1], single=not second, unfinished=unfinished,
     )  # fmt: skip
 
 
-def _is_finite(values: Array) -> bool:
-    return bool(np.isfinite(values).all())
-
-
 def choose(facts: Facts) -> Rerun:
-    """The cheapest way to run the FMU again that has been shown to give the same as a new instance."""
+    """The cheapest way to run the FMU again that gives the same as a new instance."""
     if facts.failure:
         if facts.crashed:
             return Rerun(PROCESS, "it crashed or hung when it was tried", isolated=True)
@@ -222,16 +165,15 @@ def choose(facts: Facts) -> Rerun:
 
 
 def known_rerun(component: FmuSettings) -> Rerun | None:
-    """How to run it again; None if that has not been found out yet."""
+    """How to run it again; None if no trial has shown that yet."""
     if component.rerun != AUTO:
         return Rerun(component.rerun, "as asked for", component.rerun == PROCESS)
     if component.fmu.tool.startswith(OWN_TOOL):
         return Rerun(RESET, "exported by this package, whose reset is exact")
     path = _path(component)
     if path not in _known:
-        record = read_record(path)
         try:
-            _known[path] = Rerun(**(record or {}))
+            _known[path] = Rerun(**(read_record(path) or {}))
         except TypeError:  # not known, or written by another version
             return None
     return _known[path]
@@ -244,20 +186,20 @@ def find_rerun(component: FmuSettings) -> Rerun:
         if known is not None:
             return known
         facts = find_facts(TrialRunner(component, step_of(component), TIME_LIMIT))
-        return remember_rerun(component, choose(facts), facts)
+        return remember_rerun(component, facts)
 
 
-def remember_rerun(component: FmuSettings, found: Rerun, facts: Facts) -> Rerun:
-    """Remember how to run it again: in this process, and for later ones if the facts are final."""
-    path = _path(component)
-    if facts.is_final:
-        write_record(path, asdict(found))
-    elif facts.unfinished:
+def remember_rerun(component: FmuSettings, facts: Facts) -> Rerun:
+    """Choose how to run it again, and remember that: in this process, and for later ones if all trials ended."""
+    path, found = _path(component), choose(facts)
+    if facts.unfinished:
         _log.warning(
-            "%s: a trial of it did not come to its end (%s), so the next run tries it again. On a machine that is not "
+            "%s: a trial of it did not end (%s), so the next run tries it again. On a machine that is not "
             "busy, say how to run it again: 'rerun' of the source in the case, or of load_fmu.",
             component.path.name, ", ".join(facts.unfinished),
         )  # fmt: skip
+    elif not facts.failure:  # a library or licence that is missing may be there the next time
+        write_record(path, asdict(found))
     _known[path] = found
     return found
 
@@ -272,27 +214,3 @@ def _path(component: FmuSettings) -> Path:
 def step_of(component: FmuSettings) -> float:
     """Step of the trials in s: its sample time, the step of its default experiment, or 1 ms."""
     return component.sample_time or component.fmu.experiment.step or 1e-3
-
-
-def log_isolation(component: FmuSettings, rerun: Rerun | None) -> None:
-    """Log, once in a process, why an FMU runs in a process of its own, what that costs, and the remedy.
-
-    Args:
-        rerun: how it is run again, if it was found to need that process; None if it has not run here before.
-    """
-    path = _path(component)
-    if path in _logged:
-        return
-    _logged.add(path)
-    if rerun is None:
-        level, text = logging.INFO, (
-            "has not run on this machine before: its loop runs in a process of its own this time, which takes about a "
-            "second to start ('isolated: false' beside its source, if you trust it)."
-        )  # fmt: skip
-    else:
-        cost = "a new process, about a second, for each run" if rerun.strategy == PROCESS else "a second to start"
-        level, text = logging.WARNING, (
-            f"runs in a process of its own, by '{rerun.strategy}': {rerun.reason}. That costs {cost}. "
-            "If you know better, say so beside its source: 'isolated: false', and 'rerun' for how to run it again."
-        )  # fmt: skip
-    _log.log(level, "%s %s", component.path.name, text)

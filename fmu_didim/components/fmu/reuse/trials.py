@@ -15,7 +15,7 @@ import numpy as np
 from fmu_didim.base.errors import FmuDidimError
 from fmu_didim.components.fmu.binding import EndedError
 from fmu_didim.components.fmu.description import FLOAT_TYPES
-from fmu_didim.components.fmu.settings import RESET, STATE, FmuSettings
+from fmu_didim.components.fmu.settings import STATE, FmuSettings
 from fmu_didim.data.signals import Array
 
 STEPS, FEWEST_STEPS = 50, 8
@@ -25,7 +25,7 @@ SEED = 20240131
 SAME = 1e-9
 """[1] Trajectories that differ by less than this fraction of their largest value are the same."""
 RESTORES, DIFFERS = "restores", "does not restore"
-AT_ONCE, AFTER_A_STEP, LATER, NEVER = "at once", "after a step", "later", "never"
+WHEN = AT_ONCE, AFTER_A_STEP, LATER, NEVER = "at once", "after a step", "later", "never"
 ACTS, NO_EFFECT, REFUSED, NOT_TRIED = "acts", "no effect", "refused", "not tried"
 Change = tuple[str, float]
 """The output that changes most, empty if there are no outputs, and the change as a fraction of its largest value."""
@@ -33,15 +33,20 @@ Change = tuple[str, float]
 
 def same(a: Array, b: Array) -> bool:
     """Whether two trajectories are the same to rounding, with NaN and infinity at the same places."""
-    if a.shape != b.shape or (np.isfinite(a) != np.isfinite(b)).any():
-        return False
     largest = np.abs(a[np.isfinite(a)]).max(initial=0.0)
-    return bool((np.abs(np.nan_to_num(a - b, posinf=0.0, neginf=0.0)) <= SAME * largest).all())
+    return a.shape == b.shape and np.allclose(a, b, rtol=0.0, atol=SAME * largest, equal_nan=True)
 
 
-def in_words(error: FmuDidimError) -> str:
-    """Why a trial gave no answer."""
-    return error.what.rstrip(".") + (f" ({error.got})" if error.got else "")
+def title(trial: Callable[..., Any]) -> str:
+    """The name of a trial in messages."""
+    return trial.__name__.replace("_", " ")
+
+
+def in_words(answer: Any) -> Any:
+    """The answer of a trial, or why it failed."""
+    if not isinstance(answer, FmuDidimError):
+        return answer
+    return answer.what.rstrip(".") + (f" ({answer.got})" if answer.got else "")
 
 
 def step_count(component: FmuSettings, h: float) -> int:
@@ -55,46 +60,31 @@ def once(component: FmuSettings, h: float) -> Array:
     return _run(component, _inputs(component, h), h)
 
 
-def once_timed(component: FmuSettings, h: float) -> tuple[Array, float]:
-    """One trajectory and the time in s that it took, without the start of the process."""
-    start = clock.monotonic()
-    return once(component, h), clock.monotonic() - start
-
-
 def quiet(component: FmuSettings, h: float) -> Array:
-    """One trajectory with the inputs at their start values: others may be beyond what the model supports."""
-    starts = np.array([v.start for v in component.inputs])
-    return _run(component, np.tile(starts, (step_count(component, h), 1)), h)
+    """As :func:`once`, with the inputs at their start values: others may be beyond what the model supports."""
+    return _run(component, np.array([[v.start for v in component.inputs]] * step_count(component, h)), h)
 
 
-def two_in_turn(component: FmuSettings, h: float) -> tuple[Array, Array]:
-    """The trajectories of two new instances, one after the other."""
-    return once(component, h), once(component, h)
-
-
-def runs_again(component: FmuSettings, h: float) -> tuple[Array, Array, str, str]:
-    """:func:`two_in_turn`, :func:`reset` and :func:`new_state` in one process."""
-    first, second = two_in_turn(component, h)
-    answers = []
-    for trial in (reset, new_state):
+def in_turn(
+    component: FmuSettings, h: float, count: int, strategies: tuple[str, ...] = ()
+) -> tuple[list[Array], list[str], float]:
+    """Trajectories of so many new instances, one after the other; answers of :func:`restarted`; time in s."""
+    start = clock.monotonic()
+    found, answers = [once(component, h) for _ in range(count)], []
+    for strategy in strategies:
         try:
-            answers.append(trial(component, h, first))
+            answers.append(restarted(component, h, found[0], strategy))
         except FmuDidimError as error:
             answers.append(in_words(error))
-    return first, second, answers[0], answers[1]
+    return found, answers, clock.monotonic() - start
 
 
-def reset(component: FmuSettings, h: float, wanted: Array) -> str:
-    """Whether an instance that was reset gives the trajectory of a new one, though all parameters were changed."""
-    return _restarted(component, h, wanted, RESET)
+def restarted(component: FmuSettings, h: float, wanted: Array, strategy: str) -> str:
+    """Whether an instance that has run gives the trajectory of a new one, though all parameters were changed.
 
-
-def new_state(component: FmuSettings, h: float, wanted: Array) -> str:
-    """As :func:`reset`, by restoring the state saved right after the instantiation."""
-    return _restarted(component, h, wanted, STATE)
-
-
-def _restarted(component: FmuSettings, h: float, wanted: Array, strategy: str) -> str:
+    Args:
+        strategy: reset, or the state saved right after the instantiation.
+    """
     u = _inputs(component, h)
     values = {**component.start_values, **component.parameter_values()}
     changed = component.with_parameters({name: _other(value) for name, value in values.items()})
@@ -106,7 +96,7 @@ def _restarted(component: FmuSettings, h: float, wanted: Array, strategy: str) -
             except FmuDidimError:
                 if before is component:
                     raise
-                continue  # it fails with the changed values, so the trial keeps its own
+                continue  # it fails with the changed values: try its own
             instance.restart_by(strategy, component)
             _initialise(instance, component)
             return RESTORES if same(wanted, _advance(instance, u, h)) else DIFFERS
@@ -116,14 +106,11 @@ def _restarted(component: FmuSettings, h: float, wanted: Array, strategy: str) -
 def side_by_side(component: FmuSettings, h: float) -> bool:
     """Whether two instances at the same time, with opposite inputs, give the same as each alone."""
     u = _inputs(component, h)
-    inputs = (u, u * [-1.0 if kind in FLOAT_TYPES else 1.0 for kind in component.input_types])
-    alone = [_run(component, rows, h) for rows in inputs]
-    found: list[list[Array]] = [[], []]
-    with _initialised(component) as first, _initialised(component) as second:
-        for k in range(len(u)):
-            for instance, rows, outputs in zip((first, second), inputs, found, strict=True):
-                outputs.append(_advance(instance, rows[k : k + 1], h, k)[0])
-    return all(same(np.array(a), b) for a, b in zip(found, alone, strict=True))
+    other = u * [-1.0 if kind in FLOAT_TYPES else 1.0 for kind in component.input_types]
+    alone = np.hstack([_run(component, u, h), _run(component, other, h)])
+    with _initialised(component) as a, _initialised(component) as b:
+        rows = [(_advance(a, u[[k]], h, k), _advance(b, other[[k]], h, k)) for k in range(len(u))]
+    return same(alone, np.vstack([np.hstack(row) for row in rows]))
 
 
 def saved_state(component: FmuSettings, h: float) -> str:
@@ -138,17 +125,15 @@ def saved_state(component: FmuSettings, h: float) -> str:
 
 
 def half_step(component: FmuSettings, h: float) -> Change:
-    """What half the step changes, with the same held inputs."""
+    """The change by half the step, with the same held inputs."""
     u = _inputs(component, h)
     return _most_changed(component, _run(component, u, h), _run(component, np.repeat(u, 2, axis=0), h / 2)[1::2])
 
 
 def reading(component: FmuSettings, h: float) -> Change:
-    """What changes after steps if all outputs are read between inputs and step as well."""
+    """The change after steps if all outputs are read between inputs and step as well."""
     u = _inputs(component, h)
-    with _initialised(component) as instance:
-        with_reading = _advance(instance, u, h, read_between=True)
-    return _most_changed(component, _run(component, u, h), with_reading)
+    return _most_changed(component, _run(component, u, h), _run(component, u, h, between=[]))
 
 
 def _most_changed(component: FmuSettings, first: Array, second: Array) -> Change:
@@ -171,58 +156,45 @@ def response(component: FmuSettings, h: float) -> dict[str, str]:
             other[lead:, i] = 1 - other[lead:, i]
         elif kind in FLOAT_TYPES:
             other[lead:, i] *= factors[i]
-    at_once, trajectories = [], []
-    for rows in (u, other):
-        with _initialised(component) as instance:
-            _advance(instance, rows[:lead], h)
-            instance.inputs[:] = rows[lead]
-            instance.set()
-            instance.get()
-            at_once.append(instance.outputs.copy())
-            trajectories.append(_advance(instance, rows[lead:], h, lead))
-    now, changed = at_once[0] != at_once[1], trajectories[0] != trajectories[1]
-    after_a_step, ever = changed[0], changed.any(axis=0)
+    between: tuple[list[Array], list[Array]] = [], []
+    first, second = (_run(component, rows, h, between=read) for rows, read in zip((u, other), between, strict=True))
+    at_once, (after_a_step, *later) = between[0][lead] != between[1][lead], (first != second)[lead:]
+    ever = np.any(later, axis=0)
     return {
-        v.name: AT_ONCE if now[i] else AFTER_A_STEP if after_a_step[i] else LATER if ever[i] else NEVER
+        v.name: AT_ONCE if at_once[i] else AFTER_A_STEP if after_a_step[i] else LATER if ever[i] else NEVER
         for i, v in enumerate(component.outputs)
     }
 
 
-def parameters(component: FmuSettings, h: float, seconds: float) -> dict[str, str]:
-    """Parameter -> what a change before the run does; those left after so many seconds are not tried."""
-    until, base = clock.monotonic() + seconds, once(component, h)
-    return _effects(component.parameter_values(), until, base, lambda value: once(component.with_parameters(value), h))
+def parameters(component: FmuSettings, h: float, seconds: float, *, in_run: bool = False) -> dict[str, str]:
+    """Parameter -> effect of a change before a run; those left after so many seconds are not tried."""
+    until, u = clock.monotonic() + seconds, _inputs(component, h)
+    begin = len(u) // 2 if in_run else 0
 
+    def rest(change: Mapping[str, float]) -> Array:
+        with _initialised(component if in_run else component.with_parameters(change)) as instance:
+            _advance(instance, u[:begin], h)
+            if in_run:
+                instance.set_parameters(change)
+            return _advance(instance, u[begin:], h, begin)
 
-def tunable(component: FmuSettings, h: float, seconds: float) -> dict[str, str]:
-    """As :func:`parameters`, for a change of a tunable parameter during the run."""
-    until, u, half = clock.monotonic() + seconds, _inputs(component, h), step_count(component, h) // 2
-    base = once(component, h)[half:]
-
-    def changed(value: Mapping[str, float]) -> Array:
-        with _initialised(component) as instance:
-            _advance(instance, u[:half], h)
-            instance.set_parameters(value)
-            return _advance(instance, u[half:], h, half)
-
-    values = {name: value for name, value in component.parameter_values().items() if name not in component.fixed}
-    return _effects(values, until, base, changed)
-
-
-def _effects(
-    values: Mapping[str, float], until: float, base: Array, changed: Callable[[Mapping[str, float]], Array]
-) -> dict[str, str]:
-    found = {}
-    for name, value in values.items():
+    unchanged, found = rest({}), {}
+    for name, value in component.parameter_values().items():
+        if in_run and name in component.fixed:
+            continue
         if clock.monotonic() > until:
             found[name] = NOT_TRIED
             continue
         try:
-            equal = np.array_equal(base, changed({name: _other(value)}), equal_nan=True)
-            found[name] = NO_EFFECT if equal else ACTS
+            found[name] = NO_EFFECT if np.array_equal(unchanged, rest({name: _other(value)}), equal_nan=True) else ACTS
         except FmuDidimError:
             found[name] = REFUSED
     return found
+
+
+def tunable(component: FmuSettings, h: float, seconds: float) -> dict[str, str]:
+    """As :func:`parameters`, for a change of a tunable parameter in the middle of a run."""
+    return parameters(component, h, seconds, in_run=True)
 
 
 def _other(value: float) -> float:
@@ -243,13 +215,6 @@ def _inputs(component: FmuSettings, h: float) -> Array:
     return rows
 
 
-@contextmanager
-def _initialised(component: FmuSettings) -> Iterator[Any]:
-    with closing(component.instantiate_in_process()) as instance:
-        _initialise(instance, component)
-        yield instance
-
-
 def _initialise(instance: Any, component: FmuSettings) -> None:
     """Initialise with the inputs' start values: others may lead to an initial state that the FMU cannot solve for."""
     instance.begin_initialisation(0.0)
@@ -259,19 +224,28 @@ def _initialise(instance: Any, component: FmuSettings) -> None:
     instance.end_initialisation()
 
 
-def _run(component: FmuSettings, u: Array, h: float) -> Array:
+@contextmanager
+def _initialised(component: FmuSettings) -> Iterator[Any]:
+    with closing(component.instantiate_in_process()) as instance:
+        _initialise(instance, component)
+        yield instance
+
+
+def _run(component: FmuSettings, u: Array, h: float, *, between: list[Array] | None = None) -> Array:
     with _initialised(component) as instance:
-        return _advance(instance, u, h)
+        return _advance(instance, u, h, between=between)
 
 
-def _advance(instance: Any, rows: Array, h: float, start: int = 0, *, read_between: bool = False) -> Array:
+def _advance(instance: Any, rows: Array, h: float, start: int = 0, *, between: list[Array] | None = None) -> Array:
+    """Outputs after each step; those between inputs and step are read as well if they have a place."""
     found = np.zeros((len(rows), instance.outputs.size))
     with suppress(EndedError):  # the FMU may end its run before the last step
         for k, row in enumerate(rows):
             instance.inputs[:] = row
             instance.set()
-            if read_between:
+            if between is not None:
                 instance.get()
+                between.append(instance.outputs.copy())
             instance.step((start + k) * h, h)
             instance.get()
             found[k] = instance.outputs

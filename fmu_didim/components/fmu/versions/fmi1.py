@@ -70,7 +70,7 @@ class Binding1(Binding):
 
 @cache
 def _signatures(kind: str) -> Signatures:
-    """Written out: FMPy's have wrong results."""
+    """Written out, as FMPy's have wrong result types."""
     from fmpy.fmi1 import fmi1CallbackFunctions
 
     number, truth, text, instance = ctypes.c_double, ctypes.c_char, ctypes.c_char_p, ctypes.c_void_p

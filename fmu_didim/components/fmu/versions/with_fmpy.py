@@ -1,4 +1,4 @@
-"""What FMPy knows of FMI 1.0, 2.0 and 3.0: their descriptions, the signatures of their functions, their platforms."""
+"""FMPy's descriptions, function signatures and platforms of FMI 1.0, 2.0 and 3.0."""
 
 from __future__ import annotations
 
@@ -48,12 +48,14 @@ def _parsed(file: DescriptionFile, version: str) -> Any:
 
 
 def description(file: DescriptionFile, version: str, *, negated: frozenset[str] = frozenset()) -> FmuDescription:
-    """What FMPy reads, as of a version that it knows; interfaces and dependencies are those of FMI 2.0 and 3.0.
+    """The description, read by FMPy as of a version that it knows; interfaces and dependencies of FMI 2.0 and 3.0.
 
     Args:
         negated: names of the variables that are minus what their references mean.
     """
     own = _parsed(file, version)
+    default = own.defaultExperiment
+    stated = (default.startTime, default.stopTime, default.tolerance, default.stepSize) if default else ()
     return FmuDescription(
         path=file.path,
         folder=file.folder,
@@ -67,9 +69,9 @@ def description(file: DescriptionFile, version: str, *, negated: frozenset[str] 
         variables=tuple(_variable(v, v.name in negated) for v in own.modelVariables if v.type != "Clock"),
         state_count=own.numberOfContinuousStates,
         indicator_count=own.numberOfEventIndicators,
-        experiment=_experiment(own.defaultExperiment),
+        experiment=Experiment(*(float(text) if text else None for text in stated)),
         units={u.name: _unit(u.baseUnit) for u in own.unitDefinitions if u.name and u.baseUnit is not None},
-        dependencies=_dependencies(own),
+        dependencies={u.variable.name: _inputs(u.dependencies) for u in own.outputs} or None,
     )
 
 
@@ -100,16 +102,9 @@ def _interfaces(own: Any, root: ET.Element) -> Iterator[Interface]:
             )
 
 
-def _dependencies(own: Any) -> dict[str, tuple[str, ...] | None] | None:
-    """Inputs on which each output depends; states, which may be listed too, do not count."""
-    if not own.outputs:
-        return None
-    found: dict[str, tuple[str, ...] | None] = {}
-    for unknown in own.outputs:
-        known = unknown.dependencies
-        inputs = None if known is None else tuple(v.name for v in known if v.causality == "input")
-        found[unknown.variable.name] = inputs
-    return found
+def _inputs(known: Any) -> tuple[str, ...] | None:
+    """The inputs among the variables on which an output depends; states, which may be listed too, do not count."""
+    return None if known is None else tuple(v.name for v in known if v.causality == "input")
 
 
 def _variable(own: Any, negated: bool) -> FmuVariable:
@@ -127,15 +122,6 @@ def _variable(own: Any, negated: bool) -> FmuVariable:
         clocks=tuple(int(c.valueReference) for c in own.clocks or ()),
         negated=negated,
     )
-
-
-def _experiment(own: Any) -> Experiment:
-    def number(text: str | None) -> float | None:
-        return float(text) if text else None
-
-    if own is None:
-        return Experiment()
-    return Experiment(*(number(t) for t in (own.startTime, own.stopTime, own.tolerance, own.stepSize)))
 
 
 def _unit(own: Any) -> UnitDefinition:

@@ -1,4 +1,4 @@
-"""FMUs for Windows alone, run on Linux by Wine: a library for this machine that hands each call to a process of Wine.
+"""FMUs for Windows only, run on Linux by Wine: a library for this machine passes each call to a process of Wine.
 
 To all else such an FMU looks like any other: ``bridge.c`` has the functions of FMI 2.0 for co-simulation, starts
 ``host.exe`` for each instance, and that one loads the FMU's own library. Both are compiled once on a machine.
@@ -18,7 +18,7 @@ from fmu_didim.export import compile_console_program, compile_sources, source_co
 from fmu_didim.export.platforms import PLATFORMS, host_platform
 
 FMI_VERSION = "2.0"
-"""The one that the bridge speaks."""
+"""The version that the bridge implements."""
 WINDOWS_FOLDER = "win64"
 INSTALL = "Install Wine (Debian, Ubuntu: apt install wine), which then runs it"
 _SOURCES = ("bridge.c", "host.c", "protocol.h")
@@ -32,7 +32,7 @@ def is_for_windows(fmi: str, description: FmuDescription, interface: Interface) 
 
 
 def is_installed() -> bool:
-    """Whether there is a Wine."""
+    """Whether Wine is installed."""
     return shutil.which("wine") is not None
 
 

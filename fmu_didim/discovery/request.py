@@ -1,0 +1,55 @@
+"""The settings of a search, beside the model."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+from fmu_didim.base.diagnostics import DOUBT, Diagnostic
+from fmu_didim.discovery.progress import Progress
+from fmu_didim.discovery.selection.decide import Options
+from fmu_didim.dynamics.effects import EFFECTS, Effect
+from fmu_didim.dynamics.robot import RobotDescription
+from fmu_didim.results.findings import FindingsDocument
+
+OF_THE_DATA = 16
+"""[rank] Diagnostics of the data before this rank hold whatever the model is. Those after it, such as a torque limit,
+a clock or a delay, discovery names itself."""
+
+
+@dataclass(frozen=True)
+class Request:
+    """The settings of a search.
+
+    Attributes:
+        name: of the case; description: the robot, None for a black-box plant.
+        effects: the catalogue by name; options: how to discover.
+        progress: receives messages and limits the time; when it is up, the search returns the answer so far.
+        keep: called with the answer so far, after the base fit and after each round.
+        case: file of the case, for the commands in the reasons of a verdict.
+        provenance: recorded in the document.
+        doubts: errors of the data, which hold whatever the model is; notes: further remarks on the data.
+    """
+
+    name: str
+    description: RobotDescription | None
+    effects: Mapping[str, Effect] = field(default_factory=lambda: EFFECTS)
+    options: Options = field(default_factory=Options)
+    progress: Progress = field(default_factory=Progress)
+    keep: Callable[[FindingsDocument], None] | None = None
+    case: str = ""
+    provenance: Mapping[str, Any] = field(default_factory=dict)
+    doubts: Sequence[Diagnostic] = ()
+    notes: Sequence[str] = ()
+
+    @property
+    def external(self) -> Effect | None:
+        """The effect that stands for torques from outside; None without one or if it is forbidden."""
+        allowed = (e for name, e in self.effects.items() if e.is_external and name not in self.options.forbid)
+        return next(allowed, None)
+
+    def about_data(self, diagnostics: Sequence[Diagnostic]) -> Request:
+        """The same request with the diagnostics of its data."""
+        doubts = [d for d in diagnostics if d.code.severity is DOUBT and d.code.rank < OF_THE_DATA]
+        return replace(self, doubts=doubts, notes=[str(d) for d in diagnostics if d not in doubts])

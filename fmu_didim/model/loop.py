@@ -1,0 +1,146 @@
+"""The closed loop: plant, controller, drives and wiring, and how finely the plant is integrated."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+from fmu_didim.components import Component
+from fmu_didim.cosim import Connection, System, logged_torque
+from fmu_didim.cosim.system import REFERENCE
+from fmu_didim.data.signals import Array, Trajectory
+from fmu_didim.model.experiment import Experiment
+from fmu_didim.model.external_torque import EXTERNAL_TORQUE
+from fmu_didim.model.free_parameter import DELAY, LOG, PLANT, joint_parameter
+from fmu_didim.model.integration import refined, searched
+from fmu_didim.model.parameters import Parameters
+
+NO_COMPONENTS = (PLANT, DELAY, LOG, EXTERNAL_TORQUE)
+"""Owners of free parameters that are no component beside the plant."""
+
+
+@dataclass(frozen=True)
+class Loop:
+    """A closed loop that waits for values of its free parameters.
+
+    Attributes:
+        systems: label -> the loop along that experiment, with all that is inserted into its wiring.
+        parameters: the base parameters, with their regressor where there is one.
+        plant: the plant with the effects of its torque balance; plant_name: its name in the loop.
+        added_components: name of each component that added effects put into the wiring -> its joint, from 1.
+        substep_factor: multiplies the number of integration substeps of the plant.
+        substeps: of the plant in a tick at least, where the case states none; None: by the rule for its fastest rate.
+        subdivision: ticks in a control period, for components that need shorter steps; inputs are held as without.
+    """
+
+    systems: Mapping[str, System]
+    parameters: Parameters
+    plant: Component
+    plant_name: str = "plant"
+    added_components: Mapping[str, int] = field(default_factory=dict)
+    substep_factor: int = 1
+    substeps: int | None = None
+    subdivision: int = 1
+
+    @property
+    def joint_count(self) -> int:
+        """Number of joints n."""
+        return self.parameters.joint_count
+
+    def system(
+        self, label: str, experiment: Experiment, theta: Array, others: Mapping[str, Mapping[str, float]]
+    ) -> System:
+        """The loop along an experiment with values of the free parameters; all else stays untouched.
+
+        Args:
+            theta: (b,) base parameters; others: owner -> name there -> value of every other free parameter.
+        """
+        system, start = self.systems[label], self.start_values(experiment.reference)
+        for samples in others.get(DELAY, {}).values():
+            system = system.with_delay(self.plant_name, max(samples, 0.0))
+        wanted = {**self.parameters.values(theta), **start, **others.get(PLANT, {})}
+        offered = {v.name for v in self.plant.parameters}
+        plant = self.plant.with_parameters({name: value for name, value in wanted.items() if name in offered})
+        plant = self._integrated(plant, theta, start, system.step_size)
+        system = system.replace(self.plant_name, plant)
+        for owner, own_values in self._of_components(others, plant, system).items():
+            system = system.replace(owner, system.components[owner].with_parameters(own_values))
+        joints = sorted({external.joint for external in experiment.external_torques})
+        from_outside = tuple(
+            Connection(f"{REFERENCE}.{EXTERNAL_TORQUE}{j}", f"{self.plant_name}.tau{j}") for j in joints
+        )
+        return replace(system, connections=(*system.connections, *from_outside)) if from_outside else system
+
+    def _integrated(self, plant: Component, theta: Array, start: Mapping[str, float], step_size: float) -> Component:
+        """The plant with the substeps that the loop asks for."""
+        step, factor = step_size / self.subdivision, self.substep_factor
+        if self.substeps is not None:
+            return searched(plant, self.substeps, factor, step, self.joint_count)
+        refines = self.plant.stated_substeps is not None or factor != 1
+        return refined(plant, self.parameters.substeps(theta, start, step_size) if refines else None, factor, step)
+
+    def _of_components(
+        self, others: Mapping[str, Mapping[str, float]], plant: Component, system: System
+    ) -> dict[str, dict[str, float]]:
+        """Values of the components beside the plant. Effects of a joint share shapes, such as the smoothing of
+        friction, wherever they act."""
+        found = {owner: dict(own) for owner, own in others.items() if owner not in NO_COMPONENTS}
+        present = {v.name: v.start for v in plant.parameters}
+        for owner, joint in self.added_components.items():
+            for v in system.components[owner].parameters:
+                shared = joint_parameter(v.name, joint, is_shape=True)
+                if shared in present:
+                    found.setdefault(owner, {}).setdefault(v.name, present[shared])
+        return found
+
+    def start_values(self, reference: Trajectory) -> dict[str, float]:
+        """Where the plant starts: the first row of the reference."""
+        first = dict(zip(reference.names, reference.values[0], strict=True))
+        result = {"t_start": float(reference.time[0])}
+        for j in range(1, self.joint_count + 1):
+            if f"q{j}" in first:
+                result[f"q_start{j}"] = float(first[f"q{j}"])
+                result[f"dq_start{j}"] = float(first.get(f"dq{j}", 0.0))
+        return result
+
+    @property
+    def chooses_substeps(self) -> bool:
+        """Whether the number of substeps is free: the case states none, and the equations of the plant are known."""
+        known = self.plant.equations()
+        is_continuous = known is not None and known[0].rate_bound is not None
+        return is_continuous and self.plant.stated_substeps is None and self.plant.with_substeps(2) is not None
+
+    @property
+    def own_states(self) -> int:
+        """States of the plant beyond the motion of its joints: bristles, gears, time; 0 where they are not known."""
+        known = self.plant.equations()
+        return 0 if known is None else len(known[0].states) - 2 * self.joint_count
+
+    @property
+    def gives_acceleration(self) -> bool:
+        """Whether the plant has outputs for the accelerations; otherwise they are differences of velocity."""
+        offered = {v.name for v in self.plant.outputs}
+        return all(f"ddq{j}" in offered for j in range(1, self.joint_count + 1))
+
+    def joint_signals(self, name: str) -> list[str]:
+        """``plant.q1``, ``plant.q2``, ... for ``q``."""
+        return [f"{self.plant_name}.{name}{j}" for j in range(1, self.joint_count + 1)]
+
+    @cached_property
+    def logged(self) -> tuple[str, ...]:
+        """(n,) ``component.input`` whose recorded values are the logged torque: of the plant, or before it where a
+        drive has a lag or the like."""
+        system, joints = next(iter(self.systems.values())), range(1, self.joint_count + 1)
+        return tuple(logged_torque(system, j, plant=self.plant_name) for j in joints)
+
+    def position_bounds(self, reference: Trajectory) -> dict[str, tuple[float, float]]:
+        """Range of positions outside which a simulation counts as diverged: ten times the reference's."""
+        result = {}
+        given = {v.name for v in self.plant.outputs} & set(reference.names)
+        for j in (j for j in range(1, self.joint_count + 1) if f"q{j}" in given):
+            column = reference.select([f"q{j}"])
+            low, high = float(column.min()), float(column.max())
+            room = 10 * max(high - low, 1e-6)
+            result[f"{self.plant_name}.q{j}"] = (low - room, high + room)
+        return result
