@@ -269,7 +269,7 @@ WRONG: list[tuple[str, Callable[[Log, Reference], dict[str, Any]]]] = [
     ("An experiment is a log and a reference", lambda log, ref: {"validation": (T, TWO)}),
     ("The control rate is unknown", lambda log, ref: {"controller": law}),
     ("nothing that runs in the loop", lambda log, ref: {"controller": 3}),
-    ("they go by their names", lambda log, ref: {"controller": lambda reference, position: 0}),
+    ("passed by name, not by position", lambda log, ref: {"controller": lambda reference, position: 0}),
     ("one command for each joint", lambda log, ref: {"controller": lambda q: q[0]}),
     ("ZeroDivisionError", lambda log, ref: {"controller": lambda q: [1 / 0]}),
     (
