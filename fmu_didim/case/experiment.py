@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 
 from fmu_didim.case.files import NONE_GIVEN, read_signals
@@ -33,7 +34,7 @@ def read_experiment(
     motion = read_reference(
         source.reference, folder, step=step, torque_units=torque_units, needed=needed, signals=signals
     )
-    reference = motion.signals
+    reference = _before(motion.signals, source.to_s, step)
     log = read_torque_log(
         source, folder, reference, step=step, drive_gains=drive_gains, torque_units=torque_units, label=label,
         signals=signals,
@@ -52,3 +53,11 @@ def read_experiment(
         reference, log.times, log.torque, operator, positions, label, source.role, stamps=log.stamps,
         told=tuple(dict.fromkeys(told)),
     )  # fmt: skip
+
+
+def _before(reference: Trajectory, to_s: float | None, step: float) -> Trajectory:
+    """The reference up to an instant."""
+    if to_s is None:
+        return reference
+    kept = reference.time <= to_s + step / 2
+    return replace(reference, time=reference.time[kept], values=reference.values[kept])

@@ -185,6 +185,9 @@ class ExperimentSource(Strict):
         reference: what the controller follows: a file with a row a control period, or a formula (``kind:``).
         torque: the log; positions: measured positions ``q<j>``, for ``idim_ls`` and ``output_error`` only.
         role: whether the parameters are fitted to it (``estimation``), or only judged by it (``validation``).
+        from_s, to_s: the part of the run that is used, on the clock of the reference. The loop is simulated from the
+            beginning of the reference all the same, so that it has settled into the motion; what comes after ``to_s``
+            is left out of both.
         own: names of parameters that have values of their own in this experiment, such as those of a link with another
             payload; the others are shared by all experiments.
     """
@@ -193,7 +196,15 @@ class ExperimentSource(Strict):
     torque: TorqueFile | None = None
     positions: SignalFile | None = None
     role: Role = "estimation"
+    from_s: float | None = None
+    to_s: float | None = None
     own: tuple[str, ...] = ()
+
+    @model_validator(mode="after")
+    def _some_time(self) -> ExperimentSource:
+        if self.from_s is not None and self.to_s is not None and self.from_s >= self.to_s:
+            raise ValueError("from_s must lie before to_s")
+        return self
 
     @field_validator("own")
     @classmethod

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fmu_didim.base.diagnostics import CATALOGUE, PROBLEM, DiagnosedError, Diagnostic
 from fmu_didim.base.errors import InputError
@@ -22,6 +24,9 @@ COMMAND_WITHOUT_GAIN = CATALOGUE(
     next_step="Add loop: {drive_gains: [...]}, one a joint, in N.m or N for a unit of the command; ones if the two are "
     "the same.",
 )  # fmt: skip
+
+ROUNDING_S = 1e-9
+"""[s] By which a row may lie outside the part of a run that is used."""
 
 
 @dataclass(frozen=True)
@@ -70,30 +75,45 @@ def read_torque_log(
     if file.quantity == "command":
         torque = torque_of_command(torque, drive_gains, label)
     check_time_unit(log, reference, file.file)
+    kept = _part(log.time + file.offset_s, source)
+    log, torque = replace(log, time=log.time[kept], values=log.values[kept]), torque[kept]
     times = log.time
     if file.rate_hz is not None:
-        times = decimated_times(log.time, file.rate_hz, file.phase_s)
-        torque = _torque_at(log, torque, file, times)
+        times, torque = _torque_at(log, torque, file)
     times = times + file.offset_s
     check_within(times, reference, step, source)
     return TorqueLog(times, torque, log.time, read.told)
 
 
-def _torque_at(log: Trajectory, torque: Array, source: TorqueFile, times: Array) -> Array:
-    """Samples of a log at other instants: the values that hold there, or their averages."""
-    gaps = np.flatnonzero(np.diff(grid_places(log.time)) > 1)
-    if gaps.size:
+def _part(times: Array, source: ExperimentSource) -> NDArray[np.bool_]:
+    """(N,) which rows of a log lie in the part of the run that is used; raises InputError where hardly any does."""
+    first, last = (limit if limit is not None else other for limit, other in (
+        (source.from_s, -math.inf), (source.to_s, math.inf)))  # fmt: skip
+    kept = (times >= first - ROUNDING_S) & (times <= last + ROUNDING_S)
+    if kept.sum() < 2:
         raise InputError(
-            "A log that lacks samples cannot be brought to another rate.", where=log.source,
-            got=f"{gaps.size} gaps, the first one after t = {log.time[gaps[0]]:g} s",
-            next_step="Leave out torque.rate_hz: the log is then used as it is, without the samples that it lacks.",
+            "The log has no samples in the part of the run that is to be used.", where="from_s, to_s",
+            got=f"{first:g} to {last:g} s", valid=f"within {times[0]:g} to {times[-1]:g} s",
         )  # fmt: skip
-    step = float((log.time[-1] - log.time[0]) / (log.time.size - 1))
+    return np.asarray(kept)
+
+
+def _torque_at(log: Trajectory, torque: Array, source: TorqueFile) -> tuple[Array, Array]:
+    """Instants (N,) and samples (N, n) of a log at the rate that is asked for: the values that hold there, or their
+    averages; none where the log lacks a row that is needed."""
+    assert source.rate_hz is not None
+    places = grid_places(log.time)
+    step = float((log.time[-1] - log.time[0]) / places[-1])
+    whole = np.full((int(places[-1]) + 1, torque.shape[1]), np.nan)
+    whole[places] = torque
+    times = decimated_times(log.time, source.rate_hz, source.phase_s)
     operator = sample_operator(
-        times, start=float(log.time[0]), step=step, tick_count=log.time.size, kind=source.sampling,
+        times, start=float(log.time[0]), step=step, tick_count=len(whole), kind=source.sampling,
         window=source.window, window_s=source.window_s,
     )  # fmt: skip
-    return operator.apply(torque[operator.ticks])
+    sampled = operator.apply(whole[operator.ticks])
+    known = np.isfinite(sampled).all(axis=1)
+    return times[known], sampled[known]
 
 
 def check_time_unit(log: Trajectory, reference: Trajectory, file: str) -> None:

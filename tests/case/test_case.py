@@ -97,18 +97,58 @@ def test_averages_and_points_are_told_apart(tmp_path: Path) -> None:
     assert outcome.document.relative_error_percent["estimation"].total < 2.0  # type: ignore[operator]
 
 
-def test_a_log_with_gaps_is_not_brought_to_another_rate(tmp_path: Path) -> None:
-    """Its rows are no equally spaced ticks; as it is, it may be used."""
+@pytest.mark.parametrize("sampling", ["point", "average"])
+def test_a_log_with_gaps_gives_the_samples_that_it_has(tmp_path: Path, sampling: str) -> None:
+    """At its own rate and at another one: those that need a row which is missing are left out, all others are right."""
     rows = (SCARA.parent / "train_200hz.csv").read_text(encoding="utf-8").splitlines()
+    (tmp_path / "whole.csv").write_text("\n".join(rows), encoding="utf-8")
     (tmp_path / "gaps.csv").write_text("\n".join(rows[:300] + rows[303:700] + rows[701:]), encoding="utf-8")
     path = scara_case(tmp_path)
     content = yaml.safe_load(path.read_text(encoding="utf-8"))
-    content["train"]["torque"] = {"file": "gaps.csv"}
+    found = {}
+    for name, further in (("gaps", {}), ("whole", {"rate_hz": 20}), ("gaps at 20 Hz", {"rate_hz": 20})):
+        content["train"]["torque"] = {"file": f"{name.split()[0]}.csv", "sampling": sampling, **further}
+        path.write_text(yaml.safe_dump(content), encoding="utf-8")
+        model = model_of(path)
+        found[name] = model.experiments[model.first]
+    assert found["gaps"].torque.shape == (len(rows) - 1 - 4, 2)
+    whole, left = found["whole"], found["gaps at 20 Hz"]
+    kept = np.isin(np.round(whole.time, 6), np.round(left.time, 6))
+    # Of every tenth row one lay in the first gap (1.495, 1.5, 1.505 s); each average needs ten.
+    assert (~kept).sum() == {"point": 1, "average": 3}[sampling]
+    np.testing.assert_allclose(left.torque, whole.torque[kept], rtol=0, atol=1e-12)
+
+
+def test_a_part_of_a_run(tmp_path: Path) -> None:
+    """The samples between both instants, with the torque that they have in the whole run: it begins where that does."""
+    path = scara_case(tmp_path)
+    content = yaml.safe_load(path.read_text(encoding="utf-8"))
+    whole = model_of(path)
+    content["train"] |= {"from_s": 2.0, "to_s": 5.5}
     path.write_text(yaml.safe_dump(content), encoding="utf-8")
-    assert model_of(path).measured.shape == (len(rows) - 1 - 4, 2)
-    content["train"]["torque"]["rate_hz"] = 20
+    part = model_of(path)
+    experiment, of_whole = part.experiments[part.first], whole.experiments[whole.first]
+    assert (experiment.time[0], experiment.time[-1]) == pytest.approx((2.0, 5.5))
+    assert (experiment.reference.time[0], experiment.reference.time[-1]) == pytest.approx((0.0, 5.5))
+    kept = (of_whole.time > 2 - 1e-6) & (of_whole.time < 5.5 + 1e-6)
+    np.testing.assert_array_equal(experiment.torque, of_whole.torque[kept])
+    values = np.array([3.43, 0.03, 0.82, 0.063, 0.241, 0.014, 0.013, 0.137])
+    np.testing.assert_allclose(part.torque(values), whole.torque(values)[kept], rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("part", "words"),
+    [
+        ({"from_s": 5.0, "to_s": 2.0}, "from_s must lie before to_s"),
+        ({"from_s": 50.0}, r"no samples in the part[\s\S]*50 to inf s[\s\S]*0 to 9.9"),
+    ],
+)
+def test_a_part_that_cannot_be(tmp_path: Path, part: dict[str, float], words: str) -> None:
+    path = scara_case(tmp_path)
+    content = yaml.safe_load(path.read_text(encoding="utf-8"))
+    content["train"] |= part
     path.write_text(yaml.safe_dump(content), encoding="utf-8")
-    with pytest.raises(InputError, match=r"lacks samples[\s\S]*2 gaps, the first one after t = 1.49 s[\s\S]*rate_hz"):
+    with pytest.raises(InputError, match=words):
         load_case(path)
 
 

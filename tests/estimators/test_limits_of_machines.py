@@ -28,7 +28,7 @@ def estimated(model: LoopModel, truth: dict[str, float], seed: int) -> Estimate:
     """From a simulated log with noise, the truth changed."""
     values = model.start
     for name, value in truth.items():
-        values[model.index(name)] = value
+        values[model.names.index(name)] = value
     log = model.torque(values)
     log = log + NOISE * np.random.default_rng(seed).standard_normal(log.shape)
     return Didim(start="torque").estimate(with_torque(replace(model, torque_deviation=NOISE), log))
@@ -58,9 +58,9 @@ def test_friction_that_is_zero_is_never_negative_and_its_intervals_hold(without_
 @pytest.mark.gate
 def test_other_values_stay_right_beside_one_that_is_held(without_friction: list[Estimate], model: LoopModel) -> None:
     truth = model.start
-    truth[model.index("Fv1")] = 0.0
+    truth[model.names.index("Fv1")] = 0.0
     z = np.array([(estimate.value - truth) / estimate.standard_deviation for estimate in without_friction])
-    others = [i for i in range(truth.size) if i != model.index("Fv1")]
+    others = [i for i in range(truth.size) if i != model.names.index("Fv1")]
     assert np.mean(np.abs(z[:, others]) <= 1.96) >= 0.92
     assert np.abs(z[:, others]).max() < 4.5
 

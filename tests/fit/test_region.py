@@ -62,7 +62,7 @@ def test_friction_is_held_at_zero_and_the_others_make_up_for_it() -> None:
     model = loop("scara/identify")
     truth, region = model.start, Region.of(model)
     wanted = truth.copy()
-    held = model.index("Fv2")
+    held = model.names.index("Fv2")
     wanted[held] = -0.05
     table = 1e3 * drawn(truth.size, 5) / np.abs(truth)
     found = region.least_squares(table, table @ wanted).values
@@ -77,7 +77,7 @@ def test_a_light_link_is_the_nearest_one_that_exists() -> None:
     model = loop("scara/identify")
     region, base = Region.of(model), model.start
     wanted = base.copy()
-    wanted[model.index("ZZ2")] = -0.1
+    wanted[model.names.index("ZZ2")] = -0.1
     table = 1e3 * np.diag(1 / np.abs(base))
     found = region.least_squares(table, table @ wanted)
     assert mass_matrix_problem(model, found.values) == ""
@@ -103,7 +103,7 @@ def test_a_start_is_far_from_stiff() -> None:
     model = loop("arm2r/discover")
     region = Region.of(model).of_start()
     wanted = model.start.copy()
-    wanted[model.index("ZZ2")] *= 0.01
+    wanted[model.names.index("ZZ2")] *= 0.01
     table = 1e3 * np.diag(1 / np.abs(wanted))
     found = region.least_squares(table, table @ wanted).values
     machine = region.machines[0]

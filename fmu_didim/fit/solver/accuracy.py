@@ -38,6 +38,8 @@ def with_fitting_substeps(model: LoopModel, values: Array, deviation: Array | No
         torque = _torque(model.with_loop(substeps=count), values) if torque is None else torque
         if torque is not None and finer is not None and integration_change(model, torque, finer, deviation) <= 1:
             return model.with_loop(substeps=count)
+        if torque is None and finer is None and _torque(automatic, values) is None:
+            return automatic  # nothing can be simulated
         count, torque = 2 * count, finer
     return automatic
 
