@@ -154,7 +154,8 @@ class Didim(Estimator):
             error = np.nan if prediction is None else relative_error_percent(model.measured, prediction.torque)[0]
             step = path.judged(theta, float(error), failure)
             if step == "failed":
-                raise _NonPhysicalError(theta, path.failure, error=float(error))
+                first = f"{impossible}; from the nearest values that can be: " if impossible else ""
+                raise _NonPhysicalError(theta, f"{first}{path.failure}", error=float(error))
             if step in ("halved", "over"):
                 note = f"{path.failure}; {'step halved' if step == 'halved' else BEST}"
                 history.add(Iteration("didim", number, theta, error, note=note))

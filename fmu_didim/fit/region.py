@@ -160,73 +160,77 @@ class Region:
         Raises:
             IdentificationError: no machine has what is known of the robot, or the solver fails.
         """
-        count, rows = table.shape[1], table.shape[0]
         length = np.linalg.norm(table, axis=0)
         size = max(float(np.linalg.norm(right)), 1.0)
         unit = size / length  # of a value: what alone makes up the right side
-        machines = [machine.physical for machine in self.machines]
-        limits = [(sign, limit, np.flatnonzero(np.isfinite(limit))) for sign, limit in ((-1, self.low), (1, self.high))]
-        at_all = np.eye(count) * unit
-        chosen = [at_all[m.place[m.physical.rows]] / m.physical.row_scale[:, None] for m in self.machines]
-        inertias = [(m.place, *m.triangles(self.smallest)) for m in self.machines]
-        none = sparse.csc_matrix((0, 0))
-        maps = sparse.block_diag([none, *(m.map / m.row_scale[:, None] for m in machines)])
-        motors = sparse.block_diag([none, *(m.table[: len(m.motors)] for m in machines)])
-        links = sparse.block_diag([none, *(m.table[len(m.motors) :] for m in machines)])
-        unknown = maps.shape[1]
-        room = self.margin * np.array([float(row == column) for row, column in TRIANGLE])
-        table_of_all = sparse.bmat(
-            [
-                [table / length, sparse.csc_matrix((rows, unknown)), -sparse.eye(rows)],
-                [np.vstack([np.zeros((0, count)), *chosen]), -maps, None],
-                [np.vstack([sign * np.eye(count)[at] for sign, _, at in limits]), None, None],
-                [None, -motors, None],
-                [None, -links, None],
-                *([-columns @ at_all[place], None, None] for place, columns, _ in inertias),
-            ],
-            format="csc",
-        )
-        right_of_all = np.concatenate(
-            [
-                right / size,
-                np.zeros(maps.shape[0]),
-                *(sign * limit[at] / unit[at] for sign, limit, at in limits),
-                *(m.fixed[: len(m.motors)] for m in machines),
-                *(m.fixed[len(m.motors) :] - np.tile(room, m.links) for m in machines),
-                *(fixed for *_, fixed in inertias),
-            ]
-        )
-        equal, positive = rows + maps.shape[0], sum(at.size for _, _, at in limits) + motors.shape[0]
-        cones = [clarabel.ZeroConeT(equal), clarabel.NonnegativeConeT(positive)]
-        cones += [clarabel.PSDTriangleConeT(4)] * (links.shape[0] // len(TRIANGLE))
-        cones += [clarabel.PSDTriangleConeT(m.known.shape[1]) for m in self.machines for _ in m.known]
-        weights = np.concatenate([np.zeros(count), np.full(unknown, MASS_ALONE), np.ones(rows)])
-        settings = clarabel.DefaultSettings()
-        settings.verbose = False
-        found = clarabel.DefaultSolver(
-            sparse.diags_array(weights, format="csc"),
-            np.zeros(weights.size),
-            table_of_all,
-            right_of_all,
-            cones,
-            settings,
-        ).solve()
+        program = self._program(table / length, right / size, unit)
+        found = program.solve()
         if found.status not in (clarabel.SolverStatus.Solved, clarabel.SolverStatus.AlmostSolved):
             raise IdentificationError(
                 "No physical links were found for what is known of the robot.", got=str(found.status),
                 next_step="Check the values of the robot description that are not identified.",
             )  # fmt: skip
-        self._known[:] = [np.array(found.x)[count : count + unknown]]
-        values = np.array(found.x)[:count] * unit
-        for _, limit, at in limits:  # at a limit is on it
-            touched = at[np.abs(values[at] - limit[at]) <= SOLVED * unit[at]]
+        unknowns, dual, slack = (np.array(part) for part in (found.x, found.z, found.s))
+        self._known[:] = [unknowns[unit.size : -right.size]]
+        values = unknowns[: unit.size] * unit
+        for limit in (self.low, self.high):
+            touched = np.abs(values - limit) <= SOLVED * unit  # at a limit is on it
             values[touched] = limit[touched]
         values = np.clip(values, self.low, self.high)
-        first = equal + positive - motors.shape[0]
-        return Constrained(
-            values, float(np.sum((table @ values - right) ** 2)), self._of_machines(np.array(found.z)[first:]),
-            self._of_machines(np.array(found.s)[first:]),
-        )  # fmt: skip
+        first = right.size + self._equal + self._limited
+        squares = float(np.sum((table @ values - right) ** 2))
+        return Constrained(values, squares, self._of_machines(dual[first:]), self._of_machines(slack[first:]))
+
+    @property
+    def _equal(self) -> int:
+        """Number of equations between values and the unknowns of machines."""
+        return sum(machine.physical.rows.size for machine in self.machines)
+
+    @property
+    def _limited(self) -> int:
+        """Number of limits of single values."""
+        return int(np.isfinite(self.low).sum() + np.isfinite(self.high).sum())
+
+    def _program(self, table: Array, right: Array, unit: Array) -> clarabel.DefaultSolver:
+        """The cone program. Unknowns: the values divided by ``unit``, those of the machines, and the residual."""
+        rows, count = table.shape
+        machines = [machine.physical for machine in self.machines]
+        limits = [(sign, limit, np.flatnonzero(np.isfinite(limit))) for sign, limit in ((-1, self.low), (1, self.high))]
+        one = np.eye(count)
+        of_machines = [(one * unit)[m.place[m.physical.rows]] / m.physical.row_scale[:, None] for m in self.machines]
+        inertias = [(m.place, *m.triangles(self.smallest)) for m in self.machines]
+        none = sparse.csc_matrix((0, 0))
+        maps = sparse.block_diag([none, *(m.map / m.row_scale[:, None] for m in machines)])
+        motors = sparse.block_diag([none, *(m.table[: len(m.motors)] for m in machines)])
+        links = sparse.block_diag([none, *(m.table[len(m.motors) :] for m in machines)])
+        room = self.margin * np.array([float(row == column) for row, column in TRIANGLE])
+        blocks = [
+            [table, sparse.csc_matrix((rows, maps.shape[1])), -sparse.eye(rows)],
+            [np.vstack([np.zeros((0, count)), *of_machines]), -maps, None],
+            [np.vstack([sign * one[at] for sign, _, at in limits]), None, None],
+            [None, -motors, None],
+            [None, -links, None],
+            *([-columns @ (one * unit)[place], None, None] for place, columns, _ in inertias),
+        ]
+        rights = [
+            right,
+            np.zeros(self._equal),
+            *(sign * limit[at] / unit[at] for sign, limit, at in limits),
+            *(m.fixed[: len(m.motors)] for m in machines),
+            *(m.fixed[len(m.motors) :] - np.tile(room, m.links) for m in machines),
+            *(fixed for *_, fixed in inertias),
+        ]
+        cones = [
+            clarabel.ZeroConeT(rows + self._equal),
+            clarabel.NonnegativeConeT(self._limited + motors.shape[0]),
+            *(clarabel.PSDTriangleConeT(4) for _ in range(links.shape[0] // len(TRIANGLE))),
+            *(clarabel.PSDTriangleConeT(m.known.shape[1]) for m in self.machines for _ in m.known),
+        ]
+        weights = np.concatenate([np.zeros(count), np.full(maps.shape[1], MASS_ALONE), np.ones(rows)])
+        settings = clarabel.DefaultSettings()
+        settings.verbose = False
+        quadratic, whole = sparse.diags_array(weights, format="csc"), sparse.bmat(blocks, format="csc")
+        return clarabel.DefaultSolver(quadratic, np.zeros(weights.size), whole, np.concatenate(rights), cones, settings)
 
     def _of_machines(self, stacked: Array) -> tuple[Array, ...]:
         """The inequalities of each machine, from those of all motors followed by those of all links."""
