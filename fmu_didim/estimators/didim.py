@@ -154,8 +154,7 @@ class Didim(Estimator):
             error = np.nan if prediction is None else relative_error_percent(model.measured, prediction.torque)[0]
             step = path.judged(theta, float(error), failure)
             if step == "failed":
-                first = f"{impossible}; from the nearest values that can be: " if impossible else ""
-                raise _NonPhysicalError(theta, f"{first}{path.failure}", error=float(error))
+                raise _NonPhysicalError(theta, impossible or path.failure, error=float(error))
             if step in ("halved", "over"):
                 note = f"{path.failure}; {'step halved' if step == 'halved' else BEST}"
                 history.add(Iteration("didim", number, theta, error, note=note))
