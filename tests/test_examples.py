@@ -101,6 +101,21 @@ def test_rate_sweep_of_a_case_of_ones_own(tmp_path: Path) -> None:
     assert "Kp2" in rows[2] and (tmp_path / "results/my case_rates.svg").is_file()
 
 
+def test_a_real_robot_is_identified_from_the_default_start() -> None:
+    """Base parameters near those that its makers published, and torque that it was not fitted to."""
+    found = identify("examples/double_pendulum/identify.yaml")
+    assert found.document.status == "converged"
+    assert not any("Started from" in remark for remark in found.document.remarks)  # as the first start fails
+    published = {"MX1R": 0.349, "MX2": 0.111}
+    for name, value in published.items():
+        assert found.parameters[name].value == pytest.approx(value, rel=0.07)
+    for name, value in {"ZZ1R": 0.111, "ZZ2": 0.0239}.items():
+        assert abs(found.parameters[name].value - value) < 2 * found.parameters[name].std
+    assert found.document.relative_error_percent["validation"].total <= 10  # type: ignore[operator]
+    assert found.parameters["Fv2"].value == 0.0
+    assert found.parameters["Fv2"].interval[0] == 0.0
+
+
 @needs_emps
 def test_emps_examples(capsys: pytest.CaptureFixture[str]) -> None:
     outcome = identify("examples/emps/identify.yaml")
@@ -135,6 +150,7 @@ def test_every_case_file_is_named_here() -> None:
         "examples/scara/two_payloads.yaml",
         *(f"examples/campaigns/{name}.yaml" for name in CAMPAIGNS),
         "examples/arm2r/discover.yaml",
+        *(f"examples/double_pendulum/{name}.yaml" for name in ("controller", "identify", "robot")),
         "examples/emps/identify.yaml",
         "examples/emps/identify_idim_ls.yaml",
         "examples/emps/discover.yaml",
