@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fmu_didim.base.errors import IdentificationError
 from fmu_didim.data.signals import Array
@@ -58,7 +59,9 @@ class Equations:
         """The step to the least squares solution in a region, and how much it promises to lower the cost."""
         step = self._free_step(values, region, damping)
         if region.machines and not region.surely_holds(values + step):
-            step = self._machine_step(values, step, region, damping)
+            step = self._limited_step(values, step, region, damping)
+            if not region.surely_holds(values + step):
+                step = self._machine_step(values, step, region, damping)
         return step, self.promised(step)
 
     def promised(self, step: Array) -> float:
@@ -67,20 +70,38 @@ class Equations:
 
     def _free_step(self, values: Array, region: Region, damping: float) -> Array:
         """The step with parameters at a limit held there."""
-        size = self.scale.size
         free = self.scale > 0
-        step = np.zeros(size)
-        for _ in range(size):
-            step = np.zeros(size)
-            table = np.vstack([self.table[:, free], np.sqrt(damping) * np.eye(int(free.sum()))])
-            right = np.concatenate([self.right, np.zeros(int(free.sum()))])
-            step[free] = np.linalg.lstsq(table, right, rcond=SAME_DIRECTION)[0] / self.scale[free]
+        step = np.zeros(free.size)
+        for _ in range(free.size):
+            step = self._best(free, np.zeros(free.size), damping)
             # At a limit and pushed outwards: held.
             stuck = free & (((values <= region.low) & (step < 0)) | ((values >= region.high) & (step > 0)))
             if not stuck.any():
                 break
             free &= ~stuck
         return step
+
+    def _best(self, free: NDArray[np.bool_], step: Array, damping: float) -> Array:
+        """The step (p,) whose free parts are the best ones beside those that are given."""
+        table = np.vstack([self.table[:, free], np.sqrt(damping) * np.eye(int(free.sum()))])
+        right = self.right - self.table[:, ~free] @ (step * self.scale)[~free]
+        result = step.copy()
+        solution = np.linalg.lstsq(table, np.concatenate([right, np.zeros(int(free.sum()))]), rcond=SAME_DIRECTION)[0]
+        result[free] = solution / self.scale[free]
+        return result
+
+    def _limited_step(self, values: Array, step: Array, region: Region, damping: float) -> Array:
+        """The step with what would go beyond a limit of its own held there, and the others solved for beside it; the
+        step that was given where some of those would rather come back."""
+        free, found = self.scale > 0, step
+        held = np.zeros(free.size, dtype=bool)
+        low, high = region.low - values, region.high - values
+        while (beyond := free & ~held & ((found < low) | (found > high))).any():
+            held |= beyond
+            found = self._best(free & ~held, np.where(held, np.clip(found, low, high), 0.0), damping)
+        slope = self.table.T @ (self.right - self.table @ (found * self.scale)) - damping * found * self.scale
+        inwards = held & (((found == low) & (slope > 0)) | ((found == high) & (slope < 0)))
+        return step if inwards.any() else found
 
     def _machine_step(self, values: Array, step: Array, region: Region, damping: float) -> Array:
         """The step itself where it leads to values that a machine can have, else the best one that does."""
@@ -93,7 +114,7 @@ class Equations:
         except IdentificationError:  # what the description knows is not physical: the checks say more
             return step
         apart = float(np.linalg.norm(table @ (found - values - step)))
-        limited = np.clip(values + step, region.low, region.high)
-        if (limited == values + step).all() and apart <= max(INSIDE, SOLVED * float(np.linalg.norm(right))):
+        within = ((values + step >= region.low) & (values + step <= region.high)).all()
+        if within and apart <= max(INSIDE, SOLVED * float(np.linalg.norm(right))):
             return step
         return np.where(self.scale > 0, found - values, 0.0)
