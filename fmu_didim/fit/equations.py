@@ -95,7 +95,7 @@ class Equations:
         step that was given where some of those would rather come back."""
         free, found = self.scale > 0, step
         held = np.zeros(free.size, dtype=bool)
-        low, high = region.low - values, region.high - values
+        low, high = (limit - values for limit in region.limits)
         while (beyond := free & ~held & ((found < low) | (found > high))).any():
             held |= beyond
             found = self._best(free & ~held, np.where(held, np.clip(found, low, high), 0.0), damping)
@@ -114,7 +114,6 @@ class Equations:
         except IdentificationError:  # what the description knows is not physical: the checks say more
             return step
         apart = float(np.linalg.norm(table @ (found - values - step)))
-        within = ((values + step >= region.low) & (values + step <= region.high)).all()
-        if within and apart <= max(INSIDE, SOLVED * float(np.linalg.norm(right))):
+        if region.limits_hold(values + step) and apart <= max(INSIDE, SOLVED * float(np.linalg.norm(right))):
             return step
         return np.where(self.scale > 0, found - values, 0.0)

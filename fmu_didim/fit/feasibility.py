@@ -66,10 +66,11 @@ def nearest_physical(
     table = np.linalg.solve(factor, np.diag(1 / deviation))
     place = np.zeros(values.size, dtype=np.int64)
     place[rows] = np.arange(rows.size)
-    unlimited = np.full(rows.size, np.inf)
+    unlimited, every = np.full(rows.size, np.inf), np.ones(rows.size, dtype=np.bool_)
     n = model.joint_count
     machine = Machine(place, physical, np.zeros((0, n, n, values.size)), np.zeros((0, n, n)))
-    found = Region(-unlimited, unlimited, (machine,), margin=0.0).least_squares(table, table @ values[rows])
+    region = Region(-unlimited, unlimited, (machine,), every, margin=0.0)
+    found = region.least_squares(table, table @ values[rows])
     moved = found.values - values[rows]
     result = values.copy()
     result[rows] = found.values

@@ -102,8 +102,9 @@ class Region:
     """Where values (p,) may be.
 
     Attributes:
-        low, high: (p,) limits of single values; machines: of the experiments whose base parameters differ; empty where
-            no robot is described.
+        low, high: (p,) limits of single values.
+        machines: of the experiments whose base parameters differ; empty where no robot is described.
+        base: (p,) which of the values are base parameters of machines.
         margin: smallest eigenvalue of the pseudo-inertias, as a fraction of the robot's size.
         smallest: eigenvalue of the scaled inertia matrices.
     """
@@ -111,6 +112,7 @@ class Region:
     low: Array
     high: Array
     machines: tuple[Machine, ...] = ()
+    base: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, dtype=np.bool_))
     margin: float = MARGIN
     smallest: float = SMALLEST
     _known: list[Array] = field(default_factory=list, compare=False, repr=False)  # unknowns of the last solution
@@ -131,20 +133,30 @@ class Region:
             friction = machine.place[list(machine.physical.friction)]
             low[friction] = np.maximum(low[friction], 0.0)
             machines.append(machine)
-        return Region(low, high, tuple(machines))
+        return Region(low, high, tuple(machines), np.arange(low.size) < model.linear_count)
 
     def of_base(self, count: int) -> Region:
         """The region of the first values alone, the base parameters."""
-        return replace(self, low=self.low[:count], high=self.high[:count])
+        return replace(self, low=self.low[:count], high=self.high[:count], base=self.base[:count])
 
     def of_start(self) -> Region:
         """Values from which an estimation can start."""
         return replace(self, smallest=SMALLEST_OF_START)
 
+    @property
+    def limits(self) -> tuple[Array, Array]:
+        """(p,) lowest and highest values of the base parameters; infinite for all other values."""
+        return np.where(self.base, self.low, -np.inf), np.where(self.base, self.high, np.inf)
+
+    def limits_hold(self, values: Array) -> bool:
+        """Whether base parameters among values (p,) lie within limits of their own."""
+        low, high = self.limits
+        return bool(((values >= low) & (values <= high)).all())
+
     def surely_holds(self, values: Array) -> bool:
         """Whether values (p,) are found to lie in the region without solving anything: by the links of the machine
         that the last solution has, their parameters that carry base parameters moved."""
-        if (values < self.low).any() or (values > self.high).any() or (self.machines and not self._known):
+        if not self.limits_hold(values) or (self.machines and not self._known):
             return False
         ends = np.cumsum([0, *(machine.physical.map.shape[1] for machine in self.machines)])
         return all(
@@ -173,10 +185,10 @@ class Region:
         unknowns, dual, slack = (np.array(part) for part in (found.x, found.z, found.s))
         self._known[:] = [unknowns[unit.size : -right.size]]
         values = unknowns[: unit.size] * unit
-        for limit in (self.low, self.high):
+        for limit in self.limits:
             touched = np.abs(values - limit) <= SOLVED * unit  # at a limit is on it
             values[touched] = limit[touched]
-        values = np.clip(values, self.low, self.high)
+        values = np.clip(values, *self.limits)
         first = right.size + self._equal + self._limited
         squares = float(np.sum((table @ values - right) ** 2))
         return Constrained(values, squares, self._of_machines(dual[first:]), self._of_machines(slack[first:]))
@@ -189,13 +201,15 @@ class Region:
     @property
     def _limited(self) -> int:
         """Number of limits of single values."""
-        return int(np.isfinite(self.low).sum() + np.isfinite(self.high).sum())
+        return int(np.isfinite(self.limits).sum())
 
     def _program(self, table: Array, right: Array, unit: Array) -> clarabel.DefaultSolver:
         """The cone program. Unknowns: the values divided by ``unit``, those of the machines, and the residual."""
         rows, count = table.shape
         machines = [machine.physical for machine in self.machines]
-        limits = [(sign, limit, np.flatnonzero(np.isfinite(limit))) for sign, limit in ((-1, self.low), (1, self.high))]
+        limits = [
+            (sign, limit, np.flatnonzero(np.isfinite(limit))) for sign, limit in zip((-1, 1), self.limits, strict=True)
+        ]
         one = np.eye(count)
         of_machines = [(one * unit)[m.place[m.physical.rows]] / m.physical.row_scale[:, None] for m in self.machines]
         inertias = [(m.place, *m.triangles(self.smallest)) for m in self.machines]
