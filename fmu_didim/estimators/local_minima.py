@@ -132,7 +132,7 @@ def folded_inertias(model: LoopModel, values: Array) -> dict[int, float]:
     except SimulationError:
         return {}
     robot, base = parameters.model, parameters.base
-    mass = robot.inertia_columns(np.zeros(model.joint_count)) @ base.expand(run.theta)
+    mass = robot.inertia_columns(np.zeros((1, model.joint_count)))[0] @ base.expand(run.theta)
     inertia = np.diag(mass)
     resonance = np.sqrt(np.abs(response) / inertia) / (2 * np.pi)
     found = {}

@@ -259,7 +259,7 @@ def _machine(model: LoopModel, place: NDArray[np.int64], labels: Sequence[str]) 
     """The machine of some experiments."""
     assert isinstance(model.parameters, RobotParameters)
     robot, base, values = model.parameters.model, model.parameters.base, model.start[place]
-    matrices = np.array([robot.inertia_columns(q) for label in labels for q in _positions(model, label)])
+    matrices = robot.inertia_columns(np.concatenate([_positions(model, label) for label in labels]))
     columns = matrices[..., base.index]
     size = np.sqrt(np.einsum("kiib,b->i", np.abs(columns), np.abs(values)) / len(columns))
     size[size == 0] = 1.0

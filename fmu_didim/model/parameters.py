@@ -221,7 +221,7 @@ class RobotParameters(Parameters):
     def weakest(self, position: Array, theta: Array) -> tuple[int, str, Array]:
         """Cause of the smallest eigenvalue of the inertia matrix at a position (n,): the joint, from 1, that moves most
         in its direction, the parameter that lowers it most, and its slopes (p,)."""
-        columns = self.model.inertia_columns(position)
+        columns = self.model.inertia_columns(position[None])[0]
         mass = columns @ self.base.expand(theta)
         diagonal = np.diag(mass)
         scale = np.sqrt(np.maximum(np.abs(diagonal), np.finfo(float).tiny))

@@ -9,9 +9,12 @@ from fmu_didim.base.symbolic import jacobian
 from fmu_didim.data.signals import Array
 from fmu_didim.dynamics.robot.vectorised import Vectorised
 
+KEPT = 8
+"""[sets of positions] Whose columns are kept: those of the checks and of the limits of a few experiments."""
+
 
 class InertiaColumns:
-    """dM/dchi along positions; those of the last positions are kept, as an identification needs the same ones again.
+    """dM/dchi along positions; the last few results are kept, as an identification needs the same positions again.
 
     Args:
         q, chi: symbols of positions and standard parameters; mass: M (n, n) in these.
@@ -20,16 +23,18 @@ class InertiaColumns:
     def __init__(self, q: ca.SX, chi: ca.SX, mass: ca.SX) -> None:
         self._count = int(chi.numel())
         self._columns = Vectorised(ca.Function("inertia_columns", [q], [ca.densify(jacobian(ca.vec(mass), chi))]))
-        self._last: tuple[bytes, Array] | None = None
+        self._kept: dict[bytes, Array] = {}
 
     def at(self, q: Array) -> Array:
         """(N n n, ns): of all elements of M at positions (N, n)."""
-        key, last = q.tobytes(), self._last
-        if last is not None and last[0] == key:
-            return last[1]
+        key = q.tobytes()
+        if key in self._kept:
+            return self._kept[key]
         columns = self._columns(q.shape[0], [q.T]).reshape(q.shape[0], self._count, -1).transpose(0, 2, 1)
         result = np.ascontiguousarray(columns.reshape(-1, self._count))
-        self._last = key, result
+        self._kept[key] = result
+        while len(self._kept) > KEPT:
+            del self._kept[next(iter(self._kept))]
         return result
 
 

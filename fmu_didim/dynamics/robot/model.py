@@ -238,9 +238,8 @@ class RobotModel:
         return self.joint_count, self.joint_count
 
     def inertia_columns(self, q: Array) -> Array:
-        """(n, n, ns) derivatives of M at a position (n,) by the standard parameters, before anything changes."""
-        columns = self._inertia_columns.at(q[None])
-        return np.asarray(columns.reshape(*self._square, -1))
+        """(K, n, n, ns) derivatives of M at positions (K, n) by the standard parameters, before anything changes."""
+        return self._inertia_columns.at(q).reshape(q.shape[0], *self._square, -1)
 
     def block(self, values: Mapping[str, float] | None = None) -> Block:
         """The plant: dx/dt = (dq, direct(...), de/dt), x = (q, dq, e), u = tau, y = (q, dq, ddq, observed).
