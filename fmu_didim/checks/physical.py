@@ -12,8 +12,8 @@ from fmu_didim.base.diagnostics import CATALOGUE, DOUBT, Diagnostic
 from fmu_didim.base.errors import IdentificationError
 from fmu_didim.data.signals import Array
 from fmu_didim.dynamics.base_parameters import BaseParameters
+from fmu_didim.dynamics.physical_set import FRICTION
 from fmu_didim.dynamics.robot import RobotModel
-from fmu_didim.dynamics.robot.physical_set import FRICTION
 from fmu_didim.fit.feasibility import Nearest, nearest_physical
 from fmu_didim.model.loop_model import LoopModel
 from fmu_didim.model.parameters import POSITIVE, RobotParameters

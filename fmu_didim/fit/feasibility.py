@@ -1,7 +1,7 @@
 """The values nearest to an estimate that physical links can have.
 
 min  (b - b_hat)' C^-1 (b - b_hat)     over the base parameters b of a
-:class:`~fmu_didim.dynamics.robot.physical_set.PhysicalSet`
+:class:`~fmu_didim.dynamics.physical_set.PhysicalSet`
 """
 
 from __future__ import annotations
@@ -12,8 +12,8 @@ import numpy as np
 
 from fmu_didim.data.signals import Array
 from fmu_didim.dynamics.base_parameters import BaseParameters
+from fmu_didim.dynamics.physical_set import PhysicalSet
 from fmu_didim.dynamics.robot import RobotModel
-from fmu_didim.dynamics.robot.physical_set import PhysicalSet
 from fmu_didim.fit.region import Machine, Region
 
 SMALLEST_DEVIATION = 1e-6

@@ -3,7 +3,7 @@
     min  |T v - y|^2     low <= v <= high,   v_k = K_k x_k,   c_k + A_k x_k >= 0,   M(q, v_k) - e diag M(q, v_k) >= 0
 
 with the base parameters v_k of each experiment, the inequalities of
-:class:`~fmu_didim.dynamics.robot.physical_set.PhysicalSet` and, for values that are to be simulated, the inertia matrix
+:class:`~fmu_didim.dynamics.physical_set.PhysicalSet` and, for values that are to be simulated, the inertia matrix
 at some positions, whose scaled eigenvalues are to be e at least: a semidefinite program, solved by
 Clarabel (P. J. Goulart, Y. Chen, "Clarabel: An interior-point solver for conic programs with quadratic objectives",
 arXiv:2405.12762, 2024).
@@ -22,7 +22,7 @@ from scipy import sparse
 
 from fmu_didim.base.errors import IdentificationError
 from fmu_didim.data.signals import Array
-from fmu_didim.dynamics.robot.physical_set import TRIANGLE, PhysicalSet
+from fmu_didim.dynamics.physical_set import TRIANGLE, PhysicalSet
 from fmu_didim.model.loop_model import LoopModel
 from fmu_didim.model.parameters import RobotParameters
 

@@ -15,9 +15,9 @@ import numpy as np
 from fmu_didim.base.errors import InputError
 from fmu_didim.data.signals import Array
 from fmu_didim.dynamics.base_parameters import BaseParameters
+from fmu_didim.dynamics.physical_set import FRICTION
 from fmu_didim.dynamics.robot import RobotDescription, RobotModel
 from fmu_didim.dynamics.robot.observed_states import observed_along
-from fmu_didim.dynamics.robot.physical_set import FRICTION
 
 POSITIVE = 1e-9
 """[1] Smallest eigenvalue of the scaled inertia matrix that counts as positive: above rounding."""
