@@ -21,6 +21,7 @@ EXAMPLES: tuple[tuple[Verb, str], ...] = (
     ("identify", "scara/identify_200hz"),
     ("identify", "scara/identify_modelica"),
     ("identify", "scara/two_payloads"),
+    ("identify", "double_pendulum/identify"),
     ("identify", "emps/identify"),
     ("identify", "emps/identify_idim_ls"),
     ("discover", "arm2r/discover"),
