@@ -23,6 +23,7 @@ from scipy import sparse
 from fmu_didim.base.errors import IdentificationError
 from fmu_didim.data.signals import Array
 from fmu_didim.dynamics.physical_set import TRIANGLE, PhysicalSet
+from fmu_didim.dynamics.robot.inertia import scaled_eigenvalues
 from fmu_didim.model.loop_model import LoopModel
 from fmu_didim.model.parameters import RobotParameters
 
@@ -89,12 +90,7 @@ class Machine:
         slack = physical.fixed + physical.table @ moved
         if (slack[: len(physical.motors)] < 0).any() or np.linalg.eigvalsh(physical.matrices(slack)).min() < margin:
             return False
-        mass = self.columns @ values + self.known
-        diagonal = np.einsum("kii->ki", mass)
-        if (diagonal <= 0).any():
-            return False
-        root = np.sqrt(diagonal)
-        return bool(np.linalg.eigvalsh(mass / root[:, :, None] / root[:, None, :]).min() >= smallest)
+        return bool(scaled_eigenvalues(self.columns @ values + self.known).min() >= smallest)
 
 
 @dataclass(frozen=True)
@@ -259,7 +255,7 @@ def _machine(model: LoopModel, place: NDArray[np.int64], labels: Sequence[str]) 
     """The machine of some experiments."""
     assert isinstance(model.parameters, RobotParameters)
     robot, base, values = model.parameters.model, model.parameters.base, model.start[place]
-    matrices = robot.inertia_columns(np.concatenate([_positions(model, label) for label in labels]))
+    matrices = robot.inertia_columns(np.concatenate([positions_along(model, label, POSITIONS) for label in labels]))
     columns = matrices[..., base.index]
     size = np.sqrt(np.einsum("kiib,b->i", np.abs(columns), np.abs(values)) / len(columns))
     size[size == 0] = 1.0
@@ -269,10 +265,10 @@ def _machine(model: LoopModel, place: NDArray[np.int64], labels: Sequence[str]) 
     )
 
 
-def _positions(model: LoopModel, label: str) -> Array:
-    """(K, n) positions along the reference of an experiment; zero where it has none."""
+def positions_along(model: LoopModel, label: str, count: int) -> Array:
+    """(K, n) positions along the reference of an experiment, K at most ``count``; zero where it has none."""
     reference, names = model.experiments[label].reference, [f"q{j}" for j in range(1, model.joint_count + 1)]
     if not set(names) <= set(reference.names):
         return np.zeros((1, model.joint_count))
-    ticks = np.unique(np.linspace(0, reference.time.size - 1, POSITIONS).astype(np.int64))
+    ticks = np.unique(np.linspace(0, reference.time.size - 1, count).astype(np.int64))
     return reference.select(names)[ticks]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from fmu_didim.data.signals import Array
+from fmu_didim.fit.region import positions_along
 from fmu_didim.model.free_parameter import DELAY
 from fmu_didim.model.loop_model import LoopModel
 
@@ -16,15 +17,9 @@ FARTHEST = 1.0
 
 def mass_matrix_problem(model: LoopModel, values: Array) -> str:
     """Why the plant cannot be simulated with values (p,) along the references, or an empty string."""
-    names = [f"q{j}" for j in range(1, model.joint_count + 1)]
-    for label, experiment in model.experiments.items():
-        reference, theta = experiment.reference, model.theta(values, label)
-        if not set(names) <= set(reference.names):
-            positions = np.zeros((1, model.joint_count))
-        else:
-            ticks = np.unique(np.linspace(0, reference.time.size - 1, CHECKED_POSITIONS).astype(np.int64))
-            positions = reference.select(names)[ticks]
-        reason = model.parameters.inertia_problem(positions, theta)
+    for label in model.experiments:
+        positions = positions_along(model, label, CHECKED_POSITIONS)
+        reason = model.parameters.inertia_problem(positions, model.theta(values, label))
         if reason:
             return reason
     return ""
