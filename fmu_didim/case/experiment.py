@@ -6,13 +6,14 @@ from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
+from fmu_didim.base.errors import UnknownNameError
 from fmu_didim.case.files import NONE_GIVEN, read_signals
 from fmu_didim.case.reference import read_reference
 from fmu_didim.case.sources import ExperimentSource
 from fmu_didim.case.torque_log import read_torque_log
 from fmu_didim.cosim import sample_operator
 from fmu_didim.data.signals import Trajectory
-from fmu_didim.model.experiment import Experiment
+from fmu_didim.model.experiment import Experiment, InitialState
 
 
 def read_experiment(
@@ -51,8 +52,19 @@ def read_experiment(
         told += measured.told
     return Experiment(
         reference, log.times, log.torque, operator, positions, label, source.role, stamps=log.stamps,
-        told=tuple(dict.fromkeys(told)),
+        told=tuple(dict.fromkeys(told)), initial_state=_initial_state(source, len(torque_units), label),
     )  # fmt: skip
+
+
+def _initial_state(source: ExperimentSource, joints: int, label: str) -> InitialState:
+    """Where the motion of a run starts; raises InputError for a name that is none of a joint."""
+    if isinstance(source.initial_state, str):
+        return InitialState(source.initial_state)
+    known = [f"{stem}{j}" for stem in ("q", "dq") for j in range(1, joints + 1)]
+    for name in source.initial_state:
+        if name not in known:
+            raise UnknownNameError("position or velocity", name, known, where=f"{label}.initial_state")
+    return InitialState("given", source.initial_state)
 
 
 def _before(reference: Trajectory, to_s: float | None, step: float) -> Trajectory:

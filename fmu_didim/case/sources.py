@@ -188,6 +188,9 @@ class ExperimentSource(Strict):
         from_s, to_s: the part of the run that is used, on the clock of the reference. The loop is simulated from the
             beginning of the reference all the same, so that it has settled into the motion; what comes after ``to_s``
             is left out of both.
+        initial_state: where the motion starts: ``reference``: on its first row; ``q<j>``, ``dq<j>`` with their values;
+            ``free``: unknown, identified from the torque; ``detected``: unknown where the log shows that it does not
+            start on the reference. Of a held-out experiment the first part then gives the start and the rest is judged.
         own: names of parameters that have values of their own in this experiment, such as those of a link with another
             payload; the others are shared by all experiments.
     """
@@ -198,6 +201,7 @@ class ExperimentSource(Strict):
     role: Role = "estimation"
     from_s: float | None = None
     to_s: float | None = None
+    initial_state: Literal["detected", "free", "reference"] | Mapping[str, float] = "detected"
     own: tuple[str, ...] = ()
 
     @model_validator(mode="after")

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fmu_didim.base.errors import IdentificationError, InputError, SimulationError
+from fmu_didim.estimators.initial_states import free_start_remarks, free_starts, held_out_starts
 from fmu_didim.estimators.start import start_sequence, start_text, start_values
 from fmu_didim.fit.fit import Fit
 from fmu_didim.fit.log_noise import repeated_noise, residual_noise, without_events
@@ -79,10 +80,23 @@ def _from_start(model: LoopModel) -> Prepared:
     known = first.deviation if repeated else None
     fit = minimise(with_fitting_substeps(model, model.start, known), first, stopping=BASE_FIT)
     if repeated:
+        fit, started = _started(fit)
         noise, further = without_events(repeated, fit)
-        return Prepared(integrated(replace(fit, noise=noise)), (*notes, *further))
+        return Prepared(integrated(replace(fit, noise=noise)), (*notes, *started, *further))
+    fit, started = _started(fit)
     fit = minimise(fit.model, residual_noise(fit), stopping=BASE_FIT, jacobian=fit.jacobian, torque=fit.torque)
-    return Prepared(integrated(fit), (*notes, NO_REPETITION))
+    return Prepared(integrated(fit), (*notes, *started, NO_REPETITION))
+
+
+def _started(fit: Fit) -> tuple[Fit, list[str]]:
+    """The fit with the starts of those experiments free or found that are not on their reference, and notes."""
+    starts, notes = free_starts(fit), list[str]()
+    if starts:
+        model = fit.model.with_free((*fit.model.free_parameters, *starts))
+        fit = minimise(model, fit.noise, stopping=BASE_FIT)
+        notes = free_start_remarks(fit, starts)
+    model, further = held_out_starts(fit)
+    return replace(fit, model=model), [*notes, *further]
 
 
 def with_nuisances(model: LoopModel) -> LoopModel:

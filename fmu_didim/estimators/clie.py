@@ -10,6 +10,7 @@ with DIDIM.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,7 @@ import numpy as np
 from fmu_didim.base.errors import SimulationError
 from fmu_didim.estimators.base import Estimator, Progress, no_progress
 from fmu_didim.estimators.finish import efficient_finish, torque_estimate
+from fmu_didim.estimators.initial_states import free_starts, with_starts
 from fmu_didim.estimators.start import simulatable, start_values, with_free_delay
 from fmu_didim.fit.estimate import Estimate, RefusedError, Stage
 from fmu_didim.fit.fit import point
@@ -65,11 +67,13 @@ class Clie(Estimator):
                 "The start cannot be simulated.", iterations=[Iteration("clie", 1, values, np.nan, note=error.what)],
                 got=str(error), next_step=ADVICE,
             ) from error  # fmt: skip
-        minimum = efficient_finish(
-            start, tolerance=self.tolerance, progress=progress, stage=self.name,
+        finish = partial(
+            efficient_finish, tolerance=self.tolerance, progress=progress, stage=self.name,
             maximum_iterations=self.maximum_iterations,
         )  # fmt: skip
+        minimum = with_starts(start, free_starts(start), finish)
         fit, known = minimum.fit, minimum.known
+        model = fit.model
         reason = physical_problem(model, fit.values, known.deviation) or tracking_problem(model.measured, fit.torque)
         if reason:
             raise RefusedError(

@@ -12,6 +12,7 @@ parameter: gains of the controller, the delay, the clock of the log.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
@@ -24,6 +25,7 @@ from fmu_didim.data.signals import Array
 from fmu_didim.estimators.base import Estimator, Progress, no_progress
 from fmu_didim.estimators.descent import Path
 from fmu_didim.estimators.finish import Minimum, efficient_finish, integration_error, torque_estimate
+from fmu_didim.estimators.initial_states import free_starts, with_likely_starts, with_starts
 from fmu_didim.estimators.local_minima import lowest
 from fmu_didim.estimators.start import Start, simulatable, start_sequence, start_text, start_values, with_free_delay
 from fmu_didim.fit.equations import Equations
@@ -37,6 +39,7 @@ from fmu_didim.fit.solver.accuracy import with_fitting_substeps
 from fmu_didim.fit.solver.admissible import mass_matrix_problem, physical_problem, tracking_problem
 from fmu_didim.fit.statistics import covariance_white, relative_error_percent
 from fmu_didim.fit.uncertainty import Uncertainty
+from fmu_didim.model.free_parameter import FreeParameter
 from fmu_didim.model.loop_model import LoopModel
 from fmu_didim.model.numerical_regressor import RegressorProbe
 from fmu_didim.model.prediction import Prediction, predict
@@ -92,6 +95,7 @@ class Didim(Estimator):
             )
         history = History(progress)
         failures: list[str] = []
+        lost: list[IdentificationError] = []
         last: _NonPhysicalError | None = None
         settled, starts = 0, start_sequence(model, self.start)
         for start, further in zip(starts, (*starts[1:], None), strict=True):
@@ -99,19 +103,21 @@ class Didim(Estimator):
             try:
                 estimate = self._from(model, start, then, history)
             except _NonPhysicalError as caught:
+                model = model if failures else with_likely_starts(model)
                 last = caught if caught.settled or last is None or not last.settled else last
                 failures.append(f"from {start_text(start)}: {caught.reason}")
                 settled += caught.settled
                 if settled == SAME_MINIMUM:
                     break
                 continue
-            except IdentificationError as caught:
-                if not failures:
-                    raise
+            except IdentificationError as caught:  # rank that is lost at one start is no property of the data
+                lost.append(caught)
                 failures.append(f"from {start_text(start)}: {caught.what} ({caught.got})")
                 continue
             told = (f"Started from {start_text(start)}; not {'; not '.join(failures)}.",) if failures else ()
             return replace(estimate, remarks=(*told, *estimate.remarks))
+        if len(lost) == len(failures):
+            raise lost[0]
         raise RefusedError(
             "The identified model is not physical.", iterations=history.iterations, got="; ".join(failures),
             next_step=ADVICE, values=last.theta if last else None, deviation=last.deviation if last else None,
@@ -128,10 +134,14 @@ class Didim(Estimator):
         """The estimate from a start; ``then`` says what follows if it gives no estimate."""
         try:
             model, theta, settled = self._iterate(model, start, then, history)
-            prediction, failure = _try(model, theta)
-            if prediction is None:
-                raise _NonPhysicalError(theta, failure)
-            return self._conclude(model, theta, prediction, settled, history)
+            fit = _point(model, theta)
+            starts = free_starts(fit)
+            if starts and (likely := with_likely_starts(model)) is not model:
+                # The transient of a start off the reference has bent what came so far.
+                model, theta, settled = self._iterate(likely, "reference", then, history)
+                fit = _point(model, theta)
+                starts = free_starts(fit)
+            return self._conclude(fit, starts, settled, history)
         except _NonPhysicalError as caught:
             note = f"{caught.reason}{then}"
             history.add(Iteration("didim", history.count + 1, caught.theta, caught.error, note=note))
@@ -147,7 +157,7 @@ class Didim(Estimator):
         theta, impossible = simulatable(model, theta)
         if not mass_matrix_problem(model, theta):
             model = with_fitting_substeps(model, theta)
-        path = Path(is_last=not then)
+        path, region = Path(is_last=not then), Region.of(model).of_base(model.linear_count)
         while path.count < self.maximum_iterations:
             number = history.count + 1
             prediction, failure = _try(model, theta)
@@ -163,7 +173,7 @@ class Didim(Estimator):
                 theta = 0.5 * (theta + path.best[0])
                 continue
             assert prediction is not None
-            following, change, condition = self._solve(model, theta, prediction)
+            following, change, condition = self._solve(model, theta, prediction, region)
             is_over = self.finish and path.rises >= RISES
             note = f"the error falls no more; {BEST}" if is_over else ""
             if impossible:
@@ -176,7 +186,9 @@ class Didim(Estimator):
             theta = following
         return model, path.best[0], False
 
-    def _solve(self, model: LoopModel, theta: Array, prediction: Prediction) -> tuple[Array, float, float]:
+    def _solve(
+        self, model: LoopModel, theta: Array, prediction: Prediction, region: Region
+    ) -> tuple[Array, float, float]:
         """Next values, relative change of the explained torque, condition number.
 
         Other parameters than base parameters stay as they are.
@@ -186,28 +198,27 @@ class Didim(Estimator):
         solution, deviation = weighted_solution(model, regressor, model.measured - known)
         scaled, right = whitened(regressor, deviation), whitened(model.measured - known, deviation)
         equations = Equations.of(scaled[:, None, :], right[:, None])
-        found = equations.step(np.zeros(count), Region.of(model).of_base(count), 0.0)[0]
+        found = equations.step(np.zeros(count), region, 0.0)[0]
         following = np.concatenate([found, theta[count:]])
         moved = np.linalg.norm(scaled @ (following - theta)[:count])
         size = np.linalg.norm(scaled @ found)
         return following, float(moved / size), solution.condition_number
 
-    def _conclude(
-        self, model: LoopModel, theta: Array, prediction: Prediction, settled: bool, history: History
-    ) -> Estimate:
+    def _conclude(self, fit: Fit, starts: Sequence[FreeParameter], settled: bool, history: History) -> Estimate:
         """Statistics, efficient finish, physical check."""
-        fit = point(model.with_values(theta), NoiseOfResidual(model), prediction)
-        known = fit_uncertainty(fit, _inverse(prediction)[0])
+        assert fit.prediction is not None
+        known = fit_uncertainty(fit, _inverse(fit.prediction)[0])
         stages = {"didim": self._stage(fit, known)}
-        if self.finish or fit.values.size > model.linear_count:
+        if self.finish or fit.values.size > fit.model.linear_count:
             finish = partial(efficient_finish, tolerance=self.finish_tolerance, progress=history.progress)
-            minimum = lowest(finish(fit), finish)
+            minimum = with_starts(fit, starts, lambda at: lowest(finish(at), finish))
             history.iterations.extend(minimum.iterations)
             fit, settled = minimum.fit, minimum.fit.settled  # at a minimum, however it was reached
             known = minimum.known
             stages["finish"] = Stage(fit.values, known.deviation)
         else:
             minimum = Minimum(fit, integration_error(fit), known)
+        model = fit.model
         reason = physical_problem(model, fit.values, known.deviation) or tracking_problem(model.measured, fit.torque)
         if reason:
             raise _NonPhysicalError(fit.values, reason, settled=settled, deviation=known.deviation)
@@ -246,6 +257,14 @@ def _try(model: LoopModel, theta: Array) -> tuple[Prediction | None, str]:
         return predict(model, theta), ""
     except SimulationError as error:
         return None, f"{error.what} {error.got or ''}".strip()
+
+
+def _point(model: LoopModel, theta: Array) -> Fit:
+    """The closed loop at the end of the iterations; raises _NonPhysicalError where it cannot be simulated."""
+    prediction, failure = _try(model, theta)
+    if prediction is None:
+        raise _NonPhysicalError(theta, failure)
+    return point(model.with_values(theta), NoiseOfResidual(model), prediction)
 
 
 def _inverse(prediction: Prediction) -> tuple[Array, Array]:

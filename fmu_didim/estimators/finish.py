@@ -94,8 +94,9 @@ def efficient_finish(
         next_step=NEXT_STEP if tolerance is None else 0.0, updates=None, check_all=False, exact=True, whole=True,
     )  # fmt: skip
     fit, model = start, start.model
+    known = [k.scale if k.is_start else v for k, v in zip(model.free_parameters, fit.values, strict=True)]
     refuse_confounded(
-        whitened(fit.jacobian, fit.deviation), fit.values, model.names,
+        whitened(fit.jacobian, fit.deviation), np.array(known), model.names,
         torque=float(np.linalg.norm(model.measured / fit.deviation)),
     )  # fmt: skip
     sizes = None if fit.prediction is None else parameter_sizes(model, fit.values, fit.prediction)

@@ -151,8 +151,7 @@ def _first_samples(model: LoopModel, count: int) -> LoopModel:
     for label in model.estimation_labels:
         one = model.experiments[label]
         if one.time.size > count:
-            short = replace(one, time=one.time[:count], torque=one.torque[:count], operator=one.operator.before(count))
-            model = model.with_experiment(label, short)
+            model = model.with_experiment(label, one.before(count))
     return model
 
 

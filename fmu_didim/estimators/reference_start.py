@@ -82,7 +82,7 @@ def _smoothed(time: Array, motion: Motion, has_velocity: bool) -> Motion:
 
 def rows_of(model: LoopModel, motion: Callable[[Simulation], Motion]) -> tuple[Array, Array]:
     """Regressor (N, n, b) and the measured torque without the known one (N, n), on motions that were not
-    simulated.
+    simulated, at the samples after those in which an unknown start acts.
 
     Args:
         motion: of an experiment, at all ticks of its reference.
@@ -90,7 +90,8 @@ def rows_of(model: LoopModel, motion: Callable[[Simulation], Motion]) -> tuple[A
     runs = [model.simulation(model.start, label) for label in model.estimation_labels]
     pairs = [rows_on(run, motion(run)) for run in runs]
     known = np.concatenate([known for _, known in pairs])
-    return np.concatenate([columns for columns, _ in pairs]), model.measured - known
+    settled = np.concatenate([run.experiment.has_settled for run in runs])
+    return np.concatenate([columns for columns, _ in pairs])[settled], (model.measured - known)[settled]
 
 
 def rows_on(run: Simulation, whole: Motion) -> tuple[Array, Array]:

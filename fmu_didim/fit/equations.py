@@ -35,10 +35,12 @@ class Equations:
     @staticmethod
     def of(jacobian: Array, residual: Array) -> Equations:
         """From (N, n, p) and (N, n), both weighted."""
-        flat = jacobian.reshape(-1, jacobian.shape[2])
+        flat, right = jacobian.reshape(-1, jacobian.shape[2]), residual.ravel()
+        missing = max(flat.shape[1] - flat.shape[0], 0)  # rows, where there are fewer than columns
+        flat, right = np.pad(flat, ((0, missing), (0, 0))), np.pad(right, (0, missing))
         scale = np.linalg.norm(flat, axis=0)
         q, r = np.linalg.qr(flat / np.where(scale > 0, scale, 1.0))
-        return Equations(r, q.T @ residual.ravel(), scale)
+        return Equations(r, q.T @ right, scale)
 
     def deviations(self) -> Array:
         """(p,) standard deviations by (S'S)^-1; those of idle or indistinguishable parameters are

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fmu_didim.base.diagnostics import Diagnostic
 from fmu_didim.cosim import Indices, SampleOperator, grid_places
@@ -13,6 +15,24 @@ from fmu_didim.data.signals import Array, Trajectory
 from fmu_didim.model.external_torque import ExternalTorque
 
 Role = Literal["estimation", "validation"]
+StartKind = Literal["detected", "free", "reference", "given"]
+
+
+@dataclass(frozen=True)
+class InitialState:
+    """Where the motion of an experiment starts.
+
+    Attributes:
+        kind: ``reference``: on the first row of the reference; ``given``: there, but for the values that are given;
+            ``free``: unknown, identified from the torque; ``detected``: unknown where the log shows that the motion
+            does not start on the reference, else as ``reference``.
+        values: ``q<j>``, ``dq<j>`` -> value, rad or m, rad/s or m/s, where it is given or found.
+        acts_s: how long after the beginning of the reference a start that was found shows in the torque, s.
+    """
+
+    kind: StartKind = "detected"
+    values: Mapping[str, float] = field(default_factory=dict)
+    acts_s: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -30,6 +50,7 @@ class Experiment:
         external_torques: torques from outside the model that are known to have acted.
         stamps: instants of the log as its file has them, before another rate was chosen; None: those in ``time``.
         told: diagnostics of reading its files.
+        initial_state: where its motion starts.
     """
 
     reference: Trajectory
@@ -42,6 +63,7 @@ class Experiment:
     external_torques: tuple[ExternalTorque, ...] = ()
     stamps: Array | None = None
     told: tuple[Diagnostic, ...] = ()
+    initial_state: InitialState = field(default_factory=InitialState)
 
     @property
     def rate_hz(self) -> float:
@@ -52,6 +74,11 @@ class Experiment:
     def places(self) -> Indices:
         """(N,) place of each sample when those count, too, that the logger has dropped."""
         return grid_places(self.time)
+
+    @property
+    def has_settled(self) -> NDArray[np.bool_]:
+        """(N,) which samples come after those in which an unknown start acts."""
+        return np.asarray(self.time >= self.reference.time[0] + self.initial_state.acts_s)
 
     def with_gaps(self, values: Array) -> Array:
         """(M, ...) values (N, ...) of the samples with rows of NaN for those that are missing."""
@@ -64,3 +91,7 @@ class Experiment:
         """The same without the samples of the first ``seconds`` of the reference."""
         first = int(np.searchsorted(self.time, self.reference.time[0] + seconds - 1e-9))
         return replace(self, time=self.time[first:], torque=self.torque[first:], operator=self.operator.after(first))
+
+    def before(self, count: int) -> Experiment:
+        """The same with the first samples alone."""
+        return replace(self, time=self.time[:count], torque=self.torque[:count], operator=self.operator.before(count))

@@ -53,6 +53,11 @@ class FreeParameter:
         """Whether its limits leave it one value only."""
         return self.lowest == self.highest
 
+    @property
+    def is_start(self) -> bool:
+        """Whether it is where the motion of an experiment starts."""
+        return self.owner == PLANT and self.experiment is not None and "_start" in self.key
+
     def acts_in(self, label: str) -> bool:
         """Whether it acts in the experiment of this label."""
         return self.experiment is None or self.experiment == label

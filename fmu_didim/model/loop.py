@@ -56,7 +56,7 @@ class Loop:
         Args:
             theta: (b,) base parameters; others: owner -> name there -> value of every other free parameter.
         """
-        system, start = self.systems[label], self.start_values(experiment.reference)
+        system, start = self.systems[label], self.start_values(experiment)
         for samples in others.get(DELAY, {}).values():
             system = system.with_delay(self.plant_name, max(samples, 0.0))
         wanted = {**self.parameters.values(theta), **start, **others.get(PLANT, {})}
@@ -94,9 +94,10 @@ class Loop:
                     found.setdefault(owner, {}).setdefault(v.name, present[shared])
         return found
 
-    def start_values(self, reference: Trajectory) -> dict[str, float]:
-        """Where the plant starts: the first row of the reference."""
-        first = dict(zip(reference.names, reference.values[0], strict=True))
+    def start_values(self, experiment: Experiment) -> dict[str, float]:
+        """Where the plant starts: the first row of the reference, or what is known instead."""
+        reference = experiment.reference
+        first = {**dict(zip(reference.names, reference.values[0], strict=True)), **experiment.initial_state.values}
         result = {"t_start": float(reference.time[0])}
         for j in range(1, self.joint_count + 1):
             if f"q{j}" in first:

@@ -204,7 +204,7 @@ class LoopModel:
     def can_refine(self) -> bool:
         """Whether the substeps of the plant can be chosen, so that halving them can be tried."""
         loop, label = self.loop, self.first
-        start = loop.start_values(self.experiments[label].reference)
+        start = loop.start_values(self.experiments[label])
         known = loop.parameters.substeps(loop.parameters.nominal(), start, loop.systems[label].step_size)
         return known is not None and loop.plant.with_substeps(2) is not None
 

@@ -167,7 +167,8 @@ def test_late_stamps_are_taken_back(tmp_path: Path) -> None:
         found[name] = identify(path).estimate.value
         assert simulate(path).time.size == simulate(SCARA).time.size
     np.testing.assert_allclose(found["told"], found["right"], rtol=1e-6)
-    assert np.abs(found["not told"] / found["right"] - 1).max() > 0.1
+    shared = found["right"].size  # the wrong clock may look like a wrong start, too
+    assert np.abs(found["not told"][:shared] / found["right"] - 1).max() > 0.1
 
 
 @pytest.mark.parametrize("value", [1.5, -1.01, float("nan"), "late"])

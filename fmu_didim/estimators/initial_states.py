@@ -1,0 +1,364 @@
+"""Initial states: motions that do not begin at rest on their reference.
+
+The plant is simulated from the first row of the reference. A real one that is moving there, or stands elsewhere, is not
+on it, and the loop takes a while to forget where it was. With the sensitivities S of the parameters and D of positions
+and velocities at the start, and the whitened residual r, the start that the log shows is
+
+    (d, z) = argmin |r - S d - D z|^2,      z' C_zz^-1 z ~ chi-square of the size of z, by chance,
+
+where the covariance C counts the colour of the noise (the score test, C. R. Rao, Proceedings of the Cambridge
+Philosophical Society 44, 1948). A start that chance does not explain is free: a nuisance of a fitted experiment,
+identified with the parameters, whose standard deviations count it. Of a held-out experiment the first part gives the
+start and the rest is judged.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence, Set
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from scipy import stats
+
+from fmu_didim.base.errors import IdentificationError, SimulationError
+from fmu_didim.data.signals import Array
+from fmu_didim.estimators.finish import Minimum
+from fmu_didim.estimators.start import simulatable, start_values
+from fmu_didim.fit.derivatives.sensitivity import sensitivity
+from fmu_didim.fit.fit import Fit, point
+from fmu_didim.fit.fit_uncertainty import fit_uncertainty
+from fmu_didim.fit.noise.noise import Noise
+from fmu_didim.fit.noise.weighting import NoiseOfResidual, noise_floor, whitened
+from fmu_didim.fit.solver.least_squares import minimise
+from fmu_didim.fit.solver.termination import Stopping
+from fmu_didim.model.experiment import Experiment, InitialState
+from fmu_didim.model.free_parameter import PLANT, FreeParameter
+from fmu_didim.model.loop_model import LoopModel
+from fmu_didim.model.motion import joint_reference
+
+MOVING = 1e-3
+"""[1] Speed of the reference in its first row, as a fraction of its largest one, from which a motion does not begin at
+rest."""
+CHANCE = 1e-6
+"""[1] Probability with which chance may make a start on the reference look like another one: freed starts cost
+certainty, and a log that shows one shows it clearly."""
+STANDS_OUT = 2.0
+"""[1] Residual of the samples in which a start acts over that of the later ones, from which it is looked at: a start
+off the reference is a transient."""
+FIRST_PART = 0.25
+"""[1] Largest part of a log in which a start is looked for: the rest is there to judge by."""
+FORGOTTEN = 0.01
+"""[1] Effect of the start on the torque, as a fraction of its largest, below which it is forgotten."""
+DETERMINED = 1.0
+"""[1] Standard deviation of a start value, as a fraction of the range of its reference, up to which a log shows it."""
+STEPS = 10
+"""[steps] Of the fit of a held-out start, in which little is nonlinear."""
+SETTLED = 1e-3
+"""[1] Relative change of a held-out start, or of its standard deviation, at which that fit ends."""
+
+
+@dataclass(frozen=True)
+class _Start:
+    """The start of an experiment, before it is free.
+
+    Attributes:
+        parameters: m start values that the log shows; columns: (K, n, m) sensitivities of the first K samples.
+        off: (m,) how far those values are from the reference.
+    """
+
+    parameters: tuple[FreeParameter, ...]
+    columns: Array
+    off: Array
+
+    @property
+    def count(self) -> int:
+        """m."""
+        return len(self.parameters)
+
+    @property
+    def samples(self) -> int:
+        """K, after which the start is forgotten."""
+        return int(self.columns.shape[0])
+
+
+def with_starts(fit: Fit, starts: Sequence[FreeParameter], finish: Callable[[Fit], Minimum]) -> Minimum:
+    """The minimum from a point, with the starts of fitted experiments free that :func:`free_starts` has found there,
+    and those of held-out experiments that :func:`held_out_starts` finds then.
+
+    Args:
+        finish: minimises the torque error from a point.
+    """
+    model = _on_reference(fit.model, {start.experiment for start in starts})
+    if starts or model is not fit.model:
+        model = model.with_free((*model.free_parameters, *starts))
+        fit = point(model, NoiseOfResidual(model))
+    minimum = finish(fit)
+    model, held_out = held_out_starts(minimum.fit)
+    remarks = (*minimum.remarks, *free_start_remarks(minimum.fit, starts), *held_out)
+    return replace(minimum, fit=replace(minimum.fit, model=model), remarks=remarks)
+
+
+def free_starts(fit: Fit) -> tuple[FreeParameter, ...]:
+    """The start values that are unknown, of all fitted experiments: those that are asked for and those that the log
+    shows to be off the reference."""
+    found = list[FreeParameter]()
+    for label in fit.model.estimation_labels:
+        start = _start(fit, label)
+        if start is not None and (_is_asked(fit, label) or _chance(_beside(fit, label, start), start) < CHANCE):
+            found += start.parameters
+    return tuple(found)
+
+
+def with_likely_starts(model: LoopModel) -> LoopModel:
+    """The model with the starts of those fitted experiments that are not on their reference, as the first samples show
+    them with the base parameters that the rest of the log gives along the reference; the same model where there are
+    none. Iterations need them whose first samples are far off.
+    """
+    labels = [label for label in model.estimation_labels if _may_be_off(model, label)]
+    cut = model
+    for label in labels:
+        seconds = FIRST_PART * float(np.ptp(model.experiments[label].time))
+        cut = _with_state(cut, label, acts_s=seconds)
+    try:
+        values, _ = simulatable(cut, start_values(cut, "reference"))
+        torque = model.torque(values) if labels else model.measured
+    except (SimulationError, IdentificationError):
+        return model
+    late = np.concatenate([cut.experiments[label].has_settled for label in model.estimation_labels])
+    deviation = np.sqrt(np.mean((model.measured - torque)[late] ** 2, axis=0)) + noise_floor(model.measured)
+    fit = Fit(
+        model.with_values(values), values, torque, np.zeros((*torque.shape, 0)),
+        Noise(deviation, np.zeros(deviation.size), "residual"), deviation, np.nan,
+    )  # fmt: skip
+    for label in labels:
+        start = _start(fit, label)
+        with suppress(SimulationError):
+            if start is not None and (_is_asked(fit, label) or _chance_alone(fit, label, start) < CHANCE):
+                model = _with_state(model, label, values=_found(fit, label, start), acts_s=_seconds(fit, label, start))
+    return model
+
+
+def _with_state(model: LoopModel, label: str, **changes: Any) -> LoopModel:
+    """The model with another initial state of an experiment."""
+    experiment = model.experiments[label]
+    state = replace(experiment.initial_state, **changes)
+    return model.with_experiment(label, replace(experiment, initial_state=state))
+
+
+def _on_reference(model: LoopModel, unknown: Set[str | None]) -> LoopModel:
+    """The model with the starts on the reference that looked like others and are none."""
+    for label in model.estimation_labels:
+        if model.experiments[label].initial_state.acts_s > 0 and label not in unknown:
+            model = _with_state(model, label, values={}, acts_s=0.0)
+    return model
+
+
+def _is_asked(fit: Fit, label: str) -> bool:
+    """Whether the case has the start of an experiment free."""
+    return fit.model.experiments[label].initial_state.kind == "free"
+
+
+def _may_be_off(model: LoopModel, label: str) -> bool:
+    """Whether an experiment may have another start than its reference."""
+    kind = model.experiments[label].initial_state.kind
+    return kind == "free" or (kind == "detected" and begins_moving(model, label))
+
+
+def free_start_remarks(fit: Fit, starts: Sequence[FreeParameter]) -> list[str]:
+    """What is said of starts that are free in a fit."""
+    found = []
+    for label in dict.fromkeys(start.experiment for start in starts):
+        assert label is not None
+        values = {_signal(k): fit.values[fit.model.names.index(k.name)] for k in starts if k.experiment == label}
+        found.append(
+            f"{label}: its motion does not start on its reference. The start is free "
+            f"({_told(fit.model, label, values)}), and the standard deviations of all parameters count it."
+        )
+    return found
+
+
+def held_out_starts(fit: Fit) -> tuple[LoopModel, list[str]]:
+    """The model of a fit with the starts of held-out experiments as the first part of their logs shows them, which is
+    then no longer judged; and what is said of them."""
+    model, remarks = fit.model, []
+    for label in model.experiments.validation_labels:
+        try:
+            experiment, text = _held_out(fit, label)
+        except SimulationError:  # the judge says why
+            continue
+        if text:
+            model = model.with_experiment(label, experiment)
+            remarks.append(text)
+    return model, remarks
+
+
+def start_parameters(model: LoopModel, label: str) -> tuple[FreeParameter, ...]:
+    """Positions and velocities at the start of an experiment, as free parameters, as far as its plant lets them be
+    set."""
+    experiment = model.experiments[label]
+    offered = {v.name: v.unit for v in model.loop.plant.parameters}
+    known = model.loop.start_values(experiment)
+    found = []
+    for place, stem in enumerate(("q", "dq")):
+        for j in range(1, model.joint_count + 1):
+            name, scale = f"{stem}_start{j}", float(np.ptp(joint_reference(experiment.reference, j)[place]))
+            if name in offered and name in known and scale > 0:
+                value = FreeParameter(name, offered[name], PLANT, name, known[name], scale)
+                found.append(replace(value, name=f"{name}[{label}]", experiment=label))
+    return tuple(found)
+
+
+def begins_moving(model: LoopModel, label: str) -> bool:
+    """Whether the reference of an experiment moves in its first row."""
+    reference = model.experiments[label].reference
+    speeds = [np.abs(joint_reference(reference, j)[1]) for j in range(1, model.joint_count + 1)]
+    return any(speed[0] > MOVING * speed.max() for speed in speeds)
+
+
+def _start(fit: Fit, label: str) -> _Start | None:
+    """The start of an experiment that may have another one than its reference; None where it has not, or where its log
+    does not show it."""
+    model = fit.model
+    if not _may_be_off(model, label):
+        return None
+    count = max(int(FIRST_PART * model.experiments[label].time.size), 1)
+    is_certain = _is_asked(fit, label) or model.experiments[label].initial_state.acts_s > 0
+    squares = np.mean((_residual(fit, label) / fit.deviation) ** 2, axis=1)
+    if not is_certain and not _stands_out(squares, count):
+        return None
+    asked = start_parameters(model, label)
+    if not asked or any(k.name == asked[0].name for k in model.free_parameters):
+        return None
+    first = _with_start(fit, label, asked, count)
+    torque, values = first.torque(first.start, label), first.start
+    only = range(values.size - len(asked), values.size)
+    columns = sensitivity(first, values, torque, only=only, exact=False)
+    columns *= np.array([parameter.scale for parameter in asked])
+    acts = np.abs(columns).max(axis=(1, 2)) > FORGOTTEN * np.abs(columns).max()
+    columns = columns[: int(np.flatnonzero(acts)[-1]) + 1] if acts.any() else columns[:0]
+    shown = _shown(whitened(columns, fit.deviation))
+    if not shown or not (is_certain or _stands_out(squares, columns.shape[0])):
+        return None
+    scale, on = np.array([asked[i].scale for i in shown]), _on(model, label)
+    off = np.array([asked[i].value - on[asked[i].key] for i in shown])
+    return _Start(tuple(asked[i] for i in shown), columns[:, :, shown] / scale, off)
+
+
+def _residual(fit: Fit, label: str) -> Array:
+    """(N, n) residual of an experiment, held out or not."""
+    rows = fit.model.experiments.rows
+    return fit.residual[rows[label]] if label in rows else fit.residual_in(label)
+
+
+def _stands_out(squares: Array, count: int) -> bool:
+    """Whether the first samples of squared residuals (N,), up to ``count`` of them, are far larger than the later ones:
+    a model that is wrong all the time does not show in its start."""
+    later = squares[count:]
+    sizes = {count, *(2**k for k in range(count.bit_length()))}
+    first = max(float(squares[:size].mean()) for size in sizes if size <= count)
+    return bool(later.size) and first > STANDS_OUT**2 * float(later.mean())
+
+
+def _shown(columns: Array) -> list[int]:
+    """Those of columns (r, m), of start values divided by their range, that have a standard deviation of a part of
+    it; of the others the least certain one is left out until all have."""
+    shown = [i for i, column in enumerate(columns.T) if np.linalg.norm(column) * DETERMINED > 1]
+    while shown:
+        deviation = np.sqrt(np.diag(np.linalg.pinv(columns[:, shown].T @ columns[:, shown], hermitian=True)))
+        length = np.linalg.norm(columns[:, shown], axis=0)
+        deviation = np.maximum(deviation, 1 / length)
+        if deviation.max() <= DETERMINED:
+            break
+        del shown[int(np.argmax(deviation))]
+    return shown
+
+
+def _with_start(fit: Fit, label: str, start: tuple[FreeParameter, ...], count: int) -> LoopModel:
+    """The model of the first samples of an experiment alone, its start free beside all else."""
+    model = fit.model.with_values(fit.values).on(label)
+    model = model.with_free((*model.free_parameters, *start))
+    return model.with_experiment(label, model.experiments[label].before(count))
+
+
+def _beside(fit: Fit, label: str, start: _Start) -> Fit:
+    """A fit with the start of a fitted experiment beside its own parameters, not moved there."""
+    rows = fit.model.experiments.rows[label]
+    further = np.zeros((*fit.torque.shape, len(start.parameters)))
+    further[rows.start : rows.start + start.samples] = start.columns
+    return replace(fit, jacobian=np.concatenate([fit.jacobian, further], axis=2))
+
+
+def _chance(fit: Fit, start: _Start) -> float:
+    """Probability that noise alone asks for as large a start off the reference, the last columns of a fit, to first
+    order.
+
+    The noise is what the change leaves: a transient would pass for its colour.
+    """
+    table, residual = whitened(fit.jacobian, fit.deviation), whitened(fit.residual, fit.deviation)
+    change = np.linalg.lstsq(table, residual, rcond=None)[0]
+    known = fit_uncertainty(replace(fit, torque=fit.torque + fit.jacobian @ change))
+    off, covariance = change[-start.count :] + start.off, known.covariance[-start.count :, -start.count :]
+    return float(stats.chi2.sf(off @ np.linalg.solve(covariance, off), start.count))
+
+
+def _chance_alone(fit: Fit, label: str, start: _Start) -> float:
+    """The same by the first samples alone, all other values taken as known."""
+    model = _alone(fit, label, start)
+    torque = model.torque(model.start, label)
+    return _chance(replace(fit, model=model, values=model.start, torque=torque, jacobian=start.columns), start)
+
+
+def _held_out(fit: Fit, label: str) -> tuple[Experiment, str]:
+    """A held-out experiment with the start that its log shows, without the part that shows it, and a text; the same
+    experiment without a text where it starts on its reference."""
+    experiment = fit.model.experiments[label]
+    start = _start(fit, label)
+    if start is None:
+        return experiment, ""
+    chance = _chance_alone(fit, label, start)
+    if chance >= CHANCE and not _is_asked(fit, label):
+        return experiment, ""
+    given, seconds = InitialState("given", _found(fit, label, start)), _seconds(fit, label, start)
+    return replace(experiment, initial_state=given).after(seconds), (
+        f"{label}: its motion does not start on its reference (probability by chance {chance:.1g}). Its first "
+        f"{seconds:.3g} s give the start ({_told(fit.model, label, given.values)}), and the rest is judged."
+    )
+
+
+def _found(fit: Fit, label: str, start: _Start) -> dict[str, float]:
+    """``q<j>``, ``dq<j>`` -> value at the start of an experiment, by its first samples and the values of a fit."""
+    stopping = Stopping(STEPS, tolerance=SETTLED, updates=None, check_all=False)
+    found = minimise(_alone(fit, label, start), fit.noise, stopping=stopping)
+    moved = found.values[-start.count :]
+    return {_signal(k): float(value) for k, value in zip(start.parameters, moved, strict=True)}
+
+
+def _alone(fit: Fit, label: str, start: _Start) -> LoopModel:
+    """The model of the samples in which a start acts, with nothing free but that start."""
+    held = tuple(replace(k, lowest=v, highest=v) for k, v in zip(fit.model.free_parameters, fit.values, strict=True))
+    return _with_start(fit, label, start.parameters, start.samples).with_free((*held, *start.parameters))
+
+
+def _seconds(fit: Fit, label: str, start: _Start) -> float:
+    """How long a start acts, s."""
+    experiment = fit.model.experiments[label]
+    return float(experiment.time[start.samples] - experiment.reference.time[0])
+
+
+def _signal(start: FreeParameter) -> str:
+    """``q1`` of ``q_start1``."""
+    return start.key.replace("_start", "")
+
+
+def _told(model: LoopModel, label: str, values: Mapping[str, float]) -> str:
+    """Start values in words, with those of the reference."""
+    reference = _on(model, label)
+    names = {name: f"{name.rstrip('0123456789')}_start{name.lstrip('dq')}" for name in values}
+    return ", ".join(f"{name} = {value:.4g} instead of {reference[names[name]]:.4g}" for name, value in values.items())
+
+
+def _on(model: LoopModel, label: str) -> dict[str, float]:
+    """Start values of the plant where an experiment starts on its reference."""
+    return model.loop.start_values(replace(model.experiments[label], initial_state=InitialState("reference")))

@@ -1,0 +1,175 @@
+"""Motions that do not start on their reference: the start is found, counted in the deviations, and reported."""
+
+from __future__ import annotations
+
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from fmu_didim.base.errors import InputError
+from fmu_didim.case import load_case
+from fmu_didim.estimators.base import Estimator
+from fmu_didim.estimators.clie import Clie
+from fmu_didim.estimators.didim import Didim
+from fmu_didim.estimators.initial_states import begins_moving, start_parameters
+from fmu_didim.fit.equations import Equations
+from fmu_didim.fit.estimate import Estimate
+from fmu_didim.fit.region import Region
+from fmu_didim.model.experiment import InitialState, StartKind
+from fmu_didim.model.loop_model import LoopModel
+from tests.helpers import ROOT, with_torque
+
+NOISE = np.array([0.35, 0.012])
+SPREAD = np.array([0.1, 0.1, 0.3, 0.3])
+SEEDS = range(100, 130)
+
+
+@pytest.fixture(scope="module")
+def model() -> LoopModel:
+    return load_case(ROOT / "examples/scara/identify.yaml").model
+
+
+def simulated(model: LoopModel, seed: int, size: float, kind: StartKind = "detected") -> LoopModel:
+    """The model with noisy logs of motions that start off their reference by drawn amounts."""
+    rng = np.random.default_rng(seed)
+    for label in model.experiments:
+        experiment = model.experiments[label]
+        off = size * SPREAD * rng.standard_normal(4)
+        parameters = start_parameters(model, label)
+        values = {k.key.replace("_start", ""): k.value + d for k, d in zip(parameters, off, strict=True)}
+        true = replace(experiment, initial_state=InitialState("given", values))
+        log = model.with_experiment(label, true).torque(model.start, label)
+        model = with_torque(model, log + NOISE * rng.standard_normal(log.shape), label)
+        state = replace(model.experiments[label], initial_state=InitialState(kind))
+        model = model.with_experiment(label, state)
+    return model
+
+
+def errors(model: LoopModel, estimate: Estimate) -> np.ndarray:
+    """Errors of the base parameters in their standard deviations."""
+    count = model.linear_count
+    return np.asarray((estimate.value[:count] - model.start) / estimate.standard_deviation[:count])
+
+
+def freed(estimate: Estimate) -> list[str]:
+    return [name for name in estimate.names if "_start" in name]
+
+
+def judged_later(estimate: Estimate) -> list[str]:
+    return [remark for remark in estimate.remarks if "the rest is judged" in remark]
+
+
+@pytest.mark.gate
+@pytest.mark.parametrize("size", [0.05, 0.3, 1.0])
+def test_values_and_deviations_hold_however_far_the_start_is_off(model: LoopModel, size: float) -> None:
+    estimates = [Didim(start="torque").estimate(simulated(model, seed, size)) for seed in SEEDS]
+    z = np.array([errors(model, estimate) for estimate in estimates])
+    assert 0.8 <= np.sqrt((z**2).mean()) <= 1.2
+    intervals = np.array([estimate.interval()[: model.linear_count] for estimate in estimates])
+    covers = (intervals[:, :, 0] <= model.start) & (model.start <= intervals[:, :, 1])
+    assert np.mean(covers) >= 0.92
+    assert np.abs(z).max() < 4.5
+    assert np.mean([bool(freed(estimate)) for estimate in estimates]) >= 0.9
+    assert np.mean([bool(judged_later(estimate)) for estimate in estimates]) >= 0.9
+
+
+@pytest.mark.gate
+def test_a_start_on_the_reference_is_not_freed(model: LoopModel) -> None:
+    assert all(begins_moving(model, label) for label in model.experiments)
+    for seed in SEEDS:
+        estimate = Didim(start="torque").estimate(simulated(model, seed, 0.0))
+        assert not freed(estimate)
+        assert not judged_later(estimate)
+
+
+def test_the_start_that_is_found_is_the_true_one(model: LoopModel) -> None:
+    case = simulated(model, 3, 0.3)
+    estimate = Didim(start="torque").estimate(case)
+    rng = np.random.default_rng(3)
+    known = start_parameters(model, model.first)
+    true = np.array([k.value for k in known]) + 0.3 * SPREAD * rng.standard_normal(4)
+    places = [estimate.names.index(k.name) for k in known]
+    z = (estimate.value[places] - true) / estimate.standard_deviation[places]
+    assert np.abs(z).max() < 3.5
+    assert any("does not start on its reference. The start is free (q1 = " in remark for remark in estimate.remarks)
+
+
+@pytest.mark.parametrize("estimator", [Didim(start="torque"), Clie()])
+def test_the_case_can_have_a_start_free_or_forbid_it(model: LoopModel, estimator: Estimator) -> None:
+    right = estimator.estimate(simulated(model, 1, 0.0, "free"))
+    assert freed(right)
+    assert np.abs(errors(model, right)).max() < 4
+    off = simulated(model, 1, 0.05, "reference")
+    forbidden = estimator.estimate(off)
+    assert not freed(forbidden)
+    start, later = forbidden.residual[:2], forbidden.residual[20:]
+    assert np.linalg.norm(start[:, 0]) > 3 * np.linalg.norm(later[:, 0]) / np.sqrt(later.shape[0] / 2)
+
+
+def test_a_start_that_is_given_is_used(model: LoopModel) -> None:
+    label = model.first
+    given = replace(model.experiments[label], initial_state=InitialState("given", {"q1": 0.5}))
+    moved = model.with_experiment(label, given)
+    assert moved.loop.start_values(given)["q_start1"] == 0.5
+    estimate = Didim(start="torque").estimate(with_torque(moved, moved.torque(model.start), label))
+    assert not freed(estimate)
+    np.testing.assert_allclose(estimate.value, model.start, rtol=1e-4)
+
+
+def test_a_start_of_a_joint_that_does_not_exist_is_refused(tmp_path: Path) -> None:
+    shutil.copytree(ROOT / "examples/double_pendulum", tmp_path / "case")
+    path = tmp_path / "case/identify.yaml"
+    path.write_text(path.read_text().replace("  to_s: 34\n", "  to_s: 34\n  initial_state: {q3: 1.0}\n"))
+    with pytest.raises(InputError, match="q3"):
+        _ = load_case(path).model
+
+
+@pytest.mark.gate
+@pytest.mark.parametrize("late", ["train", "validation"])
+def test_a_real_log_from_the_middle_of_the_motion(tmp_path: Path, late: str) -> None:
+    """A part of a real run, cut out of it with its reference: the positions at its start are those that the encoders
+    show, whether it is fitted or held out."""
+    source = ROOT / "examples/double_pendulum"
+    for name in ("robot.yaml", "controller.yaml"):
+        shutil.copy(source / name, tmp_path)
+    lines = ["schema: 1", "name: cut", "robot: robot.yaml", "plant: {kind: model}"]
+    lines += ["controller: {kind: model, source: controller.yaml}"]
+    measured = pd.Series(dtype=float)
+    for part in ("train", "validation"):
+        first, last = (34.0, 48.0) if part == late else (0.0, 34.0)
+        for name in ("reference", "log"):
+            table = pd.read_parquet(source / f"{name}.parquet")
+            table = table[(table["t"] >= first) & (table["t"] <= last)]
+            table.to_parquet(tmp_path / f"{name}_{part}.parquet")
+        measured = table.iloc[0] if part == late else measured
+        lines += [f"{part}:", f"  reference: {{file: reference_{part}.parquet}}"]
+        lines += [f"  torque: {{file: log_{part}.parquet, rate_hz: 50}}"]
+    (tmp_path / "case.yaml").write_text("\n".join(lines))
+    case = load_case(tmp_path / "case.yaml")
+    estimate = case.estimator.estimate(case.model)
+    assert abs(estimate.value[estimate.names.index("MX2")] / 0.111 - 1) < 0.07  # as published
+    assert bool(freed(estimate)) is (late == "train")
+    assert bool(judged_later(estimate)) is (late == "validation")
+    held = estimate.model.experiments["validation"]
+    for name in ("q1", "q2"):
+        if late == "validation":
+            assert held.initial_state.values[name] == pytest.approx(measured[name], abs=0.02)
+            continue
+        place = estimate.names.index(f"{name.replace('q', 'q_start')}[estimation]")
+        assert abs(estimate.value[place] - measured[name]) < 4 * estimate.standard_deviation[place]
+    residual = estimate.model.residual(estimate.value, "validation")
+    assert np.linalg.norm(residual) < 0.11 * np.linalg.norm(held.torque)
+
+
+def test_fewer_samples_than_parameters_still_give_a_step() -> None:
+    jacobian = np.zeros((1, 1, 3))
+    jacobian[0, 0] = [0.0, 2.0, 0.0]
+    step, gain = Equations.of(jacobian, np.array([[4.0]])).step(
+        np.zeros(3), Region(np.full(3, -np.inf), np.full(3, np.inf)), 0.0
+    )
+    np.testing.assert_allclose(step, [0, 2, 0])
+    assert gain == pytest.approx(16)
