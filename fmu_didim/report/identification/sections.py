@@ -9,7 +9,8 @@ from pathlib import Path
 from fmu_didim.report import experiments
 from fmu_didim.report.drawing.diagram import loop_diagram
 from fmu_didim.report.drawing.torque_charts import history_chart
-from fmu_didim.report.identification.charts import ExperimentCharts, residual_sections, saved_charts, torque_sections
+from fmu_didim.report.experiment_charts import ExperimentCharts, residual_sections, torque_sections
+from fmu_didim.report.identification.charts import saved_charts
 from fmu_didim.report.numbers import (
     MISSING,
     Rounding,
@@ -95,7 +96,7 @@ def result_report(document: ResultDocument, parts: Sequence[ExperimentCharts] = 
         _experiments(document),
         _torque(document),
         *torque_sections(parts),
-        *residual_sections([p for p in parts if p.against or p.whiteness], "What the model leaves", "", advice),
+        *residual_sections(parts, "What the model leaves", advice),
         _model(document),
         Section("Regrouping", [Items(document.regrouping, is_code=True, empty="No parameters are regrouped.")],
                 has_title=True),
