@@ -193,7 +193,7 @@ def passes(folder: Path, tests: Sequence[str]) -> bool:
 
 def copied(folder: Path) -> Path:
     """The project in a folder of its own."""
-    for name in ("fmu_didim", "tests"):
+    for name in ("fmu_didim", "tests", "examples", "controllers", "fmus"):
         shutil.copytree(ROOT / name, folder / name, ignore=shutil.ignore_patterns("__pycache__"))
     shutil.copy(ROOT / "pyproject.toml", folder)
     return folder
