@@ -326,6 +326,12 @@ def test_sizes_by_the_regressor() -> None:
     assert sizes.tolist() == [pytest.approx(np.sqrt(90 / 20)), pytest.approx(3.0), 0.0]
 
 
+def test_sizes_by_a_small_regressor() -> None:
+    """Of length sqrt(10)/10, and a torque of length sqrt(10)."""
+    prediction = SimpleNamespace(torque=np.ones((5, 2)), regressor=np.full((5, 2, 1), 0.1))
+    assert parameter_sizes(model(), np.zeros(2), prediction).tolist() == pytest.approx([10.0])
+
+
 def test_sizes_without_a_regressor() -> None:
     prediction = SimpleNamespace(torque=np.ones((5, 2)), regressor=None)
     one = model()

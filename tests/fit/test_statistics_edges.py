@@ -34,6 +34,12 @@ def test_the_condition_number_beyond_which_rounding_decides(condition: float, re
         least_squares(pair(condition), np.ones(3))
 
 
+def test_columns_that_are_the_same_to_the_bit() -> None:
+    """Their smallest singular value is zero: nothing is divided by it."""
+    with pytest.raises(IdentificationError, match=r"cannot tell some parameters apart[\s\S]*got:   0, 1"):
+        least_squares(np.array([[2.0, 4.0], [0.0, 0.0], [0.0, 0.0]]), np.ones(3))
+
+
 def test_columns_that_depend_on_each_other_are_named_whatever_stands_between() -> None:
     matrix = np.random.default_rng(3).normal(size=(20, 4))
     matrix[:, 3] = matrix[:, 0] * (1 + 1e-14)
