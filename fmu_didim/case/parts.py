@@ -10,7 +10,7 @@ from typing import Any
 
 from fmu_didim.base.errors import InputError, UnknownNameError
 from fmu_didim.base.imports import import_object, run_code
-from fmu_didim.case.document import CaseDocument
+from fmu_didim.case.document import CaseDocument, make_estimator
 from fmu_didim.case.memory import check_at_hand
 from fmu_didim.case.sources import ComponentSource
 from fmu_didim.components import (
@@ -66,7 +66,7 @@ def identified(document: CaseDocument, model: RobotModel | None, plant: Componen
         start=tuple(start for start, _, _ in ranges),
         lowest=tuple(low for _, low, _ in ranges),
         highest=tuple(high for _, _, high in ranges),
-        probed=document.estimator.get("kind") == "didim",
+        probed=make_estimator(document.estimator).probes,
     )
 
 

@@ -1,4 +1,4 @@
-"""The interface of an estimator. A new one is one file with one final class, and a row in ``ESTIMATORS``."""
+"""The interface of an estimator. A new one is one file with one frozen dataclass, and a row in ``ESTIMATORS``."""
 
 from __future__ import annotations
 
@@ -20,15 +20,17 @@ def no_progress(iteration: Iteration) -> None:
 
 
 class Estimator(ABC):
-    """From a loop model to an estimate.
+    """From a loop model to an estimate; a frozen dataclass, whose fields are its options in a case.
 
     Attributes:
         name: the name in a case file.
         needs_positions: whether measured positions are required.
+        probes: whether it has the regressor measured on the running plant where the plant has none.
     """
 
     name: str
     needs_positions: bool = False
+    probes: bool = False
 
     @abstractmethod
     def estimate(self, model: LoopModel, *, progress: Progress = no_progress) -> Estimate:

@@ -64,7 +64,7 @@ class Clie(Estimator):
             start = point(model.with_values(values), NoiseOfResidual(model))
         except SimulationError as error:
             raise RefusedError(
-                "The start cannot be simulated.", iterations=[Iteration("clie", 1, values, np.nan, note=error.what)],
+                "The start cannot be simulated.", iterations=[Iteration(self.name, 1, values, np.nan, note=error.what)],
                 got=str(error), next_step=ADVICE,
             ) from error  # fmt: skip
         finish = partial(

@@ -74,6 +74,7 @@ class Didim(Estimator):
 
     name = "didim"
     needs_positions = False
+    probes = True
 
     start: Any = "torque"
     tolerance: float = 0.025
@@ -144,7 +145,7 @@ class Didim(Estimator):
             return self._conclude(fit, starts, settled, history)
         except _NonPhysicalError as caught:
             note = f"{caught.reason}{then}"
-            history.add(Iteration("didim", history.count + 1, caught.theta, caught.error, note=note))
+            history.add(Iteration(self.name, history.count + 1, caught.theta, caught.error, note=note))
             raise
 
     def _iterate(self, model: LoopModel, start: Start, then: str, history: History) -> tuple[LoopModel, Array, bool]:
@@ -167,7 +168,7 @@ class Didim(Estimator):
                 raise _NonPhysicalError(theta, impossible or path.failure, error=float(error))
             if step in ("halved", "over"):
                 note = f"{path.failure}; {'step halved' if step == 'halved' else BEST}"
-                history.add(Iteration("didim", number, theta, error, note=note))
+                history.add(Iteration(self.name, number, theta, error, note=note))
                 if step == "over":
                     break
                 theta = 0.5 * (theta + path.best[0])
@@ -178,7 +179,7 @@ class Didim(Estimator):
             note = f"the error falls no more; {BEST}" if is_over else ""
             if impossible:
                 note, impossible = f"the nearest values that can be simulated: {impossible}", ""
-            history.add(Iteration("didim", number, theta, float(error), change, condition, note))
+            history.add(Iteration(self.name, number, theta, float(error), change, condition, note))
             if path.steady(float(error), self.tolerance) and change <= self.tolerance:
                 return model, following, True
             if is_over:
@@ -208,7 +209,7 @@ class Didim(Estimator):
         """Statistics, efficient finish, physical check."""
         assert fit.prediction is not None
         known = fit_uncertainty(fit, _inverse(fit.prediction)[0])
-        stages = {"didim": self._stage(fit, known)}
+        stages = {self.name: self._stage(fit, known)}
         if self.finish or fit.values.size > fit.model.linear_count:
             finish = partial(efficient_finish, tolerance=self.finish_tolerance, progress=history.progress)
             minimum = with_starts(fit, starts, lambda at: lowest(finish(at), finish))

@@ -61,7 +61,7 @@ class IdimLs(Estimator):
         measured = target + offset
         simulated = measured - residual
         error = relative_error_percent(measured, simulated)[0]
-        iteration = Iteration("idim_ls", 1, value, error, condition_number=solution.condition_number)
+        iteration = Iteration(self.name, 1, value, error, condition_number=solution.condition_number)
         progress(iteration)
         reason = physical_problem(model, value, known.deviation)
         if reason:
@@ -82,7 +82,7 @@ class IdimLs(Estimator):
             condition_number=solution.condition_number,
             status=Status.CONVERGED,
             iterations=(iteration,),
-            stages={"idim_ls": Stage(value, known.deviation, {"paper": self._paper(columns, residual, deviation)})},
+            stages={self.name: Stage(value, known.deviation, {"paper": self._paper(columns, residual, deviation)})},
             colours=known.colours,
             remarks=("The fit is that of the inverse model on measured motion, not of a simulation.",),
         )

@@ -12,7 +12,7 @@ from scipy.io import loadmat, savemat
 from fmu_didim.base.errors import InputError, UnknownNameError
 from fmu_didim.data.signals import Trajectory, Variable, trajectory, write_csv
 from fmu_didim.data.tables import read_trajectory
-from fmu_didim.data.tables.level5 import contents
+from fmu_didim.data.tables.readers.level5 import contents
 from tests.patience import Calls
 
 

@@ -11,6 +11,7 @@ import pytest
 from pydantic import BaseModel
 
 from fmu_didim.case.sources import TorqueFile
+from fmu_didim.data.tables.readers import READERS
 from fmu_didim.dynamics.effects import EFFECTS
 from fmu_didim.dynamics.robot.description import Joint, RobotDescription
 from fmu_didim.estimators.start import KINDS
@@ -30,6 +31,8 @@ ANSWERS: dict[str, tuple[str, str, tuple[str, ...]]] = {
     "parameters of a link": ("robot.md", "Parameters of a link", ("`M`", "`MX`", "`ZZ`", "`XY`", "kg.m2")),
     "effects": ("reference/effects.md", "Effects", tuple(f"`{name}`" for name in EFFECTS)),
     "effects of a joint": ("robot.md", "Effects of a joint", ("`effects`", "`motor_inertia`", "reference/effects.md")),
+    "formats of data files": ("howto/own-data.md", "The torque log", tuple(reader.name for reader in READERS)),
+    "formats of files of others": ("trust.md", "What to trust", tuple(reader.name for reader in READERS)),
     "units": ("case.md", "Units", ("rad, m, s, N.m, N, kg", "rate_hz", "unit: deg", "drive_gains")),
     "initial state": ("case.md", "Initial state", ("first row", "warm_up_s", "`initial_state`", "`q_start1`")),
     "start": ("case.md", "Start of the iterations", tuple(f"`{kind}`" for kind in KINDS)),

@@ -117,4 +117,38 @@ def test_idle_parameters_stay() -> None:
     table = drawn(model.start.size, 7)
     table[:, 2] = 0.0
     equations = Equations.of(table[:, None, :], (table @ -model.start)[:, None])
-    assert equations.step(model.start, Region.of(model), 0.0)[0][2] == 0.0
+    step = equations.step(model.start, Region.of(model), 0.0)[0]
+    assert step[2] == 0.0
+    assert mass_matrix_problem(model, model.start + step) == ""
+
+
+@pytest.mark.parametrize("weight", [1e-3, 1e3])
+def test_what_has_a_limit_of_its_own_is_held_there_without_the_solver(weight: float) -> None:
+    """Friction that the data ask to be negative: the others are those of least squares beside it, to rounding."""
+    model = loop("scara/identify")
+    truth, region = model.start, Region.of(model)
+    table = weight * drawn(truth.size, 5) / np.abs(truth)
+    region.least_squares(table, table @ truth)  # a machine is known from now on
+    held = model.names.index("Fv2")
+    wanted = truth.copy()
+    wanted[held] = -0.5 * truth[held]
+    equations = Equations.of(table[:, None, :], (table @ (wanted - truth))[:, None])
+    step = equations.step(truth, region, 0.0)[0]
+    assert step[held] == -truth[held]
+    others = np.delete(np.arange(truth.size), held)
+    expected = np.linalg.lstsq(table[:, others], table @ (wanted - truth) + table[:, held] * truth[held], rcond=None)[0]
+    np.testing.assert_allclose(step[others] / truth[others], expected / truth[others], rtol=0, atol=1e-12)
+
+
+def test_a_step_out_of_the_machines_is_seen_where_it_leads() -> None:
+    """To an inertia of the second link that is negative; the other way there are machines."""
+    model = loop("scara/identify")
+    truth, region = model.start, Region.of(model)
+    table = 1e3 * np.diag(1 / np.abs(truth))
+    region.least_squares(table, table @ truth)
+    change = np.zeros(truth.size)
+    change[model.names.index("ZZ2")] = -2 * truth[model.names.index("ZZ2")]
+    assert region.surely_holds(truth - change) and mass_matrix_problem(model, truth + change)
+    equations = Equations.of(table[:, None, :], (table @ change)[:, None])
+    step = equations.step(truth, region, 0.0)[0]
+    assert mass_matrix_problem(model, truth + step) == ""

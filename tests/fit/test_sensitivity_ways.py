@@ -148,16 +148,16 @@ def test_each_experiment_moves_what_acts_there() -> None:
 
 
 def test_columns_are_told_apart_in_units_of_each_joint(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Of torques of 8, of 9 t and of nothing."""
+    """Of torques of 8, of 9 t, of nothing and of a quarter."""
     seen: list[Array] = []
     monkeypatch.setattr(ways, "smallest_singular_value", lambda table: seen.append(table) or 1.0)
 
     def law(values: Mapping[str, float], label: str) -> Array:
-        return np.hstack([cubes(values, label), 0 * T])
+        return np.hstack([cubes(values, label), 0 * T, values["b"] / 12 + 0 * T])
 
-    one = LawModel(law, {"one": np.zeros((5, 3))}, model().free_parameters)
+    one = LawModel(law, {"one": np.zeros((5, 4))}, model().free_parameters)
     table = found(one)
-    size = np.array([8.0, 9 * float(np.sqrt(np.mean(T**2))), 1.0])
+    size = np.array([8.0, 9 * float(np.sqrt(np.mean(T**2))), 1.0, 0.25])
     np.testing.assert_allclose(seen[0], table / size[:, None])
 
 
@@ -324,6 +324,12 @@ def test_sizes_by_the_regressor() -> None:
     prediction = SimpleNamespace(torque=np.full((5, 2), 3.0), regressor=regressor)
     sizes = parameter_sizes(model(), np.zeros(2), prediction)
     assert sizes.tolist() == [pytest.approx(np.sqrt(90 / 20)), pytest.approx(3.0), 0.0]
+
+
+def test_sizes_by_a_small_regressor() -> None:
+    """Of length sqrt(10)/10, and a torque of length sqrt(10)."""
+    prediction = SimpleNamespace(torque=np.ones((5, 2)), regressor=np.full((5, 2, 1), 0.1))
+    assert parameter_sizes(model(), np.zeros(2), prediction).tolist() == pytest.approx([10.0])
 
 
 def test_sizes_without_a_regressor() -> None:

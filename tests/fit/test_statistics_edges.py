@@ -8,6 +8,7 @@ import pytest
 from fmu_didim.base.errors import IdentificationError
 from fmu_didim.data.signals import Array
 from fmu_didim.fit.statistics import (
+    bounded_interval,
     confidence_interval,
     correlation,
     least_squares,
@@ -31,6 +32,12 @@ def test_the_condition_number_beyond_which_rounding_decides(condition: float, re
         return
     with pytest.raises(IdentificationError, match=r"cannot tell some parameters apart[\s\S]*got:   0, 1"):
         least_squares(pair(condition), np.ones(3))
+
+
+def test_columns_that_are_the_same_to_the_bit() -> None:
+    """Their smallest singular value is zero: nothing is divided by it."""
+    with pytest.raises(IdentificationError, match=r"cannot tell some parameters apart[\s\S]*got:   0, 1"):
+        least_squares(np.array([[2.0, 4.0], [0.0, 0.0], [0.0, 0.0]]), np.ones(3))
 
 
 def test_columns_that_depend_on_each_other_are_named_whatever_stands_between() -> None:
@@ -100,3 +107,19 @@ def test_relative_numbers() -> None:
     measured, simulated = np.array([[3.0, 0.0], [4.0, 2.0]]), np.array([[3.0, 1.0], [1.0, 2.0]])
     total, joints = relative_error_percent(measured, simulated)
     assert total == pytest.approx(100 * np.sqrt(10 / 29)) and joints.tolist() == pytest.approx([60.0, 50.0])
+
+
+@pytest.mark.parametrize(
+    ("freedom", "limit", "quantile"),
+    [
+        (1e9, -1e3, 1.6448536269514722),  # far from the limit: of the normal distribution, 95 % from one side
+        (1e9, 3.0, 1.959963984540054),  # half of it is cut off: 97.5 %
+        (1.0, 3.0, 12.706204736432095),  # Cauchy: tan(0.475 pi)
+        (0.2, 3.0, 12.706204736432095),  # no fewer than one degree of freedom
+        (1.0, 4.0, 25.451699579357079),  # Cauchy, three quarters cut off: tan(0.4875 pi)
+    ],
+)
+def test_the_far_end_of_an_interval_above_a_limit(freedom: float, limit: float, quantile: float) -> None:
+    """Of 3 with a deviation of 1."""
+    assert bounded_interval(3.0, 1.0, freedom, limit) == pytest.approx(3.0 + quantile, rel=1e-6)
+    assert bounded_interval(0.0, 2.0, freedom, 2 * (limit - 3.0)) == pytest.approx(2 * quantile, rel=1e-6)

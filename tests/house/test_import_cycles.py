@@ -1,4 +1,4 @@
-"""No module imports itself by way of others: imports for type checking and imports inside functions count too."""
+"""No module or folder imports itself by way of others: imports for type checking and inside functions count too."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from pathlib import Path
 
 import grimp
 import pytest
+from importlinter.cli import lint_imports
 
 from tests.conftest import ROOT
 
@@ -56,6 +57,41 @@ def test_a_package_may_import_its_modules_but_not_be_imported_by_them(
     assert cycles(package(tmp_path / "good", monkeypatch, good)) == []
     name = package(tmp_path / "bad", monkeypatch, {**good, "b": "from {0} import x"})
     assert cycles(name) == [f"{name} -> {name}.a -> {name}.b -> {name}"]
+
+
+def contracts_are_kept(config: Path) -> bool:
+    """Whether import-linter finds all contracts of a configuration kept; what is broken is printed."""
+    return lint_imports(str(config), no_cache=True) == 0
+
+
+def test_layers_and_sibling_folders_have_no_import_cycles() -> None:
+    """What the command ``lint-imports`` says of the contracts in pyproject.toml."""
+    assert contracts_are_kept(ROOT / "pyproject.toml")
+
+
+@pytest.mark.parametrize("way_back", [True, False])
+def test_cycles_of_folders_are_seen(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, way_back: bool) -> None:
+    """No module imports itself here: a.one -> b.two, b.three -> a.four."""
+    place = tmp_path / f"made_folders_{way_back}"
+    back = "from {0}.a import four" if way_back else ""
+    lines = {"a/one": "from {0}.b import two", "b/two": "", "b/three": back, "a/four": ""}
+    for module, text in {"__init__": "", "a/__init__": "", "b/__init__": "", **lines}.items():
+        (place / module).parent.mkdir(parents=True, exist_ok=True)
+        (place / f"{module}.py").write_text(text.format(place.name) + "\n", encoding="utf-8")
+    config = tmp_path / "config.toml"
+    config.write_text(
+        f"""[tool.importlinter]
+        root_package = "{place.name}"
+        [[tool.importlinter.contracts]]
+        name = "cycles"
+        type = "acyclic_siblings"
+        ancestors = ["{place.name}"]
+        """,
+        encoding="utf-8",
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    assert cycles(place.name) == []
+    assert contracts_are_kept(config) is not way_back
 
 
 def package(folder: Path, monkeypatch: pytest.MonkeyPatch, modules: dict[str, str]) -> str:

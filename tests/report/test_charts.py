@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from scipy.signal import lfilter
 
+from fmu_didim.data.signals import Array, trajectory
 from fmu_didim.report.drawing.charts import Chart, Panel, Series, chart_json, limited, points_per_trace
 from fmu_didim.report.drawing.diagram import Wire, loop_diagram, wires
 from fmu_didim.report.drawing.figures import COLOURS, matplotlib_figure
+from fmu_didim.report.drawing.residual import Residual
 from fmu_didim.report.drawing.residual_charts import autocorrelation, longest_even, spectrum, whiteness_charts
 from fmu_didim.report.drawing.torque_charts import Simulated, torque_chart
-from fmu_didim.report.sections import matrix
+from fmu_didim.report.experiment_charts import RESIDUAL_CHARTS, ExperimentCharts, ResidualCharts, residual_sections
+from fmu_didim.report.sections import Charts, Text, matrix
 from tests.report.drawn import charts, line, plotted
 
 RANDOM = np.random.default_rng(3)
@@ -88,12 +92,35 @@ def test_spectrum_and_correlation_of_noise_with_a_memory() -> None:
 def test_what_needs_a_grid_takes_the_longest_even_stretch() -> None:
     time = np.delete(np.arange(200) / 50, [40, 41])
     assert longest_even(time) == slice(40, 198)
-    residual = {"residual": ("residual", np.ones(198))}
-    assert [c.name for c in whiteness_charts("1", "a", time, [residual], ["N.m"])] == [
-        "spectrum-1",
-        "autocorrelation-1",
-    ]
-    assert whiteness_charts("1", "a", time[:20], [{"r": ("residual", np.ones(20))}], ["N.m"]) == []
+    assert [c.name for c in whiteness_charts(ones(time))] == ["spectrum-1", "autocorrelation-1"]
+    assert whiteness_charts(ones(time[:20])) == []
+
+
+def ones(time: Array, *models: str) -> Residual:
+    """A residual of one joint that is 1 throughout."""
+    of_joint = {model: ("residual", np.ones(time.size)) for model in models or ("residual",)}
+    return Residual("1", "a", trajectory(time, {"q1": time}), ["N.m"], [of_joint], [[]])
+
+
+def test_of_two_models_the_last_one_is_named_where_it_alone_is_drawn() -> None:
+    spectrum_of_both, correlation = whiteness_charts(ones(np.arange(100) / 50, "base model", "final model"))
+    assert [series.name for series in spectrum_of_both.panels[0].series] == ["base model", "final model"]
+    assert [series.name for series in correlation.panels[0].series] == ["final model"]
+    assert correlation.panels[0].head == "Joint 1, final model"
+
+
+@pytest.mark.parametrize("kind", RESIDUAL_CHARTS, ids=lambda kind: kind.draw.__name__)
+def test_each_kind_of_charts_of_the_residual_is_on_the_page(kind: ResidualCharts) -> None:
+    time = np.arange(100) / 50
+    torque = torque_chart("torque-1", "a", time, np.ones((100, 1)), {"m": Simulated(np.zeros((100, 1)))}, ["N.m"])
+    residual = replace(ones(time), quantities=[["position"]])
+    charts = kind.draw(residual)
+    assert charts
+    _, shown = residual_sections([ExperimentCharts("a", "2 s", torque, residual)], "What the model leaves")
+    drawn = [chart.name for block in shown.blocks if isinstance(block, Charts) for chart in block.charts]
+    assert len(set(drawn)) == len(drawn)
+    assert {chart.name for chart in charts} <= set(drawn)
+    assert kind.text in [block.text for block in shown.blocks if isinstance(block, Text)]
 
 
 def test_torque_is_drawn_at_the_control_rate_within_the_log() -> None:

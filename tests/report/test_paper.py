@@ -19,7 +19,7 @@ def test_identify_writes_each_chart_and_the_next_run_without_takes_them_away(tmp
     assert {
         "figure_torque-1",
         "figure_torque-2",
-        "figure_velocity-1-2",
+        "figure_binned-1-2-velocity",
         "figure_spectrum-1",
         "figure_iterations",
     } <= names

@@ -10,8 +10,7 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.io import savemat
 
-from fmu_didim.data.tables import read_trajectory
-from fmu_didim.data.tables.read import READERS
+from fmu_didim.data.tables import READER_OF, read_trajectory
 
 pytestmark = pytest.mark.smoke
 T = np.arange(40) * 0.005
@@ -83,4 +82,4 @@ def test_reader(tmp_path: Path, name: str) -> None:
 
 
 def test_every_suffix_is_tried() -> None:
-    assert {Path(name).suffix for name in WRITERS} == set(READERS)
+    assert {Path(name).suffix for name in WRITERS} == set(READER_OF), "WRITERS above has a file of each suffix"

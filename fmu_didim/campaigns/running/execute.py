@@ -30,6 +30,7 @@ from fmu_didim.campaigns.planning.truth import (
 )
 from fmu_didim.campaigns.running.store import ANSWERED, FAILED, MEMORY_LIMIT, REFUSED
 from fmu_didim.case import Case, load_case
+from fmu_didim.estimators import Didim
 from fmu_didim.estimators.start import start_values
 from fmu_didim.results.findings import FindingsDocument
 from fmu_didim.results.result import ResultDocument
@@ -182,7 +183,7 @@ def _can_be_loaded(state: WorkerState, content: Content) -> bool:
 def _result(document: ResultDocument, case: Case, truth: Truth | None) -> dict[str, Any]:
     """The row of an identification."""
     known = partial(_true, truth, regrouped(case.parameters))
-    didim = document.stages.get("didim")
+    didim = document.stages.get(Didim.name)
     parameters = []
     for name, p in document.parameters.items():
         entry = {"name": name, "unit": p.unit, "value": p.value, "std": p.std, "low": p.interval[0],

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
 
 from fmu_didim.base.diagnostics import Diagnostic, by_weight
 from fmu_didim.base.errors import SimulationError
-from fmu_didim.checks.data.expected import expected
+from fmu_didim.checks.data.expected import Expected, expected
 from fmu_didim.checks.data.linear_fit import FittedMotion, fitted_motion, motion_with_regressor
 from fmu_didim.checks.data.log import log_diagnostics
 from fmu_didim.checks.data.plant import plant_diagnostics
@@ -20,10 +20,19 @@ from fmu_didim.checks.data.torque_channel import torque_channel_diagnostics
 from fmu_didim.checks.data.units import position_diagnostics, unit_diagnostics
 from fmu_didim.cosim.system import REFERENCE
 from fmu_didim.data.signals import Array
-from fmu_didim.model.loop_model import LoopModel
+from fmu_didim.model.loop_model import LoopModel, Simulation
 
 SUBSTEPS = 4
 """[substeps] Of the plant, or as many as are stable: a torque to 1e-3, fifteen times as fast as one to 1e-6."""
+LogCheck = Callable[[Simulation, Expected], Iterable[Diagnostic]]
+"""From an experiment with the start values and its measured and expected torque to what is found."""
+LOG_CHECKS: tuple[LogCheck, ...] = (
+    lambda run, _: run.experiment.told,
+    reference_diagnostics,
+    lambda run, given: log_diagnostics(run.experiment, run.label, given, 1 / run.step_size),
+)
+"""The checks of each experiment, whatever else is found. Those of units, channels and causes, of which one makes the
+next needless, are called in turn below."""
 
 
 def data_diagnostics(model: LoopModel, *, without_torque: Sequence[str] = (), causes: bool = True) -> list[Diagnostic]:
@@ -40,14 +49,12 @@ def data_diagnostics(model: LoopModel, *, without_torque: Sequence[str] = (), ca
     if model.loop.chooses_substeps and model.loop.substeps is None:
         model = model.with_loop(substeps=SUBSTEPS)
     found = [*length_unit_diagnostics(model), *run_diagnostics(model, without_torque)]
+    found += plant_diagnostics(model.simulation(model.start, model.first))
     gains, explained = drive_gains(model), list[Diagnostic]()
     for label, experiment in model.experiments.items():
-        found += experiment.told
-        found += reference_diagnostics(experiment.reference, model.joint_count, label)
         run = model.simulation(model.start, label)
-        found += plant_diagnostics(run) if label == model.first else []
         given = expected(run)
-        found += log_diagnostics(experiment, label, given, 1 / run.step_size)
+        found += [diagnostic for check in LOG_CHECKS for diagnostic in check(run, given)]
         of_units = unit_diagnostics(run, given)
         of_log = of_units or torque_channel_diagnostics(given, gains, label)
         found += [*of_log, *([] if of_units else position_diagnostics(run))]

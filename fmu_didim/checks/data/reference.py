@@ -6,7 +6,9 @@ import numpy as np
 from scipy.integrate import cumulative_trapezoid
 
 from fmu_didim.base.diagnostics import CATALOGUE, PROBLEM, Diagnostic
-from fmu_didim.data.signals import Array, Trajectory
+from fmu_didim.checks.data.expected import Expected
+from fmu_didim.data.signals import Array
+from fmu_didim.model.loop_model import Simulation
 
 CONTRADICTION = 0.05
 """[1] Difference of a signal and the integral of its derivative, as a fraction of their variation, that is reported:
@@ -22,26 +24,26 @@ REFERENCE_DERIVATIVE = CATALOGUE(
 )  # fmt: skip
 
 
-def reference_diagnostics(reference: Trajectory, joint_count: int, label: str) -> list[Diagnostic]:
+def reference_diagnostics(run: Simulation, _: Expected) -> list[Diagnostic]:
     """Columns ``dq<j>`` and ``ddq<j>`` that contradict the column that they are the derivative of.
 
     The integral of the derivative is compared with the signal, both without their means: a ratio of standard
     deviations, which quantisation hardly moves.
     """
-    found = []
+    reference, found = run.experiment.reference, list[Diagnostic]()
     for signal, derivative in (("q", "dq"), ("dq", "ddq")):
-        for j in range(1, joint_count + 1):
+        for j in range(1, run.model.joint_count + 1):
             if not {f"{signal}{j}", f"{derivative}{j}"} <= set(reference.names):
                 continue
-            given, rate = reference.column(f"{signal}{j}"), reference.column(f"{derivative}{j}")
-            off = contradiction(reference.time, given, rate)
+            values, rate = reference.column(f"{signal}{j}"), reference.column(f"{derivative}{j}")
+            off = contradiction(reference.time, values, rate)
             if off > CONTRADICTION:
                 what = "zero" if not rate.any() else "not its derivative"
                 text = (
                     f"The reference contradicts itself: {derivative}{j} is {what} where {signal}{j} varies by "
-                    f"{np.ptp(given):.4g} (its integral differs by {100 * off:.0f} % of the variation)."
+                    f"{np.ptp(values):.4g} (its integral differs by {100 * off:.0f} % of the variation)."
                 )
-                found.append(Diagnostic(REFERENCE_DERIVATIVE, text, f"{label}: joint {j}", off, CONTRADICTION, "1"))
+                found.append(Diagnostic(REFERENCE_DERIVATIVE, text, f"{run.label}: joint {j}", off, CONTRADICTION, "1"))
     return found
 
 

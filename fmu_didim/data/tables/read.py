@@ -3,25 +3,16 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable
 from pathlib import Path
 
 from fmu_didim.base.errors import FmuDidimError, InputError
 from fmu_didim.base.files import is_file
 from fmu_didim.data.signals import Trajectory
 from fmu_didim.data.tables.columns import TimeColumn
-from fmu_didim.data.tables.csv_file import CsvLayout, read_csv
-from fmu_didim.data.tables.hdf5_file import read_hdf5
-from fmu_didim.data.tables.mat_file import read_mat
-from fmu_didim.data.tables.mf4_file import read_mf4
-from fmu_didim.data.tables.parquet_file import read_parquet
+from fmu_didim.data.tables.readers import READER_OF
+from fmu_didim.data.tables.readers.csv_file import CsvLayout, read_csv
 from fmu_didim.data.tables.select import selected
 from fmu_didim.data.tables.table import SignalTable
-
-READERS: dict[str, Callable[[Path], SignalTable]] = {
-    ".csv": read_csv, ".txt": read_csv, ".tsv": read_csv, ".mat": read_mat, ".parquet": read_parquet,
-    ".h5": read_hdf5, ".hdf5": read_hdf5, ".hdf": read_hdf5, ".mf4": read_mf4, ".mdf": read_mf4,
-}  # fmt: skip
 
 
 def read_table(path: Path | str, *, layout: CsvLayout | None = None) -> SignalTable:
@@ -37,13 +28,13 @@ def read_table(path: Path | str, *, layout: CsvLayout | None = None) -> SignalTa
     path = Path(path)
     if not is_file(path):
         raise InputError("The data file does not exist.", where=str(path), next_step="Check the path in the case file.")
-    reader = READERS.get(path.suffix.lower())
+    reader = READER_OF.get(path.suffix.lower())
     if reader is None:
-        raise InputError("This file format is not read.", where=str(path), got=path.suffix, valid=READERS)
+        raise InputError("This file format is not read.", where=str(path), got=path.suffix, valid=READER_OF)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # what matters is reported in our own words
-            return read_csv(path, layout) if reader is read_csv else reader(path)
+            return read_csv(path, layout) if reader.read is read_csv else reader.read(path)
     except FmuDidimError:
         raise
     except Exception as error:
@@ -59,7 +50,7 @@ def read_trajectory(path: Path | str, *, time: str | None = None) -> Trajectory:
     Units that the file states (``Achse1 [°]``, a row of units, attributes, those of channels) become SI units.
 
     Args:
-        path: a ``.csv``, ``.txt``, ``.tsv``, ``.mat``, ``.parquet``, ``.h5`` or ``.mf4`` file.
+        path: a file in a format of ``READERS``; its suffix says which.
         time: name of the time column; by default ``t`` or ``time``.
 
     Raises:

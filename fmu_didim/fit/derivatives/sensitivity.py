@@ -14,6 +14,7 @@ Where compiled code runs the loop, simulations run side by side.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -258,9 +259,7 @@ class _Experiment:
             if not parameter.lowest <= there <= parameter.highest:
                 continue
             beginning = self._beginning if _lasts(parameter) else None
-            try:
+            with suppress(SimulationError):
                 change = change_of_torque(self._run.moved(i, there), self._torque, beginning)
                 return np.asarray(change / (there - here))
-            except SimulationError:
-                continue
         return np.zeros_like(self._torque)  # a parameter that cannot be moved explains nothing

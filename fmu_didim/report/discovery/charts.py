@@ -10,9 +10,10 @@ from fmu_didim.data.signals import Trajectory
 from fmu_didim.data.tables import read_trajectory
 from fmu_didim.report.discovery import texts
 from fmu_didim.report.drawing.charts import Chart, Panel, Series
-from fmu_didim.report.drawing.residual_charts import QUANTITIES, Residuals, against_chart, whiteness_charts
+from fmu_didim.report.drawing.residual import Residual
+from fmu_didim.report.drawing.residual_charts import QUANTITIES
 from fmu_didim.report.drawing.torque_charts import SHOWN, Simulated, samples_text, torque_chart
-from fmu_didim.report.identification.charts import ExperimentCharts
+from fmu_didim.report.experiment_charts import ExperimentCharts
 from fmu_didim.report.numbers import joint_unit, pretty_unit
 from fmu_didim.results.findings import FindingsDocument
 
@@ -52,20 +53,16 @@ def _experiment(
     torque = torque_chart(
         f"torque-{number}", f"Torque, {title}", signals.time, measured, simulated, units, noise=document.noise.std
     )
-    residuals: list[Residuals] = [
-        {m: (SHOWN[m], measured[:, j - 1] - signals.column(f"{column}{j}")) for m, column in models.items()}
-        for j in joints
-    ]
-    against = [
-        against_chart(
-            f"binned-{number}-{j}-{quantity}", j, quantity, units[j - 1],
-            signals.column(f"{QUANTITIES[quantity].column}{j}"), residuals[j - 1],
-        )
-        for j in (joints if number == 1 else ())  # only for the data in which the regions were found
-        for quantity in panel_quantities(document, signals, j)
-    ]  # fmt: skip
-    whiteness = whiteness_charts(str(number), title, signals.time, residuals, units)
-    return ExperimentCharts(title, samples_text(signals.time), torque, against, whiteness)
+    residual = Residual(
+        str(number), title, signals, units,
+        [
+            {m: (SHOWN[m], measured[:, j - 1] - signals.column(f"{column}{j}")) for m, column in models.items()}
+            for j in joints
+        ],
+        # Over the motion only for the data in which the regions were found.
+        [panel_quantities(document, signals, j) if number == 1 else [] for j in joints],
+    )  # fmt: skip
+    return ExperimentCharts(title, samples_text(signals.time), torque, residual)
 
 
 def _models(signals: Trajectory, joints: int) -> dict[str, str]:

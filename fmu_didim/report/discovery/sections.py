@@ -12,7 +12,7 @@ from fmu_didim.report.discovery.charts import friction_charts, saved_charts
 from fmu_didim.report.discovery.regions import regions_by_joint
 from fmu_didim.report.discovery.verdict import verdict_of
 from fmu_didim.report.drawing.diagram import loop_diagram
-from fmu_didim.report.identification.charts import ExperimentCharts, residual_sections, torque_sections
+from fmu_didim.report.experiment_charts import ExperimentCharts, residual_sections, torque_sections
 from fmu_didim.report.numbers import (
     MISSING,
     item_or_none,
@@ -89,7 +89,6 @@ def write_discovery_report(folder: Path | str) -> Path:
 def discovery_report(document: FindingsDocument, parts: Sequence[ExperimentCharts] = ()) -> Report:
     """All that is shown of a discovery, with the charts of its experiments."""
     changed = bool(document.findings)
-    of = " (of the final model)" if changed else ""
     heading = "Torque and residual before and after" if changed else "Torque and residual"
     sections = [
         Section("Findings", [], anchor="findings"),
@@ -98,7 +97,7 @@ def discovery_report(document: FindingsDocument, parts: Sequence[ExperimentChart
         _friction(document),
         Section(heading, [], anchor="torque"),
         *torque_sections(parts),
-        *residual_sections([p for p in parts if p.against or p.whiteness], "What the models leave", of, ""),
+        *residual_sections(parts, "What the models leave"),
         *_places(document),
         _noise(document),
         *_competition(document),

@@ -7,7 +7,6 @@ Analysis, chapter 2.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,6 +14,7 @@ from scipy import signal, stats
 
 from fmu_didim.data.signals import Array
 from fmu_didim.report.drawing.charts import Chart, Panel, Series
+from fmu_didim.report.drawing.residual import Residual
 from fmu_didim.report.numbers import pretty_unit
 
 PANEL_HEIGHT = 140
@@ -53,26 +53,37 @@ QUANTITIES = {
     "torque": Quantity("base", "simulated torque", "N", "N.m"),
 }
 """By their names in the regions of a discovery."""
-Residuals = Mapping[str, tuple[str, Array]]
-"""Name of each model -> style of its series, and measured - simulated torque (N,) of one joint."""
 
 
-def against_chart(name: str, joint: int, quantity: str, torque_unit: str, at: Array, residuals: Residuals) -> Chart:
+def against_charts(residual: Residual) -> list[Chart]:
+    """Mean residual of each joint in bins of the quantities over which it is drawn."""
+    return [
+        against_chart(residual, j, quantity)
+        for j, quantities in enumerate(residual.quantities, start=1)
+        for quantity in quantities
+    ]
+
+
+def against_chart(residual: Residual, joint: int, quantity: str) -> Chart:
     """Mean residual of a joint, from 1, in bins of a quantity (N,), with twice its standard error, and each sample.
 
     The bins hold equally many samples. The error is s / sqrt(N) of the residuals in the bin, as if they were
     independent; model error and coloured noise make the true one larger.
     """
-    kind, unit = QUANTITIES[quantity], pretty_unit(torque_unit)
-    series = []
-    for model, (style, values) in residuals.items():
+    kind, torque_unit, models = QUANTITIES[quantity], residual.units[joint - 1], residual.of_joints[joint - 1]
+    at, series = residual.signals.column(f"{kind.column}{joint}"), []
+    for model, (style, values) in models.items():
         centre, mean, error = binned(at, values)
-        if len(residuals) == 1 and at.size <= MOST_POINTS:
+        if len(models) == 1 and at.size <= MOST_POINTS:
             series.append(Series("samples", at, values, "faint", "points", legend=False))
         series.append(Series(model, centre, mean, style, error=2 * error))
-    panel = Panel(f"residual ({unit})", series, f"Joint {joint}, against {kind.title}", 170, levels=(0.0,))
+    panel = Panel(
+        f"residual ({pretty_unit(torque_unit)})", series, f"Joint {joint}, against {kind.title}", 170, levels=(0.0,)
+    )
     title = f"Residual of joint {joint} against {kind.title}"
-    return Chart(name, title, [panel], f"{kind.title} ({kind.unit(torque_unit)})")
+    return Chart(
+        f"binned-{residual.key}-{joint}-{quantity}", title, [panel], f"{kind.title} ({kind.unit(torque_unit)})"
+    )
 
 
 def binned(at: Array, values: Array, *, bins: int = BINS) -> tuple[Array, Array, Array]:
@@ -123,14 +134,12 @@ def autocorrelation(values: Array, lags: int) -> Array:
     return np.array([float(centred[k:] @ centred[:-k]) / power for k in range(1, lags + 1)])
 
 
-def whiteness_charts(
-    name: str, title: str, time: Array, residuals: Sequence[Residuals], units: Sequence[str]
-) -> list[Chart]:
+def whiteness_charts(residual: Residual) -> list[Chart]:
     """Spectrum and autocorrelation of the residuals of all joints with the bounds of white noise.
 
-    Args:
-        time: (N,) s; residuals: of each joint; the bounds are those of the last model.
+    Of two models, bounds and autocorrelation are those of the last.
     """
+    time = residual.signals.time
     even = longest_even(time)
     count = even.stop - even.start
     if count < SHORTEST_SEGMENT:
@@ -139,7 +148,7 @@ def whiteness_charts(
     lags = np.arange(1, min(LAGS, count // 4) + 1)
     white = float(stats.norm.isf((1 - CONFIDENCE) / 2)) / np.sqrt(count)
     spectra, correlations = [], []
-    for j, (unit, models) in enumerate(zip(units, residuals, strict=True), start=1):
+    for j, (unit, models) in enumerate(zip(residual.units, residual.of_joints, strict=True), start=1):
         densities, stems, bounds = [], [], None
         for model, (style, values) in models.items():
             frequency, density, bounds = spectrum(values[even], rate)
@@ -148,8 +157,11 @@ def whiteness_charts(
         head = f"Joint {j}"
         label = f"({pretty_unit(unit)})²/Hz"
         spectra.append(Panel(label, densities, head, PANEL_HEIGHT, range=bounds, log=True))
-        correlations.append(Panel("correlation", stems[-1:], head, PANEL_HEIGHT, (-white, white), levels=(0.0,)))
+        last = f"{head}, {stems[-1].name}" if len(stems) > 1 else head
+        correlations.append(Panel("correlation", stems[-1:], last, PANEL_HEIGHT, (-white, white), levels=(0.0,)))
     return [
-        Chart(f"spectrum-{name}", f"Spectrum of the residual, {title}", spectra, "frequency (Hz)", log=True),
-        Chart(f"autocorrelation-{name}", f"Autocorrelation of the residual, {title}", correlations, "lag (samples)"),
-    ]
+        Chart(f"spectrum-{residual.key}", f"Spectrum of the residual, {residual.title}", spectra, "frequency (Hz)",
+              log=True),
+        Chart(f"autocorrelation-{residual.key}", f"Autocorrelation of the residual, {residual.title}", correlations,
+              "lag (samples)"),
+    ]  # fmt: skip

@@ -9,7 +9,8 @@ from pathlib import Path
 from fmu_didim.report import experiments
 from fmu_didim.report.drawing.diagram import loop_diagram
 from fmu_didim.report.drawing.torque_charts import history_chart
-from fmu_didim.report.identification.charts import ExperimentCharts, residual_sections, saved_charts, torque_sections
+from fmu_didim.report.experiment_charts import ExperimentCharts, residual_sections, torque_sections
+from fmu_didim.report.identification.charts import saved_charts
 from fmu_didim.report.numbers import (
     MISSING,
     Rounding,
@@ -60,7 +61,6 @@ BAR_RANGE = (0.1, 100.0)
 GRADES = ((10.0, "good"), (30.0, "doubtful"))
 """[percent] Up to these relative standard deviations; beyond, the parameter is poorly known."""
 FORMULAS = {"paper": "σ, paper's formula", "cramer_rao": "Cramér-Rao bound"}
-MAIN_SIGMA = {"didim": "σ, corrected formula"}
 
 
 def result_table(document: ResultDocument) -> str:
@@ -95,7 +95,7 @@ def result_report(document: ResultDocument, parts: Sequence[ExperimentCharts] = 
         _experiments(document),
         _torque(document),
         *torque_sections(parts),
-        *residual_sections([p for p in parts if p.against or p.whiteness], "What the model leaves", "", advice),
+        *residual_sections(parts, "What the model leaves", advice),
         _model(document),
         Section("Regrouping", [Items(document.regrouping, is_code=True, empty="No parameters are regrouped.")],
                 has_title=True),
@@ -320,7 +320,7 @@ def _stages(document: ResultDocument) -> Section:
         digits = {name: rounding(v, content.std.get(name, 0.0)) for name, v in content.value.items()}
         values = [digits[n].text(content.value[n]) if n in digits else MISSING for n in names]
         columns.append(numbers(f"{stage}: value", values))
-        kinds = {MAIN_SIGMA.get(stage, "σ"): content.std}
+        kinds = {"σ, corrected formula" if content.formulas else "σ": content.std}
         kinds |= {FORMULAS.get(name, name): deviations for name, deviations in content.formulas.items()}
         for head, deviations in kinds.items():
             texts = [_deviation(digits.get(n), deviations.get(n)) for n in names]

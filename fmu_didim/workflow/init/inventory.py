@@ -13,7 +13,7 @@ import numpy as np
 from fmu_didim.base.documents import load_yaml
 from fmu_didim.base.errors import InputError
 from fmu_didim.components.fmu import read_description
-from fmu_didim.data.tables import READERS, SignalTable, TimeColumn, read_table
+from fmu_didim.data.tables import READER_OF, SignalTable, TimeColumn, read_table
 from fmu_didim.data.tables.clock import instants
 from fmu_didim.dynamics.robot import RobotDescription, read_robot
 from fmu_didim.export import build_modelica
@@ -106,7 +106,7 @@ def inventory(files: Sequence[Path], said: Mapping[Path, FmuRole], *, has_law: b
         suffix = path.suffix.lower()
         if not path.is_file():
             raise InputError("The file does not exist.", where=str(path), next_step="Check the path.")
-        if suffix in READERS:
+        if suffix in READER_OF:
             found.data.append(DataFile(path, read_table(path)))
         elif suffix == ".fmu":
             found.fmus.append(FmuPorts(path, read_description(path)))
@@ -125,11 +125,11 @@ def inventory(files: Sequence[Path], said: Mapping[Path, FmuRole], *, has_law: b
         else:
             raise InputError(
                 "This file is of no kind that is known.", where=str(path),
-                valid=(*READERS, ".fmu", ".mo", ".ssp", ".yaml"),
+                valid=(*READER_OF, ".fmu", ".mo", ".ssp", ".yaml"),
             )  # fmt: skip
     if not found.data:
         raise InputError(
-            "No file with signals is among them.", valid=READERS, next_step="Give the log and the reference."
+            "No file with signals is among them.", valid=READER_OF, next_step="Give the log and the reference."
         )  # fmt: skip
     has_controller = found.controller is not None or has_law
     found.taken = assigned(found.fmus, found.torque_count, said=said, has_controller=has_controller)

@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
+import importlib
+import pkgutil
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from fmu_didim.base.diagnostics import REMARK
+from fmu_didim.base.diagnostics import REMARK, Code
+from fmu_didim.checks import data
 from fmu_didim.checks.data.checks import data_diagnostics, drive_gains
+from fmu_didim.checks.data.robot import length_unit_diagnostics
 from fmu_didim.checks.sampling_kind import sampled_as
 from fmu_didim.components import ModelComponent
 from fmu_didim.dynamics.robot import RobotModel
 from fmu_didim.model.loop_model import LoopModel
 from fmu_didim.model.parameters import RobotParameters
-from tests.checks.data.right import motion, right, with_columns, with_experiment, with_log
+from tests.checks.data.right import loaded, motion, right, with_columns, with_experiment, with_log
 from tests.helpers import with_component
 
 Array = np.ndarray
@@ -177,6 +182,24 @@ TIMING: list[tuple[str, Callable[[LoopModel], LoopModel], str]] = [
 ]
 
 
+ELSEWHERE = {
+    "log-quantised", "samples-missing",  # test_decisions.py
+    "plant-holds",  # test_plant.py
+    "resonance-above-log", "parameters-not-significant",  # test_expected_accuracy.py, tests/workflow/test_check.py
+    "validation-without-torque",  # tests/case/test_file_checks.py
+    "positions-unit",  # tests/workflow/test_objects.py
+    "drive-gain", "length-unit", "link-length", "reference-unit-doubtful", "torque-scale",  # below
+}  # fmt: skip
+"""Codes that are provoked in other tests."""
+
+
+def test_each_code_of_the_data_is_provoked() -> None:
+    modules = [importlib.import_module(f"{data.__name__}.{m.name}") for m in pkgutil.iter_modules(data.__path__)]
+    every = {code.name for module in modules for code in vars(module).values() if isinstance(code, Code)}
+    assert len(every) > 20
+    assert every - ELSEWHERE == {code for *_, code in WRONG + TIMING}, "a new code needs a row in WRONG"
+
+
 def codes(model: LoopModel) -> list[str]:
     return [d.code.name for d in data_diagnostics(model)]
 
@@ -271,3 +294,22 @@ def test_gains_of_the_drives(change: Callable[[Array, Array], Array]) -> None:
     gains = drive_gains(model)
     assert gains.tolist() == [35.24, 32.04, 23.94, 9.05, 15.5, 6.56]
     assert codes(with_log(model, lambda torque: change(torque, gains)))[0] == "drive-gain"
+
+
+@pytest.mark.parametrize(("scale", "told"), [(0.02, "reference-unit-doubtful"), (1.0, "reference-unit")])
+def test_degrees_are_a_doubt_where_a_machine_has_the_range(scale: float, told: str) -> None:
+    model = with_columns(loaded("scara"), lambda _, column: scale * column)
+    model = with_log(model, lambda _: model.torque(model.start, "estimation"))
+    assert codes(model) == []
+    assert codes(degrees(model))[0] == told
+
+
+def test_lengths_in_millimetres() -> None:
+    model = loaded("scara")
+    assert isinstance(model.parameters, RobotParameters)
+    robot = model.parameters.model.description
+    joints = tuple(joint.model_copy(update={"a": 1000 * joint.a}) for joint in robot.joints)
+    wrong = replace(model.parameters, model=RobotModel(robot.model_copy(update={"joints": joints})))
+    (found,) = length_unit_diagnostics(replace(model, loop=replace(model.loop, parameters=wrong)))
+    assert (found.code.name, found.value) == ("length-unit", 500.0)
+    assert length_unit_diagnostics(model) == []

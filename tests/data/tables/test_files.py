@@ -12,7 +12,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.io import savemat
 
 from fmu_didim.base.errors import InputError
-from fmu_didim.data.tables import CsvLayout, read_table, read_trajectory
+from fmu_didim.data.tables import READER_OF, CsvLayout, read_table, read_trajectory
 from tests.conftest import package
 
 NO_HEADER = "no header line, so that its columns are numbered from 1"
@@ -237,10 +237,8 @@ def test_units_of_a_file_are_applied(tmp_path: Path) -> None:
     assert_allclose(signals.column("n"), [2 * math.pi, math.pi])
 
 
-@pytest.mark.parametrize("suffix", [".mat", ".h5", ".parquet", ".mf4", ".csv"])
+@pytest.mark.parametrize("suffix", READER_OF)
 def test_damaged_files_are_refused(tmp_path: Path, suffix: str) -> None:
-    if suffix in (".h5", ".mf4"):
-        package({".h5": "h5py", ".mf4": "asammdf"}[suffix])
     path = tmp_path / f"a{suffix}"
     path.write_bytes(b"no signals " * 50)
     with pytest.raises(InputError, match=rf"a\{suffix}"):

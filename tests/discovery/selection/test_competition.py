@@ -80,6 +80,13 @@ def test_gain_and_coefficients_by_hand() -> None:
     assert one.effect_at == EffectAtJoint("a", 1)
 
 
+@pytest.mark.parametrize(("size", "known"), [(0.95e-8, False), (1.05e-8, True)])
+def test_the_size_beside_the_largest_below_which_a_direction_has_no_coefficient(size: float, known: bool) -> None:
+    tables = [column((1.0, OTHER)), size * column((1.0, THIRD))]
+    (one,) = screened(signature("a", np.concatenate(tables, axis=2)), rest=0.5 * OTHER + 0.3 * THIRD)
+    assert one.coefficients == pytest.approx([0.5, 0.3 / size if known else 0.0], rel=1e-6)
+
+
 def test_an_effect_costs_its_parameters_but_not_idle_ones() -> None:
     tables = [column((1.0, OTHER)), column((1.0, THIRD)), 0.95e-7 * column((1.0, THIRD))]
     (three,) = screened(signature("b", np.concatenate(tables, axis=2)))

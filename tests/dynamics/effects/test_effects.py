@@ -20,7 +20,7 @@ from fmu_didim.components import ModelComponent, load_fmu
 from fmu_didim.data.signals import Variable
 from fmu_didim.data.units import parse_unit
 from fmu_didim.dynamics.base_parameters import base_parameters
-from fmu_didim.dynamics.effects import EFFECTS, UNITS, JointTorque, Surroundings, TorqueEffect
+from fmu_didim.dynamics.effects import EFFECTS, PAYLOAD, UNITS, JointTorque, Surroundings, TorqueEffect
 from fmu_didim.dynamics.robot import RobotDescription, RobotModel, read_robot
 from fmu_didim.dynamics.robot.description import write_robot
 from fmu_didim.dynamics.robot.observed_states import observed_along
@@ -381,6 +381,32 @@ def test_needs_are_what_the_columns_depend_on() -> None:
         assert found == effect.needs, name
 
 
+def slopes(effect: TorqueEffect, kind: Any, q: float, load: float) -> np.ndarray:
+    """Slopes of columns and rates by motion, load, states and shapes, at rest with this position and load."""
+    motion = {letter: ca.SX.sym(letter, 2) for letter in ("q", "dq", "ddq")}
+    states, shapes = effect.states(kind), effect.shapes(kind)
+    state, shape = ca.SX.sym("z", len(states)), ca.SX.sym("s", len(shapes))
+    torque, time = ca.SX.sym("load"), ca.SX.sym("t")
+    link = dict.fromkeys(PAYLOAD, ca.SX(np.ones(2)))
+    at = Surroundings(0, kind, *motion.values(), torque, time, tuple(ca.vertsplit(state)) if states else (), link)
+    values = {v.name: shape[k] for k, v in enumerate(shapes)}
+    entries = [e for c in effect.columns(at, values) for e in (c.values() if isinstance(c, Mapping) else [c])]
+    by = ca.vertcat(*motion.values(), torque, state, shape)
+    slope = ca.jacobian(ca.vertcat(*entries, *effect.rates(at, values)), by)
+    at_rest = [q, q, *[0.0] * 4, load, *(v.start for v in states), *(v.start for v in shapes)]
+    return np.asarray(ca.Function("slope", [by, time], [slope])(at_rest, 0.0).full())
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("name", TORQUE)
+def test_slopes_at_rest_are_finite(name: str, kind: str) -> None:
+    """dq = 0, where sign(dq), |dq|^alpha and sqrt(dq^2) have none: the implicit integration of plants takes them."""
+    effect = EFFECTS[name]
+    assert isinstance(effect, TorqueEffect)
+    for q, load in ((0.0, 0.0), (0.3, 2.0), (-0.3, -2.0)):
+        assert np.isfinite(slopes(effect, kind, q, load)).all()
+
+
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("name", TORQUE)
 def test_description_is_written_and_read(name: str, kind: str, tmp_path: Path) -> None:
@@ -419,6 +445,19 @@ class Wind(TorqueEffect):
 
     def columns(self, at: Surroundings, shapes: Mapping[str, ca.SX]) -> tuple[ca.SX, ...]:
         return (ca.sin(at.time),)
+
+
+class Root(Wind):
+    """|dq|^(1/2): its slope at rest is infinite."""
+
+    name = "root"
+
+    def columns(self, at: Surroundings, shapes: Mapping[str, ca.SX]) -> tuple[ca.SX, ...]:
+        return (ca.sqrt(ca.fabs(at.dq)),)
+
+
+def test_an_infinite_slope_at_rest_is_seen() -> None:
+    assert not np.isfinite(slopes(Root(), "revolute", 0.3, 2.0)).all()
 
 
 def test_effect_outside_the_tree() -> None:

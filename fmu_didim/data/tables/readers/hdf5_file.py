@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from fmu_didim.base.errors import InputError, loading
-from fmu_didim.data.tables.nested import as_columns
+from fmu_didim.data.tables.readers.nested import as_columns
 from fmu_didim.data.tables.table import SignalTable
 
 UNIT_NAMES = ("unit", "units", "Unit", "Units")

@@ -5,9 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 
 from fmu_didim.base.errors import InputError, loading
-from fmu_didim.data.tables.hdf5_file import read_hdf5
-from fmu_didim.data.tables.level5 import contents, is_level_5
-from fmu_didim.data.tables.nested import as_columns, leaves
+from fmu_didim.data.tables.readers.hdf5_file import read_hdf5
+from fmu_didim.data.tables.readers.level5 import contents, is_level_5
+from fmu_didim.data.tables.readers.nested import as_columns, leaves
 from fmu_didim.data.tables.table import SignalTable
 
 HDF5_MARK = b"MATLAB 7.3 MAT-file"

@@ -22,7 +22,7 @@ from pydantic import Field
 from fmu_didim.base.documents import Strict
 from fmu_didim.base.errors import InputError
 from fmu_didim.data.signals import Array
-from fmu_didim.data.tables.calendar_time import SLASHES, Calendar
+from fmu_didim.data.tables.readers.calendar_time import SLASHES, Calendar
 from fmu_didim.data.tables.table import SignalTable
 from fmu_didim.data.units import known_unit
 
