@@ -56,8 +56,8 @@ def test_an_identification_takes_few_runs_of_the_loop() -> None:
     assert case.model is not None
     estimate, runs = simulated(case.model, case.estimator)
     assert estimate.status.name == "CONVERGED"
-    # One an iteration, two or more where its steps are chosen or checked, one for the motion of the residual, two to see
-    # whether logs start on their references: after the start that fails, and held out.
+    # One an iteration, two or more where its steps are chosen or checked, one for the motion of the residual, two to
+    # see whether logs start on their references: after the start that fails, and held out.
     assert len(runs.plain) <= 18
     assert len(runs.varied) <= 3  # the last where the steps have become finer
 

@@ -167,8 +167,8 @@ def test_both_ways_give_the_same_estimate(model: LoopModel) -> None:
     found, runs = simulated(model, estimator)
     expected, before = simulated(without_equations(model), estimator)
     assert (np.abs(found.value - expected.value) <= 1e-3 * expected.standard_deviation).all()
-    # The start diverges. Two sensitivities: at the end of DIDIM and near the minimum; one run checks the integration, two
-    # whether logs start on their references.
+    # The start diverges. Two sensitivities: at the end of DIDIM and near the minimum; one run checks the integration,
+    # two whether logs start on their references.
     assert (len(runs.plain), len(runs.varied)) == (10, 2)
     assert (len(before.plain), len(before.varied)) == (26, 0)
 
