@@ -10,8 +10,9 @@ from fmu_didim.data.signals import Array
 from fmu_didim.discovery.augmentation.places import Proposal
 from fmu_didim.discovery.selection.candidates import FittedCandidate
 from fmu_didim.discovery.selection.competition import Competition, proposal_of
+from fmu_didim.discovery.selection.held_out import FAILS_HELD_OUT, held_out_objection, held_out_remark
 from fmu_didim.fit.fit import Fit
-from fmu_didim.fit.gap import Ratio, gaps, held_out_ratio, held_out_ratios, part_of_first
+from fmu_didim.fit.gap import Ratio, gaps, held_out_ratio, part_of_first
 from fmu_didim.model.loop_model import EffectAtJoint
 
 ROUNDS = 5
@@ -29,17 +30,9 @@ SMALLEST_SHARE = 0.05
 SMALLEST_PART = 0.03
 """[1] The same as a fraction of the gap of the base model on the joint where it explains most: a refinement is no
 further effect. On EMPS four further forms of friction and ripple explain less than 3 % each."""
-WORSE_JOINT = 1.02
-"""[1] Lower end of the interval of the held-out RMS ratio of a joint above which an effect makes that joint worse;
-the base parameters, fitted anew, may move others by a little."""
-HELD_OUT = 1.0
-"""[1] The interval of the held-out RMS ratio must lie below; otherwise a model may be worse."""
 NEAR = 0.02
 """[1] Fraction of the gain in BIC by which candidates may differ and still be ambiguous: no form is exact. Measured
 with the blind benchmark."""
-
-FAILS_HELD_OUT = "held-out RMS ratio"
-"""Beginning of the objection that a candidate does not help on the held-out data."""
 
 
 @dataclass(frozen=True)
@@ -79,6 +72,7 @@ class Step:
         before, after: label -> (n,) gap of each joint; ratio: of the held-out RMS, None without held-out data.
         members: the effect and those ambiguous ones that were fitted, with their values.
         remark: on the decision, for the user.
+        untested: whether the held-out data tell nothing of it.
     """
 
     effect_at: EffectAtJoint
@@ -91,6 +85,7 @@ class Step:
     ratio: Ratio | None
     members: tuple[Proposal, ...] = ()
     remark: str = ""
+    untested: bool = False
 
 
 def decide(
@@ -149,14 +144,7 @@ def objection(candidate: FittedCandidate, fit: Fit, options: Options, *, base: F
         return f"explains {100 * part:.1f} % of the gap of the base model on its joint, less than {least:g} %"
     if candidate.implausible:
         return candidate.implausible
-    ratio = held_out_ratio(fit, candidate.fit, seed=options.seed)
-    if ratio is not None and ratio.high >= HELD_OUT:
-        return f"{FAILS_HELD_OUT} {ratio.value:.3f}, its interval reaches {ratio.high:.3f}"
-    worse = [(j, r) for j, r in held_out_ratios(fit, candidate.fit, seed=options.seed) if r.low > WORSE_JOINT]
-    if worse:
-        joint, one = worse[0]
-        return f"{FAILS_HELD_OUT} {one.value:.3f} of joint {joint}, its interval starts at {one.low:.3f}"
-    return ""
+    return held_out_objection(fit, candidate.fit, seed=options.seed)
 
 
 def _simplest(near: Sequence[FittedCandidate], options: Options) -> FittedCandidate:
@@ -185,6 +173,7 @@ def step_of(
     named = {a for a, _ in near} | {accepted.effect_at}
     fitted = [accepted, *(c for c in ranking if c.effect_at in named and c.effect_at != accepted.effect_at)]
     effect = builder.effect(accepted.effect_at)
+    remark = held_out_remark(fit, accepted.fit, seed=options.seed)
     for name, other in builder.effects.items():
         member = EffectAtJoint(name, accepted.effect_at.joint)
         # Whether a shift of the log may stand for a lag of the loop, or vice versa, only their fits tell.
@@ -201,4 +190,5 @@ def step_of(
         after=gaps(accepted.fit),
         ratio=held_out_ratio(fit, accepted.fit, seed=options.seed),
         members=tuple(proposal_of(c) for c in fitted),
+        remark=f"{effect.title} on joint {accepted.effect_at.joint}: {remark}." if remark else "",
     )
