@@ -18,7 +18,7 @@ DECIDING = (
     (catalogue, ("REPEATS", "TOGETHER", "SEEN", "LARGEST_COLUMN", "STIFFEST", "SAME_SHAPE")),
     (competition, ("SURVIVING", "IDLE", "DEPENDENT", "SHORTLIST", "WORTH", "LEADING", "FURTHER", "REACH", "ABREAST")),
     (decide, ("ROUNDS", "BIC", "SMALLEST_SIZE", "SMALLEST_GAIN", "SMALLEST_SHARE", "SMALLEST_PART", "NEAR")),
-    (held_out, ("HELD_OUT", "WORSE_JOINT", "NEARER", "AMPLITUDE_CHANCE", "FEWEST_BLOCKS", "GLITCH")),
+    (held_out, ("HELD_OUT", "WORSE_JOINT", "NEARER", "FEWEST_BLOCKS", "GLITCH")),
     (plausible, ("ZERO",)),
     (pre_check, ("FITTED", "PROMISING", "WORSE")),
     (rounds, ("KEPT_GAIN",)),

@@ -95,13 +95,13 @@ def rms_ratio(before: Array, after: Array, noise: Noise, *, block: int, seed: in
     return Ratio(value, float(np.quantile(ratios, outside)), float(np.quantile(ratios, 1 - outside)))
 
 
-def drawn_sums(columns: Array, *, block: int, seed: int = 0, draws: int = BOOTSTRAP) -> Array:
-    """(draws, m) sums of columns (N, m) over blocks that are drawn with replacement."""
+def drawn_sums(columns: Array, *, block: int, seed: int = 0) -> Array:
+    """(BOOTSTRAP, m) sums of columns (N, m) over blocks that are drawn with replacement."""
     samples = columns.shape[0]
     count = max(samples // max(block, 1), 1)
     edges = np.linspace(0, samples, count + 1).astype(int)
     sums = np.array([columns[a:b].sum(axis=0) for a, b in pairwise(edges)])
-    drawn = np.random.default_rng(seed).integers(0, count, size=(draws, count))
+    drawn = np.random.default_rng(seed).integers(0, count, size=(BOOTSTRAP, count))
     return np.asarray(sums[drawn].sum(axis=1))
 
 

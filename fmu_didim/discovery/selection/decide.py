@@ -10,7 +10,13 @@ from fmu_didim.data.signals import Array
 from fmu_didim.discovery.augmentation.places import Proposal
 from fmu_didim.discovery.selection.candidates import FittedCandidate
 from fmu_didim.discovery.selection.competition import Competition, proposal_of
-from fmu_didim.discovery.selection.held_out import FAILS_HELD_OUT, held_out_objection, held_out_remark
+from fmu_didim.discovery.selection.held_out import (
+    FAILS_HELD_OUT,
+    held_out_objection,
+    held_out_remark,
+    is_confirmed_by_size_alone,
+    unconfirmed,
+)
 from fmu_didim.fit.fit import Fit
 from fmu_didim.fit.gap import Ratio, gaps, held_out_ratio, part_of_first
 from fmu_didim.model.loop_model import EffectAtJoint
@@ -96,6 +102,7 @@ def decide(
     base: Fit,
     held: Callable[[EffectAtJoint], Iterable[FittedCandidate]] = lambda effect_at: (),
     finished: Callable[[FittedCandidate], FittedCandidate] = lambda candidate: candidate,
+    class_of: Callable[[EffectAtJoint], str] = lambda effect_at: effect_at.effect,
 ) -> FittedCandidate | tuple[tuple[EffectAtJoint, str], ...]:
     """The candidate to add, or the reasons why no candidate is accepted.
 
@@ -103,7 +110,13 @@ def decide(
         ranking: the best first; fit: of the model without them; base: of the model without any effect.
         held: a candidate that fails on held-out data only, with its shapes held at screened values.
         finished: a candidate whose fit was given up, at its minimum.
+        class_of: the class of an effect. Where held-out data confirm the best by its size alone, one of its class with
+            fewer parameters is as good unless they confirm what the best has more.
     """
+
+    def is_simpler(other: FittedCandidate, best: FittedCandidate) -> bool:
+        alike = class_of(other.effect_at) == class_of(best.effect_at)
+        return alike and other.effect_at.joint == best.effect_at.joint and other.cost < best.cost
 
     def judged(candidate: FittedCandidate) -> tuple[FittedCandidate, str]:
         reason = objection(candidate, fit, options, base=base)
@@ -119,6 +132,10 @@ def decide(
             least = candidate.delta_bic - _nearness(candidate, options)
             others = [judged(c) for c in ranking if c is not first and c.delta_bic > least]
             near = [candidate, *(c for c, objected in others if not objected and c.delta_bic > least)]
+            if is_confirmed_by_size_alone(fit, candidate.fit, seed=options.seed):
+                others = [judged(c) for c in ranking if c.delta_bic <= least and is_simpler(c, candidate)]
+                allowed = [c for c, objected in others if not objected]
+                near += [c for c in allowed if unconfirmed(c.fit, candidate.fit, seed=options.seed)]
             return _simplest(near, options)
         if reason.startswith(FAILS_HELD_OUT):
             for other in held(candidate.effect_at):
@@ -173,7 +190,6 @@ def step_of(
     named = {a for a, _ in near} | {accepted.effect_at}
     fitted = [accepted, *(c for c in ranking if c.effect_at in named and c.effect_at != accepted.effect_at)]
     effect = builder.effect(accepted.effect_at)
-    remark = held_out_remark(fit, accepted.fit, seed=options.seed)
     for name, other in builder.effects.items():
         member = EffectAtJoint(name, accepted.effect_at.joint)
         # Whether a shift of the log may stand for a lag of the loop, or vice versa, only their fits tell.
@@ -190,5 +206,28 @@ def step_of(
         after=gaps(accepted.fit),
         ratio=held_out_ratio(fit, accepted.fit, seed=options.seed),
         members=tuple(proposal_of(c) for c in fitted),
-        remark=f"{effect.title} on joint {accepted.effect_at.joint}: {remark}." if remark else "",
+        remark=_remark(accepted, ranking, competition, options),
     )
+
+
+def _remark(
+    accepted: FittedCandidate, ranking: Sequence[FittedCandidate], competition: Competition, options: Options
+) -> str:
+    """What the user is told of an effect that held-out data confirm by its size alone, and of larger members of its
+    class that explain the fitted data better."""
+    told = held_out_remark(competition.fit, accepted.fit, seed=options.seed)
+    if not told:
+        return ""
+    effect = competition.builder.effect(accepted.effect_at)
+    text = f"{effect.title} on joint {accepted.effect_at.joint}: {told}."
+    for other in ranking:
+        ahead = other.delta_bic - accepted.delta_bic
+        larger = competition.builder.effect(other.effect_at)
+        alike = other.effect_at.joint == accepted.effect_at.joint and larger.class_name == effect.class_name
+        is_ahead = alike and other.cost > accepted.cost and ahead > options.threshold
+        if is_ahead and unconfirmed(accepted.fit, other.fit, seed=options.seed):
+            text += (
+                f" {larger.title} explains the fitted data better, by a BIC difference of {ahead:.0f}; held-out data "
+                "do not confirm what it has more."
+            )
+    return text

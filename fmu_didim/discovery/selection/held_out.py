@@ -9,7 +9,8 @@ in what the other parameters cannot make,
 
 with the residuals r_0 and r_1 without and with it, weights w and an orthonormal basis Q of the weighted sensitivities
 of the model without it. This is the size of the effect on held-out data as a
-multiple of the fitted one. |P w r_1| < |P w r_0| if and only if a > 1/2: the interval of a must lie above.
+multiple of the fitted one. |P w r_1| < |P w r_0| if and only if a > 1/2: the interval of a must lie above. An effect
+that is absent has a = 0: with a standard deviation of a below 1/2 it passes once in 600 times.
 
 Weights are 1 / noise, and less for samples that neither model explains, such as glitches of a logger: by Huber's rule
 for the smaller one of the two residuals, so that no sample that one of them explains loses weight.
@@ -25,7 +26,7 @@ import numpy as np
 
 from fmu_didim.base.errors import SimulationError
 from fmu_didim.data.signals import Array
-from fmu_didim.discovery.selection.competition import SHORTLIST, SURVIVING
+from fmu_didim.discovery.selection.competition import SURVIVING
 from fmu_didim.fit.base_projection import BaseProjection
 from fmu_didim.fit.fit import Fit
 from fmu_didim.fit.gap import drawn_sums, held_out_block, held_out_ratio, held_out_ratios, held_out_residual
@@ -38,10 +39,6 @@ WORSE_JOINT = 1.02
 the base parameters, fitted anew, may move others by a little."""
 NEARER = 0.5
 """[1] Of its fitted size: an effect that is larger on held-out data is nearer to them than none."""
-AMPLITUDE_CHANCE = (1 - CONFIDENCE) / 2 / SHORTLIST
-"""[1] Probability beyond each end of the interval of that size: all of a shortlist may be tried before one passes."""
-AMPLITUDE_DRAWS = 20_000
-"""[draws] Of its bootstrap: some eighty lie beyond each end."""
 FEWEST_BLOCKS = 10
 """[blocks] Of held-out data, with fewer of which a bootstrap gives too short an interval."""
 GLITCH = 3.0
@@ -56,8 +53,7 @@ FAILS_HELD_OUT = "held-out RMS ratio"
 
 @dataclass(frozen=True)
 class Amplitude:
-    """Size of an effect on held-out data as a multiple of the fitted one: value and its interval, 95 % for all
-    candidates of a shortlist together."""
+    """Size of an effect on held-out data as a multiple of the fitted one: value and its 95 % interval."""
 
     value: float
     low: float
@@ -90,14 +86,18 @@ def unconfirmed(before: Fit, after: Fit, *, seed: int = 0) -> str:
     return "" if amplitude.low > NEARER else f"{text}; there it has {amplitude}"
 
 
-def held_out_remark(before: Fit, after: Fit, *, seed: int = 0) -> str:
-    """That an effect is confirmed by its size alone, for the user; empty where the whole prediction is better."""
+def is_confirmed_by_size_alone(before: Fit, after: Fit, *, seed: int = 0) -> bool:
+    """Whether held-out data confirm an effect though the whole prediction may not be better."""
     ratio = held_out_ratio(before, after, seed=seed)
-    if ratio is None or not ratio.value < HELD_OUT <= ratio.high:
+    return ratio is not None and ratio.high >= HELD_OUT and not unconfirmed(before, after, seed=seed)
+
+
+def held_out_remark(before: Fit, after: Fit, *, seed: int = 0) -> str:
+    """That an effect is confirmed by its size alone, for the user; empty where it is not."""
+    if not is_confirmed_by_size_alone(before, after, seed=seed):
         return ""
-    amplitude = held_out_amplitude(before, after, seed=seed)
-    if amplitude is None or amplitude.low <= NEARER:
-        return ""
+    ratio, amplitude = held_out_ratio(before, after, seed=seed), held_out_amplitude(before, after, seed=seed)
+    assert ratio is not None
     return (
         f"as a whole the held-out error may not be smaller (RMS ratio {ratio.value:.3f}, {ratio.low:.3f} to "
         f"{ratio.high:.3f}), but in what the other parameters cannot make, and with less weight on samples that "
@@ -128,10 +128,11 @@ def held_out_amplitude(before: Fit, after: Fit, *, seed: int = 0) -> Amplitude |
         return None
     products = np.column_stack([np.sum(own * change, axis=1), np.sum(change**2, axis=1)])
     total = products.sum(axis=0)
-    drawn = drawn_sums(products, block=block, seed=seed, draws=AMPLITUDE_DRAWS)
+    drawn = drawn_sums(products, block=block, seed=seed)
     shown = drawn[:, 1] > 0
     sizes = np.where(shown, drawn[:, 0] / np.where(shown, drawn[:, 1], 1.0), 0.0)
-    low, high = np.quantile(sizes, [AMPLITUDE_CHANCE, 1 - AMPLITUDE_CHANCE])
+    outside = (1 - CONFIDENCE) / 2
+    low, high = np.quantile(sizes, [outside, 1 - outside])
     return Amplitude(float(total[0] / total[1]), float(low), float(high))
 
 
