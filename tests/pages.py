@@ -4,6 +4,7 @@
     python -m tests.pages tx40          # minutes
     python -m tests.pages black_box
     python -m tests.pages scara
+    python -m tests.pages double_pendulum   # minutes
     python -m tests.pages signatures
 
 Each writes ``docs/figures/<name>.json`` (``--out`` names another file); ``python docs/include.py`` fills the pages.
@@ -34,7 +35,7 @@ from tests.figures import FOLDER, command_of, table, write_figures
 from tests.helpers import ROOT, with_component, with_torque
 
 Figures = dict[str, str | list[str]]
-EMPS, TX40, SCARA = (ROOT / "examples" / name for name in ("emps", "tx40", "scara"))
+EMPS, TX40, SCARA, PENDULUM = (ROOT / "examples" / name for name in ("emps", "tx40", "scara", "double_pendulum"))
 
 
 def emps() -> Figures:
@@ -177,6 +178,27 @@ def _formulas() -> Figures:
     return figures
 
 
+def double_pendulum() -> Figures:
+    """What the usual model of a real robot of two joints lacks."""
+    found = discover(PENDULUM / "discover.yaml")
+    (first,) = found.findings
+    (value,) = first.parameters
+    low, high = value.interval or (np.nan, np.nan)
+    errors = {
+        label: f"{_percent(found, label, 0)} to {_percent(found, label, 1)}" for label in ("estimation", "validation")
+    }
+    (note,) = [note for note in found.notes if note.startswith(first.title)]
+    size = re.search(r"effect at (\S+) \((\S+ to \S+)\)", note)
+    ahead = re.search(r"BIC difference of (\d+)", note)
+    assert size is not None and ahead is not None
+    return {
+        "effect": f"{first.title.lower()} on joint {first.joint}", "gain": f"{first.delta_bic:.0f}",
+        "value": f"{value.value:.3f}", "interval": f"{low:.3f} to {high:.3f}", **errors,
+        "ratio": "{:.2f} to {:.2f}".format(*first.ratio_interval or ()), "size": size[1], "size_interval": size[2],
+        "rival": first.ambiguous[0].title.lower(), "ahead": ahead[1], "verdict": found.verdict.replace("_", " "),
+    }  # fmt: skip
+
+
 def signatures() -> Figures:
     """How alike the signatures of torque effects and the true changes of a closed loop of two joints are."""
     from tests.discovery.screening import test_signatures as tested
@@ -209,6 +231,7 @@ def signatures() -> Figures:
 
 COMMANDS: Mapping[str, Callable[[], Figures]] = {
     "emps": emps, "tx40": tx40, "black_box": black_box, "scara": scara, "signatures": signatures,
+    "double_pendulum": double_pendulum,
 }  # fmt: skip
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from fmu_didim.discovery import base_model, judge, localise
 from fmu_didim.discovery.external_torques import search
 from fmu_didim.discovery.screening import catalogue
-from fmu_didim.discovery.selection import competition, decide, plausible, pre_check, rounds
+from fmu_didim.discovery.selection import competition, decide, held_out, plausible, pre_check, rounds
 from fmu_didim.fit import base_projection, gap
 from fmu_didim.results.provenance import ENGINE
 
@@ -17,8 +17,8 @@ DECIDING = (
     (base_model, ("FIRST_NOISE",)),
     (catalogue, ("REPEATS", "TOGETHER", "SEEN", "LARGEST_COLUMN", "STIFFEST", "SAME_SHAPE")),
     (competition, ("SURVIVING", "IDLE", "DEPENDENT", "SHORTLIST", "WORTH", "LEADING", "FURTHER", "REACH", "ABREAST")),
-    (decide, ("ROUNDS", "BIC", "SMALLEST_SIZE", "SMALLEST_GAIN", "SMALLEST_SHARE", "SMALLEST_PART", "WORSE_JOINT")),
-    (decide, ("HELD_OUT", "NEAR")),
+    (decide, ("ROUNDS", "BIC", "SMALLEST_SIZE", "SMALLEST_GAIN", "SMALLEST_SHARE", "SMALLEST_PART", "NEAR")),
+    (held_out, ("HELD_OUT", "WORSE_JOINT", "NEARER", "FEWEST_BLOCKS", "GLITCH")),
     (plausible, ("ZERO",)),
     (pre_check, ("FITTED", "PROMISING", "WORSE")),
     (rounds, ("KEPT_GAIN",)),

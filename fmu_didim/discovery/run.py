@@ -16,7 +16,7 @@ from fmu_didim.discovery.external_torques.rivals import rivalled
 from fmu_didim.discovery.judge import has_external_torques
 from fmu_didim.discovery.localise import regions_of_fit
 from fmu_didim.discovery.request import Request
-from fmu_didim.discovery.selection.decide import FAILS_HELD_OUT, HELD_OUT
+from fmu_didim.discovery.selection.held_out import unconfirmed
 from fmu_didim.discovery.selection.rounds import Discovery, run_rounds
 from fmu_didim.discovery.unfinished import ended_before
 from fmu_didim.fit.fit import Fit
@@ -134,9 +134,9 @@ class _Search:
             discovery = replace(discovery, final=final)
         discovery = replace(discovery, base=base, final=_fully_integrated(base, discovery))
         ratio = held_out_ratio(base, discovery.final, seed=options.seed) if discovery.steps else None
-        remarked = any(step.remark for step in discovery.steps)  # the held-out data tell nothing of it
-        if ratio is not None and ratio.high >= HELD_OUT and self.torques is None and not remarked:
-            discovery, ratio = _withdrawn(discovery, ratio), None
+        tested = discovery.steps and self.torques is None and not any(step.untested for step in discovery.steps)
+        if tested and (why := unconfirmed(base, discovery.final, seed=options.seed)):
+            discovery, ratio = _withdrawn(discovery, why), None
         unshifted, saved = _without_shift(discovery.final.model, builder)
         way = other_sampling(discovery.final, unshifted, saved=saved, threshold=options.threshold)
         note = [way.text(1 / base.model.experiments[base.model.first].rate_hz)] if way is not None else []
@@ -181,10 +181,9 @@ def _without_shift(model: LoopModel, builder: LoopModelBuilder) -> tuple[LoopMod
     return model, saved
 
 
-def _withdrawn(discovery: Discovery, ratio: Ratio) -> Discovery:
+def _withdrawn(discovery: Discovery, why: str) -> Discovery:
     """The base model alone, with all effects refused: together they do not help on the held-out data."""
-    why = f"{FAILS_HELD_OUT} {ratio.value:.3f} of the final model, its interval reaches {ratio.high:.3f}"
-    refused = (*((step.effect_at, why) for step in discovery.steps), *discovery.refused)
+    refused = (*((step.effect_at, f"final model: {why}") for step in discovery.steps), *discovery.refused)
     return replace(discovery, final=discovery.base, steps=(), refused=refused)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
@@ -67,6 +68,15 @@ class Fit:
     def residual_in(self, label: str) -> Array:
         """(N, n) measured minus simulated torque of one experiment, held out or not; raises SimulationError."""
         return self.model.residual(self.values, label)
+
+    @cached_property
+    def held_out_jacobian(self) -> Array:
+        """(Nv, n, p) sensitivity of the torque of all held-out experiments; raises SimulationError."""
+        columns = []
+        for label in self.model.experiments.validation_labels if self.values.size else ():
+            model = self.model.on(label)
+            columns.append(sensitivity(model, self.values, model.torque(self.values)))
+        return np.concatenate(columns) if columns else np.zeros((0, self.torque.shape[1], 0))
 
     @property
     def covariance(self) -> Array:

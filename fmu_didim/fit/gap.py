@@ -88,15 +88,21 @@ def rms_ratio(before: Array, after: Array, noise: Noise, *, block: int, seed: in
     Source: Kuensch, Annals of Statistics 17 (1989): the blocks keep the correlation of neighbouring samples.
     """
     first, second = (np.sum((r / noise.deviation) ** 2, axis=1) for r in (before, after))
-    count = max(first.size // max(block, 1), 1)
-    edges = np.linspace(0, first.size, count + 1).astype(int)
-    sums = np.array([[first[a:b].sum(), second[a:b].sum()] for a, b in pairwise(edges)])
-    drawn = np.random.default_rng(seed).integers(0, count, size=(BOOTSTRAP, count))
-    totals = sums[drawn].sum(axis=1)
+    totals = drawn_sums(np.column_stack([first, second]), block=block, seed=seed)
     ratios = np.sqrt(totals[:, 1] / np.maximum(totals[:, 0], TINY))
     value = float(np.sqrt(second.sum() / max(float(first.sum()), TINY)))
     outside = (1 - CONFIDENCE) / 2
     return Ratio(value, float(np.quantile(ratios, outside)), float(np.quantile(ratios, 1 - outside)))
+
+
+def drawn_sums(columns: Array, *, block: int, seed: int = 0) -> Array:
+    """(BOOTSTRAP, m) sums of columns (N, m) over blocks that are drawn with replacement."""
+    samples = columns.shape[0]
+    count = max(samples // max(block, 1), 1)
+    edges = np.linspace(0, samples, count + 1).astype(int)
+    sums = np.array([columns[a:b].sum(axis=0) for a, b in pairwise(edges)])
+    drawn = np.random.default_rng(seed).integers(0, count, size=(BOOTSTRAP, count))
+    return np.asarray(sums[drawn].sum(axis=1))
 
 
 def held_out_ratio(before: Fit, after: Fit, *, seed: int = 0) -> Ratio | None:
@@ -104,10 +110,10 @@ def held_out_ratio(before: Fit, after: Fit, *, seed: int = 0) -> Ratio | None:
     if not before.model.experiments.validation_labels:
         return None
     try:
-        first, second = _held_out(before), _held_out(after)
+        first, second = held_out_residual(before), held_out_residual(after)
     except SimulationError:
         return Ratio(np.inf, np.inf, np.inf)
-    return rms_ratio(first, second, before.noise, block=_block(before), seed=seed)
+    return rms_ratio(first, second, before.noise, block=held_out_block(before), seed=seed)
 
 
 def held_out_ratios(before: Fit, after: Fit, *, seed: int = 0) -> list[tuple[int, Ratio]]:
@@ -115,22 +121,22 @@ def held_out_ratios(before: Fit, after: Fit, *, seed: int = 0) -> list[tuple[int
     if not before.model.experiments.validation_labels:
         return []
     try:
-        first, second = _held_out(before), _held_out(after)
+        first, second = held_out_residual(before), held_out_residual(after)
     except SimulationError:
         return []
-    noise, block = before.noise, _block(before)
+    noise, block = before.noise, held_out_block(before)
     own = [replace(noise, deviation=noise.deviation[[j]]) for j in range(first.shape[1])]
     return [(j + 1, rms_ratio(first[:, [j]], second[:, [j]], one, block=block, seed=seed)) for j, one in enumerate(own)]
 
 
-def _held_out(fit: Fit) -> Array:
-    """(Nv, n) residual of all held-out experiments."""
+def held_out_residual(fit: Fit) -> Array:
+    """(Nv, n) residual of all held-out experiments; raises SimulationError."""
     labels = fit.model.experiments.validation_labels
     return np.concatenate([fit.residual_in(label) for label in labels])
 
 
-def _block(fit: Fit) -> int:
-    """Samples in a block of the bootstrap."""
+def held_out_block(fit: Fit) -> int:
+    """Samples in a block of the bootstrap of held-out data."""
     return max(round(BLOCK_S * fit.model.experiments[fit.model.experiments.validation_labels[0]].rate_hz), 1)
 
 

@@ -10,9 +10,10 @@ from scipy.signal import medfilt
 
 from fmu_didim.base.diagnostics import CATALOGUE, DOUBT, PROBLEM, REMARK, Diagnostic, by_weight
 from fmu_didim.checks.data.expected import Expected
-from fmu_didim.cosim import grid_places
+from fmu_didim.cosim import Indices, grid_places
 from fmu_didim.data.signals import Array
-from fmu_didim.fit.noise.noise import TINY
+from fmu_didim.fit.base_projection import BaseProjection
+from fmu_didim.fit.noise.noise import TINY, effective_fraction
 from fmu_didim.model.experiment import Experiment
 
 REFERENCE_STEP = 0.01
@@ -51,6 +52,9 @@ QUANTILES = (5.0, 95.0)
 """[%] Between which the range of a column is taken, free of outliers."""
 MOST_SPIKES = 0.1
 """[1] Part of the samples above which they are no outliers but the rule."""
+MOVED = 0.3
+"""[standard deviations] By which outliers may move the values, all together: a 95 % interval then still holds the truth
+94 times of 100."""
 
 LOG_CONSTANT = CATALOGUE(
     "log-constant", PROBLEM, rank=6,
@@ -79,6 +83,12 @@ LOG_OUTLIERS = CATALOGUE(
     meaning="Single samples differ from their neighbours by more than the motion explains: errors of the logger, or "
     "pushes from outside that last for a sample or two.",
     next_step="Remove wrong samples from the log (gaps are allowed); for pushes: fmu-didim discover CASE.yaml.",
+)  # fmt: skip
+FEW_OUTLIERS = CATALOGUE(
+    "few-outliers", REMARK, rank=17,
+    meaning="Single samples differ from their neighbours by more than the motion explains, but by too little, or too "
+    "few of them, to move the values.",
+    next_step="",
 )  # fmt: skip
 LOG_COARSE = CATALOGUE(
     "log-coarse", DOUBT, rank=18,
@@ -257,4 +267,28 @@ def _outliers(j: int, place: str, given: Expected) -> Iterator[Diagnostic]:
             f"{spikes.size} of {values.size} samples differ from their neighbours by up to {deviation.max():.4g}; "
             f"nine tenths of the log lie within {spread:.4g}."
         )
-        yield Diagnostic(LOG_OUTLIERS, text, place, float(deviation.max()), SPIKE * spread)
+        moved = _moved(j, spikes, given)
+        if moved <= MOVED:
+            text += f" They move the values by {moved:.2g} standard deviations, all together."
+            yield Diagnostic(FEW_OUTLIERS, text, place, moved, MOVED, "1")
+        else:
+            yield Diagnostic(LOG_OUTLIERS, text, place, float(deviation.max()), SPIKE * spread)
+
+
+def _moved(j: int, spikes: Indices, given: Expected) -> float:
+    """Standard deviations by which outliers of joint ``j`` (from 0) move the base parameters, all together; infinite
+    where these are not known.
+
+        | Q' w x |    x what the outliers differ by, Q a basis of the weighted regressor, w = sqrt(f)/s
+
+    with deviation s and independent part f of the residual along the reference, without the outliers.
+    """
+    if given.columns is None or given.fitted is None:
+        return np.inf
+    residual = given.measured - given.fitted
+    wrong = np.zeros_like(residual)
+    wrong[spikes, j] = (residual[:, j] - medfilt(residual[:, j], NEIGHBOURS))[spikes]
+    residual = residual - wrong
+    size = np.maximum(residual.std(axis=0), TINY)
+    base = BaseProjection.of(given.columns, np.sqrt(effective_fraction(residual)) / size)
+    return float(np.linalg.norm(base.basis.T @ base.weighted(wrong)))

@@ -10,8 +10,15 @@ from fmu_didim.data.signals import Array
 from fmu_didim.discovery.augmentation.places import Proposal
 from fmu_didim.discovery.selection.candidates import FittedCandidate
 from fmu_didim.discovery.selection.competition import Competition, proposal_of
+from fmu_didim.discovery.selection.held_out import (
+    FAILS_HELD_OUT,
+    held_out_objection,
+    held_out_remark,
+    is_confirmed_by_size_alone,
+    unconfirmed,
+)
 from fmu_didim.fit.fit import Fit
-from fmu_didim.fit.gap import Ratio, gaps, held_out_ratio, held_out_ratios, part_of_first
+from fmu_didim.fit.gap import Ratio, gaps, held_out_ratio, part_of_first
 from fmu_didim.model.loop_model import EffectAtJoint
 
 ROUNDS = 5
@@ -29,17 +36,9 @@ SMALLEST_SHARE = 0.05
 SMALLEST_PART = 0.03
 """[1] The same as a fraction of the gap of the base model on the joint where it explains most: a refinement is no
 further effect. On EMPS four further forms of friction and ripple explain less than 3 % each."""
-WORSE_JOINT = 1.02
-"""[1] Lower end of the interval of the held-out RMS ratio of a joint above which an effect makes that joint worse;
-the base parameters, fitted anew, may move others by a little."""
-HELD_OUT = 1.0
-"""[1] The interval of the held-out RMS ratio must lie below; otherwise a model may be worse."""
 NEAR = 0.02
 """[1] Fraction of the gain in BIC by which candidates may differ and still be ambiguous: no form is exact. Measured
 with the blind benchmark."""
-
-FAILS_HELD_OUT = "held-out RMS ratio"
-"""Beginning of the objection that a candidate does not help on the held-out data."""
 
 
 @dataclass(frozen=True)
@@ -79,6 +78,7 @@ class Step:
         before, after: label -> (n,) gap of each joint; ratio: of the held-out RMS, None without held-out data.
         members: the effect and those ambiguous ones that were fitted, with their values.
         remark: on the decision, for the user.
+        untested: whether the held-out data tell nothing of it.
     """
 
     effect_at: EffectAtJoint
@@ -91,6 +91,7 @@ class Step:
     ratio: Ratio | None
     members: tuple[Proposal, ...] = ()
     remark: str = ""
+    untested: bool = False
 
 
 def decide(
@@ -101,6 +102,7 @@ def decide(
     base: Fit,
     held: Callable[[EffectAtJoint], Iterable[FittedCandidate]] = lambda effect_at: (),
     finished: Callable[[FittedCandidate], FittedCandidate] = lambda candidate: candidate,
+    class_of: Callable[[EffectAtJoint], str] = lambda effect_at: effect_at.effect,
 ) -> FittedCandidate | tuple[tuple[EffectAtJoint, str], ...]:
     """The candidate to add, or the reasons why no candidate is accepted.
 
@@ -108,7 +110,13 @@ def decide(
         ranking: the best first; fit: of the model without them; base: of the model without any effect.
         held: a candidate that fails on held-out data only, with its shapes held at screened values.
         finished: a candidate whose fit was given up, at its minimum.
+        class_of: the class of an effect. Where held-out data confirm the best by its size alone, one of its class with
+            fewer parameters is as good unless they confirm what the best has more.
     """
+
+    def is_simpler(other: FittedCandidate, best: FittedCandidate) -> bool:
+        alike = class_of(other.effect_at) == class_of(best.effect_at)
+        return alike and other.effect_at.joint == best.effect_at.joint and other.cost < best.cost
 
     def judged(candidate: FittedCandidate) -> tuple[FittedCandidate, str]:
         reason = objection(candidate, fit, options, base=base)
@@ -124,6 +132,10 @@ def decide(
             least = candidate.delta_bic - _nearness(candidate, options)
             others = [judged(c) for c in ranking if c is not first and c.delta_bic > least]
             near = [candidate, *(c for c, objected in others if not objected and c.delta_bic > least)]
+            if is_confirmed_by_size_alone(fit, candidate.fit, seed=options.seed):
+                others = [judged(c) for c in ranking if c.delta_bic <= least and is_simpler(c, candidate)]
+                allowed = [c for c, objected in others if not objected]
+                near += [c for c in allowed if unconfirmed(c.fit, candidate.fit, seed=options.seed)]
             return _simplest(near, options)
         if reason.startswith(FAILS_HELD_OUT):
             for other in held(candidate.effect_at):
@@ -149,14 +161,7 @@ def objection(candidate: FittedCandidate, fit: Fit, options: Options, *, base: F
         return f"explains {100 * part:.1f} % of the gap of the base model on its joint, less than {least:g} %"
     if candidate.implausible:
         return candidate.implausible
-    ratio = held_out_ratio(fit, candidate.fit, seed=options.seed)
-    if ratio is not None and ratio.high >= HELD_OUT:
-        return f"{FAILS_HELD_OUT} {ratio.value:.3f}, its interval reaches {ratio.high:.3f}"
-    worse = [(j, r) for j, r in held_out_ratios(fit, candidate.fit, seed=options.seed) if r.low > WORSE_JOINT]
-    if worse:
-        joint, one = worse[0]
-        return f"{FAILS_HELD_OUT} {one.value:.3f} of joint {joint}, its interval starts at {one.low:.3f}"
-    return ""
+    return held_out_objection(fit, candidate.fit, seed=options.seed)
 
 
 def _simplest(near: Sequence[FittedCandidate], options: Options) -> FittedCandidate:
@@ -201,4 +206,28 @@ def step_of(
         after=gaps(accepted.fit),
         ratio=held_out_ratio(fit, accepted.fit, seed=options.seed),
         members=tuple(proposal_of(c) for c in fitted),
+        remark=_remark(accepted, ranking, competition, options),
     )
+
+
+def _remark(
+    accepted: FittedCandidate, ranking: Sequence[FittedCandidate], competition: Competition, options: Options
+) -> str:
+    """What the user is told of an effect that held-out data confirm by its size alone, and of larger members of its
+    class that explain the fitted data better."""
+    told = held_out_remark(competition.fit, accepted.fit, seed=options.seed)
+    if not told:
+        return ""
+    effect = competition.builder.effect(accepted.effect_at)
+    text = f"{effect.title} on joint {accepted.effect_at.joint}: {told}."
+    for other in ranking:
+        ahead = other.delta_bic - accepted.delta_bic
+        larger = competition.builder.effect(other.effect_at)
+        alike = other.effect_at.joint == accepted.effect_at.joint and larger.class_name == effect.class_name
+        is_ahead = alike and other.cost > accepted.cost and ahead > options.threshold
+        if is_ahead and unconfirmed(accepted.fit, other.fit, seed=options.seed):
+            text += (
+                f" {larger.title} explains the fitted data better, by a BIC difference of {ahead:.0f}; held-out data "
+                "do not confirm what it has more."
+            )
+    return text

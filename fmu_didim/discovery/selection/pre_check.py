@@ -13,7 +13,8 @@ from fmu_didim.discovery.augmentation.places import Proposal
 from fmu_didim.discovery.progress import Progress
 from fmu_didim.discovery.selection.candidates import FittedCandidate
 from fmu_didim.discovery.selection.competition import Competition
-from fmu_didim.discovery.selection.decide import FAILS_HELD_OUT, Options, Step, objection, step_of
+from fmu_didim.discovery.selection.decide import Options, Step, objection, step_of
+from fmu_didim.discovery.selection.held_out import FAILS_HELD_OUT
 from fmu_didim.dynamics.effects import PreCheck
 from fmu_didim.fit.fit import Fit
 from fmu_didim.fit.gap import held_out_ratio
@@ -76,7 +77,8 @@ def _checked(
     if reason:
         return None
     progress.say(f"added: {name} on joint {best.effect_at.joint}")
-    return replace(step_of(best, found, competition, options), remark=remark), best.fit
+    step = step_of(best, found, competition, options)
+    return (replace(step, remark=remark, untested=True) if remark else step), best.fit
 
 
 def _tried(name: str, check: PreCheck, competition: Competition) -> list[tuple[float, EffectAtJoint, float]]:

@@ -124,7 +124,10 @@ def _round(
     if comparison.is_cut:
         return ranking, tried, None
     held = partial(_with_shapes_held, competition, screened)
-    judge = partial(decide, fit=competition.fit, options=options, base=base, held=held, finished=competition.finished)
+    judge = partial(
+        decide, fit=competition.fit, options=options, base=base, held=held, finished=competition.finished,
+        class_of=lambda effect_at: competition.builder.effect(effect_at).class_name,
+    )  # fmt: skip
     accepted = judge(ranking)
     if comparison.unfitted and not isinstance(accepted, FittedCandidate):
         comparison = competition.compare(comparison.unfitted, progress=progress, reach=float("inf"))

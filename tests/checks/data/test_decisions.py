@@ -229,6 +229,32 @@ def test_a_loop_that_swings_in_is_no_outlier(at: int | None, codes: list[str]) -
     assert names(log_diagnostics(Experiment(motion, TIME, log[:, None], operator), "train", given, 200.0)) == codes
 
 
+@pytest.mark.parametrize(
+    ("size", "count", "at", "code"),
+    [
+        (2.0, 1, 33, "few-outliers"),
+        (20.0, 1, 33, "log-outliers"),  # one sample may move the values, too
+        (2.0, 9, 33, "log-outliers"),
+    ],
+)
+def test_outliers_that_move_no_value_are_remarked(size: float, count: int, at: int, code: str) -> None:
+    """A single wrong sample is told; a doubt it is where it moves the values."""
+    count_all = 10 * N.size
+    n, time = np.arange(count_all), np.arange(count_all) * (TIME[1] - TIME[0])
+    log = np.sin(0.05 * n) + 0.2 * np.random.default_rng(4).normal(size=count_all)
+    log[at : at + 20 * count : 20] += size
+    columns = np.stack([np.sin(0.05 * n), np.cos(0.05 * n)], axis=1)[:, None, :]
+    motion = reference(40.0, joints=1)
+    operator = sample_operator(time, start=0.0, step=0.005, tick_count=motion.time.size)
+    given = Expected(log[:, None], np.sin(0.05 * n)[:, None], columns)
+    (told,) = log_diagnostics(Experiment(motion, time, log[:, None], operator), "train", given, 200.0)
+    assert told.code.name == code
+    if code == "few-outliers":  # by least squares: what the sample moves the two values by, in their deviations
+        shift = np.linalg.lstsq(columns[:, 0], np.where(n == at, size, 0.0), rcond=None)[0]
+        normal = columns[:, 0].T @ columns[:, 0]
+        assert told.value == pytest.approx(float(np.sqrt(shift @ normal @ shift)) / 0.2, rel=0.2)
+
+
 def test_held_command_of_a_slower_control_is_no_upsampling() -> None:
     """Control at 20 Hz, log at 100 Hz: stairs of five samples are what such a log must show."""
     held = np.repeat(np.random.default_rng(2).normal(size=80), 5)

@@ -146,7 +146,7 @@ def test_a_promising_trial_is_fitted(monkeypatch: pytest.MonkeyPatch, best: floa
             Proposal(EffectAtJoint("limit", j), {"limit": v}, {"limit": v}) for j, v in ((1, 3.0), (2, 5.0))
         ]
         assert check.stepped == [[1, 2]] and check.objected == [(1, base)]
-        assert steps[0].remark == ""
+        assert steps[0].remark == "" and not steps[0].untested
 
 
 def test_joints_of_the_best_four_trials_are_fitted_from_their_best_value(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -180,6 +180,7 @@ def test_held_out_data_that_do_not_reach_the_limit_say_nothing(
 ) -> None:
     Check(monkeypatch, [(100.0, 1, 3.0)], {1: 50.0}, objection=reason, tells=tells)
     _, steps, _, _ = checked()
+    assert [s.untested for s in steps] == count * [True]
     assert [s.remark for s in steps] == count * [
         "limit on joint 1: the held-out experiment hardly reaches the limit and neither confirms nor contradicts it; "
         "only the estimation data decided."

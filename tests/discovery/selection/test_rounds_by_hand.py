@@ -99,13 +99,16 @@ class ByHand:
             (*chosen, "fitted"), (*tried, TriedCandidate(EffectAtJoint("b", 1), Outcome.NOT_TRIED)) if cut else tried
         )
 
-    def do_decide(self, ranking: Any, fit: Fit, options: Any, *, base: Fit, held: Any, finished: Any) -> Any:
+    def do_decide(
+        self, ranking: Any, fit: Fit, options: Any, *, base: Fit, held: Any, finished: Any, class_of: Any
+    ) -> Any:
         if not self.unfitted:
             assert ranking == ("screened", "shortlisted", "fitted")
         self.judged.append([getattr(c, "effect_at", None) for c in ranking])
         assert finished == "to the end"
         competition, screened = held.args
         assert (competition.builder, competition.fit) == (EFFECTS, fit)
+        assert all(class_of(EffectAtJoint(name, 1)) == effect.class_name for name, effect in EFFECTS.effects.items())
         self.helds.append((screened, fit, base))
         return self._outcomes.pop(0)
 

@@ -25,6 +25,7 @@ EXAMPLES: tuple[tuple[Verb, str], ...] = (
     ("identify", "emps/identify"),
     ("identify", "emps/identify_idim_ls"),
     ("discover", "arm2r/discover"),
+    ("discover", "double_pendulum/discover"),
     ("discover", "emps/discover"),
     ("discover", "emps/discover_pulses"),
     ("discover", "tx40/discover_load"),

@@ -1,0 +1,144 @@
+"""Whether held-out data confirm an effect: the model without it and the one with it, on the same samples.
+
+They do if the whole prediction gets better: the interval of the ratio of the RMS lies below 1. The other parameters
+are fitted anew with an effect, and errors that have nothing to do with it move them a little; on other data that may be
+more than the effect itself. Where the RMS does not rise but its interval reaches 1, the effect is therefore looked for
+in what the other parameters cannot make,
+
+    a = <P w r_0, P w e> / <P w e, P w e>,   e = r_0 - r_1,   P = I - Q Q'
+
+with the residuals r_0 and r_1 without and with it, weights w and an orthonormal basis Q of the weighted sensitivities
+of the model without it. This is the size of the effect on held-out data as a
+multiple of the fitted one. |P w r_1| < |P w r_0| if and only if a > 1/2: the interval of a must lie above. An effect
+that is absent has a = 0: with a standard deviation of a below 1/2 it passes once in 600 times.
+
+Weights are 1 / noise, and less for samples that neither model explains, such as glitches of a logger: by Huber's rule
+for the smaller one of the two residuals, so that no sample that one of them explains loses weight.
+
+Source: P. J. Huber, Annals of Mathematical Statistics 35 (1964); block bootstrap as for the ratio.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from fmu_didim.base.errors import SimulationError
+from fmu_didim.data.signals import Array
+from fmu_didim.discovery.selection.competition import SURVIVING
+from fmu_didim.fit.base_projection import BaseProjection
+from fmu_didim.fit.fit import Fit
+from fmu_didim.fit.gap import drawn_sums, held_out_block, held_out_ratio, held_out_ratios, held_out_residual
+from fmu_didim.fit.statistics import CONFIDENCE
+
+HELD_OUT = 1.0
+"""[1] The interval of the held-out RMS ratio must lie below; otherwise a model may be worse."""
+WORSE_JOINT = 1.02
+"""[1] Lower end of the interval of the held-out RMS ratio of a joint above which an effect makes that joint worse;
+the base parameters, fitted anew, may move others by a little."""
+NEARER = 0.5
+"""[1] Of its fitted size: an effect that is larger on held-out data is nearer to them than none."""
+FEWEST_BLOCKS = 10
+"""[blocks] Of held-out data, with fewer of which a bootstrap gives too short an interval."""
+GLITCH = 3.0
+"""[standard deviations] Of the residual from which a sample that neither model explains weighs less; noise alone
+reaches it once in 370 samples."""
+OF_MEDIAN = 1.4826
+"""[1] Standard deviation of a normal distribution over the median of its magnitude."""
+
+FAILS_HELD_OUT = "held-out RMS ratio"
+"""Beginning of the objection that a candidate does not help on the held-out data."""
+
+
+@dataclass(frozen=True)
+class Amplitude:
+    """Size of an effect on held-out data as a multiple of the fitted one: value and its 95 % interval."""
+
+    value: float
+    low: float
+    high: float
+
+    def __str__(self) -> str:
+        return f"{self.value:.2f} ({self.low:.2f} to {self.high:.2f}) times its fitted size"
+
+
+def held_out_objection(before: Fit, after: Fit, *, seed: int = 0) -> str:
+    """Why held-out data speak against a larger model, or an empty string; that without such data too."""
+    if why := unconfirmed(before, after, seed=seed):
+        return why
+    worse = [(j, r) for j, r in held_out_ratios(before, after, seed=seed) if r.low > WORSE_JOINT]
+    if worse:
+        joint, one = worse[0]
+        return f"{FAILS_HELD_OUT} {one.value:.3f} of joint {joint}, its interval starts at {one.low:.3f}"
+    return ""
+
+
+def unconfirmed(before: Fit, after: Fit, *, seed: int = 0) -> str:
+    """Why held-out data, over all joints, do not confirm what a larger model has more, or an empty string."""
+    ratio = held_out_ratio(before, after, seed=seed)
+    if ratio is None or ratio.high < HELD_OUT:
+        return ""
+    text = f"{FAILS_HELD_OUT} {ratio.value:.3f}, its interval reaches {ratio.high:.3f}"
+    amplitude = held_out_amplitude(before, after, seed=seed) if ratio.value < HELD_OUT else None
+    if amplitude is None:
+        return text
+    return "" if amplitude.low > NEARER else f"{text}; there it has {amplitude}"
+
+
+def is_confirmed_by_size_alone(before: Fit, after: Fit, *, seed: int = 0) -> bool:
+    """Whether held-out data confirm an effect though the whole prediction may not be better."""
+    ratio = held_out_ratio(before, after, seed=seed)
+    return ratio is not None and ratio.high >= HELD_OUT and not unconfirmed(before, after, seed=seed)
+
+
+def held_out_remark(before: Fit, after: Fit, *, seed: int = 0) -> str:
+    """That an effect is confirmed by its size alone, for the user; empty where it is not."""
+    if not is_confirmed_by_size_alone(before, after, seed=seed):
+        return ""
+    ratio, amplitude = held_out_ratio(before, after, seed=seed), held_out_amplitude(before, after, seed=seed)
+    assert ratio is not None
+    return (
+        f"as a whole the held-out error may not be smaller (RMS ratio {ratio.value:.3f}, {ratio.low:.3f} to "
+        f"{ratio.high:.3f}), but in what the other parameters cannot make, and with less weight on samples that "
+        f"neither model explains, held-out data show the effect at {amplitude}"
+    )
+
+
+def held_out_amplitude(before: Fit, after: Fit, *, seed: int = 0) -> Amplitude | None:
+    """Size on held-out data of what a larger model has more; None where they are too few or do not show it at all, and
+    where a model cannot be run on them."""
+    try:
+        first, second = held_out_residual(before), held_out_residual(after)
+        columns = before.held_out_jacobian
+    except SimulationError:
+        return None
+    block = held_out_block(before)
+    if first.shape[0] < FEWEST_BLOCKS * block:
+        return None
+    weight = shared_weights(first, second, before.noise.deviation)
+    base = BaseProjection.of(columns * weight[:, :, None]) if columns.size else None
+
+    def rest(residual: Array) -> Array:
+        weighted = (residual * weight).reshape(-1)
+        return (weighted if base is None else base.rest_of(weighted)).reshape(first.shape)
+
+    own, change = rest(first), rest(first - second)
+    if np.linalg.norm(change) <= SURVIVING * np.linalg.norm((first - second) * weight):
+        return None
+    products = np.column_stack([np.sum(own * change, axis=1), np.sum(change**2, axis=1)])
+    total = products.sum(axis=0)
+    drawn = drawn_sums(products, block=block, seed=seed)
+    shown = drawn[:, 1] > 0
+    sizes = np.where(shown, drawn[:, 0] / np.where(shown, drawn[:, 1], 1.0), 0.0)
+    outside = (1 - CONFIDENCE) / 2
+    low, high = np.quantile(sizes, [outside, 1 - outside])
+    return Amplitude(float(total[0] / total[1]), float(low), float(high))
+
+
+def shared_weights(first: Array, second: Array, deviation: Array) -> Array:
+    """(N, n) weights of the samples of two residuals (N, n), the same for both: 1 / deviation, where the smaller
+    residual is beyond three of its deviations the less the larger that is."""
+    least = np.minimum(np.abs(first), np.abs(second))
+    bound = GLITCH * np.maximum(deviation, OF_MEDIAN * np.median(least, axis=0))
+    return np.asarray(np.sqrt(bound / np.maximum(least, bound)) / deviation)

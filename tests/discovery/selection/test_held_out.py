@@ -1,0 +1,227 @@
+"""What held-out data say of an effect, on residuals made by hand: what confirms it, and what must not."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from fmu_didim.data.signals import Array
+from fmu_didim.discovery.selection.candidates import FittedCandidate
+from fmu_didim.discovery.selection.competition import Competition
+from fmu_didim.discovery.selection.decide import Options, _remark, decide
+from fmu_didim.discovery.selection.held_out import (
+    FEWEST_BLOCKS,
+    held_out_amplitude,
+    held_out_objection,
+    held_out_remark,
+    shared_weights,
+    unconfirmed,
+)
+from fmu_didim.fit.fit import Fit
+from fmu_didim.fit.gap import held_out_ratio
+from tests.discovery.by_hand import SIGNS, Catalogue, candidate_of, effect_of, table_fit
+
+COUNT = SIGNS.size
+TIME = np.arange(COUNT) / 10.0
+EFFECT = np.sign(np.sin(2 * np.pi * 0.13 * TIME))
+"""A square wave of eight seconds."""
+BASE = np.cos(2 * np.pi * 0.31 * TIME)
+"""What the other parameters can make."""
+
+
+def white(seed: int = 0, count: int = COUNT) -> Array:
+    return np.random.default_rng(seed).standard_normal(count)
+
+
+def fits(first: Array, second: Array | None, columns: Array | None = None, **more: Any) -> tuple[Fit, Fit]:
+    """Fits without and with an effect that leave these residuals (N,) on held-out data."""
+    tables = [None if r is None else r[:, None] for r in (first, second)]
+    before, after = (
+        table_fit(own, held_out={"other": table}, **more) for own, table in zip((50.0, 10.0), tables, strict=True)
+    )
+    vars(before)["held_out_jacobian"] = np.zeros((0, 1, 0)) if columns is None else columns[:, None, None]
+    return before, after
+
+
+def spoiled(size: float = 1.0, *, drift: float, seed: int = 0) -> tuple[Array, Array]:
+    """Residuals without and with an effect of size 0.6, ``size`` times that on held-out data, where the other
+    parameters have drifted along with it."""
+    rest = white(seed)
+    first = rest + size * 0.6 * EFFECT
+    return first, first - 0.6 * EFFECT + drift * BASE
+
+
+def test_an_effect_is_confirmed_beside_parameters_that_drifted_with_it() -> None:
+    """The drift takes away on held-out data most of what the effect gains."""
+    before, after = fits(*spoiled(drift=0.65), columns=BASE)
+    ratio, amplitude = held_out_ratio(before, after), held_out_amplitude(before, after)
+    assert ratio is not None and amplitude is not None
+    assert ratio.value < 1.0 < ratio.high
+    assert amplitude.low < 1.0 < amplitude.high
+    assert amplitude.low > 0.5
+    assert held_out_objection(before, after) == ""
+    # Where nothing is known of what the others can make, the same residuals confirm nothing.
+    alone = fits(*spoiled(drift=0.65))
+    assert held_out_objection(*alone).startswith(f"held-out RMS ratio {ratio.value:.3f}, its interval reaches")
+
+
+def test_a_model_that_predicts_worse_is_never_confirmed() -> None:
+    before, after = fits(*spoiled(drift=0.9), columns=BASE)
+    ratio, amplitude = held_out_ratio(before, after), held_out_amplitude(before, after)
+    assert ratio is not None and amplitude is not None
+    assert 1.0 < ratio.value < 1.1
+    assert amplitude.low > 0.5
+    assert unconfirmed(before, after) == f"held-out RMS ratio {ratio.value:.3f}, its interval reaches {ratio.high:.3f}"
+    assert held_out_remark(before, after) == ""
+
+
+@pytest.mark.parametrize("size", [0.55, 0.3])
+def test_an_effect_that_may_be_half_as_large_is_not_confirmed(size: float) -> None:
+    before, after = fits(*spoiled(size, drift=0.0), columns=BASE)
+    amplitude = held_out_amplitude(before, after)
+    assert amplitude is not None
+    assert amplitude.value == pytest.approx(size, abs=0.15)
+    assert held_out_objection(before, after) != ""
+
+
+def test_the_objection_says_how_large_it_is() -> None:
+    before, after = fits(*spoiled(0.6, drift=0.0, seed=2), columns=BASE)
+    amplitude, objection = held_out_amplitude(before, after), held_out_objection(before, after)
+    assert objection.endswith(f"; there it has {amplitude}")
+    assert str(amplitude).endswith("times its fitted size")
+
+
+def test_glitches_do_not_hide_an_effect() -> None:
+    """Three samples of a hundred deviations that no model explains."""
+    first, second = spoiled(drift=0.65)
+    glitch = np.zeros(COUNT)
+    glitch[[37, 181, 302]] = 100.0, -100.0, 100.0
+    clean, struck = fits(first, second, columns=BASE), fits(first + glitch, second + glitch, columns=BASE)
+    one, other = held_out_amplitude(*clean), held_out_amplitude(*struck)
+    assert one is not None and other is not None
+    assert other.value == pytest.approx(one.value, abs=0.1)
+    assert other.low > 0.5
+    assert held_out_ratio(*struck).high > 1.0
+
+
+def test_a_sample_weighs_less_only_where_neither_model_explains_it() -> None:
+    one, other = white(1)[:, None], white(2)[:, None]
+    one[5], other[5] = 30.0, 0.1  # explained by the second alone
+    one[9], other[9] = 0.1, 30.0
+    one[14], other[14] = 30.0, 40.0
+    weights = shared_weights(one, other, np.array([2.0]))
+    assert np.array_equal(weights, shared_weights(other, one, np.array([2.0])))
+    assert weights[5] == weights[9] == 0.5
+    assert weights[14] == pytest.approx(0.5 * np.sqrt(3.0 * 2.0 / 30.0), rel=1e-12)
+    assert np.count_nonzero(weights != 0.5) == 1
+
+
+def test_a_model_error_everywhere_is_no_glitch() -> None:
+    large = 20.0 * white(1)[:, None]
+    assert np.mean(shared_weights(large, large, np.array([1.0])) < 1.0) < 0.01
+
+
+def test_an_effect_that_comes_and_goes_for_long_is_less_certain() -> None:
+    """The same samples of an effect that helps in some blocks and harms in others, in and out of order."""
+    helps = np.where(white(3, COUNT // 5).repeat(5) > -0.84, 1.0, -1.0)  # four blocks of five
+    rest = 0.3 * SIGNS
+    order = np.random.default_rng(4).permutation(COUNT)
+    blocks = fits(rest + helps, rest + helps - 1.0)
+    mixed = fits(rest + helps[order], rest + helps[order] - 1.0)
+    wide, narrow = held_out_amplitude(*blocks), held_out_amplitude(*mixed)
+    assert wide is not None and narrow is not None
+    assert wide.value == pytest.approx(narrow.value, abs=1e-9)
+    assert wide.high - wide.low > 1.8 * (narrow.high - narrow.low)
+
+
+@pytest.mark.parametrize(("blocks", "enough"), [(FEWEST_BLOCKS - 1, False), (FEWEST_BLOCKS, True)])
+def test_few_held_out_data_confirm_nothing_this_way(blocks: int, enough: bool) -> None:
+    first, second = (r[: 5 * blocks] for r in spoiled(drift=0.2))
+    assert (held_out_amplitude(*fits(first, second)) is not None) is enough
+
+
+def test_what_the_other_parameters_can_make_as_well_is_not_judged() -> None:
+    """A limit that the held-out data do not reach moves the other parameters alone."""
+    rest = white()
+    before, after = fits(rest + 0.1 * BASE, rest, columns=BASE)
+    assert held_out_amplitude(before, after) is None
+    assert held_out_amplitude(*fits(rest, rest, columns=BASE)) is None
+
+
+def test_a_model_that_cannot_be_run_has_no_size() -> None:
+    assert held_out_amplitude(*fits(white(), None)) is None
+
+
+def test_an_effect_of_half_its_size_is_hardly_ever_confirmed() -> None:
+    """At one half both models are as good; one effect of forty is confirmed by chance."""
+    confirmed = 0
+    for seed in range(80):
+        amplitude = held_out_amplitude(*fits(*spoiled(0.5, drift=0.3, seed=seed), columns=BASE))
+        confirmed += amplitude is not None and amplitude.low > 0.5
+    assert confirmed <= 8  # two are expected
+
+
+def test_an_effect_that_is_absent_is_not_confirmed() -> None:
+    confirmed = 0
+    for seed in range(80):
+        amplitude = held_out_amplitude(*fits(*spoiled(0.0, drift=0.3, seed=seed), columns=BASE))
+        confirmed += amplitude is not None and amplitude.low > 0.5
+    assert confirmed == 0
+
+
+def test_the_user_is_told_what_confirmed_it() -> None:
+    before, after = fits(*spoiled(drift=0.65), columns=BASE)
+    ratio, amplitude = held_out_ratio(before, after), held_out_amplitude(before, after)
+    remark = held_out_remark(before, after)
+    assert f"RMS ratio {ratio.value:.3f}, {ratio.low:.3f} to {ratio.high:.3f}" in remark
+    assert remark.endswith(f"held-out data show the effect at {amplitude}")
+    assert held_out_remark(*fits(*spoiled(drift=0.0), columns=BASE)) == ""  # the whole prediction is better
+    assert held_out_remark(*fits(white(), white())) == ""
+    assert held_out_remark(table_fit(50.0), table_fit(10.0)) == ""  # no held-out data
+
+
+@pytest.mark.parametrize(
+    ("more", "drift", "chosen"),
+    [
+        (0.0, 0.65, "one"),  # held-out data show nothing of what the second parameter adds
+        (0.6, 0.65, "two"),  # they do
+        (0.0, 0.0, "two"),  # the whole prediction is better with the best: nothing else is asked
+    ],
+)
+def test_of_a_class_the_one_that_held_out_data_ask_for_is_taken(more: float, drift: float, chosen: str) -> None:
+    """The best by BIC has two parameters, the other one of its class one; ``more`` is what the second really adds."""
+    second = 0.6 * np.sign(np.sin(2 * np.pi * 0.41 * TIME))
+    first, after = spoiled(drift=drift)
+    first, after = first + more / 0.6 * second, after + more / 0.6 * second
+    before, simple = fits(first, after, columns=BASE)
+    _, rich = fits(first, after - (second if more else 0.05 * second))
+    vars(simple)["held_out_jacobian"] = BASE[:, None, None]
+    ranking = [candidate_of("two", bic=400.0, cost=2.0, fit=rich), candidate_of("one", bic=300.0, fit=simple)]
+    base = table_fit(101.0)
+    found = decide(ranking, before, Options(), base=base, class_of=lambda at: "loss")
+    assert isinstance(found, FittedCandidate) and found.effect_at.effect == chosen
+    # Of another class it is another effect, and the best is the best.
+    other = decide(ranking, before, Options(), base=base)
+    assert isinstance(other, FittedCandidate) and other.effect_at.effect == "two"
+
+
+def test_the_user_is_told_that_a_larger_one_explains_the_fitted_data_better() -> None:
+    second = 0.6 * np.sign(np.sin(2 * np.pi * 0.41 * TIME))
+    first, after = spoiled(drift=0.65)
+    before, simple = fits(first, after, columns=BASE)
+    vars(simple)["held_out_jacobian"] = BASE[:, None, None]
+    _, rich = fits(first, after - 0.05 * second)
+    effects = Catalogue(
+        effect_of("two", class_name="loss", title="Two"), effect_of("one", class_name="loss", title="One")
+    )
+    ranking = [candidate_of("two", bic=400.0, cost=2.0, fit=rich), candidate_of("one", bic=300.0, fit=simple)]
+    remark = _remark(ranking[1], ranking, Competition(effects, before), Options())
+    assert remark.startswith("One on joint 1: as a whole the held-out error may not be smaller (RMS ratio ")
+    assert remark.endswith(
+        " Two explains the fitted data better, by a BIC difference of 100; held-out data do not confirm what it has "
+        "more."
+    )
+    as_good = candidate_of("one", bic=395.0, fit=simple)
+    assert "Two" not in _remark(as_good, [ranking[0], as_good], Competition(effects, before), Options())
