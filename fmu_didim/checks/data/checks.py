@@ -10,7 +10,7 @@ from fmu_didim.base.diagnostics import Diagnostic, by_weight
 from fmu_didim.base.errors import SimulationError
 from fmu_didim.checks.data.expected import expected
 from fmu_didim.checks.data.linear_fit import FittedMotion, fitted_motion, motion_with_regressor
-from fmu_didim.checks.data.log import log_diagnostics
+from fmu_didim.checks.data.log import PERIOD_CHANGES, log_diagnostics
 from fmu_didim.checks.data.plant import plant_diagnostics
 from fmu_didim.checks.data.reference import reference_diagnostics
 from fmu_didim.checks.data.robot import LINK_LENGTH, TORQUE_SCALE, another_robot, length_unit_diagnostics
@@ -47,11 +47,14 @@ def data_diagnostics(model: LoopModel, *, without_torque: Sequence[str] = (), ca
         run = model.simulation(model.start, label)
         found += plant_diagnostics(run) if label == model.first else []
         given = expected(run)
-        found += log_diagnostics(experiment, label, given, 1 / run.step_size)
+        of_file = log_diagnostics(experiment, label, given, 1 / run.step_size)
+        found += of_file
         of_units = unit_diagnostics(run, given)
         of_log = of_units or torque_channel_diagnostics(given, gains, label)
         found += [*of_log, *([] if of_units else position_diagnostics(run))]
         held_out = experiment.role == "validation"
+        if any(d.code is PERIOD_CHANGES for d in of_file):  # it would look like another clock or another scale
+            continue
         if not causes or of_log or (held_out and explained) or (fitted := fitted_motion(model.on(label))) is None:
             continue
         explained += _explained(fitted, held_out=held_out)
