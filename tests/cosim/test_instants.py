@@ -12,9 +12,10 @@ import pytest
 from scipy.integrate import quad, solve_ivp
 
 from fmu_didim.base.errors import InputError
-from fmu_didim.components import Component, wrap_control
+from fmu_didim.components import Component, load_fmu, wrap_control
 from fmu_didim.cosim import Connection, Instants, System, period_change, sample_operator, simulate
 from fmu_didim.data.signals import Trajectory, trajectory
+from fmu_didim.export import build_fmu
 from tests.controllers.test_controllers import scara_torque
 from tests.cosim.test_compiled_loop import TIMINGS, assert_same, system_of
 from tests.helpers import PERIOD, Mock, component, law_block, loop, ports, reference, scara, scara_pd
@@ -263,3 +264,19 @@ def test_error_difference_feels_the_error_alone() -> None:
         found = simulate(at_instants(loop(plant, component("model", law), motion)), motion)
         lost[velocity] = np.abs(found.applied["plant.q1"] - motion.column("q1")).max()
     assert lost["error_difference"] < 0.3 * lost["backward_difference"]
+
+
+def test_isolated_fmus_give_the_same_bits() -> None:
+    motion = along(slowing(60))
+    plant, law = (load_fmu(build_fmu(block)) for block in (scara().block(), scara_pd()))
+    apart = loop(replace(plant, isolated=True), replace(law, isolated=True), motion)
+    found = simulate(at_instants(apart), motion)
+    assert_same(found, simulate(at_instants(loop(plant, law, motion)), motion))
+
+
+def test_an_average_over_a_lasting_command_does_not_move_with_a_shift() -> None:
+    operator = sample_operator(
+        2.1 + 0.013 * np.arange(8), start=0.0, step=PERIOD, tick_count=60, kind="average", instants=INSTANTS
+    )
+    moved = operator.stamped_later(0.8, 60)
+    np.testing.assert_allclose(moved.apply(np.ones(moved.ticks.size)), 1.0, rtol=0, atol=1e-12)

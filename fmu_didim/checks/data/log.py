@@ -172,7 +172,7 @@ def scatter_of_steps(stamps: Array, places: Indices) -> float:
     hardly.
     """
     steps = np.diff(stamps) / np.diff(places)
-    return float(np.std(steps)) / np.sqrt(2)
+    return float(np.std(steps) / np.sqrt(2))
 
 
 def _of_stamps(experiment: Experiment, label: str, control_rate_hz: float) -> Iterator[Diagnostic]:
