@@ -18,7 +18,9 @@ from fmu_didim.case.changes import CaseChanges, CaseObjects, changes_by, merged
 from fmu_didim.case.document import CaseDocument, make_estimator, read_case
 from fmu_didim.case.experiment import read_experiment
 from fmu_didim.case.free import free_parameters
+from fmu_didim.case.instants import read_motion
 from fmu_didim.case.loop import (
+    at_instants_of,
     communication_step,
     loop_of_archive,
     loop_of_components,
@@ -28,7 +30,6 @@ from fmu_didim.case.loop import (
 )
 from fmu_didim.case.memory import Memory, check_at_hand, named
 from fmu_didim.case.parts import component_of, controller_block, identified, plant_block
-from fmu_didim.case.reference import read_reference
 from fmu_didim.components import Component
 from fmu_didim.cosim import System
 from fmu_didim.cosim.system import REFERENCE
@@ -148,14 +149,13 @@ class Case:
         runs = self.document.runs
         if label not in runs:
             raise UnknownNameError("experiment", label, runs, where=self.name)
-        source = runs[label].reference
-        return read_reference(
-            source, self.folder, step=self.step_size, torque_units=self.parameters.torque_units, needed=self.needed,
-            signals=self.signals,
+        return read_motion(
+            runs[label], self.folder, step=self.step_size, torque_units=self.parameters.torque_units,
+            needed=self.needed, signals=self.signals,
         ).signals  # fmt: skip
 
-    def system(self, reference: Trajectory) -> System:
-        """The loop of the case along a reference."""
+    def system(self, reference: Trajectory, *, at_instants: bool = False) -> System:
+        """The loop of the case along a reference, whose rows are the instants of the controller or a period apart."""
         system = self.base
         if system is None:
             assert self.controller is not None  # the document says so
@@ -163,7 +163,8 @@ class Case:
             system = loop_of_components(self.document, self.plant, self.controller, reference.names, n)
         if self.robot is not None:
             system = with_inserted_effects(system, self.robot, plant=self.plant_name)
-        return with_drive_gains(system, self.document, self.robot, plant=self.plant_name)
+        system = with_drive_gains(system, self.document, self.robot, plant=self.plant_name)
+        return at_instants_of(system) if at_instants else system
 
     @property
     def plant_name(self) -> str:
@@ -173,7 +174,11 @@ class Case:
     def model_on(self, experiments: Mapping[str, Experiment]) -> LoopModel:
         """The loop of the case with data, those for the estimation first."""
         document = self.document
-        systems = {label: self.system(experiment.reference) for label, experiment in experiments.items()}
+        changes = {label for label, run in document.runs.items() if run.instants is not None}
+        systems = {
+            label: self.system(experiment.reference, at_instants=label in changes)
+            for label, experiment in experiments.items()
+        }
         first = next(iter(systems.values()))
         low_pass = document.low_pass
         return LoopModel(

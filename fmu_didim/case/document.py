@@ -14,11 +14,11 @@ from pydantic import Field, TypeAdapter, ValidationError, field_validator, model
 from fmu_didim.base.documents import AlsoWritten, Positive, Strict, read_document
 from fmu_didim.case.sources import (
     ComponentSource,
+    DataFile,
     ExperimentSource,
     IdentifiedParameter,
     Loop,
     LowPassSource,
-    SignalFile,
     SystemSource,
 )
 from fmu_didim.cosim.system import REFERENCE
@@ -147,8 +147,10 @@ class CaseDocument(Strict):
     @property
     def files(self) -> tuple[str, ...]:
         """Names of the data files, as the case has them."""
-        parts = [part for run in self.runs.values() for part in (run.reference, run.torque, run.positions)]
-        return tuple(dict.fromkeys(part.file for part in parts if isinstance(part, SignalFile)))
+        parts = [
+            part for run in self.runs.values() for part in (run.reference, run.torque, run.positions, run.instants)
+        ]
+        return tuple(dict.fromkeys(part.file for part in parts if isinstance(part, DataFile)))
 
     @property
     def named_objects(self) -> tuple[str, ...]:

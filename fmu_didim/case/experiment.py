@@ -8,10 +8,10 @@ from pathlib import Path
 
 from fmu_didim.base.errors import UnknownNameError
 from fmu_didim.case.files import NONE_GIVEN, read_signals
-from fmu_didim.case.reference import read_reference
+from fmu_didim.case.instants import read_motion
 from fmu_didim.case.sources import ExperimentSource
 from fmu_didim.case.torque_log import read_torque_log
-from fmu_didim.cosim import sample_operator
+from fmu_didim.cosim import Instants, sample_operator
 from fmu_didim.data.signals import Trajectory
 from fmu_didim.model.experiment import Experiment, InitialState
 
@@ -32,10 +32,9 @@ def read_experiment(
     Raises:
         InputError: a file or column is missing, or the log does not fit the reference.
     """
-    motion = read_reference(
-        source.reference, folder, step=step, torque_units=torque_units, needed=needed, signals=signals
-    )
+    motion = read_motion(source, folder, step=step, torque_units=torque_units, needed=needed, signals=signals)
     reference = _before(motion.signals, source.to_s, step)
+    instants = None if source.instants is None else Instants(reference.time, step)
     log = read_torque_log(
         source, folder, reference, step=step, drive_gains=drive_gains, torque_units=torque_units, label=label,
         signals=signals,
@@ -44,6 +43,7 @@ def read_experiment(
     operator = sample_operator(
         log.times, start=float(reference.time[0]), step=step, tick_count=reference.time.size,
         kind=source.torque.sampling, window=source.torque.window, window_s=source.torque.window_s,
+        instants=instants,
     ).stamped_later(source.torque.log_shift_s / step, reference.time.size)  # fmt: skip
     told, positions = [*motion.told, *log.told], None
     if source.positions is not None:

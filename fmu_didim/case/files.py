@@ -12,9 +12,9 @@ from fmu_didim.base.diagnostics import Diagnostic
 from fmu_didim.base.errors import InputError
 from fmu_didim.base.files import is_file
 from fmu_didim.case.memory import check_at_hand
-from fmu_didim.case.sources import SignalFile, TorqueFile
-from fmu_didim.data.signals import Trajectory
-from fmu_didim.data.tables import Selected, SignalTable, TimeColumn, read_table, selected
+from fmu_didim.case.sources import DataFile, SignalFile, TorqueFile
+from fmu_didim.data.signals import Array, Trajectory
+from fmu_didim.data.tables import Selected, SignalTable, TimeColumn, clock_column, instants, read_table, selected
 
 DATA_VARIABLE = "FMU_DIDIM_DATA"
 DATA_PREFIX = "data:"
@@ -37,7 +37,7 @@ def data_folder(folder: Path) -> Path:
     return Path("../shared/data")
 
 
-def resolve(source: SignalFile, folder: Path) -> Path:
+def resolve(source: DataFile, folder: Path) -> Path:
     """The path of a file; raises InputError that says where to get it."""
     check_at_hand(source.file)
     is_data = source.file.startswith(DATA_PREFIX)
@@ -76,11 +76,24 @@ def read_signals(
     return replace(found, told=found_in(found.told, source.file))
 
 
+def read_stamps(
+    source: DataFile, folder: Path, signals: Mapping[str, Trajectory] = NONE_GIVEN
+) -> tuple[Array, tuple[Diagnostic, ...]]:
+    """(N,) instants of the rows of a file, or of the signals given under its name, in s, and what was found in it."""
+    given = signals.get(source.file)
+    table = read_table(resolve(source, folder), layout=source.csv) if given is None else _in_memory(given, source)
+    time = (source.time or TimeColumn()) if given is None else TimeColumn(name=TIME_IN_MEMORY)
+    clock = clock_column(table, time, ())
+    rows = table.columns[clock] if clock is not None else next(iter(table.columns.values()))
+    stamps, told = instants(table, time, clock, rows.size)
+    return stamps, found_in(told, source.file)
+
+
 def found_in(told: Iterable[Diagnostic], file: str) -> tuple[Diagnostic, ...]:
     """Diagnostics of a file, under the name that the case gives it."""
     return tuple(replace(diagnostic, place=file) for diagnostic in told)
 
 
-def _in_memory(given: Trajectory, source: SignalFile) -> SignalTable:
+def _in_memory(given: Trajectory, source: DataFile) -> SignalTable:
     columns = {name: given.values[:, i] for i, name in enumerate(given.names)}
     return SignalTable({TIME_IN_MEMORY: given.time, **columns}, source=given.source or source.file)

@@ -12,8 +12,9 @@ from fmu_didim.base.errors import InputError, UnknownNameError
 from fmu_didim.case.document import CaseDocument
 from fmu_didim.case.free import DRIVE, beside_the_plant
 from fmu_didim.components import Component, FmuComponent, rename
+from fmu_didim.components.inserted import InsertedComponent
 from fmu_didim.components.parameter_names import name_parameters
-from fmu_didim.cosim import Connection, System, closed_loop, insert_effect
+from fmu_didim.cosim import Connection, System, check_period, closed_loop, insert_effect
 from fmu_didim.cosim.system import REFERENCE
 from fmu_didim.dynamics.effects import EFFECTS
 from fmu_didim.dynamics.effects.drive_gain import DriveGain
@@ -232,6 +233,25 @@ def with_inserted_effects(system: System, robot: RobotDescription, *, plant: str
             values = {name: joint.parameters[name] for name in names if name in joint.parameters}
             system = insert_effect(system, effect, j, joint.type, values=values, plant=plant)
     return system
+
+
+def at_instants_of(system: System) -> System:
+    """The loop, stepped from instant to instant of its reference.
+
+    Raises:
+        InputError: an effect is computed for periods of one length, or an FMU takes steps of one size only.
+    """
+    for name, component in system.components.items():
+        if isinstance(component, InsertedComponent) and component.effect is not None:
+            check_period(component.effect, "revolute", name)
+        form = component.compiled()
+        if isinstance(form, FmuComponent) and form.sample_time is None and not form.takes_any_step:
+            raise InputError(
+                "This FMU takes communication steps of one size only (canHandleVariableCommunicationStepSize is "
+                "false), and those from instant to instant differ.", where=name, got=form.path.name,
+                next_step="Export it for variable steps, or for model exchange (interface: model-exchange).",
+            )  # fmt: skip
+    return replace(system, at_instants=True)
 
 
 def with_drive_gains(system: System, document: CaseDocument, robot: RobotDescription | None, *, plant: str) -> System:

@@ -156,7 +156,22 @@ class _Named:
         for key, kinds in (("reference", Reference), ("torque", Log), ("positions", Reference)):
             if key in found:
                 found[key] = self._signals(found[key], f"{key} of {label}", kinds)
+        if "instants" in found:
+            found["instants"] = self._instants(found["instants"], f"instants of {label}")
         return found
+
+    def _instants(self, value: Any, what: str) -> Any:
+        """The entry of the instants of a controller, which may be an array (N,) or the log of the loop itself."""
+        if isinstance(value, str | Path):
+            return {"file": str(value)}
+        time = value.signals.time if isinstance(value, Log | Reference) else getattr(value, "time", value)
+        if isinstance(time, Mapping) or time is None:
+            return value
+        time = np.asarray(time, dtype=float)
+        if time.ndim != 1:
+            raise InputError("Instants are an array of one dimension.", where=what, got=f"shape {time.shape}")
+        self.signals[f"<{what}>"] = Trajectory(time, np.zeros((time.size, 0)), (), source=f"<{what}>")
+        return InMemory({"file": f"<{what}>"})
 
     def _signals(self, value: Any, what: str, kind: type[Log] | type[Reference]) -> Any:
         """The entry of a data file, which may be the object alone or a mapping with it as ``file``."""

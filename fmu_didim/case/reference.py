@@ -23,7 +23,7 @@ from fmu_didim.case.sources import ReferenceFile
 from fmu_didim.checks.data.log import REFERENCE_STEP
 from fmu_didim.cosim import grid_places
 from fmu_didim.data.excitation import Excitation
-from fmu_didim.data.signals import Array, Trajectory, Variable, derivative, white_noise
+from fmu_didim.data.signals import Array, Trajectory, Variable, derivative, periods, white_noise
 from fmu_didim.data.tables import Selected
 
 FEWEST_ROWS = 8
@@ -104,13 +104,8 @@ def read_reference(
     Raises:
         InputError: a file or column is missing, a unit is wrong, or the rows are not one control period apart.
     """
-    joint_count = len(torque_units)
     if isinstance(source, Excitation):
-        if source.joint_count != joint_count:
-            raise InputError(
-                "The reference has another number of joints than the robot.", where="reference",
-                got=source.joint_count, valid=str(joint_count),
-            )  # fmt: skip
+        check_joints(source, len(torque_units))
         return Selected(at_least_two_rows(source.trajectory(1.0 / step), "reference"))
     read = read_signals(source, folder, signals, torque_units=torque_units)
     found, told = at_least_two_rows(read.signals, source.file), [*read.told]
@@ -122,6 +117,15 @@ def read_reference(
         found = _with_warm_up(found, step, source.period_s, source.warm_up_s)
     found, of_derivatives = with_derivatives(found, needed)
     return Selected(found, (*told, *found_in(of_derivatives, source.file)))
+
+
+def check_joints(source: Excitation, joint_count: int) -> None:
+    """Raise InputError where a formula is one for another number of joints."""
+    if source.joint_count != joint_count:
+        raise InputError(
+            "The reference has another number of joints than the robot.", where="reference", got=source.joint_count,
+            valid=str(joint_count),
+        )  # fmt: skip
 
 
 def at_least_two_rows(found: Trajectory, where: str) -> Trajectory:
@@ -206,7 +210,7 @@ def with_derivatives(found: Trajectory, needed: frozenset[str]) -> tuple[Traject
                 break
             made[name] = rate
             if name in needed and size:
-                noise = white_noise(found.column(given)) * _NOISE_GAINS[order] / found.step**order
+                noise = white_noise(_evenly(found.time, found.column(given))) * _NOISE_GAINS[order] / found.step**order
                 worst, worst_name = max((worst, worst_name), (noise / size, name))
     if not made:
         return found, []
@@ -217,6 +221,13 @@ def with_derivatives(found: Trajectory, needed: frozenset[str]) -> tuple[Traject
         told.append(Diagnostic(REFERENCE_ROUGH, text, found.source, worst, DIFFERENTIATED_NOISE, "1"))
     variables = (*found.variables, *(Variable(name) for name in made))
     return replace(found, variables=variables, values=np.column_stack([found.values, *made.values()])), told
+
+
+def _evenly(time: Array, column: Array) -> Array:
+    """(N,) a column at as many instants that are equally spaced."""
+    if isinstance(periods(time), float):
+        return column
+    return np.asarray(CubicSpline(time, column)(np.linspace(time[0], time[-1], time.size)))
 
 
 def resampled(found: Trajectory, step: float) -> tuple[Trajectory, list[Diagnostic]]:
@@ -238,6 +249,12 @@ def resampled(found: Trajectory, step: float) -> tuple[Trajectory, list[Diagnost
     usual = float(np.median(np.diff(found.time)))
     text = f"The rows of the reference, usually {1000 * usual:.6g} ms apart, were brought to {1 / step:.6g} Hz."
     told = [Diagnostic(REFERENCE_RESAMPLED, f"{text} {unevenness(found.time)}", found.source)]
+    return replace(found, time=time, values=np.asarray(values)), [*told, *told_of_rows(found)]
+
+
+def told_of_rows(found: Trajectory) -> list[Diagnostic]:
+    """What keeps a spline from knowing the motion between the rows of a reference: rows that lack or are far apart."""
+    told = []
     places = grid_places(found.time)
     lacking = int(places[-1]) + 1 - found.time.size
     if lacking:
@@ -250,4 +267,4 @@ def resampled(found: Trajectory, step: float) -> tuple[Trajectory, list[Diagnost
     if missed > BETWEEN_ROWS:
         text = f"A spline through every second row misses the others by {100 * missed:.2g} % of its range."
         told.append(Diagnostic(REFERENCE_COARSE, text, found.source, missed, BETWEEN_ROWS, "1"))
-    return replace(found, time=time, values=np.asarray(values)), told
+    return told

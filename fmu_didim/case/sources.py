@@ -113,23 +113,50 @@ class Loop(Strict):
         return self
 
 
-class SignalFile(Strict):
-    """Signals in a file.
+class DataFile(Strict):
+    """A file of rows over time.
 
     Attributes:
         file: path relative to the case, or ``data:path`` inside the data folder (``FMU_DIDIM_DATA``).
-        columns: signal (``q1``, ``tau1``) -> column in the file: its name, or ``{name: ..., unit: deg, scale: ...,
-            zero: ..., sign: -1, gear_ratio: ..., torque_constant: ...}``.
         time: name of the time column, or ``{name: ..., unit: ms}``, or ``{rate_hz: ...}`` where there is none.
         csv: how a CSV file is written, where that cannot be recognised.
         obtain: where a user gets the file, shown when it is absent.
     """
 
     file: str
-    columns: Mapping[str, Annotated[Column, AlsoWritten(("string", "integer"))]] = Field(default_factory=dict)
     time: Annotated[TimeColumn, AlsoWritten(("string", "integer"))] | None = None
     csv: CsvLayout | None = None
     obtain: str = ""
+
+
+class SignalFile(DataFile):
+    """Signals in a file.
+
+    Attributes:
+        columns: signal (``q1``, ``tau1``) -> column in the file: its name, or ``{name: ..., unit: deg, scale: ...,
+            zero: ..., sign: -1, gear_ratio: ..., torque_constant: ...}``.
+    """
+
+    columns: Mapping[str, Annotated[Column, AlsoWritten(("string", "integer"))]] = Field(default_factory=dict)
+
+
+class InstantsFile(DataFile):
+    """The instants at which the controller ran, for a loop whose period changes; written short as the path alone.
+
+    Every row of the file is one of them, such as the rows of a log that the control loop itself writes. The loop is
+    simulated from instant to instant, t_k to t_(k+1); a sampled controller computes its law once at each, with its
+    nominal period. A reference with other rows is evaluated there.
+
+    Attributes:
+        offset_s: added to the instants, to bring them on the clock of the reference.
+    """
+
+    offset_s: float = 0.0
+
+    @model_validator(mode="before")
+    @classmethod
+    def _path_alone(cls, value: Any) -> Any:
+        return {"file": value} if isinstance(value, str) else value
 
 
 class ReferenceFile(SignalFile):
@@ -184,6 +211,7 @@ class ExperimentSource(Strict):
     Attributes:
         reference: what the controller follows: a file with a row a control period, or a formula (``kind:``).
         torque: the log; positions: measured positions ``q<j>``, for ``idim_ls`` and ``output_error`` only.
+        instants: of the controller, where its period was not constant.
         role: whether the parameters are fitted to it (``estimation``), or only judged by it (``validation``).
         from_s, to_s: the part of the run that is used, on the clock of the reference. The loop is simulated from the
             beginning of the reference all the same, so that it has settled into the motion; what comes after ``to_s``
@@ -198,6 +226,7 @@ class ExperimentSource(Strict):
     reference: AnyExcitation | ReferenceFile
     torque: TorqueFile | None = None
     positions: SignalFile | None = None
+    instants: Annotated[InstantsFile, AlsoWritten(("string",))] | None = None
     role: Role = "estimation"
     from_s: float | None = None
     to_s: float | None = None
@@ -208,6 +237,16 @@ class ExperimentSource(Strict):
     def _some_time(self) -> ExperimentSource:
         if self.from_s is not None and self.to_s is not None and self.from_s >= self.to_s:
             raise ValueError("from_s must lie before to_s")
+        return self
+
+    @model_validator(mode="after")
+    def _one_clock(self) -> ExperimentSource:
+        given = self.reference
+        if self.instants is not None and isinstance(given, ReferenceFile) and (given.resample or given.warm_up_s):
+            raise ValueError(
+                "instants: say when the controller ran: leave out resample: and warm_up_s: of the reference, which is "
+                "evaluated at the instants"
+            )
         return self
 
     @field_validator("own")

@@ -9,13 +9,15 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import median_filter
 
 from fmu_didim.base.diagnostics import CATALOGUE, PROBLEM, DiagnosedError, Diagnostic
 from fmu_didim.base.errors import InputError
 from fmu_didim.case.files import NONE_GIVEN, read_signals
+from fmu_didim.case.instants import LONG, NEAR
 from fmu_didim.case.reference import SMALLER_UNITS, TIME_UNIT, at_least_two_rows
 from fmu_didim.case.sources import ExperimentSource, ReferenceFile, TorqueFile
-from fmu_didim.cosim import decimated_times, grid_places, sample_operator
+from fmu_didim.cosim import Indices, Instants, decimated_times, grid_places, period_change, sample_operator
 from fmu_didim.data.signals import Array, Trajectory
 
 COMMAND_WITHOUT_GAIN = CATALOGUE(
@@ -79,7 +81,8 @@ def read_torque_log(
     log, torque = replace(log, time=log.time[kept], values=log.values[kept]), torque[kept]
     times = log.time
     if file.rate_hz is not None:
-        times, torque = _torque_at(log, torque, file)
+        changes = source.instants is not None or period_change(log.time) is not None
+        times, torque = _torque_at(log, torque, file, changes=changes)
     times = times + file.offset_s
     check_within(times, reference, step, source)
     return TorqueLog(times, torque, log.time, read.told)
@@ -98,22 +101,35 @@ def _part(times: Array, source: ExperimentSource) -> NDArray[np.bool_]:
     return np.asarray(kept)
 
 
-def _torque_at(log: Trajectory, torque: Array, source: TorqueFile) -> tuple[Array, Array]:
+def _torque_at(log: Trajectory, torque: Array, source: TorqueFile, *, changes: bool) -> tuple[Array, Array]:
     """Instants (N,) and samples (N, n) of a log at the rate that is asked for: the values that hold there, or their
-    averages; none where the log lacks a row that is needed."""
+    averages; none where the log lacks a row that is needed.
+
+    Args:
+        changes: whether its rows come at a rate that changes, so that they hold until the next one.
+    """
     assert source.rate_hz is not None
-    places = grid_places(log.time)
+    places = _places(log.time) if changes else grid_places(log.time)
     step = float((log.time[-1] - log.time[0]) / places[-1])
     whole = np.full((int(places[-1]) + 1, torque.shape[1]), np.nan)
     whole[places] = torque
+    instants = Instants(np.interp(np.arange(len(whole)), places, log.time), step) if changes else None
     times = decimated_times(log.time, source.rate_hz, source.phase_s)
     operator = sample_operator(
         times, start=float(log.time[0]), step=step, tick_count=len(whole), kind=source.sampling,
-        window=source.window, window_s=source.window_s,
+        window=source.window, window_s=source.window_s, instants=instants,
     )  # fmt: skip
     sampled = operator.apply(whole[operator.ticks])
     known = np.isfinite(sampled).all(axis=1)
     return times[known], sampled[known]
+
+
+def _places(times: Array) -> Indices:
+    """(N,) places of rows whose period changes: a step counts as many as periods that are usual near it fit into it."""
+    steps = np.diff(times)
+    usual = median_filter(steps, NEAR, mode="nearest")
+    counts = np.where(steps > LONG * usual, np.rint(steps / usual), 1).astype(np.int64)
+    return np.concatenate([[0], np.cumsum(counts)])
 
 
 def check_time_unit(log: Trajectory, reference: Trajectory, file: str) -> None:

@@ -194,7 +194,7 @@ def _points(run: Simulation, ticks: NDArray[np.int64], observe: Observer | None 
         rows = here = np.searchsorted(both, ticks)
         after = np.searchsorted(both, ticks + 1)
         q, dq = (recording.table(model.loop.joint_signals(name)) for name in ("q", "dq"))
-        acceleration = (dq[after] - dq[here]) / run.step_size
+        acceleration = (dq[after] - dq[here]) / recording.elapsed(here, after)
         motion = [(q[here] + q[after]) / 2, (dq[here] + dq[after]) / 2, acceleration]
         torque = drive_torque(model, recording)[here]
     names = [f"{model.loop.plant_name}.{name}" for name in model.parameters.observed]

@@ -264,13 +264,13 @@ def functions_of_motion(run: Simulation) -> list[dict[str, Array]]:
 
     Velocities and positions are included as far as the plant gives them; raises SimulationError.
     """
-    recording, model, step = run.record(all_ticks=True), run.model, run.step_size
+    recording, model = run.record(all_ticks=True), run.model
     offered = {v.name for v in model.loop.plant.outputs}
 
     def sampled(signal: Array) -> Array:
         return np.asarray(run.sampled(signal[run.operator.ticks, None])[:, 0])
 
-    torque = run.logged_torque(recording)
+    torque, step = run.logged_torque(recording), recording.spacing
     found = []
     for j in range(model.joint_count):
         rate = np.gradient(torque[:, j], step)

@@ -122,7 +122,7 @@ def sampled_as(run: Simulation, kind: Kind, window: Window) -> SampleOperator:
     experiment, count = run.experiment, run.experiment.reference.time.size
     operator = sample_operator(
         experiment.time, start=float(experiment.reference.time[0]), step=run.step_size, tick_count=count, kind=kind,
-        window=window,
+        window=window, instants=run.instants,
     )  # fmt: skip
     return operator.stamped_later(experiment.operator.lag, count)
 

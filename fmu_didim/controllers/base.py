@@ -22,6 +22,7 @@ from fmu_didim.dynamics.block import Block
 from fmu_didim.dynamics.effects import UNITS, JointType
 
 VelocityKind = Literal["measured", "backward_difference"]
+RateKind = Literal["measured", "backward_difference", "error_difference"]
 
 
 @dataclass
@@ -129,6 +130,18 @@ class ControlLaw(Strict):
             "dq_ref": equations.input(f"dq_ref{j}", units.velocity),
             "q": equations.input(f"q{j}", units.position),
         }
+
+    def error_and_rate(self, equations: ControlEquations, j: int, kind: RateKind) -> tuple[ca.SX, ca.SX]:
+        """Error e = q_ref - q of joint j and its rate: dq_ref - dq, or (e[k] - e[k-1]) / T with e[-1] = e[0]."""
+        if kind != "error_difference":
+            signals = self.error_signals(equations, j)
+            dq = self.velocity_signal(equations, j, kind)
+            return signals["q_ref"] - signals["q"], signals["dq_ref"] - dq
+        unit = UNITS[self.joints[j - 1]].position
+        error = equations.input(f"q_ref{j}", unit) - equations.input(f"q{j}", unit)
+        previous = ca.SX.sym(f"e_previous{j}")
+        equations.state(f"e_previous{j}", unit, previous, error, error)
+        return error, (error - previous) / self.period
 
     def velocity_signal(self, equations: ControlEquations, j: int, kind: VelocityKind) -> ca.SX:
         """Velocity of joint j: the input ``dq<j>``, or (q[k] - q[k-1]) / T.

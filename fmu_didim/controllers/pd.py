@@ -6,7 +6,7 @@ from pathlib import Path
 
 import casadi as ca
 
-from fmu_didim.controllers.base import ControlEquations, ControlLaw, VelocityKind
+from fmu_didim.controllers.base import ControlEquations, ControlLaw, RateKind
 
 
 class PD(ControlLaw):
@@ -14,19 +14,19 @@ class PD(ControlLaw):
 
     Attributes:
         Kp, Kd: gains of each joint.
-        velocity: ``measured`` (an input) or ``backward_difference`` of q.
+        velocity: ``measured`` (an input) or ``backward_difference`` of q; with ``error_difference`` the rate of the
+            error is (e[k] - e[k-1]) / T instead, with T the period of ``rate_hz``.
     """
 
     Kp: tuple[float, ...]
     Kd: tuple[float, ...]
-    velocity: VelocityKind = "measured"
+    velocity: RateKind = "measured"
 
     def commands(self, equations: ControlEquations, *, folder: Path) -> list[ca.SX]:
         result = []
         for j in range(1, len(self.joints) + 1):
-            signals = self.error_signals(equations, j)
-            dq = self.velocity_signal(equations, j, self.velocity)
+            error, rate = self.error_and_rate(equations, j, self.velocity)
             kp = equations.parameter(f"Kp{j}", self.Kp[j - 1], "proportional gain")
             kd = equations.parameter(f"Kd{j}", self.Kd[j - 1], "derivative gain")
-            result.append(kp * (signals["q_ref"] - signals["q"]) + kd * (signals["dq_ref"] - dq))
+            result.append(kp * error + kd * rate)
         return result

@@ -2,7 +2,14 @@
 
 from fmu_didim.cosim.execution.instance_pool import InstancePool
 from fmu_didim.cosim.execution.running import Observer
-from fmu_didim.cosim.insertion import insert_after_output, insert_before_input, insert_effect, logged_torque
+from fmu_didim.cosim.insertion import (
+    check_period,
+    insert_after_output,
+    insert_before_input,
+    insert_effect,
+    logged_torque,
+)
+from fmu_didim.cosim.instants import Instants, period_change
 from fmu_didim.cosim.recording import Recording
 from fmu_didim.cosim.recording_cache import KeptRecordings, response_key
 from fmu_didim.cosim.sampling import Indices, SampleOperator, decimated_times, grid_places, sample_operator
@@ -13,11 +20,13 @@ __all__ = [
     "Connection",
     "Indices",
     "InstancePool",
+    "Instants",
     "KeptRecordings",
     "Observer",
     "Recording",
     "SampleOperator",
     "System",
+    "check_period",
     "closed_loop",
     "decimated_times",
     "grid_places",
@@ -25,6 +34,7 @@ __all__ = [
     "insert_before_input",
     "insert_effect",
     "logged_torque",
+    "period_change",
     "response_key",
     "sample_operator",
     "simulate",

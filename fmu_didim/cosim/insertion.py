@@ -124,9 +124,12 @@ def insert_effect(
         plant: name of the plant, with input ``tau<j>`` and output ``q<j>``.
 
     Raises:
-        InputError: the joint has this effect, or the system has no place for it.
+        InputError: the joint has this effect, or the system has no place for it; it is computed for a constant control
+            period, and that of the system changes.
     """
     name = f"{effect.name}{joint}"
+    if system.at_instants:
+        check_period(effect, joint_type, name)
     component = inserted_component(effect, joint_type, system.step_size, values)
     if effect.place == "sensor":
         return insert_after_output(system, name, component, of=f"{plant}.q{joint}")
@@ -135,6 +138,16 @@ def insert_effect(
         if other.rank > effect.rank:
             at = inside
     return insert_before_input(system, name, component, at=at)
+
+
+def check_period(effect: InsertedEffect, joint_type: JointType, name: str) -> None:
+    """Raise InputError where an effect is computed for a constant control period, so that none may change."""
+    if effect.depends_on_period(joint_type):
+        raise InputError(
+            "This effect is computed for a constant control period, and that of the loop changes.", where=name,
+            got="instants of the controller", next_step="Leave the effect out, or use a part of the run at one rate, "
+            "without instants: from_s, to_s.",
+        )  # fmt: skip
 
 
 def logged_torque(system: System, joint: int, *, plant: str = "plant") -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +25,7 @@ class Recording:
         inputs: name -> (K,) values of the inputs of the components, when they begin to act.
         sampled: the same as ``applied`` at the instant of the tick itself, just before anything that is due then acts.
         compiled: whether compiled code ran the loop.
+        instants: (K,) of the ticks where these are not equally spaced, s; else None.
     """
 
     ticks: NDArray[np.int64]
@@ -33,10 +35,22 @@ class Recording:
     inputs: Mapping[str, Array]
     sampled: Mapping[str, Array]
     compiled: bool = False
+    instants: Array | None = None
+
+    @property
+    def spacing(self) -> float | Array:
+        """Of the rows at all ticks, for ``numpy.gradient``: the step, or the instants where it changes, s."""
+        return self.step_size if self.instants is None else self.instants
+
+    def elapsed(self, first: NDArray[np.signedinteger[Any]], last: NDArray[np.signedinteger[Any]]) -> float | Array:
+        """Time between rows of one tick (K,) and of the next, s: the step, or where it changes (K, 1)."""
+        return self.step_size if self.instants is None else (self.instants[last] - self.instants[first])[:, None]
 
     @cached_property
     def time(self) -> Array:
-        """(K,) instants of the ticks, t0 + k h, s."""
+        """(K,) instants of the ticks, t0 + k h unless they are given, s."""
+        if self.instants is not None:
+            return self.instants
         return np.asarray(self.ticks * self.step_size + self.start, dtype=float)
 
     def table(self, names: list[str], *, sampled: bool = False) -> Array:

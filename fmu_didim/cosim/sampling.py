@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from fmu_didim.base.errors import InputError
+from fmu_didim.cosim.instants import Instants
 from fmu_didim.data.signals import Array
 
 Indices = NDArray[np.signedinteger[Any]]
@@ -37,6 +38,7 @@ class SampleOperator:
         positions: (N,) instants of point samples in control periods from tick 0; None for averages.
         lag: control periods by which :meth:`stamped_later` has moved the stamps.
         origin: the operator without that; None for one that was not moved.
+        instants: of the ticks, where the control period changes: a shift is then a time, so many nominal periods.
     """
 
     ticks: NDArray[np.int64]
@@ -44,6 +46,7 @@ class SampleOperator:
     positions: Array | None = None
     lag: float = 0.0
     origin: SampleOperator | None = None
+    instants: Instants | None = None
 
     @property
     def count(self) -> int:
@@ -95,11 +98,14 @@ class SampleOperator:
         if lag == 0 and not between:
             return origin
         if origin.positions is not None:
-            ticks, matrix = _lines(origin.positions - lag, tick_count)
+            ticks, matrix = _lines(self._earlier(origin.positions, lag), tick_count)
         else:
-            ticks, between = _lines(origin.ticks.astype(np.float64) - lag, tick_count)
+            ticks, between = _lines(self._earlier(origin.ticks.astype(np.float64), lag), tick_count)
             matrix = sparse.csr_array(origin.matrix @ between)
-        return SampleOperator(ticks, matrix, None, lag, origin)
+        return SampleOperator(ticks, matrix, None, lag, origin, self.instants)
+
+    def _earlier(self, positions: Array, lag: float) -> Array:
+        return positions - lag if self.instants is None else self.instants.earlier(positions, lag)
 
 
 def _lines(positions: Array, tick_count: int) -> tuple[NDArray[np.int64], sparse.csr_array]:
@@ -124,6 +130,7 @@ def sample_operator(
     kind: Kind = "point",
     window: Window = "preceding",
     window_s: float | None = None,
+    instants: Instants | None = None,
 ) -> SampleOperator:
     """The operator for samples logged at ``times``.
 
@@ -134,11 +141,12 @@ def sample_operator(
         kind: ``point``: the command that acts at the instant; ``average``: its mean over a window.
         window: where the window lies: it ends, is centred or starts at the instant.
         window_s: its length in s; by default the usual spacing of ``times``.
+        instants: of the ticks, where the control period changes; ``start`` and ``step`` do not count then.
 
     Raises:
         InputError: an instant lies outside the reference.
     """
-    position = (times - start) / step
+    position = (times - start) / step if instants is None else instants.position(times)
     last = tick_count
     # A point needs a period that begins there; the window of an average may end where the last period does.
     end = last - JITTER if kind == "point" else last + JITTER
@@ -149,7 +157,7 @@ def sample_operator(
             "The torque log reaches beyond the reference.",
             where="measurement",
             got=f"{first_bad.size} samples, the first one at t = {t:g} s",
-            valid=f"t from {start:g} s to {start + last * step:g} s",
+            valid=f"t from {start:g} s to {start + last * step if instants is None else instants.ends[-1]:g} s",
             next_step="Check that both share one clock; cut the log or give the whole reference.",
         )
     rows: Indices
@@ -160,17 +168,19 @@ def sample_operator(
             rows, columns, weights = np.arange(times.size), ticks, np.ones(times.size)
         case "average":
             length = _length(times, window_s) / step
-            if length > last:
+            longest = last if instants is None else float(np.ptp(instants.ends)) / step
+            if length > longest:
                 raise InputError(
                     "The window of the averages is longer than the reference.", where="torque.window_s",
-                    got=f"{length * step:g} s", valid=f"at most {last * step:g} s",
+                    got=f"{length * step:g} s", valid=f"at most {longest * step:g} s",
                 )  # fmt: skip
-            rows, columns, weights = _average(position, last, window, length)
+            rows, columns, weights = _average(position, last, window, length, instants)
         case _:
             assert_never(kind)
     support, place = np.unique(columns, return_inverse=True)
     matrix = sparse.csr_array((weights, (rows, place)), shape=(times.size, support.size))
-    return SampleOperator(support.astype(np.int64), matrix, position if kind == "point" else None)
+    positions = position if kind == "point" else None
+    return SampleOperator(support.astype(np.int64), matrix, positions, instants=instants)
 
 
 def _length(times: Array, window_s: float | None) -> float:
@@ -181,18 +191,23 @@ def _length(times: Array, window_s: float | None) -> float:
     return float((times[-1] - times[0]) / grid_places(times)[-1])
 
 
-def _average(position: Array, last: int, window: Window, length: float) -> tuple[Indices, Indices, Array]:
+def _average(
+    position: Array, last: int, window: Window, length: float, instants: Instants | None
+) -> tuple[Indices, Indices, Array]:
     """Overlap of each window with each control period; windows are cut where the data begin or end."""
     rows: list[Indices] = []
     columns: list[Indices] = []
     weights: list[Array] = []
+    begin, end = (position + shift * length for shift in (_SHIFT[window], 1 + _SHIFT[window]))
+    if instants is not None:
+        begin, end = (instants.earlier(position, -shift * length) for shift in (_SHIFT[window], 1 + _SHIFT[window]))
     for i, at in enumerate(position):
-        low = max(at + _SHIFT[window] * length, 0.0)
-        high = min(at + (1 + _SHIFT[window]) * length, float(last))
+        low, high = max(begin[i], 0.0), min(end[i], float(last))
         if high - low < 1e-6:  # nothing before the first sample: the command that acts there
             low, high = min(max(at, 0.0), last - 1.0), min(max(at, 0.0), last - 1.0) + 1e-6
         ticks = np.arange(int(np.floor(low + 1e-9)), min(int(np.ceil(high - 1e-9)), last))
         overlap = np.minimum(ticks + 1.0, high) - np.maximum(ticks, low)
+        overlap = overlap if instants is None else overlap * instants.periods[ticks]
         rows.append(np.full(ticks.size, i))
         columns.append(ticks)
         weights.append(overlap / overlap.sum())

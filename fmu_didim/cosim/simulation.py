@@ -39,7 +39,8 @@ def simulate(
 
     Args:
         system: the loop.
-        reference: columns that the connections name, one row a tick: its time must be t0 + k h.
+        reference: columns that the connections name, one row a tick: its time must be t0 + k h, unless the system is
+            ``at_instants`` and takes the instants of the ticks from it.
         ticks: increasing tick numbers to record; all by default. The run ends with the last one.
         bounds: signal -> (lowest, highest) sensible value, looked at every 32 ticks and at the end; a signal
             found outside stops the run.

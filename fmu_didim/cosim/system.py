@@ -39,7 +39,7 @@ class Connection:
 
 @dataclass(frozen=True)
 class System:
-    """Components wired to a loop; time is counted in ticks, t = t0 + k * step_size.
+    """Components wired to a loop; time is counted in ticks, t = t0 + k * step_size, or t_k of the reference.
 
     At tick k each component in ``order`` gets its inputs and gives its outputs (so the controller sees
     reference and position of tick k); then all advance by one step with the inputs held.
@@ -60,6 +60,10 @@ class System:
             controller FMU that computes its command in ``doStep``.
         algebraic_loops: ``refuse`` an algebraic loop, ``iterate`` until its outputs are consistent at each tick, or
             take the ``previous`` values (those at the end of the last step) where the order does not help.
+        at_instants: the control period changes: tick k lies at the time t_k of row k of the reference, and
+            ``step_size`` is the nominal period. Components with a sample time run once in so many ticks by their own
+            clock, which counts nominal periods, as a law does whose loop runs late; all others step from t_k to
+            t_(k+1). A whole delay is a number of ticks, the fraction a time: that part of the nominal period.
     """
 
     components: Mapping[str, Component]
@@ -72,6 +76,7 @@ class System:
     substeps: Mapping[str, int] = field(default_factory=dict)
     after_step: frozenset[str] = frozenset()
     algebraic_loops: LoopTreatment = "refuse"
+    at_instants: bool = False
 
     def __post_init__(self) -> None:
         if not self.step_size > 0:
@@ -131,6 +136,7 @@ class System:
             "order": list(self.order),
             "algorithm": "Jacobi" if self.jacobi else "Gauss-Seidel in this order",
             "step_size_s": self.step_size,
+            **({"ticks": "at the instants of the reference; step_size_s is nominal"} if self.at_instants else {}),
             "delay_samples": {name: self.delays.get(name, 0.0) for name in self.order},
             "ticks_per_step": {name: self.every.get(name, 1) for name in self.order},
             "steps_per_period": {name: self.substeps.get(name, 1) for name in self.order},

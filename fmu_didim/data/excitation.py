@@ -52,7 +52,10 @@ class Excitation(Strict):
                 got=f"{self.length_s:g} s at {rate_hz:g} Hz, {self.joint_count} joints",
                 valid=f"at most {MOST_VALUES} values of q, dq and ddq", next_step="Shorten it, or lower the rate.",
             )  # fmt: skip
-        time = np.arange(round(self.length_s * rate_hz) + 1) / rate_hz
+        return self.at(np.arange(round(self.length_s * rate_hz) + 1) / rate_hz)
+
+    def at(self, time: Array) -> Trajectory:
+        """The trajectory at (N,) instants from 0, s."""
         parts = dict(zip(("q", "dq", "ddq"), self.motion(time), strict=True))
         joints = range(self.joint_count)
         return trajectory(time, {f"{name}{j + 1}": values[:, j] for j in joints for name, values in parts.items()})

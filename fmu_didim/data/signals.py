@@ -18,6 +18,8 @@ from numpy.typing import NDArray
 from fmu_didim.base.errors import InputError, UnknownNameError
 
 Array = NDArray[np.float64]
+SAME_PERIOD = 0.02
+"""[1] Of a period, by which periods of a reference of one rate may differ: its stamps may lie 1 % of one off."""
 
 
 @dataclass(frozen=True)
@@ -91,10 +93,11 @@ class Trajectory:
         """The names of the columns."""
         return tuple(v.name for v in self.variables)
 
-    @property
+    @cached_property
     def step(self) -> float:
-        """Time from the first row to the second, s: that between all rows of a reference."""
-        return float(self.time[1] - self.time[0])
+        """Time from the first row to the second, s: that between all rows of a reference of one rate; of one whose
+        periods change the median of these."""
+        return float(np.median(periods(self.time)))
 
     def column(self, name: str) -> Array:
         """The column of a name, (N,); raises UnknownNameError."""
@@ -142,6 +145,17 @@ def trajectory(time: Array, columns: Mapping[str, Array], units: Mapping[str, st
         values=np.column_stack([np.asarray(c, dtype=float) for c in columns.values()]),
         variables=tuple(Variable(name, known.get(name, "")) for name in columns),
     )
+
+
+def periods(time: Array) -> float | Array:
+    """From each of the instants (N,) to the next one, s: one number where they are equally spaced, but for rounding.
+
+    Behind the last one the last period goes on.
+    """
+    steps = np.diff(time)
+    if np.abs(steps - steps[0]).max() <= SAME_PERIOD * steps[0]:
+        return float(steps[0])
+    return np.append(steps, steps[-1])
 
 
 _FOURTH = np.sqrt(70.0)

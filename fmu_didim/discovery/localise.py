@@ -51,7 +51,12 @@ def regions_of_fit(fit: Fit, description: RobotDescription | None) -> list[Regio
         if motion is None:
             return []
         experiment, time = run.experiment, run.experiment.reference.time
-        ticks = np.round((experiment.time - float(time[0])) / run.step_size - experiment.operator.lag).astype(np.int64)
+        places = (
+            (experiment.time - float(time[0])) / run.step_size
+            if run.instants is None
+            else run.instants.position(experiment.time)
+        )
+        ticks = np.round(places - experiment.operator.lag).astype(np.int64)
         motions.append((motion, np.clip(ticks, 0, time.size - 1)))
     return regions(fit.residual, motions, fit.noise, fit.model.parameters.torque_units)
 

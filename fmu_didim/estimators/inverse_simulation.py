@@ -39,6 +39,8 @@ SHARE_OF_RANGE = 1e-4
 """[1] Size of that oscillation, of the range of a joint: no drive saturates by it."""
 NOT_FOLLOWED = 0.3
 """[1] Part of the measured torque of a joint that the loop with a light plant may leave unexplained."""
+SUBSTEPS = 2
+"""[substeps] Of RK4 in a step of a light plant whose step changes: its rate is a third of that of the steps at most."""
 SERIES = 1e-6
 """[1] Decay in a step below which it is computed by its series."""
 
@@ -81,7 +83,8 @@ class _Loop:
         self.slowest = self._step * max(self._system.every.values(), default=1)
         reference = run.experiment.reference
         external = with_external_torques(reference, run.external_torques)
-        self._reference = held(external, loop.subdivision) if loop.subdivision > 1 else external
+        changes, count = self._system.at_instants, loop.subdivision
+        self._reference = held(external, count, at_instants=changes) if count > 1 else external
         self._joints = range(1, loop.joint_count + 1)
         offered = {name for kind in ("q", "dq", "ddq") for name in loop.joint_signals(kind)}
         for connection in self._system.connections:
@@ -126,11 +129,13 @@ class _Loop:
 
     def response(self, bandwidth: float) -> Array:
         """(n,) complex -d tau_j / d q_j at a frequency in rad/s, at the start of the reference."""
-        n, time = self._loop.joint_count, self._step * np.arange(self._reference.time.size)
+        n, changes, given = self._loop.joint_count, self._system.at_instants, self._reference.time
+        time = given - given[0] if changes else self._step * np.arange(given.size)
         length = min(PERIODS * 2 * np.pi / bandwidth, time[-1])
-        time = time[: int(length / self._step) + 1]
+        time = time[: int(np.searchsorted(time, length)) if changes else int(length / self._step) + 1]
+        spacing = time if changes else self._step
         window = np.sin(np.pi * np.clip(time / length, 0, 1)) ** 2
-        shape = np.gradient(np.gradient(window * np.sin(bandwidth * time), self._step), self._step)
+        shape = np.gradient(np.gradient(window * np.sin(bandwidth * time), spacing), spacing)
         nothing = np.zeros(n)
         still = self._moved(self._ddq[: time.size], nothing, nothing)
         result = np.zeros(n, dtype=complex)
@@ -150,7 +155,8 @@ class _Loop:
     def _moved(self, drive: Array, inverse_mass: Array, rate: Array) -> Recording:
         """The loop with  ddq = tau / m + drive - rate dq  over as many ticks as ``drive`` (K, n) has rows."""
         name, joints = self._loop.plant_name, self._joints
-        plant = light_plant(self._step, inverse_mass, rate, np.concatenate([self._q[0], self._dq[0]]))
+        step = None if self._system.at_instants else self._step
+        plant = light_plant(step, inverse_mass, rate, np.concatenate([self._q[0], self._dq[0]]))
         wires = tuple(Connection(f"{REFERENCE}.{DRIVE}{j}", f"{name}.{DRIVE}{j}") for j in joints)
         system = replace(
             self._system,
@@ -163,14 +169,46 @@ class _Loop:
         return simulate(system, reference, bounds=self._loop.position_bounds(self._run.experiment.reference))
 
 
-def light_plant(step: float, inverse_mass: Array, rate: Array, start: Array) -> ControlComponent:
+def light_plant(step: float | None, inverse_mass: Array, rate: Array, start: Array) -> ControlComponent:
     """Uncoupled joints,  ddq = tau / m + drive - rate dq, exact for held inputs.
 
     Args:
-        step: in s; inverse_mass: (n,) 1/m; rate: (n,) 1/s; start: (2 n,) q and dq.
+        step: in s; None where it changes, for a continuous plant that RK4 integrates.
+        inverse_mass: (n,) 1/m; rate: (n,) 1/s; start: (2 n,) q and dq.
     """
     import control
 
+    n = rate.size
+    motion, torque = _continuous(rate) if step is None else _held(step, rate)
+    unit, nothing = np.eye(n), np.zeros((n, n))
+    b = torque @ np.hstack([np.diag(inverse_mass), unit])
+    c = np.vstack([np.eye(2 * n), np.hstack([nothing, -np.diag(rate)])])
+    d = np.vstack([np.zeros((2 * n, 2 * n)), np.hstack([np.diag(inverse_mass), unit])])
+    names = {s: [f"{s}{j}" for j in range(1, n + 1)] for s in ("tau", DRIVE, "q", "dq", "ddq", "x_q", "x_dq")}
+    inputs, outputs = names["tau"] + names[DRIVE], names["q"] + names["dq"] + names["ddq"]
+    states = names["x_q"] + names["x_dq"]
+    system = control.ss(
+        motion, b, c, d, step or 0, inputs=inputs, outputs=outputs, states=states, name="light_plant"
+    )  # fmt: skip
+    return ControlComponent(
+        system=system,
+        inputs=tuple(Variable(v, "", "input") for v in inputs),
+        outputs=tuple(Variable(v) for v in outputs),
+        initial_state=tuple(float(v) for v in start),
+        substeps=None if step else SUBSTEPS,
+        origin="light plant",
+        sample_time=step,
+    )
+
+
+def _continuous(rate: Array) -> tuple[Array, Array]:
+    """(2 n, 2 n) and (2 n, n) of  d (q, dq) / dt = A (q, dq) + B ddq_0,  ddq = ddq_0 - rate dq."""
+    unit, nothing = np.eye(rate.size), np.zeros((rate.size, rate.size))
+    return np.block([[nothing, unit], [nothing, -np.diag(rate)]]), np.vstack([nothing, unit])
+
+
+def _held(step: float, rate: Array) -> tuple[Array, Array]:
+    """The same from instant to instant, with ddq_0 held over a step."""
     n = rate.size
     decay = np.exp(-rate * step)
     # Velocity and position after an acceleration held for a step; by the series for small rates.
@@ -179,19 +217,5 @@ def light_plant(step: float, inverse_mass: Array, rate: Array, start: Array) -> 
     velocity = np.where(slow, step * (1 - rate * step / 2), (1 - decay) / safe)
     position = np.where(slow, step**2 / 2 * (1 - rate * step / 3), (step - velocity) / safe)
     unit, nothing = np.eye(n), np.zeros((n, n))
-    a = np.block([[unit, np.diag(velocity)], [nothing, np.diag(decay)]])
-    b = np.vstack([np.diag(position), np.diag(velocity)]) @ np.hstack([np.diag(inverse_mass), unit])
-    c = np.vstack([np.eye(2 * n), np.hstack([nothing, -np.diag(rate)])])
-    d = np.vstack([np.zeros((2 * n, 2 * n)), np.hstack([np.diag(inverse_mass), unit])])
-    names = {s: [f"{s}{j}" for j in range(1, n + 1)] for s in ("tau", DRIVE, "q", "dq", "ddq", "x_q", "x_dq")}
-    inputs, outputs = names["tau"] + names[DRIVE], names["q"] + names["dq"] + names["ddq"]
-    states = names["x_q"] + names["x_dq"]
-    system = control.ss(a, b, c, d, step, inputs=inputs, outputs=outputs, states=states, name="light_plant")
-    return ControlComponent(
-        system=system,
-        inputs=tuple(Variable(v, "", "input") for v in inputs),
-        outputs=tuple(Variable(v) for v in outputs),
-        initial_state=tuple(float(v) for v in start),
-        origin="light plant",
-        sample_time=step,
-    )
+    motion = np.block([[unit, np.diag(velocity)], [nothing, np.diag(decay)]])
+    return motion, np.vstack([np.diag(position), np.diag(velocity)])

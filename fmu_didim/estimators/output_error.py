@@ -146,7 +146,7 @@ def _positions(model: LoopModel, values: Array, logs: Mapping[str, Trajectory]) 
     for label, log in logs.items():
         run = model.simulation(values, label)
         first, count = float(run.experiment.reference.time[0]), run.experiment.reference.time.size
-        operator = sample_operator(log.time, start=first, step=run.step_size, tick_count=count)
+        operator = sample_operator(log.time, start=first, step=run.step_size, tick_count=count, instants=run.instants)
         try:
             recording = run.record(ticks=operator.ticks)
         except SimulationError:

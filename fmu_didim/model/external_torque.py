@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fmu_didim.data.signals import Array, Trajectory, trajectory
+from fmu_didim.data.signals import Array, Trajectory, periods, trajectory
 
 EXTERNAL_TORQUE = "external_torque"
 
@@ -33,8 +33,8 @@ class ExternalTorque:
         return ExternalTorque(self.joint, is_logged=self.is_logged, **values)
 
     def along(self, time: Array) -> Array:
-        """(K,) its mean over each control period that begins at ``time``, equally spaced."""
-        step = float(time[1] - time[0])
+        """(K,) its mean over each control period that begins at ``time``."""
+        step = periods(time)
         held = np.minimum(time + step, self.end_s) - np.maximum(time, self.begin_s)
         return np.asarray(self.torque * np.clip(held / step, 0.0, 1.0))
 
@@ -50,8 +50,15 @@ def with_external_torques(reference: Trajectory, external_torques: Sequence[Exte
     return trajectory(reference.time, columns)
 
 
-def held(reference: Trajectory, count: int) -> Trajectory:
-    """A reference with ``count`` rows for each, held."""
-    step = reference.step / count
-    time = reference.time[0] + step * np.arange(reference.time.size * count)
+def held(reference: Trajectory, count: int, *, at_instants: bool = False) -> Trajectory:
+    """A reference with ``count`` rows for each, held.
+
+    Args:
+        at_instants: whether its rows are not equally spaced, so that each period is divided by itself.
+    """
+    if at_instants:
+        parts = np.diff(reference.time, append=2 * reference.time[-1] - reference.time[-2]) / count
+        time = (reference.time[:, None] + parts[:, None] * np.arange(count)).ravel()
+    else:
+        time = reference.time[0] + reference.step / count * np.arange(reference.time.size * count)
     return replace(reference, time=time, values=np.repeat(reference.values, count, axis=0))

@@ -24,6 +24,7 @@ from fmu_didim.base.errors import DivergedError
 from fmu_didim.components import Component, SameObject
 from fmu_didim.cosim import (
     InstancePool,
+    Instants,
     KeptRecordings,
     Observer,
     Recording,
@@ -264,8 +265,14 @@ class Simulation:
 
     @property
     def step_size(self) -> float:
-        """Control period, s."""
+        """Control period, s; the nominal one where it changes."""
         return self.model.loop.systems[self.label].step_size
+
+    @property
+    def instants(self) -> Instants | None:
+        """The instants of the ticks, where the control period changes; else None."""
+        changes = self.model.loop.systems[self.label].at_instants
+        return Instants(self.experiment.reference.time, self.step_size) if changes else None
 
     @property
     def theta(self) -> Array:
@@ -333,7 +340,7 @@ class Simulation:
                 return known
         reference = with_external_torques(reference, external)
         if subdivision > 1:
-            reference, ticks = held(reference, subdivision), ticks * subdivision
+            reference, ticks = held(reference, subdivision, at_instants=system.at_instants), ticks * subdivision
         recording = simulate(system, reference, ticks=ticks, bounds=bounds, observe=observe, pool=model.pool)
         if key is not None:
             model.recordings.keep(key, recording)

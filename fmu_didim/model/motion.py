@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fmu_didim.data.signals import Array, Trajectory
+from fmu_didim.data.signals import Array, Trajectory, periods
 from fmu_didim.dynamics.effects import LINK_PARAMETERS, PAYLOAD
 from fmu_didim.dynamics.robot import RobotDescription, RobotModel
 from fmu_didim.dynamics.robot.observed_states import following_links
@@ -51,7 +51,7 @@ def motion_of(model: RobotModel, chi: Array, time: Array, q: Array, dq: Array, d
     own = np.array([name.rstrip("0123456789") in inertial for name in names])
     links = {j: rows[:, :, [names.index(f"{name}{j + 1}") for name in PAYLOAD]] for j in range(q.shape[1])}
     load = rows[:, :, own] @ chi[own]
-    return Motion(time, q, dq, ddq, torque, load, float(time[1] - time[0]), links)
+    return Motion(time, q, dq, ddq, torque, load, float(np.median(periods(time))), links)
 
 
 def simulated_motion(run: Simulation, description: RobotDescription | None) -> Motion | None:
@@ -74,18 +74,24 @@ def simulated_motion(run: Simulation, description: RobotDescription | None) -> M
 def joint_reference(reference: Trajectory, joint: int) -> tuple[Array, Array]:
     """Position and velocity (N,) of a joint, counted from 1, along a reference; one that is missing follows from the
     other, the position starting at zero; both are zero where both are missing."""
-    q, dq, step = f"q{joint}", f"dq{joint}", reference.step
+    q, dq = f"q{joint}", f"dq{joint}"
     if q in reference.names:
         position = reference.column(q)
-        return position, np.gradient(position, step)
+        return position, np.gradient(position, _spacing(reference.time))
     velocity = reference.column(dq) if dq in reference.names else np.zeros(reference.time.size)
-    return _summed(velocity, step), velocity
+    return _summed(velocity, periods(reference.time)), velocity
 
 
-def _summed(velocity: Array, step: float) -> Array:
-    """Positions (N, ...) from velocities that hold over a step each."""
+def _spacing(time: Array) -> float | Array:
+    """Of rows at these instants (N,), for ``numpy.gradient``: their one step, or the instants."""
+    step = periods(time)
+    return step if isinstance(step, float) else time
+
+
+def _summed(velocity: Array, step: float | Array) -> Array:
+    """Positions (N, ...) from velocities that hold over a step each; ``step``: one, or that behind each row."""
     position = np.zeros_like(velocity)
-    np.cumsum(velocity[:-1] * step, axis=0, out=position[1:])
+    np.cumsum(velocity[:-1] * (step if isinstance(step, float) else step[:-1]), axis=0, out=position[1:])
     return position
 
 
@@ -102,7 +108,7 @@ def _from_outputs(run: Simulation) -> Motion | None:
         return None
     recording = run.record(all_ticks=True)
     dq = recording.table(model.loop.joint_signals("dq"))
-    step = float(recording.time[1] - recording.time[0])
+    step = periods(recording.time)
     reference = run.experiment.reference
     q = np.column_stack(
         [
@@ -114,6 +120,6 @@ def _from_outputs(run: Simulation) -> Motion | None:
     )
     links = {j: np.zeros((q.shape[0], q.shape[1], len(PAYLOAD))) for j in range(q.shape[1])}
     return Motion(
-        time=recording.time, q=q, dq=dq, ddq=np.gradient(dq, step, axis=0),
-        torque=run.logged_torque(recording), load=np.zeros_like(q), step=step, links=links,
+        time=recording.time, q=q, dq=dq, ddq=np.gradient(dq, _spacing(recording.time), axis=0),
+        torque=run.logged_torque(recording), load=np.zeros_like(q), step=float(np.median(step)), links=links,
     )  # fmt: skip

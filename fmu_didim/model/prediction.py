@@ -102,7 +102,7 @@ def _by_probing(run: Simulation) -> _Found:
 def _by_differences(run: Simulation) -> _Found:
     """For a plant without acceleration outputs.
 
-    While a command is held, ddq is taken for (dq[k+1] - dq[k]) / h, its mean over the control period; at the last
+    While a command is held, ddq is taken for (dq[k+1] - dq[k]) / h_k, its mean over the control period; at the last
     tick of the reference for the difference before. The regressor then fits the torque to first order in h.
     """
     model, wanted = run.model, run.operator.ticks
@@ -111,7 +111,7 @@ def _by_differences(run: Simulation) -> _Found:
     recording = run.record(ticks=ticks)
     here, low, high = (np.searchsorted(ticks, some) for some in (wanted, first, first + 1))
     position, velocity = (recording.table(model.loop.joint_signals(name)) for name in ("q", "dq"))
-    acceleration = (velocity[high] - velocity[low]) / run.step_size
+    acceleration = (velocity[high] - velocity[low]) / recording.elapsed(low, high)
     torque = run.sampled(run.logged_torque(recording)[here])
     motion = (position[here], velocity[here], acceleration)
     columns, known = sampled_regressor(run, motion, _observed(model, recording)[here])

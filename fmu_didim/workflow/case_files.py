@@ -13,7 +13,7 @@ from fmu_didim.base.imports import is_reference, located, source_file
 from fmu_didim.case import Case
 from fmu_didim.case.files import resolve
 from fmu_didim.case.memory import digest
-from fmu_didim.case.sources import SignalFile
+from fmu_didim.case.sources import DataFile
 from fmu_didim.dynamics.effects import find_effect
 
 NO_OPTIONS: Mapping[str, object] = {}
@@ -51,8 +51,8 @@ def _named(case: Case) -> dict[str, Path]:
             file = located(source, case.folder).rpartition(":")[0] if is_reference(source) else source
             named[source] = case.folder / file
     for run in document.runs.values():
-        for part in (run.reference, run.torque, run.positions):
-            if isinstance(part, SignalFile) and part.file not in case.signals:
+        for part in (run.reference, run.torque, run.positions, run.instants):
+            if isinstance(part, DataFile) and part.file not in case.signals:
                 named[part.file] = resolve(part, case.folder)
     return named
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from fmu_didim.base.errors import InputError, UnknownNameError
 from fmu_didim.case import Case, CaseObjects, case_of, with_objects
-from fmu_didim.cosim import sample_operator
+from fmu_didim.cosim import Instants, sample_operator
 from fmu_didim.data.signals import Array, Trajectory
 from fmu_didim.fit.solver.admissible import mass_matrix_problem
 from fmu_didim.model.experiment import Experiment
@@ -58,9 +58,11 @@ def model_without_data(case: Case, label: str | None) -> LoopModel:
     label = label or next(iter(case.document.runs))
     reference = case.reference(label)
     nothing = np.zeros((1, case.parameters.joint_count))
+    changes = case.document.runs[label].instants is not None
     every = sample_operator(
-        reference.time, start=float(reference.time[0]), step=reference.step, tick_count=reference.time.size
-    )
+        reference.time, start=float(reference.time[0]), step=reference.step, tick_count=reference.time.size,
+        instants=Instants(reference.time, case.step_size) if changes else None,
+    )  # fmt: skip
     return case.model_on({label: Experiment(reference, reference.time[:1], nothing, every, label=label)})
 
 

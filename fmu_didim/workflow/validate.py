@@ -12,7 +12,7 @@ from pydantic import TypeAdapter, ValidationError
 from fmu_didim.base.documents import TO_FILL_IN, load_yaml
 from fmu_didim.base.errors import FmuDidimError
 from fmu_didim.case import load_case, read_case
-from fmu_didim.case.files import read_signals
+from fmu_didim.case.files import read_signals, read_stamps
 from fmu_didim.case.sources import ExperimentSource, SignalFile
 from fmu_didim.controllers import read_law
 from fmu_didim.dynamics.effects import UNITS
@@ -82,6 +82,11 @@ def _runs(content: dict[str, Any]) -> Iterator[tuple[str, ExperimentSource]]:
 
 
 def _of_run(label: str, run: ExperimentSource, folder: Path, units: tuple[str, ...]) -> Iterator[Mistake]:
+    if run.instants is not None:
+        try:
+            read_stamps(run.instants, folder)
+        except FmuDidimError as error:
+            yield Mistake.of(error, f"{label}.instants")
     for name, part in (("reference", run.reference), ("torque", run.torque), ("positions", run.positions)):
         if not isinstance(part, SignalFile):
             continue

@@ -38,7 +38,12 @@ def velocity(history: list[Signals], kind: str) -> np.ndarray:
 def pd(o: Mapping[str, Any]) -> Law:
     def law(h: list[Signals]) -> np.ndarray:
         s = h[-1]
-        error, rate = s["q_ref"] - s["q"], s["dq_ref"] - velocity(h, o["velocity"])
+        error = s["q_ref"] - s["q"]
+        if o["velocity"] == "error_difference":
+            before = h[-2] if len(h) > 1 else s
+            rate = (error - (before["q_ref"] - before["q"])) / PERIOD
+        else:
+            rate = s["dq_ref"] - velocity(h, o["velocity"])
         return np.multiply(o["Kp"], error) + np.multiply(o["Kd"], rate)
 
     return law
@@ -110,6 +115,7 @@ class Case:
 TWO: Mapping[str, Any] = {"joints": ["revolute", "prismatic"]}
 ARM: Mapping[str, Any] = {"joints": ["revolute", "revolute"]}
 DIFFERENCE = {"velocity": "backward_difference"}
+OF_ERROR = {"velocity": "error_difference"}
 MEASURED = {"velocity": "measured"}
 PD_OPTIONS = {"law": "pd", **TWO, "Kp": [30.0, 7.0], "Kd": [2.0, 0.5]}
 PID_OPTIONS = {"law": "pid", **TWO, "Kp": [30.0, 7.0], "Ki": [90.0, 50.0], "Kd": [2.0, 0.5]}
@@ -120,9 +126,11 @@ EMPS_OPTIONS = {"law": "emps", **TWO, "kp": [12.0, 5.0], "kv": [2.0, 1.5]}
 CASES = (
     Case("pd", PD_OPTIONS | MEASURED, pd, True),
     Case("pd_difference", PD_OPTIONS | DIFFERENCE, pd, True),
+    Case("pd_error_difference", PD_OPTIONS | OF_ERROR, pd, True),
     Case("pd_saturated", PD_OPTIONS | MEASURED | {"saturation": [20.0, 3.0]}, pd, False),
     Case("pid", PID_OPTIONS | MEASURED, pid, True),
     Case("pid_difference_saturated", PID_OPTIONS | DIFFERENCE | {"saturation": [100.0, 40.0]}, pid, False),
+    Case("pid_error_difference", PID_OPTIONS | OF_ERROR, pid, True),
     Case("cascade", CASCADE_OPTIONS | MEASURED | {"feedforward": 0.6}, cascade, True),
     Case("cascade_difference", CASCADE_OPTIONS | DIFFERENCE | {"feedforward": 1.0}, cascade, True),
     Case("computed_torque", CT_OPTIONS | MEASURED, computed_torque, False),
@@ -259,7 +267,10 @@ def test_robot_file_is_found_beside_the_document(tmp_path: Path) -> None:
         (("rate_hz: 200", "rate_hz: 0"), "rate_hz: .*greater than 0"),
         (("name: c", "name: 2c"), "name: "),
         (("revolute, revolute", "revolute, revolving"), r"joints\.1: "),
-        (("rate_hz: 200", "rate_hz: 200\nvelocity: guessed"), "velocity: .*'measured' or 'backward_difference'"),
+        (
+            ("rate_hz: 200", "rate_hz: 200\nvelocity: guessed"),
+            "velocity: .*'measured', 'backward_difference' or 'error_difference'",
+        ),
     ],
 )
 def test_wrong_documents_name_the_key(tmp_path: Path, change: tuple[str, str], problem: str) -> None:

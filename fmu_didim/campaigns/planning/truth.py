@@ -19,7 +19,7 @@ from fmu_didim.base.errors import InputError
 from fmu_didim.campaigns.planning.document import Noise
 from fmu_didim.case import Case, load_case
 from fmu_didim.case.sources import TorqueFile
-from fmu_didim.cosim import decimated_times, sample_operator
+from fmu_didim.cosim import Instants, decimated_times, sample_operator
 from fmu_didim.data.signals import Array, Trajectory, trajectory
 from fmu_didim.dynamics.robot import RobotDescription
 from fmu_didim.estimators.start import with_free_delay
@@ -114,6 +114,7 @@ def _experiment(case: Case, label: str) -> Experiment:
     operator = sample_operator(
         times, start=start, step=step, tick_count=reference.time.size, kind=source.sampling,
         window=source.window, window_s=source.window_s,
+        instants=None if case.document.runs[label].instants is None else Instants(reference.time, step),
     ).stamped_later(source.log_shift_s / step, reference.time.size)  # fmt: skip
     nothing = np.zeros((times.size, case.parameters.joint_count))
     return Experiment(reference, times, nothing, operator, label=label, stamps=times - source.offset_s)

@@ -10,7 +10,7 @@ from fmu_didim.base.diagnostics import Diagnostic, by_weight
 from fmu_didim.base.errors import SimulationError
 from fmu_didim.checks.data.expected import Expected, expected
 from fmu_didim.checks.data.linear_fit import FittedMotion, fitted_motion, motion_with_regressor
-from fmu_didim.checks.data.log import log_diagnostics
+from fmu_didim.checks.data.log import PERIOD_CHANGES, log_diagnostics
 from fmu_didim.checks.data.plant import plant_diagnostics
 from fmu_didim.checks.data.reference import reference_diagnostics
 from fmu_didim.checks.data.robot import LINK_LENGTH, TORQUE_SCALE, another_robot, length_unit_diagnostics
@@ -54,11 +54,14 @@ def data_diagnostics(model: LoopModel, *, without_torque: Sequence[str] = (), ca
     for label, experiment in model.experiments.items():
         run = model.simulation(model.start, label)
         given = expected(run)
-        found += [diagnostic for check in LOG_CHECKS for diagnostic in check(run, given)]
+        of_file = [diagnostic for check in LOG_CHECKS for diagnostic in check(run, given)]
+        found += of_file
         of_units = unit_diagnostics(run, given)
         of_log = of_units or torque_channel_diagnostics(given, gains, label)
         found += [*of_log, *([] if of_units else position_diagnostics(run))]
         held_out = experiment.role == "validation"
+        if any(d.code is PERIOD_CHANGES for d in of_file):  # it would look like another clock or another scale
+            continue
         if not causes or of_log or (held_out and explained) or (fitted := fitted_motion(model.on(label))) is None:
             continue
         explained += _explained(fitted, held_out=held_out)

@@ -162,7 +162,7 @@ def motion_with_regressor(run: Simulation) -> FittedMotion:
     if model.loop.gives_acceleration:
         ddq = recording.table(model.loop.joint_signals("ddq"))
     else:
-        ddq = np.gradient(dq, recording.step_size, axis=0)
+        ddq = np.gradient(dq, recording.spacing, axis=0)
     names = [f"{model.loop.plant_name}.{name}" for name in model.parameters.observed]
     observed = recording.table(names) if names else None
     columns, _ = model.parameters.regressor(q, dq, ddq, observed=observed)

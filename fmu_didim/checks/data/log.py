@@ -10,7 +10,8 @@ from scipy.signal import medfilt
 
 from fmu_didim.base.diagnostics import CATALOGUE, DOUBT, PROBLEM, REMARK, Diagnostic, by_weight
 from fmu_didim.checks.data.expected import Expected
-from fmu_didim.cosim import Indices, grid_places
+from fmu_didim.cosim import Indices, grid_places, period_change
+from fmu_didim.cosim.instants import PeriodChange
 from fmu_didim.data.signals import Array
 from fmu_didim.fit.base_projection import BaseProjection
 from fmu_didim.fit.noise.noise import TINY, effective_fraction
@@ -18,6 +19,8 @@ from fmu_didim.model.experiment import Experiment
 
 REFERENCE_STEP = 0.01
 """[1] Of a control period by which stamps of a reference may lie off, as in the master."""
+OF_THE_LOOP = 0.1
+"""[1] Of a control period by which the shortest period of a log may differ where the loop wrote it."""
 SAME = 1e-9
 """[1] Of the range of a column within which values count as equal: rounding."""
 STRAIGHT = 1e-5
@@ -106,6 +109,18 @@ STAMPS_JITTER = CATALOGUE(
     "torque is compared at wrong instants.",
     next_step="Find out what the stamps mean; if the samples were taken at equal steps, stamp them so.",
 )  # fmt: skip
+PERIOD_CHANGES = CATALOGUE(
+    "period-changes", DOUBT, rank=3,
+    meaning="The control period changes, and the loop is simulated with a constant one: the clock seems late, friction "
+    "and inertia take up the rest.",
+    next_step="Name the file whose rows are the instants of the controller in the experiment: instants: log.csv.",
+)  # fmt: skip
+LOG_RATE_CHANGES = CATALOGUE(
+    "log-rate-changes", REMARK, rank=20,
+    meaning="The log comes at a rate that changes, but not at that of the control. If the control loop writes it, its "
+    "period changes, too.",
+    next_step="Then log every control period, and name the file in the experiment: instants: log.csv.",
+)  # fmt: skip
 SAMPLES_MISSING = CATALOGUE(
     "samples-missing", REMARK, rank=20,
     meaning="The logger has dropped samples. The others are used; a gap near a reversal hides what happens there.",
@@ -121,7 +136,7 @@ def log_diagnostics(experiment: Experiment, label: str, given: Expected, control
     """
     found = [
         *_missing(experiment, label),
-        *_of_stamps(experiment, label),
+        *_of_stamps(experiment, label, control_rate_hz),
         *_upsampled(experiment, label, control_rate_hz),
     ]
     for j in range(experiment.torque.shape[1]):
@@ -148,12 +163,37 @@ def _missing(experiment: Experiment, label: str) -> Iterator[Diagnostic]:
         yield Diagnostic(SAMPLES_MISSING, text, label, float(missing), unit="samples")
 
 
-def _of_stamps(experiment: Experiment, label: str) -> Iterator[Diagnostic]:
+def _of_period(change: PeriodChange, experiment: Experiment, label: str, period: float) -> Iterator[Diagnostic]:
+    """A log whose rate changes: that of the loop itself, which the case does not know, or of a logger of its own."""
+    if experiment.operator.instants is not None:
+        return
+    if abs(change.shortest / period - 1) <= OF_THE_LOOP:
+        text = f"The control period changes {change.text}, and the case has {1000 * period:.4g} ms throughout."
+        yield Diagnostic(PERIOD_CHANGES, text, label, 1000 * change.longest, 1000 * period, "ms")
+        return
+    text = f"The rows of the log come at a period that changes {change.text}: that of the loop, if this writes them."
+    yield Diagnostic(LOG_RATE_CHANGES, text, label)
+
+
+def scatter_of_steps(stamps: Array, places: Indices) -> float:
+    """Standard deviation (s) of white jitter that scatters the steps between stamps as much as they do.
+
+    A clock that wanders, such as that of a loop with a late cycle now and then, scatters about one line, its steps
+    hardly.
+    """
+    steps = np.diff(stamps) / np.diff(places)
+    return float(np.std(steps) / np.sqrt(2))
+
+
+def _of_stamps(experiment: Experiment, label: str, control_rate_hz: float) -> Iterator[Diagnostic]:
     stamps = experiment.time if experiment.stamps is None else experiment.stamps
     places = grid_places(stamps)
-    if stamps.size > 2:
+    change = period_change(stamps)
+    if change is not None:
+        yield from _of_period(change, experiment, label, 1 / control_rate_hz)
+    elif stamps.size > 2:
         slope, origin = np.polyfit(places, stamps, 1)
-        scatter = float(np.std(stamps - origin - slope * places)) / slope
+        scatter = min(float(np.std(stamps - origin - slope * places)), scatter_of_steps(stamps, places)) / slope
         if scatter > JITTER:
             text = f"The stamps scatter by {1000 * scatter * slope:.3g} ms about steps of {1000 * slope:.4g} ms."
             yield Diagnostic(STAMPS_JITTER, text, label, scatter, JITTER, "1")

@@ -82,6 +82,11 @@ class FmuComponent(FmuSettings):
         return self.isolated is None and not self.is_own and not is_trusted(self, instances)
 
     @property
+    def takes_any_step(self) -> bool:
+        """Whether its communication steps may differ in size; in model exchange it is integrated here."""
+        return self.interface.kind == MODEL_EXCHANGE or self.interface.has_variable_step
+
+    @property
     def is_own(self) -> bool:
         """Whether this package has exported it."""
         return self.fmu.tool.startswith(OWN_TOOL)

@@ -19,7 +19,7 @@ import numpy as np
 from fmu_didim.base.cache import cached_folder
 from fmu_didim.base.errors import BuildError, InputError, SimulationError
 from fmu_didim.components.native import LINEAR, Native, NativeLinear
-from fmu_didim.cosim.execution.running import CHECK_INTERVAL, LoopRun, Part
+from fmu_didim.cosim.execution.running import CHECK_INTERVAL, LATEST, LoopRun, Part
 from fmu_didim.export.build import compile_shared_library, find_compiler
 
 _DONE, _FAILED, _STOPPED = 0, 1, 2
@@ -51,7 +51,7 @@ class _Part(ctypes.Structure):
         input_count="q", output_count="q", inputs="p", outputs="p", own_inputs="p", own_outputs="p", input_factor="p",
         input_offset="p", output_factor="p", output_offset="p", linear="p", wire_count="q", wires="p", single="q",
         every="q", substeps="q", whole="q", part="d", line="p", line_capacity="q", line_count="q", first_input="q",
-        first_output="q", next_row="q", read_before="q", read_between="q", read_after="q",
+        first_output="q", next_row="q", read_before="q", read_between="q", read_after="q", instants="p", longest="d",
     )  # fmt: skip
 
 
@@ -61,7 +61,7 @@ class _Loop(ctypes.Structure):
         table_rows="q", table_columns="q", start="d", step="d", recorded="p", first_recorded="q", recorded_count="q",
         next_row="q", applied="p", sampled="p", sound_rows="q", unsound="q", lowest="p", highest="p",
         check_interval="q", ticks="q", next_check="q", failed_part="q", failed_call="q", status="q", failed_tick="q",
-        failed_signal="q", failed_time="d",
+        failed_signal="q", failed_time="d", instants="p", latest="d",
     )  # fmt: skip
 
 
@@ -146,7 +146,7 @@ def _loop(run: LoopRun, parts: Any, keep: list[Any]) -> _Loop:
         step=run.system.step_size, recorded=None if gapless else _address(ticks, keep), first_recorded=ticks[0],
         recorded_count=ticks.size, applied=_address(run.record, keep), sampled=_address(run.sampled, keep),
         lowest=_address(run.lowest, keep), highest=_address(run.highest, keep), check_interval=CHECK_INTERVAL,
-        ticks=run.end,
+        ticks=run.end, instants=_address(run.instants, keep), latest=LATEST,
     )  # fmt: skip
 
 
@@ -162,7 +162,7 @@ def _part(run: LoopRun, index: int, native: Native, keep: list[Any]) -> _Part:
         whole=part.whole, part=part.part, line_capacity=capacity, first_input=part.given.start,
         line=_address(np.zeros((capacity, max(part.inputs.size, 1))), keep) if part.delayed else None,
         first_output=part.place.start, read_before=read_before, read_between=read_between,
-        read_after=read_after,
+        read_after=read_after, instants=_address(part.instants, keep), longest=part.longest,
     )  # fmt: skip
     if isinstance(native, NativeLinear):
         linear = _linear(native, part, keep)

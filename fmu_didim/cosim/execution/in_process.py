@@ -132,7 +132,7 @@ def check_reference(order: Order) -> None:
     """Raise InputError where the reference does not fit the step, or the ticks lie outside of it."""
     reference, ticks, h = order.reference, order.ticks, order.system.step_size
     time = reference.time
-    worst = reference.deviation(h)
+    worst = 0.0 if order.system.at_instants else reference.deviation(h)
     if worst > 0.01 * h:
         raise InputError(
             "The reference is not sampled at the control rate.",
@@ -153,7 +153,7 @@ def check_reference(order: Order) -> None:
 def _recording(run: LoopRun, *, compiled: bool) -> Recording:
     if not (run.finite or np.isfinite(run.applied).all()):
         bad = int(np.flatnonzero(~np.isfinite(run.applied).all(axis=1))[0])
-        time = float(run.ticks[bad] * run.system.step_size + run.start)
+        time = run.time_of(int(run.ticks[bad]))
         raise DivergedError("The closed loop gave values that are not finite.", time=time, is_finite=False)
     return Recording(
         ticks=run.ticks,
@@ -167,4 +167,5 @@ def _recording(run: LoopRun, *, compiled: bool) -> Recording:
         },
         sampled={name: run.sampled[:, i] for i, name in enumerate(run.names)},
         compiled=compiled,
+        instants=None if run.instants is None else run.instants[run.ticks],
     )

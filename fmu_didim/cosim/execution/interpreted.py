@@ -12,13 +12,13 @@ def run_interpreted(
     run: LoopRun, observe: Observer | None = None, solver: LoopSolver | None = None, *, careful: bool = False
 ) -> None:
     """Run all ticks and fill the recording of the run; ``careful``: look at all values whenever they change."""
-    h, t0, table, signals, rows = run.system.step_size, run.start, run.table, run.signals, run.rows
+    table, signals, rows, time_of = run.table, run.signals, run.rows, run.time_of
     count, parts, lag, jacobi = table.shape[1], run.parts, run.lag, run.system.jacobi
     instances = {part.name: part.instance for part in parts}
     one_rate = all(part.every == 1 for part in parts)
-    time = t0
+    time = run.start
     for k in range(run.end):
-        time = t0 + k * h
+        time = time_of(k)
         signals[:count] = table[min(k, table.shape[0] - 1)]
         if run.delayed and rows[k] >= 0:
             run.sampled[rows[k]] = signals
@@ -29,7 +29,7 @@ def run_interpreted(
         for part in due:
             if not jacobi:
                 part.gather(signals)
-            part.apply(time)
+            part.apply(k)
             if careful:
                 run.look(part, time)
         if solver is not None:
@@ -43,9 +43,9 @@ def run_interpreted(
             _check_bounds(run, time)
         for part in parts:
             if k % part.every == part.every - 1 and not part.after_step:
-                part.advance(t0 + (k - part.every + 1) * h)
+                part.advance(k - part.every + 1)
                 if careful:
-                    run.look(part, time + h)
+                    run.look(part, time_of(k + 1))
     _check_bounds(run, time)
 
 

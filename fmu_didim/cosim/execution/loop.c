@@ -55,6 +55,8 @@ typedef struct {
     int64_t first_input, first_output, next_row;
     /* How many of its first outputs other parts read before its step, those who look at all there, and others after. */
     int64_t read_before, read_between, read_after;
+    const double *instants; /* of all ticks, where they are not equally spaced and the part steps with them; else NULL */
+    double longest;         /* step beyond which it does several equal ones */
 } Part;
 
 typedef struct {
@@ -73,6 +75,8 @@ typedef struct {
     int64_t check_interval, ticks, next_check;
     int64_t failed_part, failed_call, status, failed_tick, failed_signal;
     double failed_time;
+    const double *instants; /* of all ticks; NULL: start + tick * step */
+    double latest;          /* part of a period after which a delayed input acts at the latest */
 } Loop;
 
 /* For the few numbers of a component a call of memcpy would cost more than the copy. */
@@ -187,10 +191,14 @@ static inline int step_once(Part *p, double time, double size) {
     return status > 1 ? status : (stop || early) ? -1 : status;
 }
 
+static inline int64_t whole_above(double x) { return (int64_t)x + ((double)(int64_t)x < x); }
+
 static inline int step_part(Part *p, double time, double size) {
-    if (p->substeps == 1) return step_once(p, time, size);
-    double piece = size / (double)p->substeps;
-    for (int64_t i = 0; i < p->substeps; i++) {
+    int64_t count = p->substeps;
+    if (size > p->longest) count *= whole_above(size / p->longest);
+    if (count == 1) return step_once(p, time, size);
+    double piece = size / (double)count;
+    for (int64_t i = 0; i < count; i++) {
         int status = step_once(p, time + (double)i * piece, piece);
         if (status > 1 || status < 0) return status;
     }
@@ -229,9 +237,29 @@ static inline bool all_are_read(const Loop *l, int64_t row, int64_t tick) {
     return row >= 0 || tick == l->next_check || tick + 1 == l->ticks;
 }
 
-static inline int apply_part(Loop *l, int64_t index, int64_t row, int64_t tick, double time) {
+static inline double time_of(const Loop *l, int64_t tick) {
+    return l->instants ? l->instants[tick] : l->start + (double)tick * l->step;
+}
+
+/* Where the period of a part from a tick on begins, how much later its inputs act, and the rest of the period. */
+typedef struct {
+    double begin, late, rest;
+} Period;
+
+static inline Period period_of(const Loop *l, const Part *p, int64_t tick) {
+    const double size = l->step * (double)p->every;
+    if (!p->instants)
+        return (Period){l->start + (double)tick * l->step, p->part * size, p->part > 0 ? (1 - p->part) * size : size};
+    const double begin = p->instants[tick], end = p->instants[tick + p->every];
+    double late = p->part * size;
+    if (late > l->latest * (end - begin)) late = l->latest * (end - begin);
+    return (Period){begin, late, end - begin - late};
+}
+
+static inline int apply_part(Loop *l, int64_t index, int64_t row, int64_t tick) {
     Part *p = &l->parts[index];
-    double size = l->step * (double)p->every;
+    const Period period = period_of(l, p, tick);
+    const double time = period.begin;
     if (p->line) {
         size_t bytes = (size_t)p->input_count * sizeof(double);
         memcpy(p->line + (p->line_count % p->line_capacity) * p->input_count, p->inputs, bytes);
@@ -239,25 +267,24 @@ static inline int apply_part(Loop *l, int64_t index, int64_t row, int64_t tick, 
         if (p->part > 0) {
             memcpy(p->inputs, line_at(p, p->whole + 1), bytes);
             TRY(set_part(p), CALL_SET);
-            TRY(step_part(p, time, p->part * size), CALL_STEP);
+            TRY(step_part(p, time, period.late), CALL_STEP);
             if (!p->read_between && p->output_count) TRY(get_part(p, p->output_count), CALL_GET);
         }
         memcpy(p->inputs, line_at(p, p->whole), bytes);
     }
     TRY(set_part(p), CALL_SET);
-    if (p->after_step) TRY(step_part(p, time + p->part * size, p->part > 0 ? (1 - p->part) * size : size), CALL_STEP);
+    if (p->after_step) TRY(step_part(p, time + period.late, period.rest), CALL_STEP);
     const int64_t read = all_are_read(l, row, tick) ? p->read_between : p->read_before;
     if (read) TRY(get_part(p, read), CALL_GET);
     return DONE;
 }
 
-static inline int advance_part(Loop *l, int64_t index, int64_t tick, double time) {
+static inline int advance_part(Loop *l, int64_t index, int64_t tick) {
     Part *p = &l->parts[index];
     if (p->after_step || (p->every > 1 && tick % p->every != p->every - 1)) return DONE;
-    double size = l->step * (double)p->every;
-    double begin = l->start + (double)(tick - p->every + 1) * l->step;
-    double piece = p->part > 0 ? (1 - p->part) * size : size;
-    TRY(step_part(p, begin + p->part * size, piece), CALL_STEP);
+    const Period period = period_of(l, p, tick - p->every + 1);
+    const double time = period.begin;
+    TRY(step_part(p, time + period.late, period.rest), CALL_STEP);
     const int64_t read = tick + 1 == l->ticks ? p->output_count : p->read_after;
     if (read) TRY(get_part(p, read), CALL_GET);
     return DONE;
@@ -313,13 +340,13 @@ static void look_at_rows(Loop *l, int64_t end) {
     l->unsound |= sum[0] + sum[1] + sum[2] + sum[3] != 0.0, l->sound_rows = end;
 }
 
-static int apply_all(Loop *l, int64_t row, int64_t tick, double time) {
+static int apply_all(Loop *l, int64_t row, int64_t tick) {
     for (int64_t i = 0; l->jacobi && i < l->part_count; i++)
         if (is_own_tick(&l->parts[i], tick)) gather(&l->parts[i]);
     for (int64_t i = 0; i < l->part_count; i++) {
         if (!is_own_tick(&l->parts[i], tick)) continue;
         if (!l->jacobi) gather(&l->parts[i]);
-        int result = apply_part(l, i, row, tick, time);
+        int result = apply_part(l, i, row, tick);
         if (result) return result;
     }
     return DONE;
@@ -328,11 +355,11 @@ static int apply_all(Loop *l, int64_t row, int64_t tick, double time) {
 static int run_any(Loop *l, int64_t first, int64_t last) {
     const int64_t columns = l->table_columns, signals = l->signal_count;
     for (int64_t tick = first; tick < last; tick++) {
-        const double time = l->start + (double)tick * l->step;
+        const double time = time_of(l, tick);
         const int64_t row = row_of(l, &l->next_row, tick);
         copy(l->values, l->table + (tick < l->table_rows ? tick : l->table_rows - 1) * columns, columns);
         if (l->delayed && row >= 0) copy(l->sampled + row * signals, l->values, signals);
-        int result = apply_all(l, row, tick, time);
+        int result = apply_all(l, row, tick);
         if (result) return result;
         if (l->delayed)
             record_delayed(l, row, tick);
@@ -340,14 +367,14 @@ static int run_any(Loop *l, int64_t first, int64_t last) {
             copy(l->applied + row * l->value_count, l->values, l->value_count);
         if (tick == l->next_check && look(l, tick, time)) return OUT_OF_BOUNDS;
         for (int64_t i = 0; i < l->part_count; i++)
-            if ((result = advance_part(l, i, tick, time))) return result;
+            if ((result = advance_part(l, i, tick))) return result;
     }
     return DONE;
 }
 
 /* Whether the parts only have to be called: FMI 2.0 in its own units, one step a tick, no delay. */
 static bool is_plain(const Loop *l) {
-    if (l->jacobi || l->delayed || l->part_count > MOST_PLAIN) return false;
+    if (l->jacobi || l->delayed || l->instants || l->part_count > MOST_PLAIN) return false;
     for (int64_t i = 0; i < l->part_count; i++) {
         const Part *p = &l->parts[i];
         if (p->kind != FMI2 || !p->single || p->after_step || p->every > 1 || p->substeps > 1 || p->line || p->part > 0 ||
@@ -418,5 +445,5 @@ EXPORT int run_loop(Loop *l, int64_t first, int64_t last, int64_t finish) {
     int result = is_plain(l) ? run_plain(l, first, last) : run_any(l, first, last);
     if (result || !finish) return result;
     look_at_rows(l, l->recorded_count);
-    return outside(l, last - 1, l->start + (double)(last - 1) * l->step);
+    return outside(l, last - 1, time_of(l, last - 1));
 }

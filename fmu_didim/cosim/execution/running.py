@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -19,6 +20,10 @@ from fmu_didim.data.signals import Array, Trajectory
 
 CHECK_INTERVAL = 32
 """[1] Ticks between two checks for divergence: few enough to stop early, enough to cost no time."""
+LONGER = 0.01
+"""[1] Of a nominal period, by which a period may be longer before integration steps are added: rounding of clocks."""
+LATEST = 1 - 1e-6
+"""[1] Of a period, after which a delayed input acts at the latest: the rest is a step that every FMU can take."""
 
 Beat = Callable[[], None]
 """Called while a run goes on, at every tick or every few."""
@@ -67,6 +72,11 @@ def reads_between(component: Component) -> bool | None:
     return None if fmu is None or fmu.event_mode else fmu.feedthrough() != frozenset()
 
 
+def _has_substeps(component: Component) -> bool:
+    """Whether a component is integrated by so many substeps a step, which must not get longer with the step."""
+    return component.sample_time is None and component.with_substeps(1) is not None
+
+
 class Part:
     """One component inside the loop.
 
@@ -77,7 +87,12 @@ class Part:
         whole, part: the delay of its inputs in its own periods.
         after_step: its outputs at an instant are those after the step that begins there.
         between: whether outputs are read between inputs and step; None: where somebody looks at them.
+        start, instants: where its ticks lie, see :meth:`follow`; longest: step beyond which it does several equal ones.
     """
+
+    start: float
+    instants: Array | None
+    longest: float
 
     def __init__(
         self, name: str, system: System, instance: Instance, wiring: Wiring, values: Array, place: slice, given: slice
@@ -88,9 +103,17 @@ class Part:
         self.substeps = system.substeps.get(name, 1)
         self.after_step = name in system.after_step
         self.between = reads_between(system.components[name])
+        self.divides = _has_substeps(system.components[name])
         self.whole, self.part = split_delay(system.delays.get(name, 0.0) / self.every)
         self.step_size = system.step_size
         self.line: list[Array] = []
+        self.start, self.instants, self.longest = 0.0, None, np.inf
+
+    def follow(self, start: float, instants: Array | None) -> None:
+        """Take the time of tick 0 (s), and the instants of all ticks where these are not equally spaced."""
+        self.start, self.instants = start, instants
+        if instants is not None and self.divides:
+            self.longest = (1 + LONGER) * (1 - self.part) * self.step_size * self.every
 
     @property
     def delayed(self) -> bool:
@@ -103,30 +126,46 @@ class Part:
         return self.whole * self.every
 
     def step_sizes(self) -> list[float]:
-        """Sizes in s of the steps that the component does: one, or two where a fraction of delay divides its period."""
+        """Sizes in s of the steps that the component does: one, or two where a fraction of delay divides its period;
+        of periods that change the shortest and the longest."""
         size = self.step_size * self.every
         pieces = [self.part * size, (1 - self.part) * size] if self.part else [size]
+        if self.instants is not None:
+            sizes = self.instants[self.every :] - self.instants[: -self.every]
+            late = np.minimum(self.part * size, LATEST * sizes)
+            rest = (sizes - late) / np.maximum(np.ceil((sizes - late) / self.longest), 1)
+            pieces = [float(bound) for each in (late, rest) for bound in (each.min(), each.max()) if bound > 0]
         return [piece / self.substeps for piece in pieces]
 
     def gather(self, signals: Array) -> None:
         """Inputs from the signals."""
         self.wiring.gather(signals, self.inputs)
 
-    def apply(self, time: float) -> None:
+    def apply(self, tick: int) -> None:
         """Inputs into the component, its outputs into the signals; a fraction of delay is stepped through."""
-        size = self.step_size * self.every
+        time, late, rest = self._period(tick)
         try:
             if self.delayed:
-                self._through_the_line(time, size)
+                self._through_the_line(time, late)
             self.instance.set()
             if self.after_step:
-                self._step(time + self.part * size, (1 - self.part) * size if self.part else size)
+                self._step(time + late, rest)
             if self.after_step or self.between is not False:
                 self.instance.get()
         except FmuDidimError as error:
             raise error.in_component(self.name, time) from error.__cause__
 
-    def _through_the_line(self, time: float, size: float) -> None:
+    def _period(self, tick: int) -> tuple[float, float, float]:
+        """Where its period from a tick on begins, how much later its inputs act, and the rest of the period, s."""
+        if self.instants is None:
+            size = self.step_size * self.every
+            time = self.start + tick * self.step_size
+            return time, self.part * size, (1 - self.part) * size if self.part else size
+        time, end = float(self.instants[tick]), float(self.instants[tick + self.every])
+        late = min(self.part * (self.step_size * self.every), LATEST * (end - time)) if self.part else 0.0
+        return time, late, end - time - late
+
+    def _through_the_line(self, time: float, late: float) -> None:
         line = self.line
         line.append(self.inputs.copy())
         if len(line) > self.whole + 2:
@@ -134,23 +173,24 @@ class Part:
         if self.part > 0:
             self.inputs[:] = line[max(len(line) - self.whole - 2, 0)]
             self.instance.set()
-            self._step(time, self.part * size)
+            self._step(time, late)
             if self.between is False:
                 self.instance.get()
         self.inputs[:] = line[max(len(line) - self.whole - 1, 0)]
 
-    def advance(self, begin: float) -> None:
-        """From its communication point at ``begin`` to the next one, then the outputs there."""
-        size = self.step_size * self.every
+    def advance(self, tick: int) -> None:
+        """From its communication point at a tick to the next one, then the outputs there."""
+        begin, late, rest = self._period(tick)
         try:
-            self._step(begin + self.part * size, (1 - self.part) * size if self.part else size)
+            self._step(begin + late, rest)
             self.instance.get()
         except FmuDidimError as error:
             raise error.in_component(self.name, begin) from error.__cause__
 
     def _step(self, time: float, size: float) -> None:
-        piece = size / self.substeps
-        for i in range(self.substeps):
+        count = self.substeps if size <= self.longest else self.substeps * math.ceil(size / self.longest)
+        piece = size / count
+        for i in range(count):
             self.instance.step(time + i * piece, piece)
 
 
@@ -186,16 +226,35 @@ class LoopRun:
     def table(self) -> Array:
         return self.reference.values
 
-    @property
+    @cached_property
     def start(self) -> float:
         """Time of tick 0, s."""
         return float(self.reference.time[0])
+
+    def time_of(self, tick: int) -> float:
+        """Time of a tick, s."""
+        return self.start + tick * self.system.step_size if self.instants is None else float(self.instants[tick])
+
+    @cached_property
+    def instants(self) -> Array | None:
+        """Time of each tick that any part needs, s; None where they are equally spaced.
+
+        Behind the last row of the reference the last period goes on.
+        """
+        if not self.system.at_instants:
+            return None
+        time, more = self.reference.time, self.lag + max(part.every for part in self.parts)
+        last = float(time[-1] - time[-2]) if time.size > 1 else self.system.step_size
+        return np.concatenate([time, time[-1] + last * np.arange(1, more + 1)])
 
     def prepare(self, ticks: NDArray[np.int64], bounds: Mapping[str, tuple[float, float]] | None) -> None:
         """The buffer of the recording at these ticks, and the bounds by signal."""
         self.ticks = ticks
         self.lag = max(part.lag for part in self.parts)
         self.delayed = any(part.delayed for part in self.parts)
+        for part in self.parts:
+            counts = self.system.components[part.name].sample_time is not None
+            part.follow(self.start, None if counts else self.instants)
         self.record = recording_buffer(ticks.size, self.values.size)
         self.applied = self.record[:, : len(self.names)]
         self.sampled = recording_buffer(ticks.size, len(self.names)) if self.delayed else self.applied

@@ -238,9 +238,15 @@ class InWiring(LoopEffect):
     def can_be_added(self) -> bool:
         """An effect of an encoder shows where the controller gets the position of the plant."""
         position, model = f"{self.loop.model.loop.plant_name}.q{self.effect_at.joint}", self.loop.model
-        return self.effect.place != "sensor" or any(
+        return (self._knows_period and self.effect.place != "sensor") or any(
             c.source == position for c in model.loop.systems[model.first].connections
         )
+
+    @property
+    def _knows_period(self) -> bool:
+        """Whether it can be computed: where the control period changes, not if that counts in its equations."""
+        changes = any(system.at_instants for system in self.loop.model.loop.systems.values())
+        return not (changes and self.part.depends_on_period(self.joint_type))
 
     @property
     def part(self) -> InsertedEffect:
@@ -264,7 +270,7 @@ class BeforePlant(InWiring):
 
     @property
     def can_be_added(self) -> bool:
-        return True
+        return self._knows_period
 
     @property
     def part(self) -> TorquePart:

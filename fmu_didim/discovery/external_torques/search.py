@@ -132,11 +132,12 @@ def linear_external_torques(
     external_torques = _joined(time, chosen, sizes, joint, is_logged)
     if not external_torques or len(external_torques) > MOST:
         return None
-    edges = [
-        (shifted.column(round((p.begin_s - time[0]) / step)) - shifted.column(round((p.end_s - time[0]) / step)))
-        * weight
-        for p in external_torques
-    ]
+    instants = fit.simulation(label).instants
+
+    def tick(at: float) -> int:
+        return round((at - time[0]) / step if instants is None else float(instants.position(np.array(at))))
+
+    edges = [(shifted.column(tick(p.begin_s)) - shifted.column(tick(p.end_s))) * weight for p in external_torques]
     return 1 - problem.gap(edges) / gap, external_torques
 
 

@@ -23,6 +23,8 @@ from fmu_didim.dynamics.block import Block
 from fmu_didim.dynamics.effects.base import NonlinearEffect, Place
 from fmu_didim.dynamics.effects.joint import UNITS, JointType, Values
 
+SAME_DEPTH = 100
+"""[operations] To which two equations are compared."""
 NO_LIMIT = 1e9
 """A torque, N.m or N, that no drive reaches."""
 
@@ -60,6 +62,16 @@ class InsertedEffect(NonlinearEffect):
     def start(self, u: ca.SX, values: Values) -> ca.SX:
         """x[0], (nx,): as after an input that has always been u."""
         return ca.repmat(u, self.state_count(), 1)
+
+    def depends_on_period(self, joint_type: JointType) -> bool:
+        """Whether its equations hold for control periods of one length, as those of a lag that is sampled do."""
+        variables = (*self.parameters(joint_type), *self.shapes(joint_type))
+        u, x, p = ca.SX.sym("u"), ca.SX.sym("x", self.state_count()), ca.SX.sym("p", len(variables))
+        values = {v.name: p[i] for i, v in enumerate(variables)}
+        one, other = (
+            ca.vertcat(ca.SX(self.output(u, x, values, h)), self.following(u, x, values, h)) for h in (1.0, 2.0)
+        )
+        return not all(ca.is_equal(one[i], other[i], SAME_DEPTH) for i in range(one.numel()))
 
     def signal_unit(self, joint_type: JointType) -> str:
         """Unit of u and y."""

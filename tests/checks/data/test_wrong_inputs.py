@@ -100,6 +100,13 @@ def jittered(model: LoopModel) -> LoopModel:
     return with_experiment(model, stamps=stamps + step * np.random.default_rng(3).uniform(-0.3, 0.3, stamps.size))
 
 
+def slowing(model: LoopModel) -> LoopModel:
+    """The loop runs at its rate at first and 15 % slower at the end, and stamps each of its rows."""
+    step = model.simulation(model.start, "estimation").step_size
+    periods = step * (1 + 0.15 * np.linspace(0, 1, 3000) ** 2)
+    return with_experiment(model, stamps=np.concatenate([[0.0], np.cumsum(periods)]))
+
+
 def too_fast(model: LoopModel) -> LoopModel:
     return with_experiment(model, stamps=model.experiments["estimation"].time[::4])
 
@@ -129,6 +136,7 @@ WRONG: list[tuple[str, Callable[[LoopModel], LoopModel], str]] = [
     ("each sample held five times", lambda m: with_log(m, held), "log-upsampled"),
     ("every fourth sample interpolated", lambda m: with_log(m, interpolated), "log-upsampled"),
     ("jittered stamps", jittered, "stamps-jitter"),
+    ("a loop that slows down", slowing, "period-changes"),
     ("rate_hz above the log's", too_fast, "rate-above-log"),
     ("validation is the estimation", validated_by_itself, "validation-copied"),
 ]
