@@ -107,6 +107,13 @@ def slowing(model: LoopModel) -> LoopModel:
     return with_experiment(model, stamps=np.concatenate([[0.0], np.cumsum(periods)]))
 
 
+def slowing_logger(model: LoopModel) -> LoopModel:
+    """The logger writes every fourth control period, and slows down."""
+    step = 4 * model.simulation(model.start, "estimation").step_size
+    periods = step * (1 + 0.15 * np.linspace(0, 1, 3000) ** 2)
+    return with_experiment(model, stamps=np.concatenate([[0.0], np.cumsum(periods)]))
+
+
 def too_fast(model: LoopModel) -> LoopModel:
     return with_experiment(model, stamps=model.experiments["estimation"].time[::4])
 
@@ -137,6 +144,7 @@ WRONG: list[tuple[str, Callable[[LoopModel], LoopModel], str]] = [
     ("every fourth sample interpolated", lambda m: with_log(m, interpolated), "log-upsampled"),
     ("jittered stamps", jittered, "stamps-jitter"),
     ("a loop that slows down", slowing, "period-changes"),
+    ("a logger that slows down", slowing_logger, "log-rate-changes"),
     ("rate_hz above the log's", too_fast, "rate-above-log"),
     ("validation is the estimation", validated_by_itself, "validation-copied"),
 ]
@@ -191,7 +199,7 @@ TIMING: list[tuple[str, Callable[[LoopModel], LoopModel], str]] = [
 
 
 ELSEWHERE = {
-    "log-quantised", "samples-missing",  # test_decisions.py
+    "few-outliers", "log-quantised", "samples-missing",  # test_decisions.py
     "plant-holds",  # test_plant.py
     "resonance-above-log", "parameters-not-significant",  # test_expected_accuracy.py, tests/workflow/test_check.py
     "validation-without-torque",  # tests/case/test_file_checks.py
