@@ -17,6 +17,7 @@ import numpy as np
 from fmu_didim.base.errors import SimulationError
 from fmu_didim.estimators.base import Estimator, Progress, no_progress
 from fmu_didim.estimators.finish import efficient_finish, torque_estimate
+from fmu_didim.estimators.joint import joint_minimum
 from fmu_didim.estimators.start import simulatable, start_values, with_free_delay
 from fmu_didim.fit.estimate import Estimate, RefusedError, Stage
 from fmu_didim.fit.fit import point
@@ -59,7 +60,8 @@ class Clie(Estimator):
             raise RefusedError("The start cannot be simulated.", iterations=[], got=reason, next_step=ADVICE)
         model = with_fitting_substeps(model, values)
         try:
-            start = point(model.with_values(values), NoiseOfResidual(model))
+            alone = model.torque_alone
+            start = point(alone.with_values(values), NoiseOfResidual(alone))
         except SimulationError as error:
             raise RefusedError(
                 "The start cannot be simulated.", iterations=[Iteration("clie", 1, values, np.nan, note=error.what)],
@@ -69,6 +71,8 @@ class Clie(Estimator):
             start, tolerance=self.tolerance, progress=progress, stage=self.name,
             maximum_iterations=self.maximum_iterations,
         )  # fmt: skip
+        if model.experiments.channels:
+            minimum = joint_minimum(minimum, model.experiments, tolerance=self.tolerance, progress=progress)
         fit, known = minimum.fit, minimum.known
         reason = physical_problem(model, fit.values, known.deviation) or tracking_problem(model.measured, fit.torque)
         if reason:

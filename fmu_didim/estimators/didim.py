@@ -24,6 +24,7 @@ from fmu_didim.data.signals import Array
 from fmu_didim.estimators.base import Estimator, Progress, no_progress
 from fmu_didim.estimators.descent import Path
 from fmu_didim.estimators.finish import Minimum, efficient_finish, integration_error, torque_estimate
+from fmu_didim.estimators.joint import joint_minimum
 from fmu_didim.estimators.local_minima import lowest
 from fmu_didim.estimators.start import Start, simulatable, start_sequence, start_text, start_values, with_free_delay
 from fmu_didim.fit.equations import Equations
@@ -196,12 +197,15 @@ class Didim(Estimator):
         self, model: LoopModel, theta: Array, prediction: Prediction, settled: bool, history: History
     ) -> Estimate:
         """Statistics, efficient finish, physical check."""
+        whole, model = model.experiments, model.torque_alone
         fit = point(model.with_values(theta), NoiseOfResidual(model), prediction)
         known = fit_uncertainty(fit, _inverse(prediction)[0])
         stages = {"didim": self._stage(fit, known)}
         if self.finish or fit.values.size > model.linear_count:
             finish = partial(efficient_finish, tolerance=self.finish_tolerance, progress=history.progress)
             minimum = lowest(finish(fit), finish)
+            if whole.channels:
+                minimum = joint_minimum(minimum, whole, tolerance=self.finish_tolerance, progress=history.progress)
             history.iterations.extend(minimum.iterations)
             fit, settled = minimum.fit, minimum.fit.settled  # at a minimum, however it was reached
             known = minimum.known
