@@ -147,7 +147,7 @@ class CaseDocument(Strict):
     @property
     def files(self) -> tuple[str, ...]:
         """Names of the data files, as the case has them."""
-        parts = [part for run in self.runs.values() for part in (run.reference, run.torque, run.positions)]
+        parts = [part for r in self.runs.values() for part in (r.reference, r.torque, r.positions, *r.measured_files)]
         return tuple(dict.fromkeys(part.file for part in parts if isinstance(part, SignalFile)))
 
     @property

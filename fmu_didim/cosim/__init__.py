@@ -2,7 +2,13 @@
 
 from fmu_didim.cosim.execution.instance_pool import InstancePool
 from fmu_didim.cosim.execution.running import Observer
-from fmu_didim.cosim.insertion import insert_after_output, insert_before_input, insert_effect, logged_torque
+from fmu_didim.cosim.insertion import (
+    insert_after_output,
+    insert_before_input,
+    insert_effect,
+    logged_torque,
+    measured_output,
+)
 from fmu_didim.cosim.recording import Recording
 from fmu_didim.cosim.recording_cache import KeptRecordings, response_key
 from fmu_didim.cosim.sampling import Indices, SampleOperator, decimated_times, grid_places, sample_operator
@@ -25,6 +31,7 @@ __all__ = [
     "insert_before_input",
     "insert_effect",
     "logged_torque",
+    "measured_output",
     "response_key",
     "sample_operator",
     "simulate",

@@ -80,6 +80,11 @@ class Didim(Estimator):
     finish_tolerance: float | None = None
     estimate_delay: bool = False
 
+    @property
+    def fits_channels(self) -> bool:
+        """Whether there is a finish, which fits what was measured beside the torque together with it."""
+        return self.finish
+
     def estimate(self, model: LoopModel, *, progress: Progress = no_progress) -> Estimate:
         model = with_free_delay(model) if self.estimate_delay else model
         parameters = model.parameters
@@ -201,7 +206,7 @@ class Didim(Estimator):
         fit = point(model.with_values(theta), NoiseOfResidual(model), prediction)
         known = fit_uncertainty(fit, _inverse(prediction)[0])
         stages = {"didim": self._stage(fit, known)}
-        if self.finish or fit.values.size > model.linear_count:
+        if self.finish or fit.values.size > model.linear_count or whole.channels:
             finish = partial(efficient_finish, tolerance=self.finish_tolerance, progress=history.progress)
             minimum = lowest(finish(fit), finish)
             if whole.channels:

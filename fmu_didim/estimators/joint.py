@@ -21,7 +21,7 @@ import numpy as np
 from scipy.stats import chi2
 
 from fmu_didim.data.signals import Array
-from fmu_didim.estimators.finish import NEXT_STEP, Minimum, efficient_finish
+from fmu_didim.estimators.finish import FINISH_ITERATIONS, NEXT_STEP, Minimum, efficient_finish
 from fmu_didim.fit.estimate import ChannelNoise, JointFit
 from fmu_didim.fit.fit import Fit, point
 from fmu_didim.fit.fit_uncertainty import filtered_torque, parts_of_outputs, unfiltered_residual
@@ -31,11 +31,14 @@ from fmu_didim.fit.noise.weighting import NoiseOfResidual, whitened
 from fmu_didim.fit.statistics import influence_efficient
 from fmu_didim.fit.uncertainty import Uncertainty, covariance_of, stretches_of_outputs
 from fmu_didim.model.experiments import Experiments
+from fmu_didim.model.loop_model import LoopModel
 
 ROUNDS = 3
 """[rounds] Of fit and colour: the inflation follows from the residual, and the residual from the weights."""
 SAME_INFLATION = 0.1
 """[1] Relative change of an inflation below which the weights stay: it moves no standard deviation by 1 %."""
+LEAST_INFLATION = 0.1
+"""[1] Smallest inflation of a channel: weights must stay finite where it says nothing of any value."""
 UNFINISHED = 2 * NEXT_STEP
 """[standard deviations] Two fits that have settled may be apart by that without any noise."""
 
@@ -56,10 +59,37 @@ def joint_minimum(
         IdentificationError: as of that; SimulationError: the values cannot be simulated.
     """
     model = replace(alone.fit.model.with_values(alone.fit.values), experiments=experiments)
+    found = motion_minimum(model, tolerance=tolerance, progress=progress)
+    told = [remark for remark in found.remarks if remark not in alone.remarks]
+    return replace(
+        found, iterations=(*alone.iterations, *found.iterations), remarks=(*alone.remarks, *told), rivals=alone.rivals,
+        joint=_compared(alone, found),
+    )  # fmt: skip
+
+
+def motion_minimum(
+    model: LoopModel,
+    *,
+    tolerance: float | None,
+    progress: Callable[[Iteration], None],
+    maximum: int = FINISH_ITERATIONS,
+) -> Minimum:
+    """The minimum of the error of all outputs, from the values of a model; of the channels alone where the loop is
+    open, since a torque that is given depends on no value.
+
+    Args:
+        maximum: iterations of each round; the others as of :func:`joint_minimum`.
+
+    Raises:
+        IdentificationError, SimulationError: as of that.
+    """
     fit, inflation = point(model, NoiseOfResidual(model)), None
-    iterations, remarks = list(alone.iterations), list(alone.remarks)
+    iterations: list[Iteration] = []
+    remarks: list[str] = []
     for _ in range(ROUNDS):
-        found = efficient_finish(fit, tolerance=tolerance, progress=progress, stage="joint", inflation=inflation)
+        found = efficient_finish(
+            fit, tolerance=tolerance, progress=progress, stage="joint", inflation=inflation, maximum_iterations=maximum
+        )
         iterations.extend(found.iterations)
         remarks.extend(remark for remark in found.remarks if remark not in remarks)
         fit, wanted = found.fit, _inflation(found.known, model.joint_count, model.output_counts.size)
@@ -67,20 +97,19 @@ def joint_minimum(
         if (np.abs(wanted / before - 1) <= SAME_INFLATION).all():
             break
         inflation = wanted
-    joint = _compared(alone, found)
-    return replace(
-        found, iterations=tuple(iterations), remarks=tuple(remarks), rivals=alone.rivals, joint=joint
-    )  # fmt: skip
+    nothing = JointFit(_channels(found), None, np.zeros(0), np.zeros(0), 1.0)
+    return replace(found, iterations=tuple(iterations), remarks=tuple(remarks), joint=nothing)
 
 
 def _inflation(known: Uncertainty, joints: int, count: int) -> Array:
     """(m,) by how much each output counts less than its white noise would say; one for the torques, whose weights stay
     those of the torque alone."""
-    found = np.ones(count)
+    found = np.zeros(count)
     for colour in known.colours:
         found[colour.joint - 1] = max(found[colour.joint - 1], colour.inflation)
+    found[joints:] = np.maximum(found[joints:], LEAST_INFLATION)
     of_torque = float(np.sqrt(np.mean(found[:joints] ** 2)))
-    return np.concatenate([np.ones(joints), found[joints:] / of_torque])
+    return np.concatenate([np.ones(joints), found[joints:] / (of_torque or 1.0)])  # none of a torque that is given
 
 
 def _influence(fit: Fit) -> Array:

@@ -66,17 +66,18 @@ class ChannelNoise:
 
 @dataclass(frozen=True)
 class JointFit:
-    """The torque and further channels fitted together, beside the torque alone.
+    """The torque and further channels fitted together, beside the torque alone, where that says anything.
 
     Attributes:
         channels: what was fitted beside the torque.
-        alone: (p,) values that the torque alone gives; alone_deviation: (p,) their standard deviations.
+        alone: (p,) values that the torque alone gives, with standard deviations ``alone_deviation`` (p,); None in an
+            open loop, where the torque is given.
         apart: (p,) joint minus these values, in standard deviations of that difference.
         p_value: probability of differences as large by noise alone, by chi-square over all parameters.
     """
 
     channels: tuple[ChannelNoise, ...]
-    alone: Array
+    alone: Array | None
     alone_deviation: Array
     apart: Array
     p_value: float

@@ -54,8 +54,8 @@ def fit_uncertainty(fit: Fit, instruments: Array | None = None) -> Uncertainty:
     floor = noise_floor(model.measured_outputs, counts)
     if not stated[: model.joint_count].all() and (is_filtered or model.joint_weights == "equal"):
         freedom = counts - np.einsum("mjp,mjp->j", sensitivity, influence)
-        found = deviation_of_sums((residual**2).sum(axis=0), freedom, floor=floor)
-        deviation = np.where(stated, deviation, found)
+        of_residual = deviation_of_sums((residual**2).sum(axis=0), freedom, floor=floor)
+        deviation = np.where(stated, deviation, of_residual)
     found = uncertainty(
         residual, sensitivity, influence, deviation, stretches_of_outputs(experiments),
         stated=stated, floor=floor, usual=usual if is_filtered else None,

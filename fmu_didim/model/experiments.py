@@ -143,6 +143,14 @@ class Experiments(Mapping[str, Experiment]):
             table[experiment.row_of(channel.time), n + self.channels.index(channel.name)] = values
         return table
 
+    def channels_of(self, label: str, table: Array) -> dict[str, Array]:
+        """Name of each channel of an experiment -> its samples (N,) in a table (M, m) over all outputs of that."""
+        experiment, n = self[label], self[label].torque.shape[1]
+        return {
+            channel.name: table[experiment.row_of(channel.time), n + self.channels.index(channel.name)]
+            for channel in experiment.channels
+        }
+
     @property
     def measured_outputs(self) -> Array:
         """(M, m) all measured outputs of the experiments that are fitted."""
