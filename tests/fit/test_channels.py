@@ -155,6 +155,56 @@ def test_clie_fits_them_too(estimate: Estimate) -> None:
     np.testing.assert_allclose(found.value, estimate.value, atol=0.05 * float(estimate.standard_deviation.min()))
 
 
+def covered(found: list[Estimate]) -> tuple[float, float]:
+    """Share of the 95 % intervals that hold the truth, and scatter over stated deviation, over all parameters."""
+    truth = context(RATE).truth
+    inside = [(low <= t <= high) for e in found for (low, high), t in zip(e.interval(), truth, strict=True)]
+    scatter = np.std([e.value for e in found], axis=0, ddof=1)
+    stated = np.sqrt(np.mean([e.standard_deviation**2 for e in found], axis=0))
+    return float(np.mean(inside)), float(np.sqrt(np.mean((scatter / stated) ** 2)))
+
+
+@pytest.mark.gate
+def test_joint_intervals_hold() -> None:
+    found = [Didim().estimate(noisy(seed)) for seed in range(40)]
+    inside, scatter = covered(found)
+    assert 0.92 <= inside <= 0.98
+    assert scatter == pytest.approx(1.0, abs=0.12)
+    chances = [e.joint.p_value for e in found if e.joint is not None]
+    assert 0.2 <= np.mean(chances) <= 0.8 and min(chances) > 1e-3
+
+
+def disturbed(seed: int) -> LoopModel:
+    """Slow disturbances of the joints, which the PD control turns into torque, and little noise of the sensors."""
+    here, rng = context(RATE), np.random.default_rng(seed)
+    model, label = noisy(0), here.model.first
+    data = model.experiments[label]
+    clean = model_with_positions(data.channels[0].time).experiments[label].channels
+    fine = data.time[0] + np.arange(round((data.time[-1] - data.time[0]) * 200) + 50) / 200
+    torque, channels = here.torque + 0.3 * here.noise * rng.normal(size=here.torque.shape), []
+    for j, (gain, damping) in enumerate(((3700, 230), (62, 4))):
+        push, moved = np.zeros(fine.size), np.zeros(fine.size)
+        keeps = np.exp(-gain / damping / 200)
+        for k in range(1, fine.size):
+            push[k] = 0.95 * push[k - 1] + np.sqrt(1 - 0.95**2) * here.noise[j] * rng.normal()
+            moved[k] = keeps * moved[k - 1] - (1 - keeps) * push[k - 1] / gain
+        torque[:, j] += np.interp(data.time, fine, push)
+        seen = np.interp(clean[j].time, fine, moved) + 0.1 * ENCODER * rng.normal(size=clean[j].time.size)
+        channels.append(replace(clean[j], values=clean[j].values + seen))
+    return model.with_experiment(label, replace(data, torque=torque, channels=tuple(channels)))
+
+
+@pytest.mark.gate
+def test_disturbances_that_feedback_shows_in_both_are_not_counted_twice() -> None:
+    """As independent, torque and positions would make deviations smaller by 0.7, which the scatter would not be."""
+    found = [Didim().estimate(disturbed(seed)) for seed in range(40)]
+    inside, scatter = covered(found)
+    assert 0.90 <= inside <= 0.99
+    assert scatter == pytest.approx(1.0, abs=0.15)
+    ratios = [e.standard_deviation / e.joint.alone_deviation for e in found if e.joint is not None]
+    assert np.mean(ratios) > 0.85
+
+
 # ---- what outputs share
 
 
