@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import sys
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -12,11 +13,13 @@ import numpy as np
 import pytest
 
 from fmu_didim.base.errors import InputError
+from fmu_didim.campaigns.planning.truth import simulated_truth
 from fmu_didim.case import Case, load_case
 from fmu_didim.checks.channels import channel_diagnostics, channel_errors
 from fmu_didim.data.signals import Trajectory, trajectory
 from fmu_didim.fit.estimate import Estimate
-from fmu_didim.workflow import identify
+from fmu_didim.model.loop_model import LoopModel
+from fmu_didim.workflow import discover, identify
 from tests.helpers import ROOT
 
 CASE = load_case(ROOT / "examples/scara/identify_200hz.yaml").with_(train={"torque": {"rate_hz": 50}}, validation=None)
@@ -164,3 +167,28 @@ def test_result_and_report_show_both_answers(tmp_path: Path) -> None:
     assert set(joint.alone.value) == set(result.document.parameters) == set(joint.apart)
     text = result.summary()
     assert "Torque with q1, q2" in text and "torque alone" in text and "σ ratio" in text
+
+
+def test_discovery_looks_at_the_torque_alone(written: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    seen: list[LoopModel] = []
+
+    def asked(model: LoopModel, *_: object) -> None:
+        seen.append(model)
+        raise InterruptedError
+
+    monkeypatch.setattr(sys.modules["fmu_didim.workflow.discover"], "discover_in", asked)
+    case = with_file(written)
+    with pytest.raises(InterruptedError):
+        discover(case)
+    assert case.model.experiments.channels == ("q1", "q2")
+    assert seen[0].experiments.channels == ()
+
+
+def test_campaigns_refuse_it(written: Path) -> None:
+    case = with_file(written)
+    content = {
+        **case.content,
+        "train": {**case.content["train"], "torque": {"file": str(case.folder / "train_200hz.csv")}},
+    }
+    with pytest.raises(InputError, match="Leave measured: out"):
+        simulated_truth(content, case.folder)
