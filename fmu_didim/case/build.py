@@ -28,6 +28,7 @@ from fmu_didim.case.loop import (
     with_drive_gains,
     with_inserted_effects,
 )
+from fmu_didim.case.measured import read_channels
 from fmu_didim.case.memory import Memory, check_at_hand, named
 from fmu_didim.case.parts import component_of, controller_block, identified, plant_block
 from fmu_didim.components import Component
@@ -337,6 +338,7 @@ def _with_data(case: Case) -> LoopModel:
         )
         for label, run in document.runs.items() if run.role == "estimation" or run.torque is not None
     }  # fmt: skip
+    experiments = {label: _with_channels(case, label, experiment) for label, experiment in experiments.items()}
     for name in document.loop.injections.values():
         if not any(name in e.reference.names for e in experiments.values()):
             known = next(iter(experiments.values())).reference.names
@@ -346,10 +348,40 @@ def _with_data(case: Case) -> LoopModel:
     return model
 
 
+def _with_channels(case: Case, label: str, experiment: Experiment) -> Experiment:
+    """The experiment with what else was measured of its run."""
+    source = case.document.runs[label]
+    if not source.measured_files:
+        return experiment
+    system = case.system(experiment.reference)
+    channels, told = read_channels(
+        source, case.folder, experiment.reference, system, plant=case.plant_name,
+        torque_units=case.parameters.torque_units, label=label, signals=case.signals,
+    )  # fmt: skip
+    return replace(experiment, channels=channels, told=tuple(dict.fromkeys((*experiment.told, *told))))
+
+
 def _check(document: CaseDocument, model: LoopModel, estimator: Estimator) -> None:
     n = model.joint_count
     if model.torque_deviation is not None and model.torque_deviation.size != n:
         raise InputError("torque_std needs one value for each joint.", got=model.torque_deviation.size, valid=str(n))
+    if (
+        model.loop.torque_is_given
+        and not estimator.needs_positions
+        and (estimator.name != "clie" or not model.experiments.channels)
+    ):
+        raise InputError(
+            "The loop is open: the torque is an input, and only the motion depends on what is to be identified.",
+            where="connections", got=f"estimator {estimator.name}, "
+            f"{'measured: ' + ', '.join(model.experiments.channels) if model.experiments.channels else 'no measured:'}",
+            next_step="Give measured: with the positions, and estimator: {kind: clie}.",
+        )  # fmt: skip
+    if model.experiments.channels and not estimator.fits_channels:
+        raise InputError(
+            f"The estimator {estimator.name} does not fit what was measured beside the torque.",
+            where="measured", got=", ".join(model.experiments.channels),
+            next_step="Use didim (with its finish) or clie; idim_ls and output_error take positions: instead.",
+        )  # fmt: skip
     if estimator.needs_positions:
         for label in model.estimation_labels:
             estimator.positions(model, label)

@@ -147,9 +147,8 @@ class CaseDocument(Strict):
     @property
     def files(self) -> tuple[str, ...]:
         """Names of the data files, as the case has them."""
-        parts = [
-            part for run in self.runs.values() for part in (run.reference, run.torque, run.positions, run.instants)
-        ]
+        kinds = ((r.reference, r.torque, r.positions, r.instants, *r.measured_files) for r in self.runs.values())
+        parts = [part for run in kinds for part in run]
         return tuple(dict.fromkeys(part.file for part in parts if isinstance(part, DataFile)))
 
     @property

@@ -205,13 +205,41 @@ class TorqueFile(SignalFile):
     log_shift_s: Annotated[float, Field(ge=-1.0, le=1.0)] = 0.0
 
 
+class MeasuredFile(SignalFile):
+    """What was measured beside the torque and is fitted with it by ``identify``, at instants of its own; ``discover``
+    looks at the torque alone.
+
+    Attributes:
+        signals: which outputs of the plant the file shows: ``q1``, ``dq2``, or any other by its name; by default those
+            under ``columns``, else the positions ``q<j>`` that it has. Velocities that a driver computes from positions
+            are no second measurement of them.
+        std: known standard deviation of the noise of a signal, in its SI unit; estimated from the residual by default.
+        rate_hz: use samples at this rate at most, each as the file has it; all by default.
+        offset_s: added to the time of the file, to bring it on the clock of the reference.
+    """
+
+    signals: tuple[str, ...] = ()
+    std: Mapping[str, Positive] = Field(default_factory=dict)
+    rate_hz: Positive | None = None
+    offset_s: float = 0.0
+
+    @model_validator(mode="after")
+    def _of_its_signals(self) -> MeasuredFile:
+        named = self.signals or tuple(self.columns)
+        absent = [name for name in self.std if named and name not in named]
+        if absent:
+            raise ValueError(f"std: names {', '.join(absent)}, which is not among the signals {', '.join(named)}")
+        return self
+
+
 class ExperimentSource(Strict):
-    """Reference, torque and, for some estimators, positions of one run.
+    """Reference, torque and what else was measured of one run.
 
     Attributes:
         reference: what the controller follows: a file with a row a control period, or a formula (``kind:``).
         torque: the log; positions: measured positions ``q<j>``, for ``idim_ls`` and ``output_error`` only.
         instants: of the controller, where its period was not constant.
+        measured: what ``didim`` and ``clie`` fit together with the torque: one file, or a list.
         role: whether the parameters are fitted to it (``estimation``), or only judged by it (``validation``).
         from_s, to_s: the part of the run that is used, on the clock of the reference. The loop is simulated from the
             beginning of the reference all the same, so that it has settled into the motion; what comes after ``to_s``
@@ -227,11 +255,27 @@ class ExperimentSource(Strict):
     torque: TorqueFile | None = None
     positions: SignalFile | None = None
     instants: Annotated[InstantsFile, AlsoWritten(("string",))] | None = None
+    measured: MeasuredFile | tuple[MeasuredFile, ...] = ()
     role: Role = "estimation"
     from_s: float | None = None
     to_s: float | None = None
     initial_state: Literal["detected", "free", "reference"] | Mapping[str, float] = "detected"
     own: tuple[str, ...] = ()
+
+    @property
+    def measured_files(self) -> tuple[MeasuredFile, ...]:
+        """What was measured beside the torque, however it was written."""
+        return (self.measured,) if isinstance(self.measured, MeasuredFile) else self.measured
+
+    @field_validator("measured", mode="wrap")
+    @classmethod
+    def _one_or_several(cls, value: Any, handler: Any) -> Any:
+        """Only one of the two forms is tried, so that its own errors are shown."""
+        if isinstance(value, Mapping):
+            return MeasuredFile.model_validate(dict(value))
+        if isinstance(value, (list, tuple)):
+            return TypeAdapter(tuple[MeasuredFile, ...]).validate_python(value)
+        return handler(value)
 
     @model_validator(mode="after")
     def _some_time(self) -> ExperimentSource:

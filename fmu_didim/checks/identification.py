@@ -10,6 +10,7 @@ import numpy as np
 from fmu_didim.base.diagnostics import CATALOGUE, DOUBT, REMARK, Diagnostic
 from fmu_didim.base.errors import UnknownNameError
 from fmu_didim.checks.agreement import AgreementResult, agreement
+from fmu_didim.checks.channels import channel_diagnostics
 from fmu_didim.checks.data.checks import confirmed
 from fmu_didim.checks.held_out import Residual, held_out_diagnostics
 from fmu_didim.checks.judgement import Judgement, judgement
@@ -66,6 +67,12 @@ ROUGH = CATALOGUE(
     next_step="Run the FMU with our integrator (interface: model-exchange), or with a smaller tolerance of its own one "
     "(tolerance: 1e-9, if the FMU uses it).",
 )  # fmt: skip
+TORQUE_GIVEN = CATALOGUE(
+    "torque-given", REMARK, rank=70,
+    meaning="The reference holds the torque itself: the values come from the motion, and the torque agrees whatever "
+    "they are.",
+    next_step="Look at the errors of the measured signals; hold a run out to judge them.",
+)  # fmt: skip
 OTHER_MINIMUM = CATALOGUE(
     "another-minimum", DOUBT, rank=47,
     meaning="The log is too slow for a resonance of the loop: another inertia of a light joint explains it nearly as "
@@ -102,6 +109,8 @@ def checked(estimate: Estimate, validations: Sequence[Validation], *, before: It
     """
     model = estimate.model
     held = [v for v in validations if v.role == "validation"]
+    if model.loop.torque_is_given:
+        return _of_motion(estimate, before)
     tests = residual_tests(estimate)
     agreements = {} if estimate.fit is None else agreement(estimate.fit)
     found = [
@@ -115,22 +124,38 @@ def checked(estimate: Estimate, validations: Sequence[Validation], *, before: It
             {v.label: v.failure for v in validations if v.failure},
         ),
     ]  # fmt: skip
-    asked = model if estimate.unlimited is None else model.with_values(estimate.unlimited)
-    found += physical_diagnostics(asked, estimate.covariance)
     found += residual_diagnostics(tests)
     if estimate.fit is not None:
         found += motion_diagnostics(dependence_of_fit(estimate.fit, estimate.colours))
     found += slow_diagnostics(tests, *_bands(model))
-    shift = float(np.max(estimate.integration_shift))
-    if shift > VISIBLE_SHIFT:
-        text = f"Twice the substeps of the plant would still move a value by {shift:.2g} of its standard deviation."
-        found.append(Diagnostic(TOO_COARSE, text, value=shift, bound=VISIBLE_SHIFT, unit="standard deviations"))
-    found += roughness_diagnostics(estimate.roughness, model)
+    found += of_any_output(estimate)
     found += [
         Diagnostic(OTHER_MINIMUM, f"{name} = {value:.4g} explains the log nearly as well.", name, value)
         for name, value in estimate.rivals
     ]
     return Checks(judgement(found, settled=estimate.status is Status.CONVERGED), tests, agreements)
+
+
+def of_any_output(estimate: Estimate) -> list[Diagnostic]:
+    """What does not depend on which output was fitted: physics, integration, sensitivities, and the channels beside the
+    torque."""
+    model = estimate.model
+    asked = model if estimate.unlimited is None else model.with_values(estimate.unlimited)
+    found = [*physical_diagnostics(asked, estimate.covariance)]
+    shift = float(np.max(estimate.integration_shift))
+    if shift > VISIBLE_SHIFT:
+        text = f"Twice the substeps of the plant would still move a value by {shift:.2g} of its standard deviation."
+        found.append(Diagnostic(TOO_COARSE, text, value=shift, bound=VISIBLE_SHIFT, unit="standard deviations"))
+    return [*found, *roughness_diagnostics(estimate.roughness, model), *channel_diagnostics(estimate)]
+
+
+def _of_motion(estimate: Estimate, before: Iterable[Diagnostic]) -> Checks:
+    """The checks of an open loop, whose torque is no result."""
+    found = [
+        *before, *held_parameters(estimate.model), *limit_diagnostics(estimate), *of_any_output(estimate),
+        Diagnostic(TORQUE_GIVEN, "The loop is open: the torque is given, and its error says nothing.", "connections"),
+    ]  # fmt: skip
+    return Checks(judgement(found, settled=estimate.status is Status.CONVERGED), (), {})
 
 
 def _bands(model: LoopModel) -> tuple[float, float]:

@@ -8,6 +8,7 @@ from fmu_didim.cosim.insertion import (
     insert_before_input,
     insert_effect,
     logged_torque,
+    measured_output,
 )
 from fmu_didim.cosim.instants import Instants, period_change
 from fmu_didim.cosim.recording import Recording
@@ -34,6 +35,7 @@ __all__ = [
     "insert_before_input",
     "insert_effect",
     "logged_torque",
+    "measured_output",
     "period_change",
     "response_key",
     "sample_operator",

@@ -12,19 +12,22 @@ from fmu_didim.dynamics.block import Block
 from fmu_didim.export.variational import lane_count
 
 
-def with_derivatives(system: System, parameters: Sequence[tuple[str, str]]) -> System | None:
+def with_derivatives(
+    system: System, parameters: Sequence[tuple[str, str]], observed: Sequence[str] = ()
+) -> System | None:
     """The loop whose signals are followed by their derivatives (``plant.q1``, then ``plant.q1@0``, ...).
 
     Args:
         system: the loop, one that compiled code runs.
         parameters: what is differentiated by, (component, name of its parameter) each.
+        observed: outputs (``component.output``) whose derivatives are wanted though nothing in the loop takes them.
 
     Returns:
         The loop, with the same names; None where a component has no equations that can be differentiated, such as
         the FMU of another tool.
     """
     count, found = len(parameters), {}
-    sources = {c.source for c in system.connections}
+    sources = {c.source for c in system.connections} | set(observed)
     for name in system.order:
         known = system.components[name].equations()
         if known is None or not _can_differentiate(system, name, known[0]):

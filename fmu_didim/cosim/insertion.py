@@ -162,6 +162,21 @@ def logged_torque(system: System, joint: int, *, plant: str = "plant") -> str:
     return at
 
 
+def measured_output(system: System, signal: str) -> str:
+    """The ``component.output`` that a sensor of a signal ``component.output`` shows: that of the signal itself, or of
+    the effects of an encoder behind it, as the controller gets it."""
+    while True:
+        takers = [c.target.partition(".")[0] for c in system.connections if c.source == signal]
+        sensors = [
+            name for name in takers
+            if isinstance(part := system.components[name], InsertedComponent)
+            and part.effect is not None and part.effect.place == "sensor"
+        ]  # fmt: skip
+        if not sensors:
+            return signal
+        signal = f"{sensors[0]}.{system.components[sensors[0]].outputs[0].name}"
+
+
 def _drive(system: System, at: str) -> Iterator[tuple[InsertedEffect, str]]:
     """The effects of the drive that ends at an input, from there backwards, each with the input of its component."""
     while True:

@@ -84,7 +84,7 @@ def _from_start(model: LoopModel) -> Prepared:
         noise, further = without_events(repeated, fit)
         return Prepared(integrated(replace(fit, noise=noise)), (*notes, *started, *further))
     fit, started = _started(fit)
-    fit = minimise(fit.model, residual_noise(fit), stopping=BASE_FIT, jacobian=fit.jacobian, torque=fit.torque)
+    fit = minimise(fit.model, residual_noise(fit), stopping=BASE_FIT, jacobian=fit.jacobian, outputs=fit.outputs)
     return Prepared(integrated(fit), (*notes, *started, NO_REPETITION))
 
 

@@ -32,6 +32,11 @@ class Estimator(ABC):
     needs_positions: bool = False
     probes: bool = False
 
+    @property
+    def fits_channels(self) -> bool:
+        """Whether it fits what was measured beside the torque together with it."""
+        return False
+
     @abstractmethod
     def estimate(self, model: LoopModel, *, progress: Progress = no_progress) -> Estimate:
         """Estimate the free parameters from the experiments for the estimation; ``progress`` gets each iteration.

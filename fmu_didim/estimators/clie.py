@@ -17,8 +17,9 @@ import numpy as np
 
 from fmu_didim.base.errors import SimulationError
 from fmu_didim.estimators.base import Estimator, Progress, no_progress
-from fmu_didim.estimators.finish import efficient_finish, torque_estimate
+from fmu_didim.estimators.finish import Minimum, efficient_finish, torque_estimate
 from fmu_didim.estimators.initial_states import free_starts, with_starts
+from fmu_didim.estimators.joint import joint_minimum, motion_minimum
 from fmu_didim.estimators.start import simulatable, start_values, with_free_delay
 from fmu_didim.fit.estimate import Estimate, RefusedError, Stage
 from fmu_didim.fit.fit import point
@@ -53,6 +54,11 @@ class Clie(Estimator):
     maximum_iterations: int = 40
     estimate_delay: bool = False
 
+    @property
+    def fits_channels(self) -> bool:
+        """It fits what was measured beside the torque together with it."""
+        return True
+
     def estimate(self, model: LoopModel, *, progress: Progress = no_progress) -> Estimate:
         model = with_free_delay(model) if self.estimate_delay else model
         values, _ = simulatable(model, model.free_parameters.limited(start_values(model, self.start)))
@@ -60,8 +66,11 @@ class Clie(Estimator):
         if reason:
             raise RefusedError("The start cannot be simulated.", iterations=[], got=reason, next_step=ADVICE)
         model = with_fitting_substeps(model, values)
+        if model.experiments.channels and model.loop.torque_is_given:
+            return self._of_motion(model.with_values(values), progress)
         try:
-            start = point(model.with_values(values), NoiseOfResidual(model))
+            alone = model.torque_alone
+            start = point(alone.with_values(values), NoiseOfResidual(alone))
         except SimulationError as error:
             raise RefusedError(
                 "The start cannot be simulated.", iterations=[Iteration(self.name, 1, values, np.nan, note=error.what)],
@@ -71,7 +80,23 @@ class Clie(Estimator):
             efficient_finish, tolerance=self.tolerance, progress=progress, stage=self.name,
             maximum_iterations=self.maximum_iterations,
         )  # fmt: skip
-        minimum = with_starts(start, free_starts(start), finish)
+        joint = partial(joint_minimum, experiments=model.experiments, tolerance=self.tolerance, progress=progress)
+        return self._concluded(with_starts(start, free_starts(start), lambda at: joint(finish(at))))
+
+    def _of_motion(self, model: LoopModel, progress: Progress) -> Estimate:
+        """In an open loop: the torque is given, and what was measured beside it shows the values."""
+        try:
+            minimum = motion_minimum(
+                model, tolerance=self.tolerance, progress=progress, maximum=self.maximum_iterations
+            )  # fmt: skip
+        except SimulationError as error:
+            raise RefusedError(
+                "The start cannot be simulated.", iterations=[], got=str(error), next_step=ADVICE
+            ) from error  # fmt: skip
+        return self._concluded(minimum)
+
+    def _concluded(self, minimum: Minimum) -> Estimate:
+        """The estimate at a minimum; raises RefusedError where it is not that of a machine."""
         fit, known = minimum.fit, minimum.known
         model = fit.model
         reason = physical_problem(model, fit.values, known.deviation) or tracking_problem(model.measured, fit.torque)

@@ -12,7 +12,7 @@ parameter: gains of the controller, the delay, the clock of the log.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
@@ -26,6 +26,7 @@ from fmu_didim.estimators.base import Estimator, Progress, no_progress
 from fmu_didim.estimators.descent import Path
 from fmu_didim.estimators.finish import Minimum, efficient_finish, integration_error, torque_estimate
 from fmu_didim.estimators.initial_states import free_starts, with_likely_starts, with_starts
+from fmu_didim.estimators.joint import joint_minimum
 from fmu_didim.estimators.local_minima import lowest
 from fmu_didim.estimators.start import Start, simulatable, start_sequence, start_text, start_values, with_free_delay
 from fmu_didim.fit.equations import Equations
@@ -49,6 +50,8 @@ RISES = 2
 SAME_MINIMUM = 2
 """[starts] After this many starts that end in physically impossible minima, the others would end there, too."""
 
+Joint = Callable[[Minimum], Minimum]
+"""From the minimum of the torque error to that of all outputs."""
 BEST = "the best point goes on to the finish"
 ADVICE = (
     "Run fmu-didim check, and check the sign, unit and clock of the torque, "
@@ -83,6 +86,11 @@ class Didim(Estimator):
     finish_tolerance: float | None = None
     estimate_delay: bool = False
 
+    @property
+    def fits_channels(self) -> bool:
+        """Whether there is a finish, which fits what was measured beside the torque together with it."""
+        return self.finish
+
     def estimate(self, model: LoopModel, *, progress: Progress = no_progress) -> Estimate:
         model = with_free_delay(model) if self.estimate_delay else model
         parameters = model.parameters
@@ -95,6 +103,10 @@ class Didim(Estimator):
                 next_step="Use the estimator clie, which needs none, or give robot: in the case.",
             )
         history = History(progress)
+        joint: Joint = partial(
+            joint_minimum, experiments=model.experiments, tolerance=self.finish_tolerance, progress=progress
+        )
+        model = model.torque_alone
         failures: list[str] = []
         lost: list[IdentificationError] = []
         last: _NonPhysicalError | None = None
@@ -102,7 +114,7 @@ class Didim(Estimator):
         for start, further in zip(starts, (*starts[1:], None), strict=True):
             then = "" if further is None else f"; restarted from {start_text(further)}"
             try:
-                estimate = self._from(model, start, then, history)
+                estimate = self._from(model, start, then, joint, history)
             except _NonPhysicalError as caught:
                 model = model if failures else with_likely_starts(model)
                 last = caught if caught.settled or last is None or not last.settled else last
@@ -131,7 +143,7 @@ class Didim(Estimator):
             run.record(observe=probe.check_linearity())
         probe.raise_if_nonlinear()
 
-    def _from(self, model: LoopModel, start: Start, then: str, history: History) -> Estimate:
+    def _from(self, model: LoopModel, start: Start, then: str, joint: Joint, history: History) -> Estimate:
         """The estimate from a start; ``then`` says what follows if it gives no estimate."""
         try:
             model, theta, settled = self._iterate(model, start, then, history)
@@ -142,7 +154,7 @@ class Didim(Estimator):
                 model, theta, settled = self._iterate(likely, "reference", then, history)
                 fit = _point(model, theta)
                 starts = free_starts(fit)
-            return self._conclude(fit, starts, settled, history)
+            return self._conclude(fit, starts, joint, settled, history)
         except _NonPhysicalError as caught:
             note = f"{caught.reason}{then}"
             history.add(Iteration(self.name, history.count + 1, caught.theta, caught.error, note=note))
@@ -205,14 +217,16 @@ class Didim(Estimator):
         size = np.linalg.norm(scaled @ found)
         return following, float(moved / size), solution.condition_number
 
-    def _conclude(self, fit: Fit, starts: Sequence[FreeParameter], settled: bool, history: History) -> Estimate:
+    def _conclude(
+        self, fit: Fit, starts: Sequence[FreeParameter], joint: Joint, settled: bool, history: History
+    ) -> Estimate:
         """Statistics, efficient finish, physical check."""
         assert fit.prediction is not None
         known = fit_uncertainty(fit, _inverse(fit.prediction)[0])
         stages = {self.name: self._stage(fit, known)}
         if self.finish or fit.values.size > fit.model.linear_count:
             finish = partial(efficient_finish, tolerance=self.finish_tolerance, progress=history.progress)
-            minimum = with_starts(fit, starts, lambda at: lowest(finish(at), finish))
+            minimum = with_starts(fit, starts, lambda at: joint(lowest(finish(at), finish)))
             history.iterations.extend(minimum.iterations)
             fit, settled = minimum.fit, minimum.fit.settled  # at a minimum, however it was reached
             known = minimum.known

@@ -18,7 +18,7 @@ from fmu_didim.fit.confounding import refuse_confounded
 from fmu_didim.fit.derivatives.sensitivity import parameter_sizes
 from fmu_didim.fit.ending import Ending
 from fmu_didim.fit.equations import Equations
-from fmu_didim.fit.estimate import Estimate, Stage, Status
+from fmu_didim.fit.estimate import Estimate, JointFit, Stage, Status
 from fmu_didim.fit.fit import Fit
 from fmu_didim.fit.fit_uncertainty import fit_uncertainty
 from fmu_didim.fit.iteration import Iteration
@@ -62,6 +62,7 @@ class Minimum:
         known: how well the values are known.
         remarks: changes on the way; roughness: of the sensitivity, where it is one by central differences.
         rivals: parameter and its value at other minima that fit the data almost as well.
+        joint: beside the torque alone, where further channels were fitted with it.
     """
 
     fit: Fit
@@ -71,6 +72,7 @@ class Minimum:
     remarks: tuple[str, ...] = ()
     roughness: Roughness | None = None
     rivals: tuple[tuple[str, float], ...] = ()
+    joint: JointFit | None = None
 
 
 def efficient_finish(
@@ -80,12 +82,14 @@ def efficient_finish(
     progress: Callable[[Iteration], None],
     stage: str = "finish",
     maximum_iterations: int = FINISH_ITERATIONS,
+    inflation: Array | None = None,
 ) -> Minimum:
-    """Minimise the weighted torque error from a point, again with finer substeps while they change the torque too much.
+    """Minimise the weighted error from a point, again with finer substeps while they change the torque too much.
 
     Args:
         tolerance: see :class:`~fmu_didim.fit.solver.least_squares.Stopping`; None: until the next step would be far
             below the standard deviations. stage: names the iterations.
+        inflation: (m,) of the outputs, see :class:`~fmu_didim.fit.noise.weighting.NoiseOfResidual`.
     """
     iterations: list[Iteration] = []
     remarks: list[str] = []
@@ -97,13 +101,13 @@ def efficient_finish(
     known = [k.scale if k.is_start else v for k, v in zip(model.free_parameters, fit.values, strict=True)]
     refuse_confounded(
         whitened(fit.jacobian, fit.deviation), np.array(known), model.names,
-        torque=float(np.linalg.norm(model.measured / fit.deviation)),
+        torque=float(np.linalg.norm(model.measured_outputs / fit.deviation)),
     )  # fmt: skip
     sizes = None if fit.prediction is None else parameter_sizes(model, fit.values, fit.prediction)
     for left in reversed(range(MAXIMUM_REFINEMENTS)):
         fit = minimise(
-            model, NoiseOfResidual(model), stopping=stopping, jacobian=fit.jacobian, torque=fit.torque, sizes=sizes,
-            steps=fit.steps, stage=stage, progress=progress,
+            model, NoiseOfResidual(model, inflation), stopping=stopping, jacobian=fit.jacobian, outputs=fit.outputs,
+            sizes=sizes, steps=fit.steps, stage=stage, progress=progress,
         )  # fmt: skip
         iterations.extend(fit.iterations)
         error = integration_error(fit)
@@ -113,7 +117,7 @@ def efficient_finish(
         if fit.model.loop.substeps is None:  # more than the case or the rule says
             change = f"{100 * error.relative:.2g} %"
             remarks.append(f"Substeps of the plant doubled: halving them changed the torque by {change}.")
-        fit = replace(fit, model=model, torque=model.torque(fit.values))
+        fit = replace(fit, model=model, outputs=model.outputs(fit.values))
     if error.excess > 1:
         moved = f"{float(np.max(error.shift)):.2g} of its standard deviation"
         remarks.append(f"Twice the substeps of the plant would still move a value by {moved}: state more substeps.")
@@ -153,29 +157,29 @@ def integration_error(fit: Fit) -> IntegrationError:
     model = fit.model
     if not model.can_refine:
         return IntegrationError(np.nan, np.full(fit.values.size, np.nan), 0.0)
-    torque = model.with_loop(substep_factor=2 * model.loop.substep_factor).torque(fit.values)
-    change = torque - fit.torque
-    relative = float(np.linalg.norm(change) / np.linalg.norm(torque))
+    outputs = model.with_loop(substep_factor=2 * model.loop.substep_factor).outputs(fit.values)
+    change, torque = outputs - fit.outputs, model.torque_of(outputs)
+    relative = float(np.linalg.norm(torque - fit.torque) / np.linalg.norm(torque))
     sensitivity = whitened(fit.jacobian, fit.deviation)
     moved = np.linalg.lstsq(sensitivity, (change / fit.deviation).ravel(), rcond=None)[0]
     shift = np.abs(moved) / np.sqrt(np.diag(covariance_white(sensitivity)))
     if model.loop.substeps is None and relative <= INTEGRATION_TOLERANCE:
         # Only data without noise can ask for more than the rule: where finer steps explain them better.
-        left = (model.measured - torque) / fit.deviation + (sensitivity @ moved).reshape(torque.shape)
+        left = (model.measured_outputs - outputs) / fit.deviation + (sensitivity @ moved).reshape(outputs.shape)
         if np.linalg.norm(left) > CLEARLY_BETTER * np.linalg.norm(fit.residual / fit.deviation):
             return IntegrationError(relative, shift, 0.0)
-    excess = integration_change(model, fit.torque, torque)
+    excess = integration_change(model, fit.outputs, outputs)
     return IntegrationError(relative, shift, max(excess, float(shift.max()) / INTEGRATION_SHIFT))
 
 
 def degrees_of_freedom(model: LoopModel, count: int, inflation: float = 1.0) -> float:
-    """Degrees of freedom of the intervals of ``count`` parameters: those of one joint where each joint's noise is
+    """Degrees of freedom of the intervals of ``count`` parameters: those of one output where the noise of each is
     estimated by itself, the safe end of what Welch and Satterthwaite's rule can give; dependent samples
     count as the number of independent ones with the same uncertainty."""
-    total = model.measured.size - count
+    total = model.output_counts.sum() - count
     if model.torque_deviation is not None and inflation <= 1:
         return float(total)
-    return total / model.joint_count / inflation**2
+    return float(total) / model.output_counts.size / inflation**2
 
 
 def torque_estimate(
@@ -188,7 +192,7 @@ def torque_estimate(
 ) -> Estimate:
     """The estimate at a minimum, or at another point of the closed loop."""
     fit, model, known = minimum.fit, minimum.fit.model, minimum.known
-    unlimited = unlimited_values(fit)
+    unlimited, n = unlimited_values(fit), minimum.fit.model.joint_count
     return Estimate(
         estimator=estimator,
         model=model.with_loop(substeps=None, substep_factor=1),
@@ -197,7 +201,7 @@ def torque_estimate(
         time=model.experiments.time,
         measured=model.measured,
         simulated=fit.torque,
-        noise=fit.deviation,
+        noise=fit.noise.deviation[:n],
         condition_number=fit.condition_number,
         status=Status.CONVERGED if settled else Status.MAXIMUM_ITERATIONS,
         iterations=tuple(iterations),
@@ -205,12 +209,13 @@ def torque_estimate(
         integration_error=minimum.integration_error.relative,
         integration_shift=minimum.integration_error.shift,
         integration=model.integration(fit.values),
-        colours=known.colours,
+        colours=tuple(colour for colour in known.colours if colour.joint <= n),
         known_noise=known_noise(model),
         noise_is_stated=model.torque_deviation is not None,
-        fit=fit,
+        fit=fit.torque_alone,
         roughness=minimum.roughness,
         rivals=minimum.rivals,
+        joint=minimum.joint,
         unlimited=unlimited,
         remarks=(*minimum.remarks, *_of_limits(model, fit.values, known.deviation, unlimited)),
         advice="" if settled else unsettled_advice(model, iterations),

@@ -33,7 +33,7 @@ from fmu_didim.fit.noise.noise import Noise
 from fmu_didim.fit.noise.weighting import NoiseOfResidual, noise_floor, whitened
 from fmu_didim.fit.solver.least_squares import minimise
 from fmu_didim.fit.solver.termination import Stopping
-from fmu_didim.model.experiment import Experiment, InitialState
+from fmu_didim.model.experiment import InitialState
 from fmu_didim.model.free_parameter import PLANT, FreeParameter
 from fmu_didim.model.loop_model import LoopModel
 from fmu_didim.model.motion import joint_reference
@@ -95,9 +95,39 @@ def with_starts(fit: Fit, starts: Sequence[FreeParameter], finish: Callable[[Fit
         model = model.with_free((*model.free_parameters, *starts))
         fit = point(model, NoiseOfResidual(model))
     minimum = finish(fit)
+    kept = tuple(start for start in starts if start.experiment in _off_reference(minimum, starts))
+    if len(kept) < len(starts):  # a delay or a gain that only the finish frees may have looked like a start
+        minimum = finish(_without(minimum.fit, set(starts) - set(kept)))
+        starts = kept
     model, held_out = held_out_starts(minimum.fit)
     remarks = (*minimum.remarks, *free_start_remarks(minimum.fit, starts), *held_out)
     return replace(minimum, fit=replace(minimum.fit, model=model), remarks=remarks)
+
+
+def _off_reference(minimum: Minimum, starts: Sequence[FreeParameter]) -> set[str | None]:
+    """Labels of those experiments whose free starts are off the reference at a minimum, or were asked for."""
+    model, found = minimum.fit.model, set[str | None]()
+    for label in dict.fromkeys(start.experiment for start in starts):
+        assert label is not None
+        own = [start for start in starts if start.experiment == label]
+        places = [model.names.index(start.name) for start in own]
+        on = _on(model, label)
+        off = minimum.fit.values[places] - [on[start.key] for start in own]
+        distance = float(off @ np.linalg.solve(minimum.known.covariance[np.ix_(places, places)], off))
+        if _is_asked(minimum.fit, label) or stats.chi2.sf(distance, len(own)) < CHANCE:
+            found.add(label)
+    return found
+
+
+def _without(fit: Fit, starts: Set[FreeParameter]) -> Fit:
+    """The point of the torque alone with these starts on the reference."""
+    names = {start.name for start in starts}
+    model = fit.model.torque_alone.with_values(fit.values)
+    model = model.with_free(k for k in model.free_parameters if k.name not in names)
+    for label in {start.experiment for start in starts}:
+        assert label is not None
+        model = _with_state(model, label, values={}, acts_s=0.0)
+    return point(model, NoiseOfResidual(model))
 
 
 def free_starts(fit: Fit) -> tuple[FreeParameter, ...]:
@@ -182,14 +212,16 @@ def free_start_remarks(fit: Fit, starts: Sequence[FreeParameter]) -> list[str]:
 def held_out_starts(fit: Fit) -> tuple[LoopModel, list[str]]:
     """The model of a fit with the starts of held-out experiments as the first part of their logs shows them, which is
     then no longer judged; and what is said of them."""
-    model, remarks = fit.model, []
+    model, remarks, alone = fit.model, list[str](), fit.torque_alone
     for label in model.experiments.validation_labels:
         try:
-            experiment, text = _held_out(fit, label)
+            found = _held_out(alone, label)
         except SimulationError:  # the judge says why
             continue
-        if text:
-            model = model.with_experiment(label, experiment)
+        if found is not None:
+            state, seconds, text = found
+            moved = replace(model.experiments[label], initial_state=state).after(seconds)
+            model = model.with_experiment(label, moved)
             remarks.append(text)
     return model, remarks
 
@@ -298,7 +330,7 @@ def _chance(fit: Fit, start: _Start) -> float:
     """
     table, residual = whitened(fit.jacobian, fit.deviation), whitened(fit.residual, fit.deviation)
     change = np.linalg.lstsq(table, residual, rcond=None)[0]
-    known = fit_uncertainty(replace(fit, torque=fit.torque + fit.jacobian @ change))
+    known = fit_uncertainty(replace(fit, outputs=fit.torque + fit.jacobian @ change))
     off, covariance = change[-start.count :] + start.off, known.covariance[-start.count :, -start.count :]
     return float(stats.chi2.sf(off @ np.linalg.solve(covariance, off), start.count))
 
@@ -307,23 +339,26 @@ def _chance_alone(fit: Fit, label: str, start: _Start) -> float:
     """The same by the first samples alone, all other values taken as known."""
     model = _alone(fit, label, start)
     torque = model.torque(model.start, label)
-    return _chance(replace(fit, model=model, values=model.start, torque=torque, jacobian=start.columns), start)
+    return _chance(replace(fit, model=model, values=model.start, outputs=torque, jacobian=start.columns), start)
 
 
-def _held_out(fit: Fit, label: str) -> tuple[Experiment, str]:
-    """A held-out experiment with the start that its log shows, without the part that shows it, and a text; the same
-    experiment without a text where it starts on its reference."""
-    experiment = fit.model.experiments[label]
+def _held_out(fit: Fit, label: str) -> tuple[InitialState, float, str] | None:
+    """The start of a held-out experiment that its log shows, how long it acts, s, and a text; None where it starts on
+    its reference."""
     start = _start(fit, label)
     if start is None:
-        return experiment, ""
+        return None
     chance = _chance_alone(fit, label, start)
     if chance >= CHANCE and not _is_asked(fit, label):
-        return experiment, ""
+        return None
     given, seconds = InitialState("given", _found(fit, label, start)), _seconds(fit, label, start)
-    return replace(experiment, initial_state=given).after(seconds), (
-        f"{label}: its motion does not start on its reference (probability by chance {chance:.1g}). Its first "
-        f"{seconds:.3g} s give the start ({_told(fit.model, label, given.values)}), and the rest is judged."
+    return (
+        given,
+        seconds,
+        (
+            f"{label}: its motion does not start on its reference (probability by chance {chance:.1g}). Its first "
+            f"{seconds:.3g} s give the start ({_told(fit.model, label, given.values)}), and the rest is judged."
+        ),
     )
 
 

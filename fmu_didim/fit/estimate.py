@@ -44,6 +44,46 @@ class Stage:
 
 
 @dataclass(frozen=True)
+class ChannelNoise:
+    """What a channel that was fitted beside the torque leaves.
+
+    Attributes:
+        name, unit: of the channel; samples: how many.
+        deviation: of its noise, as it was stated or as the residual shows; is_stated: whether it was stated.
+        rms: root mean square of the residual; lag_one: correlation of its neighbouring samples.
+        inflation: of standard deviations that come from the channel, over those of white noise.
+    """
+
+    name: str
+    unit: str
+    samples: int
+    deviation: float
+    is_stated: bool
+    rms: float
+    lag_one: float
+    inflation: float
+
+
+@dataclass(frozen=True)
+class JointFit:
+    """The torque and further channels fitted together, beside the torque alone, where that says anything.
+
+    Attributes:
+        channels: what was fitted beside the torque.
+        alone: (p,) values that the torque alone gives, with standard deviations ``alone_deviation`` (p,); None in an
+            open loop, where the torque is given.
+        apart: (p,) joint minus these values, in standard deviations of that difference.
+        p_value: probability of differences as large by noise alone, by chi-square over all parameters.
+    """
+
+    channels: tuple[ChannelNoise, ...]
+    alone: Array | None
+    alone_deviation: Array
+    apart: Array
+    p_value: float
+
+
+@dataclass(frozen=True)
 class Estimate:
     """Identified parameters and all that is needed to judge them.
 
@@ -63,9 +103,11 @@ class Estimate:
         colours: the noise that the residual shows, by rate and joint; known_noise: (n,) standard deviation of the
             torque log that the case states, or periods that repeat show; None where it is not known.
         noise_is_stated: whether it is the case that states it.
-        fit: the point of the closed loop that it is; None where the residual is not that of a simulated torque.
+        fit: the point of the closed loop that it is, with the torque alone; None where the residual is not that of a
+            simulated torque.
         roughness: of the sensitivities of a foreign plant; None where they are exact.
         rivals: parameter and its value at other minima that fit the data almost as well.
+        joint: beside the torque alone, where further channels were fitted with it; None otherwise.
         unlimited: (p,) values that the data alone ask for, where no machine has them; None where one does.
         remarks: what the user should know; advice: what to do, if more is known than the status.
         provenance: versions, options, hashes, loop.
@@ -92,6 +134,7 @@ class Estimate:
     fit: Fit | None = None
     roughness: Roughness | None = None
     rivals: tuple[tuple[str, float], ...] = ()
+    joint: JointFit | None = None
     unlimited: Array | None = None
     remarks: tuple[str, ...] = ()
     advice: str = ""

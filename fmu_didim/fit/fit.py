@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -24,9 +24,10 @@ class Fit:
     """A point of the closed loop, usually a minimum.
 
     Attributes:
-        model: with its values; values: (p,); torque: (N, n); jacobian: (N, n, p), of the last sensitivity.
+        model: with its values; values: (p,); outputs: (M, m) simulated, the torque first; jacobian: (M, m, p), of the
+            last sensitivity.
         noise: of the data, as it was known or as the weights stand for it.
-        deviation: (n,) that the residual was divided by; chi_square: sum of squares after that.
+        deviation: (m,) that the residual was divided by; chi_square: sum of squares after that.
         ending: how the steps ended.
         iterations: the history, where it was asked for; simulations: how many it took.
         prediction: torque with the regressor, where it is known.
@@ -35,7 +36,7 @@ class Fit:
 
     model: LoopModel
     values: Array
-    torque: Array
+    outputs: Array
     jacobian: Array
     noise: Noise
     deviation: Array
@@ -58,8 +59,27 @@ class Fit:
 
     @property
     def residual(self) -> Array:
-        """(N, n) measured minus simulated torque."""
-        return self.model.measured - self.torque
+        """(M, m) measured minus simulated outputs; of the torque alone (N, n)."""
+        return self.model.measured_outputs - self.outputs
+
+    @property
+    def torque(self) -> Array:
+        """(N, n) simulated torque."""
+        return self.model.torque_of(self.outputs)
+
+    @property
+    def torque_alone(self) -> Fit:
+        """The same point, with the torque for all that was measured."""
+        if not self.model.experiments.channels:
+            return self
+        model, n = self.model.torque_alone, self.model.joint_count
+        noise = replace(self.noise, deviation=self.noise.deviation[:n], correlation=self.noise.correlation[:n])
+        deviation, torque = self.deviation[:n], self.torque
+        return replace(
+            self, model=model, outputs=torque, jacobian=self.model.torque_of(self.jacobian), noise=noise,
+            deviation=deviation, chi_square=sum_of_squares(model.measured - torque, deviation),
+            steps={key: replace(step, jitter=step.jitter[:n]) for key, step in self.steps.items()},
+        )  # fmt: skip
 
     def simulation(self, label: str) -> Simulation:
         """An experiment, held out or not, with these values."""
@@ -103,15 +123,16 @@ def point(model: LoopModel, weighting: Weighting, prediction: Prediction | None 
     """
     values = model.start
     prediction = prediction or predict(model, values)
+    outputs = model.outputs(values) if model.experiments.channels else prediction.torque
     sizes = parameter_sizes(model, values, prediction)
     steps: Steps = {}
-    jacobian = sensitivity(model, values, prediction.torque, sizes=sizes, steps=steps)
-    residual = model.measured - prediction.torque
+    jacobian = sensitivity(model, values, outputs, sizes=sizes, steps=steps)
+    residual = model.measured_outputs - outputs
     deviation = weighting.deviation(residual, jacobian)
     return Fit(
         model,
         values,
-        prediction.torque,
+        outputs,
         jacobian,
         weighting.noise(deviation),
         deviation,
@@ -122,5 +143,5 @@ def point(model: LoopModel, weighting: Weighting, prediction: Prediction | None 
 
 
 def sum_of_squares(residual: Array, deviation: Array) -> float:
-    """Of a residual (N, n) divided by deviations (n,)."""
+    """Of a residual (M, m) divided by deviations (m,)."""
     return float(np.sum((residual / deviation) ** 2))

@@ -2,24 +2,25 @@
 
 An estimate that follows the noise by d theta = sum_t Phi_t' e_t has the covariance
 
-    C = sum over joints and logs of Phi' Omega Phi,
+    C = sum over outputs and logs of Phi' Omega Phi,
 
 with the influence Phi = S (S'S)^-1 for least squares and the autocovariance Omega of the noise, whatever the weights
 were. Omega comes from the residual r = (I - S Phi') e, which is smaller than the noise, most where the motion is slow,
 because the fit takes up a part of it: what an autoregression would lose so is added to the autocovariances that it is
-fitted to. Noise that a test cannot tell from white keeps the variance that it was weighted with. The noise of different
-joints counts as independent. The values themselves are not those of whitened samples: that would gain 7 % of a
-deviation at most (SCARA, 200 Hz, half of the noise with a memory of 50 ms), and let fast model error decide. Sources:
-Andrews, Monahan, Econometrica 60 (1992), for C by autoregressions; Durbin, Watson, Biometrika 37 (1950), for
-correlations of residuals that depend on S.
+fitted to. Noise that a test cannot tell from white keeps the variance that it was weighted with. The noise of
+different outputs, torques of joints or what else was measured, counts as independent. The values themselves are not
+those of whitened samples: that would gain 7 % of a deviation at most (SCARA, 200 Hz, half of the noise with a memory
+of 50 ms), and let fast model error decide. Sources: Andrews, Monahan, Econometrica 60 (1992), for C by
+autoregressions; Durbin, Watson, Biometrika 37 (1950), for correlations of residuals that depend on S.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import stats
 
 from fmu_didim.cosim import Indices, grid_places
@@ -27,6 +28,7 @@ from fmu_didim.data.signals import Array
 from fmu_didim.fit.noise.autoregression import autocorrelation, innovations, portmanteau, portmanteau_p
 from fmu_didim.fit.noise.noise import TINY
 from fmu_didim.fit.noise.residual_noise import GATE_LAGS, JointNoise, Log, LogsOfOneRate
+from fmu_didim.model.experiments import Experiments
 
 COLOUR_ROUNDS = 3
 """[rounds] Of colour and what the fit takes from it: a fourth moves no deviation by 1 %."""
@@ -39,11 +41,13 @@ noise."""
 
 @dataclass(frozen=True)
 class Stretch:
-    """A log among several: its rows in their tables, the place of each row on the grid of the log, and its rate."""
+    """A log among several: its rows in their tables, the place of each row on the grid of the log, and its rate; and
+    the columns that it holds, all by default."""
 
-    rows: slice
+    rows: slice | Indices
     places: Indices
     rate_hz: float
+    columns: slice = field(default_factory=lambda: slice(None))
 
 
 def nominal_rate(rate_hz: float) -> float:
@@ -55,24 +59,34 @@ def stretches(times: Sequence[Array]) -> list[Stretch]:
     """Logs sampled at these times (N,), one below the other; samples that a logger has dropped are counted."""
     found, first = [], 0
     for time in times:
-        places = grid_places(time)
-        rate = float(places[-1]) / float(time[-1] - time[0])
-        found.append(Stretch(slice(first, first + time.size), places, nominal_rate(rate)))
+        found.append(_stretch(slice(first, first + time.size), time))
         first += time.size
     return found
 
 
+def stretches_of_outputs(experiments: Experiments) -> list[Stretch]:
+    """The logs of all outputs that are fitted, in tables over these."""
+    return [_stretch(log.rows, log.time, block.columns) for block in experiments.output_blocks for log in block.logs]
+
+
+def _stretch(rows: slice | Indices, time: Array, columns: slice | None = None) -> Stretch:
+    places = grid_places(time)
+    rate = float(places[-1]) / float(time[-1] - time[0])
+    return Stretch(rows, places, nominal_rate(rate), slice(None) if columns is None else columns)
+
+
 @dataclass(frozen=True)
 class Colour:
-    """The noise of a joint in all logs of one rate.
+    """The noise of an output in all logs of one rate.
 
     Attributes:
-        joint: counted from 1; rate_hz: of the logs.
-        variance: of the noise that counts, squares of N.m or N; residual_variance: of the noise by the residual.
+        joint: whose torque it is, counted from 1; what was measured beside the torque comes after the joints.
+        rate_hz: of the logs.
+        variance: of the noise that counts, squares of the unit; residual_variance: of the noise by the residual.
         coefficients: (p,) of the autoregression; none where the noise counts as white.
         lag_one: correlation of neighbouring samples; whiteness: p value of what the autoregression leaves.
         samples: independent ones that the variance is known from.
-        inflation: standard deviations that come from this joint at all rates, over those of white noise.
+        inflation: standard deviations that come from this output at all rates, over those of white noise.
     """
 
     joint: int
@@ -88,7 +102,7 @@ class Colour:
 
 @dataclass(frozen=True)
 class Uncertainty:
-    """Covariance (p, p) of an estimate, and the noise that it comes from, by rate and joint."""
+    """Covariance (p, p) of an estimate, and the noise that it comes from, by rate and output."""
 
     covariance: Array
     colours: tuple[Colour, ...]
@@ -100,7 +114,7 @@ class Uncertainty:
 
     @property
     def inflation(self) -> float:
-        """The largest of all joints, at least 1."""
+        """The largest of all outputs, at least 1."""
         return max([1.0, *(colour.inflation for colour in self.colours)])
 
 
@@ -131,10 +145,15 @@ def _counted(noise: JointNoise, own: float, usual: float, samples: float, *, sta
 
 
 def _judged(
-    group: LogsOfOneRate, noises: Sequence[JointNoise], usual: Array, covariance: Array, floor: Array, *, stated: bool
+    group: _Group,
+    noises: Sequence[JointNoise],
+    usual: Array,
+    covariance: Array,
+    floor: Array,
+    stated: NDArray[np.bool_],
 ) -> list[Colour]:
-    """The colour of each joint, where white noise would have variances ``usual`` (n,); its inflation is still
-    one."""
+    """The colour of each output of a group, where white noise would have variances ``usual`` (n,); its inflation is
+    still one."""
     most = max(noise.coefficients.size for noise in noises) + WHITENESS_LAGS
     lags = min(most, group.samples - 1)
     found, pairs = group.autocovariance(noises, covariance, 2 * most), group.pairs(2 * most)
@@ -143,11 +162,11 @@ def _judged(
         order, own = noise.coefficients.size, float(column[0])
         rho = autocorrelation(noise.coefficients, group.samples)
         samples = float(freedom[j]) / float(2 * np.sum(rho**2) - 1)
-        counted = _counted(noise, own, float(usual[j]), samples, stated=stated)
+        counted = _counted(noise, own, float(usual[j]), samples, stated=bool(stated[j]))
         left = portmanteau(innovations(column, noise.coefficients, lags), pairs, lags)
         colours.append(
             Colour(
-                joint=j + 1,
+                joint=group.columns.start + j + 1,
                 rate_hz=group.rate_hz,
                 variance=counted.variance,
                 residual_variance=own,
@@ -167,61 +186,97 @@ def uncertainty(
     deviation: Array,
     stretches: Sequence[Stretch],
     *,
-    stated: bool = False,
+    stated: bool | NDArray[np.bool_] = False,
     floor: Array | float = 0.0,
     usual: Array | None = None,
 ) -> Uncertainty:
     """The covariance of an estimate, from its residual.
 
     Args:
-        residual: (N, n); sensitivity: (N, n, p) of the simulated torque; influence: (N, n, p) d theta / d noise.
-        deviation: (n,) of white noise; stated: whether it is known: then it counts, unless the residual is larger by
-            more than chance.
-        stretches: the logs; floor: (n,) residuals below are rounding, and count as white.
-        usual: (n, p) variances that the inflation is counted from; by default those of white noise.
+        residual: (M, m); sensitivity: (M, m, p) of the simulated outputs; influence: (M, m, p) d theta / d noise.
+        deviation: (m,) of white noise; stated: whether it is known, (m,) or of all: then it counts, unless the
+            residual is larger by more than chance.
+        stretches: the logs; floor: (m,) residuals below are rounding, and count as white.
+        usual: (m, p) variances that the inflation is counted from; by default those of white noise.
     """
     tables = (residual, sensitivity, influence)
-    groups = [
-        LogsOfOneRate(
-            rate, tuple(Log.of(s.places, *(t[s.rows] for t in tables)) for s in stretches if s.rate_hz == rate)
-        )
-        for rate in sorted({stretch.rate_hz for stretch in stretches})
-    ]
-    floor = np.broadcast_to(floor, deviation.shape)
+    groups = _grouped(stretches, tables, deviation.size)
+    floor, stated = np.broadcast_to(floor, deviation.shape), np.broadcast_to(stated, deviation.shape)
     covariance, noises = _settled(groups, floor)
     colours = [
-        _judged(group, noise, deviation**2, covariance, floor, stated=stated)
-        for group, noise in zip(groups, noises, strict=True)
-    ]
+        _judged(group, noise, deviation[at] ** 2, covariance, floor[at], stated[at])
+        for group, noise in zip(groups, noises, strict=True) for at in (group.columns,)
+    ]  # fmt: skip
     covariance, shares = _covariance(
         groups, [[JointNoise(c.variance, c.coefficients) for c in each] for each in colours]
     )
     if usual is None:
-        _, before = _covariance(groups, [[JointNoise(float(d) ** 2) for d in deviation] for _ in groups])
-        usual = np.einsum("gjpp->jp", before)
+        white = [[JointNoise(float(d) ** 2) for d in deviation[group.columns]] for group in groups]
+        usual = _by_output(groups, _covariance(groups, white)[1], deviation.size)
     weight = 1 / np.maximum(usual.sum(axis=0), TINY)
-    inflation = np.sqrt((np.einsum("gjpp->jp", shares) @ weight) / np.maximum(usual @ weight, TINY))
+    counted = _by_output(groups, shares, deviation.size)
+    inflation = np.sqrt((counted @ weight) / np.maximum(usual @ weight, TINY))
     return Uncertainty(
         covariance, tuple(replace(c, inflation=float(inflation[c.joint - 1])) for each in colours for c in each)
     )
 
 
-def _settled(groups: Sequence[LogsOfOneRate], floor: Array) -> tuple[Array, list[list[JointNoise]]]:
+def covariance_of(influence: Array, colours: Sequence[Colour], stretches: Sequence[Stretch]) -> Array:
+    """(p, p) covariance of what follows noise of known colours with an influence (M, m, p)."""
+    known = {(colour.joint, colour.rate_hz): JointNoise(colour.variance, colour.coefficients) for colour in colours}
+    groups = _grouped(stretches, (influence[:, :, 0], influence, influence), influence.shape[1])
+    columns = [range(group.columns.start, group.columns.stop) for group in groups]
+    noises = [[known[j + 1, g.rate_hz] for j in own] for g, own in zip(groups, columns, strict=True)]
+    return _covariance(groups, noises)[0]
+
+
+@dataclass(frozen=True)
+class _Group(LogsOfOneRate):
+    """Logs of one rate, and the columns that they hold in tables over all outputs."""
+
+    columns: slice
+
+
+def _grouped(stretches: Sequence[Stretch], tables: Sequence[Array], count: int) -> list[_Group]:
+    """The logs (of tables with ``count`` outputs) that belong together: of the same outputs, with one rate."""
+    kinds = [(*s.columns.indices(count)[:2], s.rate_hz) for s in stretches]
+    return [
+        _Group(
+            kind[2],
+            tuple(
+                Log.of(s.places, *(t[s.rows][:, s.columns] for t in tables))
+                for s, own in zip(stretches, kinds, strict=True) if own == kind
+            ),
+            slice(*kind[:2]),
+        )
+        for kind in sorted(set(kinds))
+    ]  # fmt: skip
+
+
+def _by_output(groups: Sequence[_Group], shares: Sequence[Array], count: int) -> Array:
+    """(m, p) variances that each output adds, from the shares (n, p, p) of the groups."""
+    found = np.zeros((count, shares[0].shape[2]))
+    for group, share in zip(groups, shares, strict=True):
+        found[group.columns] += np.einsum("jpp->jp", share)
+    return found
+
+
+def _settled(groups: Sequence[_Group], floor: Array) -> tuple[Array, list[list[JointNoise]]]:
     """The noise that the residual shows, and the covariance with it; what the fit takes from the residual is found
     with the noise of the round before."""
     noises = [group.white() for group in groups]
     covariance, _ = _covariance(groups, noises)
     gates = [
-        group.not_white(group.autocovariance(noise, covariance, GATE_LAGS), floor)
+        group.not_white(group.autocovariance(noise, covariance, GATE_LAGS), floor[group.columns])
         for group, noise in zip(groups, noises, strict=True)
     ]
-    for _ in range(COLOUR_ROUNDS if np.any(gates) else 0):
+    for _ in range(COLOUR_ROUNDS if any(map(any, gates)) else 0):
         noises = [g.refitted(noise, gate, covariance) for g, noise, gate in zip(groups, noises, gates, strict=True)]
         covariance, _ = _covariance(groups, noises)
     return covariance, noises
 
 
-def _covariance(groups: Sequence[LogsOfOneRate], noises: Sequence[Sequence[JointNoise]]) -> tuple[Array, Array]:
-    """C (p, p), and what each group and joint adds to it (g, n, p, p)."""
-    shares = np.array([group.shares(noise) for group, noise in zip(groups, noises, strict=True)])
-    return shares.sum(axis=(0, 1)), shares
+def _covariance(groups: Sequence[_Group], noises: Sequence[Sequence[JointNoise]]) -> tuple[Array, list[Array]]:
+    """C (p, p), and what the outputs of each group add to it (n, p, p)."""
+    shares = [group.shares(noise) for group, noise in zip(groups, noises, strict=True)]
+    return np.concatenate(shares).sum(axis=0), shares

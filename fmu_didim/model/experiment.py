@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 from fmu_didim.base.diagnostics import Diagnostic
 from fmu_didim.cosim import Indices, SampleOperator, grid_places
 from fmu_didim.data.signals import Array, Trajectory
+from fmu_didim.model.channel import Channel
 from fmu_didim.model.external_torque import ExternalTorque
 
 Role = Literal["estimation", "validation"]
@@ -51,6 +53,7 @@ class Experiment:
         stamps: instants of the log as its file has them, before another rate was chosen; None: those in ``time``.
         told: diagnostics of reading its files.
         initial_state: where its motion starts.
+        channels: what else was measured and is fitted beside the torque.
     """
 
     reference: Trajectory
@@ -64,6 +67,7 @@ class Experiment:
     stamps: Array | None = None
     told: tuple[Diagnostic, ...] = ()
     initial_state: InitialState = field(default_factory=InitialState)
+    channels: tuple[Channel, ...] = ()
 
     @property
     def rate_hz(self) -> float:
@@ -87,11 +91,26 @@ class Experiment:
         result[places] = values
         return result
 
+    @cached_property
+    def instants(self) -> Array:
+        """(M,) instants at which anything was measured, s: the rows of tables over all outputs."""
+        return np.unique(np.concatenate([self.time, *(channel.time for channel in self.channels)]))
+
+    def row_of(self, times: Array) -> Indices:
+        """(N,) rows of these instants (N,) in tables over all outputs."""
+        return np.searchsorted(self.instants, times)
+
     def after(self, seconds: float) -> Experiment:
         """The same without the samples of the first ``seconds`` of the reference."""
-        first = int(np.searchsorted(self.time, self.reference.time[0] + seconds - 1e-9))
-        return replace(self, time=self.time[first:], torque=self.torque[first:], operator=self.operator.after(first))
+        begin = self.reference.time[0] + seconds - 1e-9
+        first = int(np.searchsorted(self.time, begin))
+        return replace(
+            self, time=self.time[first:], torque=self.torque[first:], operator=self.operator.after(first),
+            channels=tuple(channel.after(begin) for channel in self.channels),
+        )  # fmt: skip
 
     def before(self, count: int) -> Experiment:
-        """The same with the first samples alone."""
-        return replace(self, time=self.time[:count], torque=self.torque[:count], operator=self.operator.before(count))
+        """The first samples of the torque alone."""
+        return replace(
+            self, time=self.time[:count], torque=self.torque[:count], operator=self.operator.before(count), channels=()
+        )

@@ -1,4 +1,9 @@
-"""The experiments of a loop by label, and tables over those that are fitted."""
+"""The experiments of a loop by label, and tables over those that are fitted.
+
+A table over all measured outputs has a column an output, the torques of the joints first, and a row an instant at which
+anything was measured; where an output has no sample its cell is zero, in whatever is measured, simulated or
+differentiated, so that it adds nothing to any sum. Without further channels it is the table of the torque.
+"""
 
 from __future__ import annotations
 
@@ -8,9 +13,32 @@ from functools import cached_property
 
 import numpy as np
 
+from fmu_didim.cosim import Indices
 from fmu_didim.data.low_pass import LowPass
 from fmu_didim.data.signals import Array
 from fmu_didim.model.experiment import Experiment
+
+
+@dataclass(frozen=True, eq=False)
+class OutputLog:
+    """The samples of an experiment in tables over all outputs: their rows there, and their instants (N,), s."""
+
+    label: str
+    rows: slice | Indices
+    time: Array
+
+
+@dataclass(frozen=True)
+class OutputBlock:
+    """Outputs that were measured together: their columns in tables over all outputs, and their logs."""
+
+    columns: slice
+    logs: tuple[OutputLog, ...]
+
+    @property
+    def samples(self) -> int:
+        """Of each of them, in all logs."""
+        return sum(log.time.size for log in self.logs)
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,6 +104,100 @@ class Experiments(Mapping[str, Experiment]):
     def filtered(self, values: Array, label: str) -> Array:
         """Values at the samples (N, ...) of an experiment, filtered if asked for."""
         return values if self.low_pass is None else self.low_pass.apply(values, self[label].rate_hz)
+
+    # ---- all measured outputs, the torque first
+
+    @cached_property
+    def channels(self) -> tuple[str, ...]:
+        """Names of what was measured beside the torque, in the order of the columns after those of the joints."""
+        return tuple(dict.fromkeys(channel.name for e in self.values() for channel in e.channels))
+
+    @property
+    def torque_alone(self) -> Experiments:
+        """The same without what was measured beside the torque."""
+        if not self.channels:
+            return self
+        return replace(self, by_label={label: replace(e, channels=()) for label, e in self.items()})
+
+    @property
+    def output_rows(self) -> Mapping[str, slice]:
+        """Label of each fitted experiment -> its rows in tables over all outputs."""
+        if not self.channels:
+            return self.rows
+        ends = np.cumsum([0, *(self[label].instants.size for label in self.estimation_labels)])
+        parts = zip(self.estimation_labels, ends[:-1], ends[1:], strict=True)
+        return {label: slice(int(first), int(end)) for label, first, end in parts}
+
+    def outputs_of(self, label: str, torque: Array, further: Sequence[Array]) -> Array:
+        """(M, m, ...) table over all outputs of an experiment.
+
+        Args:
+            torque: (N, n, ...) of the joints; further: (N', ...) of each of its channels, at their own instants.
+        """
+        if not self.channels:
+            return torque
+        experiment, n = self[label], torque.shape[1]
+        table = np.zeros((experiment.instants.size, n + len(self.channels), *torque.shape[2:]))
+        table[experiment.row_of(experiment.time), :n] = torque
+        for channel, values in zip(experiment.channels, further, strict=True):
+            table[experiment.row_of(channel.time), n + self.channels.index(channel.name)] = values
+        return table
+
+    def channels_of(self, label: str, table: Array) -> dict[str, Array]:
+        """Name of each channel of an experiment -> its samples (N,) in a table (M, m) over all outputs of that."""
+        experiment, n = self[label], self[label].torque.shape[1]
+        return {
+            channel.name: table[experiment.row_of(channel.time), n + self.channels.index(channel.name)]
+            for channel in experiment.channels
+        }
+
+    @property
+    def measured_outputs(self) -> Array:
+        """(M, m) all measured outputs of the experiments that are fitted."""
+        return np.concatenate([self.measured_outputs_in(label) for label in self.estimation_labels])
+
+    def measured_outputs_in(self, label: str) -> Array:
+        """(M, m) the same of one experiment."""
+        return self.outputs_of(label, self.measured_in(label), [channel.values for channel in self[label].channels])
+
+    @property
+    def output_blocks(self) -> tuple[OutputBlock, ...]:
+        """The outputs that were measured together: the torques of all joints, then each channel."""
+        n, starts = self[self.first].torque.shape[1], self.output_rows
+        torque = [
+            OutputLog(label, starts[label], self[label].time)
+            if not self.channels
+            else OutputLog(label, starts[label].start + self[label].row_of(self[label].time), self[label].time)
+            for label in self.estimation_labels
+        ]
+        blocks = [OutputBlock(slice(0, n), tuple(torque))]
+        for k, name in enumerate(self.channels, start=n):
+            logs = [
+                OutputLog(label, starts[label].start + self[label].row_of(channel.time), channel.time)
+                for label in self.estimation_labels for channel in self[label].channels if channel.name == name
+            ]  # fmt: skip
+            blocks.append(OutputBlock(slice(k, k + 1), tuple(logs)))
+        return tuple(blocks)
+
+    @property
+    def output_counts(self) -> Array:
+        """(m,) samples of each output in the experiments that are fitted."""
+        return np.concatenate(
+            [np.full(b.columns.stop - b.columns.start, float(b.samples)) for b in self.output_blocks]
+        )  # fmt: skip
+
+    @property
+    def stated_deviations(self) -> Array:
+        """(k,) known standard deviations of the noise of each channel; NaN where it is estimated."""
+        stated = {c.name: np.nan if c.deviation is None else c.deviation for e in self.values() for c in e.channels}
+        return np.array([stated[name] for name in self.channels])
+
+    def torque_of(self, table: Array) -> Array:
+        """(N, n, ...) torque in a table (M, m, ...) over all outputs of the experiments that are fitted."""
+        if not self.channels:
+            return table
+        block = self.output_blocks[0]
+        return np.concatenate([table[log.rows, block.columns] for log in block.logs])
 
     def fitted(self, labels: Sequence[str]) -> Experiments:
         """Only these experiments, all of them for the estimation."""

@@ -12,7 +12,7 @@ drives and sensors, the delay, the clock of the log, and amplitudes and shapes o
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -120,7 +120,34 @@ class LoopModel:
         """(N, n) measured torque of all experiments that are fitted."""
         return self.experiments.measured
 
+    @property
+    def measured_outputs(self) -> Array:
+        """(M, m) all that was measured in the experiments that are fitted, the torque first; see ``experiments``."""
+        return self.experiments.measured_outputs if self.experiments.channels else self.measured
+
+    @property
+    def stated_deviations(self) -> Array:
+        """(m,) known standard deviations of the noise of all outputs; NaN where it is estimated."""
+        torque = np.full(self.joint_count, np.nan) if self.torque_deviation is None else self.torque_deviation
+        return np.concatenate([torque, self.experiments.stated_deviations])
+
+    @property
+    def output_counts(self) -> Array:
+        """(m,) samples of each output in the experiments that are fitted."""
+        if not self.experiments.channels:
+            return np.full(self.joint_count, float(self.measured.shape[0]))
+        return self.experiments.output_counts
+
+    def torque_of(self, outputs: Array) -> Array:
+        """(N, n, ...) torque in a table (M, m, ...) over all outputs of the experiments that are fitted."""
+        return self.experiments.torque_of(outputs)
+
     # ---- other models
+
+    @property
+    def torque_alone(self) -> LoopModel:
+        """The same model without what was measured beside the torque."""
+        return replace(self, experiments=self.experiments.torque_alone)
 
     def with_values(self, values: Array) -> LoopModel:
         """The same model starting from other values."""
@@ -186,6 +213,13 @@ class LoopModel:
         DivergedError, SimulationError."""
         labels = self.estimation_labels if label is None else (label,)
         return np.concatenate([self.simulation(values, each).torque() for each in labels])
+
+    def outputs(self, values: Array) -> Array:
+        """(M, m) all simulated outputs of the experiments that are fitted, the torque first; raises DivergedError,
+        SimulationError."""
+        if not self.experiments.channels:
+            return self.torque(values)
+        return np.concatenate([self.simulation(values, each).outputs() for each in self.estimation_labels])
 
     def residual(self, values: Array, label: str | None = None) -> Array:
         """(N, n) measured minus simulated torque of an experiment, by default of all that are fitted."""
@@ -349,6 +383,44 @@ class Simulation:
     def torque(self) -> Array:
         """(N, n) simulated torque at the samples; raises DivergedError, SimulationError."""
         return self.sampled_torque(self.record())
+
+    def outputs(self) -> Array:
+        """(M, m) all simulated outputs, the torque first; raises DivergedError, SimulationError."""
+        if not self.model.experiments.channels:
+            return self.torque()
+        recording = self.record(ticks=self.output_ticks)
+        return self.sampled_outputs(
+            recording, self.logged_torque(recording), lambda name: recording.table([name], sampled=True)[:, 0]
+        )
+
+    @property
+    def output_ticks(self) -> NDArray[np.int64]:
+        """Ticks that the samples of all outputs need."""
+        if not self.experiment.channels:
+            return self.operator.ticks
+        return np.unique(np.concatenate([self.operator.ticks, *(c.operator.ticks for c in self.experiment.channels)]))
+
+    def sampled_outputs(self, recording: Recording, torque: Array, signal: Callable[[str], Array]) -> Array:
+        """(M, m, ...) samples of a recording at ``output_ticks``; raises DivergedError.
+
+        Args:
+            torque: (K, n, ...) at the recorded ticks; signal: gives (K, ...) of a signal of the loop by its name.
+        """
+        experiments = self.model.experiments
+        if not experiments.channels:
+            return self.sampled(torque)
+        ticks = self.output_ticks
+
+        def samples(operator: SampleOperator, values: Array) -> Array:
+            found = operator.apply(values[np.searchsorted(ticks, operator.ticks)])
+            if not np.isfinite(found).all():
+                raise DivergedError("A simulated output is not finite.", time=float(recording.time[-1]))
+            return found
+
+        further = [samples(channel.operator, signal(channel.signal)) for channel in self.experiment.channels]
+        return experiments.outputs_of(
+            self.label, experiments.filtered(samples(self.operator, torque), self.label), further
+        )
 
     def sampled_torque(self, recording: Recording) -> Array:
         """(N, n) what the log shows of a recording at its ticks; raises DivergedError."""

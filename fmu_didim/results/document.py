@@ -11,6 +11,7 @@ import numpy as np
 from fmu_didim.base.diagnostics import REMARK, Diagnostic, by_weight
 from fmu_didim.base.errors import FmuDidimError
 from fmu_didim.checks.agreement import AgreementResult
+from fmu_didim.checks.channels import channel_errors
 from fmu_didim.checks.consistency import Consistency
 from fmu_didim.checks.identification import Checks
 from fmu_didim.checks.judgement import diagnostic_result
@@ -22,11 +23,13 @@ from fmu_didim.fit.statistics import correlation, relative_error_percent
 from fmu_didim.model.free_parameter import BASE, PLANT
 from fmu_didim.model.loop_model import LoopModel
 from fmu_didim.results.result import (
+    ChannelResult,
     ConsistencyResult,
     ErrorResult,
     ExperimentResult,
     IntegrationResult,
     IterationResult,
+    JointResult,
     ParameterResult,
     ResultDocument,
     StageResult,
@@ -91,6 +94,7 @@ def result_document(
             )
             for name, stage in estimate.stages.items()
         },
+        joint=_joint(estimate),
         regrouping=model.parameters.relations(),
         correlations=estimate.correlations(),
         correlation=np.round(correlation(estimate.covariance), 4).tolist(),
@@ -112,6 +116,28 @@ def result_document(
         checks=model.parameters.checks(),
         remarks=[*estimate.remarks, *notes],
         provenance=dict(estimate.provenance),
+    )  # fmt: skip
+
+
+def _joint(estimate: Estimate) -> JointResult | None:
+    """What the channels beside the torque have added."""
+    joint = estimate.joint
+    if joint is None:
+        return None
+    errors = channel_errors(estimate)
+    channels = {
+        c.name: ChannelResult(
+            unit=c.unit, samples=c.samples, noise_std=c.deviation, noise_is_stated=c.is_stated, rms=c.rms,
+            correlation=c.lag_one, inflation=c.inflation, errors={e.label: e.rms for e in errors if e.name == c.name},
+        )
+        for c in joint.channels
+    }  # fmt: skip
+    alone = None
+    if joint.alone is not None:
+        value, std = (_by_name(estimate.names, v) for v in (joint.alone, joint.alone_deviation))
+        alone = StageResult(value=value, std=std, formulas={})
+    return JointResult(
+        channels=channels, alone=alone, apart=_by_name(estimate.names, joint.apart), p_value=joint.p_value
     )  # fmt: skip
 
 

@@ -142,6 +142,43 @@ class IntegrationResult(Saved):
     substeps: int = Field(description="in a communication step")
 
 
+class ChannelResult(Saved):
+    """A signal that was fitted beside the torque.
+
+    Attributes:
+        unit: SI, also of the deviations and errors.
+        samples: in all fitted experiments; noise_std: standard deviation of its noise; noise_is_stated: by the case.
+        rms: root mean square of the residual; correlation: of its neighbouring samples.
+        inflation: of standard deviations that come from it, over those of white noise.
+        errors: label of each experiment -> root mean square of measured minus simulated there.
+    """
+
+    unit: str
+    samples: int
+    noise_std: Number
+    noise_is_stated: bool
+    rms: Number
+    correlation: Number
+    inflation: Number
+    errors: dict[str, Number]
+
+
+class JointResult(Saved):
+    """Torque and further signals fitted together, beside the torque alone.
+
+    Attributes:
+        channels: name of each signal -> what it leaves.
+        alone: the answer of the torque alone; null in an open loop, where the torque is given.
+        apart: name of each parameter -> joint minus that value, in standard deviations of the difference.
+        p_value: of differences as large by noise alone, over all parameters.
+    """
+
+    channels: dict[str, ChannelResult]
+    alone: StageResult | None
+    apart: dict[str, Number]
+    p_value: Number
+
+
 class ResultDocument(Saved):
     """The content of ``result.json``.
 
@@ -173,6 +210,7 @@ class ResultDocument(Saved):
         default={}, description="of a refused result: values that may be unphysical, no answer"
     )
     stages: dict[str, StageResult]
+    joint: JointResult | None = Field(default=None, description="null where the torque alone was fitted")
     regrouping: list[str] = Field(description="relations such as ZZ1R = ZZ1 + Ia1")
     correlations: list[tuple[str, str, float]] = Field(description="pairs with |correlation| > 0.9")
     correlation: list[list[Number]] = Field(default=[], description="of all parameters, in their order")

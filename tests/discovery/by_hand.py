@@ -52,6 +52,13 @@ class TableModel:
         return self.own
 
     @property
+    def measured_outputs(self) -> Array:
+        return self.own
+
+    def torque_of(self, outputs: Array) -> Array:
+        return outputs
+
+    @property
     def joint_count(self) -> int:
         return int(self.own.shape[1])
 

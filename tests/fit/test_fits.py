@@ -192,7 +192,7 @@ def test_good_jacobian_saves_simulations(arm: LoopModel, truth: np.ndarray, slop
     model = model_with(arm, coloured(np.random.default_rng(4), arm.measured.shape, 0.0, SIGMA))
     model = model.with_values(truth * 1.02)
     fresh = minimise(model, known_noise(SIGMA))
-    given = minimise(model, known_noise(SIGMA), jacobian=slopes, torque=model.torque(model.start))
+    given = minimise(model, known_noise(SIGMA), jacobian=slopes, outputs=model.torque(model.start))
     same_minimum(given, fresh)
     assert given.simulations < fresh.simulations
 
@@ -205,15 +205,15 @@ def test_hopeless_fit_ends_early(arm: LoopModel, truth: np.ndarray, slopes: np.n
     time = data(arm).time[:, None]
     model = model_with(arm, 2.0 * np.sin(2 * np.pi * 7.3 * time))
     torque = model.torque(truth)
-    best = minimise(model.with_values(truth), known_noise(SIGMA), jacobian=slopes, torque=torque)
+    best = minimise(model.with_values(truth), known_noise(SIGMA), jacobian=slopes, outputs=torque)
     given_up = minimise(
-        model.with_values(truth), known_noise(SIGMA), jacobian=slopes, torque=torque,
+        model.with_values(truth), known_noise(SIGMA), jacobian=slopes, outputs=torque,
         stopping=Stopping(give_up_above=0.5 * best.chi_square),
     )  # fmt: skip
     assert given_up.simulations == 0
     assert given_up.values == pytest.approx(truth)
     kept = minimise(
-        model.with_values(truth), known_noise(SIGMA), jacobian=slopes, torque=torque,
+        model.with_values(truth), known_noise(SIGMA), jacobian=slopes, outputs=torque,
         stopping=Stopping(give_up_above=1.01 * best.chi_square),
     )  # fmt: skip
     assert kept.chi_square == pytest.approx(best.chi_square)

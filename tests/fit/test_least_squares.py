@@ -120,7 +120,7 @@ def test_steps_that_keep_nothing_of_their_promise_have_not_settled(
     notes: list[str] = []
     fit = minimise(
         start.model, NoiseOfResidual(model), stopping=replace(SETTLE, updates=updates), jacobian=-start.jacobian,
-        torque=start.torque, progress=lambda it: notes.append(it.note),
+        outputs=start.outputs, progress=lambda it: notes.append(it.note),
     )  # fmt: skip
     assert not fit.settled
     np.testing.assert_array_equal(fit.values, NEAR)
@@ -234,7 +234,7 @@ def test_a_search_stops_where_little_is_promised_or_too_little_can_be_had(
     start = at(model, NEAR)
     differentiated.clear()
     known, moved = noise_of(model), []
-    options: dict[str, Any] = {"jacobian": start.jacobian, "torque": start.torque, "progress": moved.append}
+    options: dict[str, Any] = {"jacobian": start.jacobian, "outputs": start.outputs, "progress": moved.append}
     unpromising = minimise(start.model, known, stopping=Stopping(promise=1e9), **options)
     late = minimise(start.model, known, stopping=Stopping(until=0.0), **options)
     assert late.given_up and late.chi_square == pytest.approx(cost(model, NEAR))

@@ -184,11 +184,11 @@ class Varied:
     def __init__(self, monkeypatch: pytest.MonkeyPatch, *, compiled: bool = True, absent: bool = False) -> None:
         self.places: list[Any] = []
 
-        def with_derivatives(system: Any, places: list[Any]) -> Any:
+        def with_derivatives(system: Any, places: list[Any], observed: list[str]) -> Any:
             self.places = places
             return None if absent else "varied"
 
-        def record(run: Any, *, system: Any) -> Any:
+        def record(run: Any, *, system: Any, ticks: Any) -> Any:
             lanes = range(len(self.places))
             inputs = {
                 derivative_name(n, k): np.full(7, 10.0 * k + j)
@@ -200,7 +200,7 @@ class Varied:
         monkeypatch.setattr(ways, "with_derivatives", with_derivatives)
         monkeypatch.setattr(LawSimulation, "record", record)
         monkeypatch.setattr(LawLoop, "logged", ("drive.u1", "drive.u2"), raising=False)
-        monkeypatch.setattr(LawSimulation, "operator", SimpleNamespace(apply=lambda table: table[:5]))
+        monkeypatch.setattr(LawSimulation, "operator", SimpleNamespace(ticks=range(7), apply=lambda table: table[:5]))
         monkeypatch.setattr(LawExperiments, "filtered", lambda _, table, label: table + 0.5, raising=False)
 
 
@@ -272,7 +272,9 @@ def shortened(values: Mapping[str, float], label: str) -> Array:
     return cubes(values, label)[:2]
 
 
-EXPERIMENT = {"one": SimpleNamespace(operator="all", reference=SimpleNamespace(names=(), time=np.arange(3.0)))}
+EXPERIMENT = {
+    "one": SimpleNamespace(operator="all", channels=(), reference=SimpleNamespace(names=(), time=np.arange(3.0)))
+}
 
 
 def repeating(*owners: str, **more: Any) -> LawModel:

@@ -242,11 +242,11 @@ def test_the_state_moves_to_where_a_step_led() -> None:
     solver = _Solver(model(), KnownNoise(UNIT), Stopping(updates=0), None, "finish", None)
     at = state(fresh=True)
     assert solver._move(at, step(scale=0.25), led(0.5)) is None
-    assert at.values.tolist() == [0.5, 0.0] and at.torque[0, 0] == 1.0
+    assert at.values.tolist() == [0.5, 0.0] and at.outputs[0, 0] == 1.0
     assert not at.fresh and at.last == 2.0 and at.simulations == 1
     at = state(fresh=False, last=3.0)
     assert solver._move(at, step(), NOWHERE) is Ending.NO_STEP
-    assert at.values.tolist() == [0.0, 0.0] and at.torque[0, 0] == 0.0 and at.last == 3.0
+    assert at.values.tolist() == [0.0, 0.0] and at.outputs[0, 0] == 0.0 and at.last == 3.0
     fresh = state(fresh=True)
     solver._move(fresh, step(), NOWHERE)
     assert fresh.fresh
@@ -315,7 +315,7 @@ def test_the_ladder_of_dampings_by_its_steps() -> None:
     tried = [values[0] for values, _ in one.calls][1:]
     ladder = (0.0, 1e-4, 1e-3, 1e-2, 1e-1, 1.0, 10.0, 100.0)
     assert tried == pytest.approx([1 / (1 + damping) for damping in ladder], rel=1e-9)
-    assert (found.torque, found.cost, found.promised, found.tried) == (None, 21.0, 0.0, 8)
+    assert (found.outputs, found.cost, found.promised, found.tried) == (None, 21.0, 0.0, 8)
     assert found.note == "no step lowers the error" and found.values.tolist() == [0.0]
 
 
@@ -328,7 +328,7 @@ def test_damping_does_not_make_up_for_old_slopes(fresh: bool, updates: int, trie
     found = Search(one, region_of(one), True, True, {}).trial(
         at, LinearStep.of(at, np.ones(1), one.measured, region_of(one))
     )
-    assert (found.torque, found.tried) == (None, tried)
+    assert (found.outputs, found.tried) == (None, tried)
 
 
 @pytest.mark.parametrize(
@@ -448,7 +448,7 @@ def test_at_the_minimum_costs_that_are_the_same_count_as_lower(
 ) -> None:
     """cost = 21 (1 - tau)^2, so that tau = -rise/2 raises it by the fraction rise."""
     found = search(bent(lambda a: -rise / 2 if a > 0 else 0.0), tolerance=tolerance)
-    assert (found.torque is not None) is moves
+    assert (found.outputs is not None) is moves
 
 
 def test_trials_stay_within_the_limits() -> None:
@@ -559,9 +559,9 @@ def test_a_line_is_fitted_in_one_step() -> None:
 def test_a_known_start_saves_its_simulations() -> None:
     one = model()
     slopes = np.dstack([np.ones_like(T), T])
-    assert minimise(one, UNIT, jacobian=slopes, torque=np.zeros_like(T)).simulations == 1
+    assert minimise(one, UNIT, jacobian=slopes, outputs=np.zeros_like(T)).simulations == 1
     assert len(one.calls) == 1
-    assert minimise(one, UNIT, torque=np.zeros_like(T)).simulations == 3
+    assert minimise(one, UNIT, outputs=np.zeros_like(T)).simulations == 3
 
 
 def test_the_start_lies_within_the_limits() -> None:
@@ -577,7 +577,7 @@ def test_a_step_that_promises_little_is_not_made(promise: float, calls: int) -> 
     one = model()
     slopes = np.dstack([np.ones_like(T), T])
     scaled = promise * 91.7 / 83.6
-    minimise(one, UNIT, stopping=Stopping(1, promise=scaled), jacobian=slopes, torque=np.zeros_like(T))
+    minimise(one, UNIT, stopping=Stopping(1, promise=scaled), jacobian=slopes, outputs=np.zeros_like(T))
     assert len(one.calls) == calls
 
 
@@ -585,7 +585,7 @@ def test_the_default_promise_is_a_fiftieth() -> None:
     slopes = np.dstack([np.ones_like(T), T])
     for size, calls in ((0.0199, 0), (0.0201, 1)):
         one = model(data=np.sqrt(size / 91.7) * line({"a": 1.0, "b": 2.0}, ""))
-        minimise(one, UNIT, stopping=Stopping(1), jacobian=slopes, torque=np.zeros_like(T))
+        minimise(one, UNIT, stopping=Stopping(1), jacobian=slopes, outputs=np.zeros_like(T))
         assert len(one.calls) == calls
 
 
@@ -595,7 +595,7 @@ def test_a_hopeless_fit_is_given_up(above: float, calls: int) -> None:
     noisy = model().measured + np.sqrt(9 / 21) * np.where(np.arange(21) % 2 == 0, 1.0, -1.0)[:, None]
     one = model(data=noisy)
     slopes = np.dstack([np.ones_like(T), T])
-    fit = minimise(one, UNIT, stopping=Stopping(1, give_up_above=above), jacobian=slopes, torque=np.zeros_like(T))
+    fit = minimise(one, UNIT, stopping=Stopping(1, give_up_above=above), jacobian=slopes, outputs=np.zeros_like(T))
     assert len(one.calls) == calls
     assert fit.given_up is (calls == 0)
 
@@ -605,7 +605,7 @@ def test_exactly_twice_what_is_promised(off: float, calls: int) -> None:
     one, slopes = model(), np.dstack([np.ones_like(T), T])
     cost = float(np.sum(one.measured**2))
     rules = Stopping(1, give_up_above=cost - 2 * cost + off)
-    minimise(one, UNIT, stopping=rules, jacobian=slopes, torque=np.zeros_like(T))
+    minimise(one, UNIT, stopping=rules, jacobian=slopes, outputs=np.zeros_like(T))
     assert len(one.calls) == calls
 
 
@@ -694,7 +694,7 @@ def test_how_often_the_sensitivity_is_taken(monkeypatch: pytest.MonkeyPatch) -> 
     assert first == {"sizes": sizes, "exact": True, "whole": False, "steps": {}}
     assert second | {"steps": {}} == first and second["steps"]  # those of the first are kept
     assert taken[-1][0] == found.values and taken[0][0] == [0.2]  # at the minimum once more
-    np.testing.assert_allclose(found.jacobian[:, 0, 0], (T * found.torque)[:, 0], rtol=1e-5)
+    np.testing.assert_allclose(found.jacobian[:, 0, 0], (T * found.outputs)[:, 0], rtol=1e-5)
 
 
 def test_a_fit_of_a_search_keeps_its_last_sensitivity() -> None:
@@ -722,7 +722,7 @@ def test_the_history() -> None:
 
 def test_the_weights_follow_the_residual() -> None:
     found = minimise(curved(), FromResidual(), stopping=Stopping(20, tolerance=1e-8, updates=None))
-    rms = np.sqrt(np.mean((CURVED - found.torque) ** 2))
+    rms = np.sqrt(np.mean((CURVED - found.outputs) ** 2))
     assert found.deviation[0] == pytest.approx(rms + 1e-6)
     assert found.chi_square == pytest.approx(21.0, rel=1e-3)
 

@@ -110,9 +110,9 @@ def test_deviations_contain_what_a_wrong_model_leaves(wrong: dict[str, Any]) -> 
     measured = torque + sigma * np.random.default_rng(1).normal(size=torque.shape)
     found = Didim().estimate(replace(with_torque(right, measured), torque_deviation=sigma))
     assert codes(found).count("residual-above-noise") == 2
-    error = np.abs(found.value - context(RATE_HZ).truth)
+    error = np.abs(found.base_value - context(RATE_HZ).truth)  # a command that comes late may look like another start
     assert (error / found.stages["didim"].formulas["cramer_rao"]).max() > 10
-    assert (error / found.standard_deviation).max() < 5
+    assert (error / found.standard_deviation[: error.size]).max() < 5
 
 
 def test_the_result_says_it(tmp_path: Path) -> None:

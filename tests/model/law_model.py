@@ -79,6 +79,18 @@ class LawModel:
         return np.concatenate(list(self.data.values()))
 
     @property
+    def measured_outputs(self) -> Array:
+        return self.measured
+
+    @property
+    def output_counts(self) -> Array:
+        return np.full(self.joint_count, float(self.measured.shape[0]))
+
+    @property
+    def stated_deviations(self) -> Array:
+        return np.full(self.joint_count, np.nan)
+
+    @property
     def estimation_labels(self) -> tuple[str, ...]:
         return tuple(self.data)
 
@@ -120,6 +132,12 @@ class LawModel:
             self.calls.append((tuple(named.values()), one))
         return np.concatenate([self.law(named, one) for one in labels])
 
+    def outputs(self, values: Array) -> Array:
+        return self.torque(values)
+
+    def torque_of(self, outputs: Array) -> Array:
+        return outputs
+
     def simulation(self, values: Array, label: str) -> LawSimulation:
         return LawSimulation(self, values, label)  # type: ignore[arg-type]
 
@@ -142,7 +160,7 @@ class LawExperiments(dict[str, Any]):
     def __init__(self, model: LawModel) -> None:
         super().__init__(model.logs)
         self.validation_labels, self.low_pass, self.rows = model.held_out, model.low_pass, {}
-        first = 0
+        self.output_rows, self.channels, first = self.rows, (), 0
         for label, table in model.data.items():
             self.rows[label] = slice(first, first + table.shape[0])
             first += table.shape[0]
@@ -157,9 +175,17 @@ class LawSimulation(Simulation):
         name, plant = self.model.loop.plant_name, self.model.loop.plant
         return SimpleNamespace(connections=(), order=(name,), components={name: plant})
 
+    @property
+    def experiment(self) -> Any:
+        """One without further channels, unless the model has its own."""
+        return self.model.logs.get(self.label, SimpleNamespace(channels=()))  # type: ignore[attr-defined]
+
     def torque(self) -> Array:
         return self.model.torque(self.values, self.label)
 
+    def outputs(self) -> Array:
+        return self.torque()
 
-GUARDED = {"any": SimpleNamespace(reference=SimpleNamespace(names=(), time=np.arange(3.0)))}
+
+GUARDED = {"any": SimpleNamespace(channels=(), reference=SimpleNamespace(names=(), time=np.arange(3.0)))}
 """Experiments of a model whose values the guard looks at."""

@@ -79,6 +79,11 @@ def simulated_truth(content: Mapping[str, Any], folder: Path) -> Truth:
         recording = run.record(all_ticks=True)
         operator = run.experiment.operator  # without the clock of the log, which may be unknown
         torque = operator.apply(run.logged_torque(recording)[operator.ticks])
+        if source.measured_files:
+            raise InputError(
+                "A simulated machine logs torque and positions: alone, not what is fitted beside the torque.",
+                where=f"{label}: measured", next_step="Leave measured: out of the case of the campaign.",
+            )  # fmt: skip
         positions = None
         if source.positions is not None:
             names = model.loop.joint_signals("q")

@@ -24,7 +24,7 @@ REFERENCE_DERIVATIVE = CATALOGUE(
 )  # fmt: skip
 
 
-def reference_diagnostics(run: Simulation, _: Expected) -> list[Diagnostic]:
+def reference_diagnostics(run: Simulation, _: Expected | None = None) -> list[Diagnostic]:
     """Columns ``dq<j>`` and ``ddq<j>`` that contradict the column that they are the derivative of.
 
     The integral of the derivative is compared with the signal, both without their means: a ratio of standard

@@ -174,7 +174,7 @@ def _fitted(fit: Fit, label: str, external_torques: list[ExternalTorque]) -> Fit
         free = minimise(pushed, fit.noise, stopping=Stopping(FIRST_STEPS, updates=UPDATES))
         noise = noise_beside_fit(free)  # until now external torques that do not repeat counted as noise
         again = Stopping(FURTHER_STEPS, updates=UPDATES)
-        free = minimise(free.model, noise, torque=free.torque, stopping=again)
+        free = minimise(free.model, noise, outputs=free.outputs, stopping=again)
         moved = _edges_moved(free, label)
         if moved is not None:
             better = minimise(moved, noise, stopping=Stopping(FIRST_STEPS))

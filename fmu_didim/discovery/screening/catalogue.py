@@ -17,7 +17,7 @@ from fmu_didim.discovery.progress import Progress
 from fmu_didim.discovery.screening.load_response import LoadResponse, load_response
 from fmu_didim.discovery.screening.signatures import TorqueSignature, search_grid
 from fmu_didim.dynamics.effects import Effect, Search, TorqueEffect
-from fmu_didim.fit.derivatives.repetition import Beginning, change_of_torque
+from fmu_didim.fit.derivatives.repetition import Beginning, change_of_outputs
 from fmu_didim.fit.derivatives.sensitivity import by_variation, sensitivity
 from fmu_didim.fit.fit import Fit
 from fmu_didim.model.free_parameter import joint_parameter
@@ -275,7 +275,7 @@ class SignatureCatalogue:
         torque = self.fit.torque
         try:
             parts = [
-                change_of_torque(
+                change_of_outputs(
                     model.simulation(model.start, label), torque[part], self._beginnings[label], tolerance=REPEATS
                 )
                 for label, part in self.fit.model.experiments.rows.items()

@@ -227,7 +227,7 @@ class Competition:
             return candidate
         found = minimise(
             candidate.fit.model, self.fit.noise, stopping=Stopping(updates=1, check_all=False),
-            jacobian=candidate.fit.jacobian, torque=candidate.fit.torque,
+            jacobian=candidate.fit.jacobian, outputs=candidate.fit.outputs,
         )  # fmt: skip
         return self.assess(candidate.effect_at, found)
 
@@ -327,7 +327,7 @@ class Competition:
             return minimise(
                 model, fit.noise,
                 stopping=Stopping(updates=1, give_up_above=give_up_above, until=until, check_all=False),
-                jacobian=jacobian, torque=torque,
+                jacobian=jacobian, outputs=torque,
             )  # fmt: skip
         return None
 

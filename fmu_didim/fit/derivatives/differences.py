@@ -98,11 +98,11 @@ class Ladder:
     """Central differences of one parameter in one experiment, simulated as they are asked for.
 
     Args:
-        run: the experiment at the values; torque: (N, n) there; size: of the parameter, which steps are relative to.
+        run: the experiment at the values; outputs: (M, m) there; size: of the parameter, which steps are relative to.
     """
 
-    def __init__(self, run: Simulation, torque: Array, i: int, size: float) -> None:
-        self._run, self._torque, self._i, self._size = run, torque, i, size
+    def __init__(self, run: Simulation, outputs: Array, i: int, size: float) -> None:
+        self._run, self._outputs, self._i, self._size = run, outputs, i, size
         self._tried: dict[int, Difference | None] = {}
         self._second: dict[int, Array] = {}
 
@@ -116,10 +116,10 @@ class Ladder:
         change = DIFFERENCE_STEPS[place] * self._size
         here = self._run.values[self._i]
         try:
-            above, below = (self._run.moved(self._i, here + by).torque() for by in (change, -change))
+            above, below = (self._run.moved(self._i, here + by).outputs() for by in (change, -change))
         except SimulationError:
             return None
-        first, second = above - below, above + below - 2 * self._torque
+        first, second = above - below, above + below - 2 * self._outputs
         norm = float(np.linalg.norm(first))
         error = float(np.linalg.norm(second)) / np.sqrt(3) / norm if norm > 0 else np.inf
         self._second[place] = second

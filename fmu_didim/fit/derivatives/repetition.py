@@ -58,18 +58,21 @@ class Repetition:
 
 @dataclass(frozen=True)
 class Beginning:
-    """The first part of an experiment, from which all of a change of its torque follows where that repeats.
+    """The first part of an experiment, from which all of a change of its outputs follows where that repeats.
 
     Attributes:
-        repetition: how the log repeats; torque: (N, n) simulated, of all of it.
+        repetition: how the log repeats; outputs: (N, n) simulated torque, of all of it.
     """
 
     repetition: Repetition
-    torque: Array
+    outputs: Array
 
     @staticmethod
     def of(run: Simulation, torque: Array) -> Beginning | None:
-        """The first part of an experiment; None where its torque (N, n) does not repeat early enough."""
+        """The first part of an experiment; None where its torque (N, n) does not repeat early enough, or more than the
+        torque was measured."""
+        if run.model.experiments.channels:
+            return None
         if run.model.experiments.low_pass is not None or "t_start" in {v.name for v in run.model.loop.plant.parameters}:
             return None  # the ends of a filtered log are not like its middle; a plant with a clock need not repeat
         found = repetition(run.experiment, run.experiment.operator, run.step_size, torque)
@@ -82,24 +85,24 @@ class Beginning:
     @property
     def first(self) -> Array:
         """(N', n) torque of the first samples."""
-        return self.torque[: self.repetition.operator.count]
+        return self.outputs[: self.repetition.operator.count]
 
 
-def change_of_torque(
-    run: Simulation, torque: Array, beginning: Beginning | None, *, tolerance: float = REPEATS_COLUMN
+def change_of_outputs(
+    run: Simulation, outputs: Array, beginning: Beginning | None, *, tolerance: float = REPEATS_COLUMN
 ) -> Array:
-    """(N, n) simulated torque minus ``torque``, from the beginning alone where the change repeats.
+    """(M, m) simulated outputs minus ``outputs``, from the beginning alone where the change repeats.
 
     Args:
         beginning: None where all of the experiment has to be simulated.
         tolerance: largest difference of two periods of the change, relative to its root mean square.
     """
     if beginning is not None:
-        begun = beginning.cut(run).torque() - beginning.first
+        begun = beginning.cut(run).outputs() - beginning.first
         change = beginning.repetition.continued(begun, tolerance=tolerance)
         if change is not None:
             return change
-    return np.asarray(run.torque() - torque)
+    return np.asarray(run.outputs() - outputs)
 
 
 def repetition(experiment: Experiment, operator: SampleOperator, step: float, torque: Array) -> Repetition | None:

@@ -1,4 +1,4 @@
-"""Sensitivity of the torque to the free parameters of a loop: S = d tau / d values.
+"""Sensitivity of the outputs of a loop to its free parameters: S = d y / d values, the torque first.
 
 Three ways, the best one that a parameter allows:
 
@@ -26,7 +26,7 @@ from fmu_didim.cosim import System
 from fmu_didim.cosim.derivatives import with_derivatives
 from fmu_didim.data.signals import Array
 from fmu_didim.fit.derivatives.differences import KEPT_STEP, STEP, Difference, Ladder, Steps
-from fmu_didim.fit.derivatives.repetition import Beginning, change_of_torque
+from fmu_didim.fit.derivatives.repetition import Beginning, change_of_outputs
 from fmu_didim.model.external_torque import EXTERNAL_TORQUE
 from fmu_didim.model.free_parameter import BASE, DELAY, LOG, PLANT, FreeParameter
 from fmu_didim.model.loop_model import LoopModel, Simulation
@@ -53,7 +53,7 @@ does."""
 def sensitivity(
     model: LoopModel,
     values: Array,
-    torque: Array,
+    outputs: Array,
     *,
     only: Sequence[int] = (),
     sizes: Array | None = None,
@@ -61,12 +61,12 @@ def sensitivity(
     whole: bool = True,
     steps: Steps | None = None,
 ) -> Array:
-    """d torque / d values over all experiments that are fitted, (N, n, p) or of ``only`` some parameters.
+    """d outputs / d values over all experiments that are fitted, (M, m, p) or of ``only`` some parameters.
 
     Columns of parameters that are held, their limits being one, are zero: they explain nothing.
 
     Args:
-        torque: (N, n) at the values.
+        outputs: (M, m) at the values; those without further channels are the torque (N, n).
         sizes: (b,) of the base parameters, see :func:`parameter_sizes`; their scales by default.
         exact: False where a search compares many models: forward differences are enough there.
         whole: False where, if motion and torque repeat, parameters need be moved for the first period alone.
@@ -76,24 +76,24 @@ def sensitivity(
     chosen = list(only) if len(only) else list(range(len(model.free_parameters)))
     model = model.integrated_as(values)  # other steps of the integration would look like a change
     tables, tasks = {}, []
-    for label, rows in model.experiments.rows.items():
-        table = tables[label] = np.zeros((rows.stop - rows.start, torque.shape[1], len(chosen)))
+    for label, rows in model.experiments.output_rows.items():
+        table = tables[label] = np.zeros((rows.stop - rows.start, outputs.shape[1], len(chosen)))
         acting = [k for k, i in enumerate(chosen) if model.free_parameters.acts(i, label)]
         missing = [k for k in acting if not model.free_parameters[chosen[k]].is_held]
         run = model.simulation(values, label)
-        beginning = None if whole else Beginning.of(run, torque[rows])
+        beginning = None if whole else Beginning.of(run, outputs[rows])
         if exact:
             varied = by_variation(run, [chosen[k] for k in missing], beginning)
             for k in [k for k in missing if chosen[k] in varied]:
                 table[:, :, k] = varied[chosen[k]]
             missing = [k for k in missing if chosen[k] not in varied]
-        one = _Experiment(run, torque[rows], sizes, exact, beginning)
+        one = _Experiment(run, outputs[rows], sizes, exact, beginning)
         tasks += [_Column(label, k, chosen[k], *one.way(chosen[k])) for k in missing]
     workers = model.allowed_workers(values) if len(tasks) > 1 else 1
     _fill(tables, tasks, steps, SMOOTH if exact else ROUGHNESS, workers)
     if exact and any(task.ladder for task in tasks):
         # Nearly collinear columns show only now.
-        size = np.sqrt(np.mean(torque**2, axis=0))
+        size = np.sqrt(np.mean(outputs**2, axis=0))
         smallest = smallest_singular_value(np.concatenate(list(tables.values())) / np.where(size > 0, size, 1)[:, None])
         wanted = SHARE_OF_SINGULAR * smallest / float(np.sqrt(len(chosen)))
         _fill(tables, [task for task in tasks if task.falls_short(steps, wanted)], steps, wanted, workers)
@@ -125,7 +125,7 @@ def step_size(model: LoopModel, i: int, sizes: Array | None) -> float:
 def by_variation(
     run: Simulation, wanted: Sequence[int], beginning: Beginning | None = None, *, lasting: bool = False
 ) -> Mapping[int, Array]:
-    """Columns (N, n) of those parameters that one run of the loop with its derivatives gives; none where it cannot.
+    """Columns (M, m) of those parameters that one run of the loop with its derivatives gives; none where it cannot.
 
     Args:
         beginning: of the experiment, where columns that repeat need not be followed to its end.
@@ -136,7 +136,8 @@ def by_variation(
     if not places:
         return {}
     groups = _groups(list(places.values()), model.workers)
-    tasks = [partial(with_derivatives, run.system, group) for group in groups]
+    measured = [channel.signal for channel in run.experiment.channels]
+    tasks = [partial(with_derivatives, run.system, group, measured) for group in groups]
     varied = [found for found in side_by_side(tasks, model.workers) if found is not None]
     if len(varied) < len(groups):
         return {}
@@ -159,7 +160,7 @@ def _groups(places: list[tuple[str, str]], workers: int) -> list[list[tuple[str,
 
 
 def _followed_all(run: Simulation, systems: Sequence[tuple[System, int]]) -> Array | None:
-    """(N, n, p) derivatives of the torque from systems with their counts, side by side; None where Python would
+    """(M, m, p) derivatives of the outputs from systems with their counts, side by side; None where Python would
     run the loop."""
     tables = side_by_side([partial(_followed, run, *system) for system in systems], run.model.workers)
     found = [table for table in tables if table is not None]
@@ -167,15 +168,17 @@ def _followed_all(run: Simulation, systems: Sequence[tuple[System, int]]) -> Arr
 
 
 def _followed(run: Simulation, varied: System, count: int) -> Array | None:
-    """(N, n, count) derivatives of the torque at the samples; None where Python would run the loop."""
-    recording = run.record(system=varied)
+    """(M, m, count) derivatives of the outputs at the samples; None where Python would run the loop."""
+    recording = run.record(system=varied, ticks=run.output_ticks)
     if not recording.compiled:
         return None
-    columns = [
-        np.column_stack([recording.inputs[derivative_name(name, lane)] for lane in range(count)])
-        for name in run.model.loop.logged
-    ]
-    return run.sampled(np.stack(columns, axis=1))
+
+    def lanes(name: str) -> list[str]:
+        return [derivative_name(name, lane) for lane in range(count)]
+
+    columns = [np.column_stack([recording.inputs[lane] for lane in lanes(name)]) for name in run.model.loop.logged]
+    torque = np.stack(columns, axis=1)
+    return run.sampled_outputs(recording, torque, lambda signal: recording.table(lanes(signal), sampled=True))
 
 
 def _lasts(parameter: FreeParameter) -> bool:
@@ -236,18 +239,18 @@ class _Experiment:
     """Columns of one experiment by differences."""
 
     def __init__(
-        self, run: Simulation, torque: Array, sizes: Array | None, exact: bool, beginning: Beginning | None
+        self, run: Simulation, outputs: Array, sizes: Array | None, exact: bool, beginning: Beginning | None
     ) -> None:
-        self._run, self._torque, self._sizes, self._exact, self._beginning = run, torque, sizes, exact, beginning
+        self._run, self._outputs, self._sizes, self._exact, self._beginning = run, outputs, sizes, exact, beginning
         self._smooth = run.model.can_refine or run.model.loop.plant.equations() is not None
 
     def way(self, i: int) -> tuple[Callable[[], Array] | None, Ladder | None]:
-        """The function that simulates the column (N, n) of a parameter: a forward difference, or central ones."""
+        """The function that simulates the column (M, m) of a parameter: a forward difference, or central ones."""
         parameter = self._run.model.free_parameters[i]
         timed = parameter.owner in (DELAY, LOG, EXTERNAL_TORQUE)
         if timed or (self._smooth and (not self._exact or parameter.owner == BASE)):
             return partial(self._forward, i, parameter), None
-        return None, Ladder(self._run, self._torque, i, step_size(self._run.model, i, self._sizes))
+        return None, Ladder(self._run, self._outputs, i, step_size(self._run.model, i, self._sizes))
 
     def _forward(self, i: int, parameter: FreeParameter) -> Array:
         step = STEP * parameter.scale
@@ -260,6 +263,6 @@ class _Experiment:
                 continue
             beginning = self._beginning if _lasts(parameter) else None
             with suppress(SimulationError):
-                change = change_of_torque(self._run.moved(i, there), self._torque, beginning)
+                change = change_of_outputs(self._run.moved(i, there), self._outputs, beginning)
                 return np.asarray(change / (there - here))
-        return np.zeros_like(self._torque)  # a parameter that cannot be moved explains nothing
+        return np.zeros_like(self._outputs)  # a parameter that cannot be moved explains nothing

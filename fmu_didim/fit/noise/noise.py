@@ -270,11 +270,13 @@ def joint_speed(reference: Trajectory, joint: int) -> Array:
 
 
 def motion_frequency(reference: Trajectory, joints: int) -> float:
-    """Frequency in Hz below which 99.9 % of the power of the reference's velocities lies."""
+    """Frequency in Hz below which 99.9 % of the power of the reference's velocities lies; 0 where nothing moves."""
     highest = 0.0
     for j in range(1, joints + 1):
         speed = joint_speed(reference, j)
         power = np.abs(np.fft.rfft(speed * np.hanning(speed.size))) ** 2
+        if not power.any():
+            continue  # a joint that rests
         total = np.cumsum(power) / max(float(power.sum()), TINY)
         highest = max(highest, float(np.fft.rfftfreq(speed.size, reference.step)[np.searchsorted(total, MOTION_POWER)]))
     return highest

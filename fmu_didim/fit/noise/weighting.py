@@ -1,4 +1,8 @@
-"""Weights of the joints: each is divided by the standard deviation of its torque noise."""
+"""Weights of the outputs, the torques of the joints first: each is divided by the standard deviation of its noise.
+
+A channel beside the torque whose residual has a colour is known from fewer samples than it has: it is divided by its
+deviation times an inflation beside that of the torque, so that slow model error in a precise encoder does not decide.
+"""
 
 from __future__ import annotations
 
@@ -17,9 +21,14 @@ NOISE_FLOOR = 1e-12
 """[1] Fraction of the torque below which a residual is rounding, so that data without noise have weights, too."""
 
 
-def noise_floor(measured: Array) -> Array:
-    """(n,) deviation below which a residual is rounding, so that noise-free data have weights too."""
-    return np.asarray(NOISE_FLOOR * np.sqrt((measured**2).mean(axis=0)) + TINY)
+def noise_floor(measured: Array, counts: Array | None = None) -> Array:
+    """(m,) deviation below which a residual is rounding, so that noise-free data have weights too.
+
+    Args:
+        measured: (M, m); counts: (m,) samples of each output; by default all rows are.
+    """
+    sums = (measured**2).sum(axis=0)
+    return np.asarray(NOISE_FLOOR * np.sqrt(sums / (measured.shape[0] if counts is None else counts)) + TINY)
 
 
 def whitened(values: Array, deviation: Array) -> Array:
@@ -29,15 +38,15 @@ def whitened(values: Array, deviation: Array) -> Array:
 
 
 class Weighting(ABC):
-    """How the samples of a joint count in a fit."""
+    """How the samples of an output count in a fit."""
 
     @abstractmethod
     def deviation(self, residual: Array, columns: Array) -> Array:
-        """(n,) deviations to divide by, for a residual (N, n) left by columns (N, n, p)."""
+        """(m,) deviations to divide by, for a residual (M, m) left by columns (M, m, p)."""
 
     @abstractmethod
     def noise(self, deviation: Array) -> Noise:
-        """The noise of the data that these deviations (n,) stand for."""
+        """The noise of the data that these deviations (m,) stand for."""
 
 
 @dataclass(frozen=True)
@@ -56,37 +65,48 @@ class KnownNoise(Weighting):
 @dataclass(frozen=True)
 class NoiseOfResidual(Weighting):
     """The deviations that a model states, or that the residual of the fit shows: anew at every step, so that the
-    minimum does not depend on where the steps began."""
+    minimum does not depend on where the steps began.
+
+    Attributes:
+        model: whose outputs; inflation: (m,) by which noise with a colour is larger than it seems, see above; one.
+    """
 
     model: LoopModel
+    inflation: Array | None = None
 
     def deviation(self, residual: Array, columns: Array) -> Array:
-        return joint_deviation(self.model, residual, columns)
+        found = output_deviation(self.model, residual, columns)
+        return found if self.inflation is None else found * self.inflation
 
     def noise(self, deviation: Array) -> Noise:
-        return Noise(deviation, np.zeros(deviation.size), "residual")
+        if self.inflation is None:
+            return Noise(deviation, np.zeros(deviation.size), "residual")
+        square = self.inflation**2
+        return Noise(deviation / self.inflation, (square - 1) / (square + 1), "residual")
 
 
 @dataclass(frozen=True)
-class JointTriangles:
-    """A linear least squares problem brought to a triangle a joint by QR: all that its weights need, whatever they are.
+class OutputTriangles:
+    """A linear least squares problem brought to a triangle an output by QR: all that its weights need, whatever they
+    are.
 
     Attributes:
-        triangles: [columns, target] of each joint, (min(N, p + 1), p + 1).
-        samples: N.
+        triangles: [columns, target] of each output, (min(M, p + 1), p + 1).
+        samples: (m,) of each.
     """
 
     triangles: tuple[Array, ...]
-    samples: int
+    samples: Array
 
     @staticmethod
-    def of(columns: Array, target: Array) -> JointTriangles:
-        """From columns (N, n, p) and a target (N, n)."""
+    def of(columns: Array, target: Array, counts: Array | None = None) -> OutputTriangles:
+        """From columns (M, m, p) and a target (M, m); each output has (m,) ``counts`` samples, by default M."""
         both = np.concatenate([columns, target[:, :, None]], axis=2)
         if not np.isfinite(both).all():
             raise IdentificationError("The least squares problem holds values that are not finite.")
         triangles = (np.asarray(np.linalg.qr(both[:, j], mode="r")) for j in range(both.shape[1]))
-        return JointTriangles(tuple(triangles), both.shape[0])
+        samples = np.full(both.shape[1], float(both.shape[0])) if counts is None else counts
+        return OutputTriangles(tuple(triangles), samples)
 
     def squares(self, solution: Array) -> Array:
         """(n,) sums of the squares of what a solution (p,) leaves of the target at each joint."""
@@ -105,20 +125,24 @@ class JointTriangles:
 
     def deviation(self, squares: Array, floor: Array, names: tuple[str, ...]) -> Array:
         """(n,) estimated deviations, at least ``floor``, where the residual has these sums of squares (n,)."""
-        first = deviation_of_sums(squares, np.full(squares.size, float(self.samples)), floor=floor)
+        first = deviation_of_sums(squares, self.samples, floor=floor)
         return deviation_of_sums(squares, self.samples - self.solved(first, names)[1], floor=floor)
 
 
-def joint_deviation(model: LoopModel, residual: Array, columns: Array) -> Array:
-    """(n,) deviations to weight with, from a residual (N, n) left by columns (N, n, p)."""
-    if model.torque_deviation is not None:
-        return model.torque_deviation
-    floor = noise_floor(model.measured)
+def output_deviation(model: LoopModel, residual: Array, columns: Array) -> Array:
+    """(m,) deviations to weight with, from a residual (M, m) left by columns (M, m, p)."""
+    stated = model.stated_deviations
+    if not np.isnan(stated).any():
+        return stated
+    counts, names = model.output_counts, model.names[: columns.shape[2]]
+    floor = noise_floor(model.measured_outputs, counts)
+    squares, n = (residual**2).sum(axis=0), model.joint_count
+    if model.joint_weights == "equal" and n == counts.size:
+        return np.full(n, max(float(np.sqrt(squares.sum() / counts.sum())), float(floor.max())))
+    found = OutputTriangles.of(columns, residual, counts).deviation(squares, floor, names)
     if model.joint_weights == "equal":
-        whole = float(np.sqrt((residual**2).mean()))
-        return np.full(residual.shape[1], max(whole, float(floor.max())))
-    names = model.names[: columns.shape[2]]
-    return JointTriangles.of(columns, residual).deviation((residual**2).sum(axis=0), floor, names)
+        found[:n] = max(float(np.sqrt(squares[:n].sum() / counts[:n].sum())), float(floor[:n].max()))
+    return np.where(np.isnan(stated), found, stated)
 
 
 def weighted_solution(model: LoopModel, columns: Array, target: Array) -> tuple[LeastSquares, Array]:
@@ -131,7 +155,7 @@ def weighted_solution(model: LoopModel, columns: Array, target: Array) -> tuple[
     if model.torque_deviation is not None:
         deviation = model.torque_deviation
     elif model.joint_weights == "estimated" and target.shape[1] > 1:
-        triangles, floor = JointTriangles.of(columns, target), noise_floor(model.measured)
+        triangles, floor = OutputTriangles.of(columns, target), noise_floor(model.measured)
         # Twice: the first residual comes from weights that ignore the noise.
         for _ in range(2):
             first, _ = triangles.solved(deviation, names)

@@ -27,20 +27,20 @@ def with_fitting_substeps(model: LoopModel, values: Array, deviation: Array | No
 
     Args:
         values: (p,) at which the torque is compared.
-        deviation: (n,) noise of each joint; by default that of the model, else the residual at the values.
+        deviation: (m,) noise of each output; by default that of the model, else the residual at the values.
     """
     automatic = model.with_loop(substeps=None)
     if not model.loop.chooses_substeps:
         return automatic
-    most, count, torque = automatic.automatic_substeps(values), model.fewest_substeps(values), None
+    most, count, outputs = automatic.automatic_substeps(values), model.fewest_substeps(values), None
     while 2 * count <= most:
-        finer = _torque(model.with_loop(substeps=2 * count), values)
-        torque = _torque(model.with_loop(substeps=count), values) if torque is None else torque
-        if torque is not None and finer is not None and integration_change(model, torque, finer, deviation) <= 1:
+        finer = _outputs(model.with_loop(substeps=2 * count), values)
+        outputs = _outputs(model.with_loop(substeps=count), values) if outputs is None else outputs
+        if outputs is not None and finer is not None and integration_change(model, outputs, finer, deviation) <= 1:
             return model.with_loop(substeps=count)
-        if torque is None and finer is None and _torque(automatic, values) is None:
+        if outputs is None and finer is None and _outputs(automatic, values) is None:
             return automatic  # nothing can be simulated
-        count, torque = 2 * count, finer
+        count, outputs = 2 * count, finer
     return automatic
 
 
@@ -52,26 +52,27 @@ def integrated(fit: Fit) -> Fit:
     return minimise(model, fit.noise, stopping=Stopping(POLISHING, updates=0), jacobian=fit.jacobian)
 
 
-def integration_change(model: LoopModel, torque: Array, finer: Array, deviation: Array | None = None) -> float:
-    """Change of the torque (N, n) by finer integration over what is allowed, at the joint where it is worst.
+def integration_change(model: LoopModel, outputs: Array, finer: Array, deviation: Array | None = None) -> float:
+    """Change of the outputs (M, m) by finer integration over what is allowed, at the one where it is worst.
 
     Args:
-        deviation: (n,) noise; by default that of the model, else the residual.
+        deviation: (m,) noise; by default that of the model, else the residual.
     """
+    counts = model.output_counts
     if deviation is None:
-        deviation = model.torque_deviation
-    if deviation is None:
-        deviation = _rms(model.measured - finer)
+        stated = model.stated_deviations
+        deviation = np.where(np.isnan(stated), _rms(model.measured_outputs - finer, counts), stated)
     allowed = np.maximum(INTEGRATION_SHARE * deviation, np.finfo(float).tiny)
-    return float(np.max(_rms(finer - torque) / allowed))
+    return float(np.max(_rms(finer - outputs, counts) / allowed))
 
 
-def _rms(table: Array) -> Array:
-    return np.asarray(np.sqrt(np.mean(table**2, axis=0)))
+def _rms(table: Array, counts: Array) -> Array:
+    """(m,) of a table (M, m) in which each output has so many samples."""
+    return np.asarray(np.sqrt(np.sum(table**2, axis=0) / counts))
 
 
-def _torque(model: LoopModel, values: Array) -> Array | None:
+def _outputs(model: LoopModel, values: Array) -> Array | None:
     try:
-        return model.torque(values)
+        return model.outputs(values)
     except SimulationError:
         return None

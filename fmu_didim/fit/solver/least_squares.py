@@ -1,8 +1,9 @@
 """The one solver: least squares of the closed loop, by damped Gauss-Newton steps with true sensitivities and limits.
 
-    values = argmin sum_j |y_j - tau_j(values)|^2 / s_j^2
+    values = argmin sum_j |y_j - y_sj(values)|^2 / s_j^2
 
-with the deviations s_j of a :class:`~fmu_didim.fit.noise.weighting.Weighting`. A step is damped (Levenberg, Marquardt)
+over all measured outputs j, the torque first, with the deviations s_j of a
+:class:`~fmu_didim.fit.noise.weighting.Weighting`. A step is damped (Levenberg, Marquardt)
 if after it the cost is not lower, an experiment, held out or not, cannot be simulated, or the inertia matrix is not
 positive definite somewhere along its motion: what the data hardly show moves less then, as where the base parameters
 make up for an effect that is missing. So the fit always returns the best point that it has tried. In a fit that is to
@@ -45,7 +46,7 @@ def minimise(
     *,
     stopping: Stopping | None = None,
     jacobian: Array | None = None,
-    torque: Array | None = None,
+    outputs: Array | None = None,
     sizes: Array | None = None,
     steps: Steps | None = None,
     stage: str = "finish",
@@ -55,8 +56,8 @@ def minimise(
 
     Args:
         noise: of the data, or how they are weighted otherwise.
-        jacobian: (N, n, p) at the start, if known; stale columns only slow the steps down.
-        torque: (N, n) at the start, if known.
+        jacobian: (M, m, p) at the start, if known; stale columns only slow the steps down.
+        outputs: (M, m) at the start, if known.
         sizes: (b,) of the base parameters, for exact differences; see :func:`parameter_sizes`.
         steps: of central differences that are known.
         stage: name of the iterations in the history, which is recorded if ``progress`` is given.
@@ -66,7 +67,7 @@ def minimise(
     """
     weighting = KnownNoise(noise) if isinstance(noise, Noise) else noise
     solver = _Solver(model, weighting, stopping or Stopping(), sizes, stage, progress, steps)
-    return solver.run(jacobian, torque)
+    return solver.run(jacobian, outputs)
 
 
 class _Solver:
@@ -84,13 +85,13 @@ class _Solver:
     ) -> None:
         self._model, self._weighting, self._stopping = model, weighting, stopping
         self._sizes, self._stage, self._progress, self._steps = sizes, stage, progress, dict(steps or {})
-        self._measured, self._region = model.measured, Region.of(model)
+        self._measured, self._region = model.measured_outputs, Region.of(model)
         self._search = Search(model, self._region, stopping.tolerance is not None, stopping.check_all, self._steps)
         self._termination = Termination(stopping, self._steps)
         self._history: list[Iteration] = []
 
-    def run(self, jacobian: Array | None, torque: Array | None) -> Fit:
-        at = self._begin(jacobian, torque)
+    def run(self, jacobian: Array | None, outputs: Array | None) -> Fit:
+        at = self._begin(jacobian, outputs)
         for _ in range(self._stopping.iterations):
             step = self._step(at)
             ending = self._before(step)
@@ -102,13 +103,13 @@ class _Solver:
         settled = self._stopping.tolerance is not None and self._is_at_minimum(at)
         return self._end(at, Ending.SETTLED if settled else Ending.MAXIMUM_ITERATIONS)
 
-    def _begin(self, jacobian: Array | None, torque: Array | None) -> State:
+    def _begin(self, jacobian: Array | None, outputs: Array | None) -> State:
         values, count = np.clip(self._model.start, self._region.low, self._region.high), 0
-        if torque is None:
-            torque, count = self._model.torque(values), 1
+        if outputs is None:
+            outputs, count = self._model.outputs(values), 1
         updates = np.inf if self._stopping.updates is None else float(self._stopping.updates)
-        nothing = np.zeros((*torque.shape, 0))
-        at = State(values, torque, nothing if jacobian is None else jacobian, values, False, updates, count)
+        nothing = np.zeros((*outputs.shape, 0))
+        at = State(values, outputs, nothing if jacobian is None else jacobian, values, False, updates, count)
         if jacobian is None:
             self._differentiate(at)
             at.updates += 1
@@ -131,8 +132,8 @@ class _Solver:
         decision = self._termination.after(at, step, found)
         self._record(at, step, found)
         at.simulations += found.tried
-        at.values, at.fresh = found.values, at.fresh and found.torque is None
-        at.torque = at.torque if found.torque is None else found.torque
+        at.values, at.fresh = found.values, at.fresh and found.outputs is None
+        at.outputs = at.outputs if found.outputs is None else found.outputs
         if decision.ending is None:
             if decision.differentiate:
                 self._differentiate(at)
@@ -141,7 +142,7 @@ class _Solver:
 
     def _differentiate(self, at: State) -> None:
         at.jacobian = sensitivity(
-            self._model, at.values, at.torque, sizes=self._sizes, exact=self._stopping.exact,
+            self._model, at.values, at.outputs, sizes=self._sizes, exact=self._stopping.exact,
             whole=self._stopping.whole, steps=self._steps,
         )  # fmt: skip
         at.differentiated, at.fresh = at.values, True
@@ -149,7 +150,7 @@ class _Solver:
         at.simulations += at.values.size
 
     def _deviation(self, at: State) -> Array:
-        return self._weighting.deviation(self._measured - at.torque, at.jacobian)
+        return self._weighting.deviation(self._measured - at.outputs, at.jacobian)
 
     def _is_at_minimum(self, at: State) -> bool:
         """Whether the next step, with the sensitivity of this very point, would be negligible."""
@@ -160,9 +161,10 @@ class _Solver:
     def _record(self, at: State, step: LinearStep, found: Trial) -> None:
         if self._progress is None:
             return
-        values, torque = found.values, at.torque if found.torque is None else found.torque
+        values, outputs = found.values, at.outputs if found.outputs is None else found.outputs
         change = float(np.max(np.abs(values - at.values) / np.maximum(np.abs(values), step.scale)))
-        error = relative_error_percent(self._measured, torque)[0]
+        torque = self._model.torque_of(outputs)
+        error = relative_error_percent(self._model.torque_of(self._measured), torque)[0]
         number = len(self._history) + 1
         self._history.append(Iteration(self._stage, number, values, error, change, step.condition_number, found.note))
         self._progress(self._history[-1])
@@ -171,10 +173,10 @@ class _Solver:
         if self._stopping.exact and not at.fresh and self._stopping.tolerance is None:
             self._differentiate(at)
         deviation = self._deviation(at)
-        cost = sum_of_squares(self._measured - at.torque, deviation)
+        cost = sum_of_squares(self._measured - at.outputs, deviation)
         model = self._model.with_values(at.values)
         noise, history = self._weighting.noise(deviation), tuple(self._history)
         return Fit(
-            model, at.values, at.torque, at.jacobian, noise, deviation, cost, ending, history, at.simulations,
+            model, at.values, at.outputs, at.jacobian, noise, deviation, cost, ending, history, at.simulations,
             steps=self._steps,
         )  # fmt: skip

@@ -26,14 +26,14 @@ class State:
     """State of the steps.
 
     Attributes:
-        values: (p,); torque: (N, n); jacobian: (N, n, p), of the last sensitivity.
+        values: (p,); outputs: (M, m); jacobian: (M, m, p), of the last sensitivity.
         differentiated: (p,) where the sensitivity was taken; fresh: whether that is here.
         updates: how often it may still be taken; last: size of the step before, in standard deviations.
         simulations: made so far.
     """
 
     values: Array
-    torque: Array
+    outputs: Array
     jacobian: Array
     differentiated: Array
     fresh: bool
@@ -47,9 +47,9 @@ class LinearStep:
     """The linear problem of a step.
 
     Attributes:
-        change: (p,) the full step; deviation: (n,) weights; cost: weighted square of the residual; promised: how much
+        change: (p,) the full step; deviation: (m,) weights; cost: weighted square of the residual; promised: how much
             the full step would lower it.
-        scale: (p,) standard deviations; size: (p,) at which each parameter makes up the whole torque.
+        scale: (p,) standard deviations; size: (p,) at which each parameter makes up all that was measured.
     """
 
     equations: Equations
@@ -90,9 +90,9 @@ class LinearStep:
         """From a state.
 
         Args:
-            deviation: (n,) weights; measured: (N, n); region: where the values may be.
+            deviation: (m,) weights; measured: (M, m); region: where the values may be.
         """
-        residual = measured - at.torque
+        residual = measured - at.outputs
         table = at.jacobian / deviation[:, None]
         equations = Equations.of(table, residual / deviation)
         change, promised = equations.step(at.values, region, 0.0)

@@ -98,13 +98,13 @@ def _jitter(model: LoopModel, label: str) -> float:
 
 
 def _at_second_steps(fit: Fit, sizes: Array | None) -> Array:
-    """The sensitivity (N, n, p) with other steps of the columns that are central differences."""
+    """The sensitivity (M, m, p) with other steps of the columns that are central differences."""
     model, table = fit.model, fit.jacobian.copy()
-    rows: Mapping[str, slice] = model.experiments.rows
+    rows: Mapping[str, slice] = model.experiments.output_rows
     length = np.linalg.norm(fit.jacobian / fit.deviation[:, None], axis=(0, 1))
     for (label, i), step in fit.steps.items():
         size = step_size(model, i, sizes)
-        ladder = Ladder(fit.simulation(label), fit.torque[rows[label]], i, size)
+        ladder = Ladder(fit.simulation(label), fit.outputs[rows[label]], i, size)
         for place in _second_places(step.place, 1 / max(float(length[i]) * size, DIFFERENCE_STEPS[0])):
             found = ladder.at(place)
             if found is not None:

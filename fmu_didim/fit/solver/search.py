@@ -37,13 +37,13 @@ class Trial:
     """Result of a step.
 
     Attributes:
-        values: (p,); torque: (N, n) there; None where no step lowers the cost.
+        values: (p,); outputs: (M, m) there; None where no step lowers the cost.
         cost: there; promised: how much the step should have lowered it; tried: simulations.
         at_edge: whether a less damped step could not be simulated; note: what was done to the step.
     """
 
     values: Array
-    torque: Array | None
+    outputs: Array | None
     cost: float
     promised: float
     tried: int
@@ -72,7 +72,7 @@ class Search:
         """The least damped step that lowers the cost; the next more damped one where less damping is not feasible,
         because at the edge of what can be simulated a loop hardly damps itself any more."""
         model, settles = self.model, self.settles
-        measured, others = model.measured, model.experiments.validation_labels if self.check_all else ()
+        measured, others = model.measured_outputs, model.experiments.validation_labels if self.check_all else ()
         tried, edge, best, note = 0, False, None, ""
         for damping in DAMPINGS:
             change, promised = step.equations.step(at.values, self.region, damping)
@@ -83,8 +83,8 @@ class Search:
                 continue
             tried += 1
             try:
-                torque = model.torque(trial)
-                reached = sum_of_squares(measured - torque, step.deviation)
+                outputs = model.outputs(trial)
+                reached = sum_of_squares(measured - outputs, step.deviation)
                 kept = damping == 0 and self.keeps_promise(at, step, reached)
                 if kept or reached < step.cost:
                     for label in others:  # only whether it runs
@@ -93,16 +93,16 @@ class Search:
                 edge, note = True, f"step damped: {error.what}"
                 continue
             if kept:
-                return Trial(trial, torque, reached, promised, tried, edge)
+                return Trial(trial, outputs, reached, promised, tried, edge)
             if damping == 0 and settles:
-                found = self._shortened(at, step, Trial(trial, torque, reached, promised, tried, edge))
+                found = self._shortened(at, step, Trial(trial, outputs, reached, promised, tried, edge))
                 tried = found.tried
                 if found.note:
                     return found
                 if reached > step.cost * (1 + EQUAL) and not at.fresh and at.updates > 0:
                     break  # damping would not make up for old slopes
             if reached <= step.cost * (1 + (EQUAL if settles else 0.0)) and (reached < step.cost or settles):
-                found = Trial(trial, torque, reached, promised, tried, edge, note)
+                found = Trial(trial, outputs, reached, promised, tried, edge, note)
                 if best is not None or not edge:
                     return found
                 best = found
@@ -135,10 +135,10 @@ class Search:
             return found
         tried = found.tried + 1
         try:
-            torque = self.model.torque(trial)
+            outputs = self.model.outputs(trial)
         except SimulationError:
             return replace(found, tried=tried)
-        reached = sum_of_squares(self.model.measured - torque, step.deviation)
+        reached = sum_of_squares(self.model.measured_outputs - outputs, step.deviation)
         if reached >= min(found.cost, step.cost):
             return replace(found, tried=tried)
-        return replace(found, values=trial, torque=torque, cost=reached, tried=tried, note="step shortened")
+        return replace(found, values=trial, outputs=outputs, cost=reached, tried=tried, note="step shortened")

@@ -102,7 +102,7 @@ class Termination:
         Args:
             at: where the step began; found: where it led.
         """
-        tolerance, stuck = self.rules.tolerance, found.torque is None
+        tolerance, stuck = self.rules.tolerance, found.outputs is None
         moved, gained = found.values - at.values, step.cost - found.cost
         hidden = at.fresh and step.is_below(HIDDEN) and gained < BROKEN_PROMISE * step.promised
         if hidden and tolerance is not None:

@@ -11,6 +11,7 @@ from fmu_didim.report.drawing.diagram import loop_diagram
 from fmu_didim.report.drawing.torque_charts import history_chart
 from fmu_didim.report.experiment_charts import ExperimentCharts, residual_sections, torque_sections
 from fmu_didim.report.identification.charts import saved_charts
+from fmu_didim.report.identification.joint import joint_sections
 from fmu_didim.report.numbers import (
     MISSING,
     Rounding,
@@ -102,6 +103,7 @@ def result_report(document: ResultDocument, parts: Sequence[ExperimentCharts] = 
         # Of interest where the iterations did not end well; the page has them in its table.
         Section("Notes of the iterations", [Items(notes, shown="terminal")], has_title=True),
         _plant(document),
+        *joint_sections(document),
         *_correlations(document),
         _stages(document),
         *_iterations(document),

@@ -1,0 +1,83 @@
+"""Noise that outputs share: what the feedback of the loop carries from one into the others.
+
+The control law turns whatever moves a joint, a disturbance or model error, into torque. So the residuals of torque and
+position are largely the same noise twice, and counting them as independent makes standard deviations too small, by a
+factor sqrt(2) where they share all. With the parts s_jk = sum over a block k of time of Phi_j' r_j, by which output j
+moves the values, the variance of their sum over that of independent outputs is
+
+    f^2 = sum_k (sum_j s_jk)^2 / sum_k sum_j s_jk^2
+
+for each value. Blocks are longer than the noise remembers.
+
+Source: Kuensch, Annals of Statistics 17 (1989), for blocks.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from fmu_didim.cosim import Indices
+from fmu_didim.data.signals import Array
+
+SHORTEST_BLOCK_S = 0.5
+"""[s] Shortest block: longer than the memory of friction and of the loop."""
+MEMORIES = 2.0
+"""[1] A block holds as many times the time that the noise remembers, so that most of what outputs share, with what lag
+it ever is, lies in one."""
+FEWEST_BLOCKS = 12
+"""[blocks] At least, if they must be shorter for it: variances of fewer say little."""
+LEAST_SHARED = 0.1
+"""[1] Of the variance of independent outputs, where they cancel: a smaller one is chance."""
+
+
+@dataclass(frozen=True)
+class Part:
+    """Samples of outputs in an experiment: its label, their rows (N,) and columns in tables over all outputs, and their
+    instants (N,), s."""
+
+    experiment: str
+    rows: slice | Indices
+    columns: slice
+    time: Array
+
+
+def remembered_s(residual: Array, time: Array) -> float:
+    """Time in s that noise (N,) remembers, by the correlation of neighbouring samples as of a first-order
+    autoregression."""
+    square = float(residual @ residual)
+    rho = float(residual[1:] @ residual[:-1]) / square if square > 0 else 0.0
+    rho = float(np.clip(rho, 0.0, 1 - 2 / residual.size))
+    return float(np.median(np.diff(time))) * (1 + rho) / (1 - rho)
+
+
+def shared_variance(influence: Array, residual: Array, parts: Sequence[Part]) -> Array:
+    """(p,) variance of each value over that of independent outputs.
+
+    Args:
+        influence: (M, m, p); residual: (M, m); parts: of all experiments, the first of each with its torques, which
+            count as independent of each other here as everywhere.
+    """
+    independent, together = np.zeros((2, influence.shape[2]))
+    for experiment in sorted({part.experiment for part in parts}):
+        own = [part for part in parts if part.experiment == experiment]
+        edges, sums = _blocks(residual, own), []
+        for part in own:
+            products = influence[part.rows, part.columns] * residual[part.rows, part.columns][:, :, None]
+            blocks = np.zeros((edges.size - 1, *products.shape[1:]))
+            np.add.at(blocks, np.searchsorted(edges[1:-1], part.time, side="right"), products)
+            independent += (blocks**2).sum(axis=(0, 1))
+            sums.append(blocks.sum(axis=1))
+        together += (np.sum(sums, axis=0) ** 2 - np.sum(np.square(sums), axis=0)).sum(axis=0)
+    return np.maximum(1 + together / np.where(independent > 0, independent, 1.0), LEAST_SHARED)
+
+
+def _blocks(residual: Array, parts: Sequence[Part]) -> Array:
+    """Edges of the blocks of an experiment, s."""
+    first, last = min(part.time[0] for part in parts), max(part.time[-1] for part in parts)
+    memory = max(remembered_s(column, part.time) for part in parts for column in residual[part.rows, part.columns].T)
+    length = max(MEMORIES * memory, SHORTEST_BLOCK_S)
+    count = max(int((last - first) / length), FEWEST_BLOCKS)
+    return np.linspace(first, last, count + 1)
