@@ -21,6 +21,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import matplotlib.pyplot as plt
 import numpy as np
 
 from fmu_didim.case import load_case
@@ -30,7 +31,8 @@ from fmu_didim.estimators import Didim
 from fmu_didim.fit.statistics import relative_deviation_percent
 from fmu_didim.report.numbers import rounding
 from fmu_didim.results.findings import FindingResult, FindingsDocument
-from fmu_didim.workflow import discover
+from fmu_didim.workflow import discover, identify
+from fmu_didim.workflow.output.result import Result
 from tests.figures import FOLDER, command_of, table, write_figures
 from tests.helpers import ROOT, with_component, with_torque
 
@@ -178,9 +180,14 @@ def _formulas() -> Figures:
     return figures
 
 
+PUBLISHED = {"ZZ1R": 0.111, "MX1R": 0.349, "ZZ2": 0.0239, "MX2": 0.111}
+"""Base parameters of the double pendulum as its makers published them, kg.m2 and kg.m: examples/double_pendulum."""
+
+
 def double_pendulum() -> Figures:
-    """What the usual model of a real robot of two joints lacks."""
-    found = discover(PENDULUM / "discover.yaml")
+    """A real robot of two joints: its parameters, and what its usual model lacks; and the picture of both."""
+    result, found = identify(PENDULUM / "identify.yaml"), discover(PENDULUM / "discover.yaml")
+    _picture(result, found, ROOT / "docs/static/double_pendulum.png")
     (first,) = found.findings
     (value,) = first.parameters
     low, high = value.interval or (np.nan, np.nan)
@@ -192,11 +199,54 @@ def double_pendulum() -> Figures:
     ahead = re.search(r"BIC difference of (\d+)", note)
     assert size is not None and ahead is not None
     return {
+        **{f"{name}_published": f"{value:.3g}" for name, value in PUBLISHED.items()},
+        **{name: f"{result.parameters[name].value:.3f} ± {result.parameters[name].std:.3f}" for name in PUBLISHED},
         "effect": f"{first.title.lower()} on joint {first.joint}", "gain": f"{first.delta_bic:.0f}",
         "value": f"{value.value:.3f}", "interval": f"{low:.3f} to {high:.3f}", **errors,
         "ratio": "{:.2f} to {:.2f}".format(*first.ratio_interval or ()), "size": size[1], "size_interval": size[2],
         "rival": first.ambiguous[0].title.lower(), "ahead": ahead[1], "verdict": found.verdict.replace("_", " "),
     }  # fmt: skip
+
+
+def _picture(result: Result, found: FindingsDocument, path: Path) -> None:
+    """Measured and simulated torque that was held out, values beside published ones, and the gap of each model."""
+    figure = plt.figure(figsize=(11, 4.2), layout="constrained")
+    grid = figure.add_gridspec(2, 3, width_ratios=(2.4, 1, 1))
+    held_out = result.validation("validation")
+    shown = held_out.time <= held_out.time[0] + 8
+    for j in range(2):
+        axes = figure.add_subplot(grid[j, 0])
+        axes.plot(held_out.time[shown], held_out.measured[shown, j], ".", color="0.45", ms=4, label="measured")
+        axes.plot(held_out.time[shown], held_out.simulated[shown, j], color="C0", lw=1.2, label="simulated")
+        axes.set_ylabel(f"joint {j + 1}, N·m")
+    figure.axes[0].set_title("Motor torque at 50 Hz that was held out", fontsize=10)
+    figure.axes[0].legend(fontsize=8, ncols=2, loc="upper left")
+    figure.axes[1].set_xlabel("time, s")
+    values = figure.add_subplot(grid[:, 1])
+    for row, (name, published) in enumerate(PUBLISHED.items()):
+        value = result.parameters[name]
+        low, high = np.array(value.interval) / published
+        values.plot([low, high], [row, row], color="C0", lw=2)
+        values.plot(value.value / published, row, "o", color="C0")
+    values.axvline(1, color="0.45", ls="--", lw=1)
+    values.set_yticks(range(len(PUBLISHED)), PUBLISHED)
+    values.invert_yaxis()
+    values.set_xlabel("value and 95 % interval / published")
+    values.set_title("Parameters", fontsize=10)
+    gaps = figure.add_subplot(grid[:, 2])
+    errors = np.array(
+        [[float(_percent(found, label, k).split()[0]) for k in (0, 1)] for label in ("estimation", "validation")]
+    )
+    for k, name in enumerate(("usual model", f"+ {found.findings[0].title.lower()}")):
+        bars = gaps.bar(np.arange(2) + 0.4 * (k - 0.5), errors[:, k], 0.38, color=("0.7", "C0")[k], label=name)
+        gaps.bar_label(bars, fmt="%.2f", fontsize=8)
+    gaps.set_xticks([0, 1], ["fitted", "held out"])
+    gaps.set_ylabel("torque error, %")
+    gaps.set_ylim(0, 1.35 * errors.max())
+    gaps.legend(fontsize=8, loc="upper left")
+    gaps.set_title("Discovery", fontsize=10)
+    figure.savefig(path, dpi=110, metadata={"Software": None})
+    plt.close(figure)
 
 
 def signatures() -> Figures:
