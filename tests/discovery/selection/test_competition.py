@@ -318,7 +318,7 @@ def test_how_a_fit_is_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
     np.testing.assert_allclose(
         asked["jacobian"][:, 0], np.stack([BASE, OTHER + 0.1 * THIRD, 2.0 * THIRD], axis=1), atol=1e-6
     )
-    np.testing.assert_allclose(asked["torque"][:, 0], 2.0 * BASE + 2.0 * (OTHER + 0.1 * THIRD))
+    np.testing.assert_allclose(asked["outputs"][:, 0], 2.0 * BASE + 2.0 * (OTHER + 0.1 * THIRD))
 
 
 @pytest.mark.parametrize(("own", "asked"), [(0, False), (1, False), (2, True)])
@@ -405,7 +405,7 @@ def test_the_change_of_the_torque_is_that_of_the_joint_where_it_is_largest() -> 
         law=lambda v, label: np.hstack([np.ones((400, 1)) * v["gear.F1"], np.ones((400, 1))]),
         data={"one": two},
     )
-    both = replace(found, model=model, torque=model.torque(found.values), noise=noise([1.0, 0.1]))
+    both = replace(found, model=model, outputs=model.torque(found.values), noise=noise([1.0, 0.1]))
     change = Competition(builder, both).torque_change_without(GEAR, both)
     assert change == pytest.approx(3.0, rel=1e-4)
 

@@ -65,7 +65,7 @@ def ramp(white: Noise = WHITE) -> Fit:
     own = np.column_stack([np.linspace(-3, 1, 401), np.linspace(0, 8, 401)])[:400]
     model = TableModel(own)
     fit = fit_of(model, white=white)
-    return replace(fit, torque=own - residual(1.0, 1.0), chi_square=800.0)
+    return replace(fit, outputs=own - residual(1.0, 1.0), chi_square=800.0)
 
 
 def test_limits_are_tried_at_quantiles_of_the_size_of_the_torque() -> None:
