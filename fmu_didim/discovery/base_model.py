@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fmu_didim.base.errors import IdentificationError, InputError, SimulationError
-from fmu_didim.estimators.initial_states import free_start_remarks, free_starts, held_out_starts
+from fmu_didim.estimators.initial_states import free_start_remarks, free_starts, held_out_starts, is_asked
 from fmu_didim.estimators.start import start_sequence, start_text, start_values
 from fmu_didim.fit.fit import Fit
 from fmu_didim.fit.log_noise import repeated_noise, residual_noise, without_events
@@ -34,6 +34,10 @@ BASE_FIT = Stopping(exact=True)
 NO_REPETITION = (
     "The motion does not repeat: the noise is taken from the residual above the frequencies of the motion, "
     "an upper bound."
+)
+MAY_BE_OFF = (
+    "{}: its first samples stand out, as those of a motion that does not start on its reference, or of a missing "
+    "effect. Write initial_state: free if the start is unknown."
 )
 
 
@@ -89,14 +93,16 @@ def _from_start(model: LoopModel) -> Prepared:
 
 
 def _started(fit: Fit) -> tuple[Fit, list[str]]:
-    """The fit with the starts of those experiments free or found that are not on their reference, and notes."""
-    starts, notes = free_starts(fit), list[str]()
-    if starts:
-        model = fit.model.with_free((*fit.model.free_parameters, *starts))
+    """The fit with the initial states free, or found where held out, that the case asks for; and notes. No others: an
+    effect that is missing may look like a start that is off the reference."""
+    starts = free_starts(fit)
+    asked = tuple(start for start in starts if start.experiment is not None and is_asked(fit, start.experiment))
+    notes = [MAY_BE_OFF.format(label) for label in dict.fromkeys(k.experiment for k in starts if k not in asked)]
+    if asked:
+        model = fit.model.with_free((*fit.model.free_parameters, *asked))
         fit = minimise(model, fit.noise, stopping=BASE_FIT)
-        notes = free_start_remarks(fit, starts)
-    model, further = held_out_starts(fit)
-    return replace(fit, model=model), [*notes, *further]
+    model, further = held_out_starts(fit, asked_only=True)
+    return replace(fit, model=model), [*notes, *free_start_remarks(fit, asked), *further]
 
 
 def with_nuisances(model: LoopModel) -> LoopModel:

@@ -74,6 +74,11 @@ class Minimum:
     rivals: tuple[tuple[str, float], ...] = ()
     joint: JointFit | None = None
 
+    def after(self, earlier: Minimum) -> Minimum:
+        """This minimum with the iterations and remarks that led to it from an earlier one."""
+        told = (remark for remark in self.remarks if remark not in earlier.remarks)
+        return replace(self, iterations=(*earlier.iterations, *self.iterations), remarks=(*earlier.remarks, *told))
+
 
 def efficient_finish(
     start: Fit,

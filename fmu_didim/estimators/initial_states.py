@@ -57,6 +57,7 @@ STEPS = 10
 """[steps] Of the fit of a held-out start, in which little is nonlinear."""
 SETTLED = 1e-3
 """[1] Relative change of a held-out start, or of its standard deviation, at which that fit ends."""
+NOT_SHOWN = "{}: its initial state is asked for, but the log does not show it; the motion starts on its reference."
 
 
 @dataclass(frozen=True)
@@ -97,7 +98,7 @@ def with_starts(fit: Fit, starts: Sequence[FreeParameter], finish: Callable[[Fit
     minimum = finish(fit)
     kept = tuple(start for start in starts if start.experiment in _off_reference(minimum, starts))
     if len(kept) < len(starts):  # a delay or a gain that only the finish frees may have looked like a start
-        minimum = finish(_without(minimum.fit, set(starts) - set(kept)))
+        minimum = finish(_without(minimum.fit, set(starts) - set(kept))).after(minimum)
         starts = kept
     model, held_out = held_out_starts(minimum.fit)
     remarks = (*minimum.remarks, *free_start_remarks(minimum.fit, starts), *held_out)
@@ -114,7 +115,7 @@ def _off_reference(minimum: Minimum, starts: Sequence[FreeParameter]) -> set[str
         on = _on(model, label)
         off = minimum.fit.values[places] - [on[start.key] for start in own]
         distance = float(off @ np.linalg.solve(minimum.known.covariance[np.ix_(places, places)], off))
-        if _is_asked(minimum.fit, label) or stats.chi2.sf(distance, len(own)) < CHANCE:
+        if is_asked(minimum.fit, label) or stats.chi2.sf(distance, len(own)) < CHANCE:
             found.add(label)
     return found
 
@@ -136,7 +137,7 @@ def free_starts(fit: Fit) -> tuple[FreeParameter, ...]:
     found = list[FreeParameter]()
     for label in fit.model.estimation_labels:
         start = _start(fit, label)
-        if start is not None and (_is_asked(fit, label) or _chance(_beside(fit, label, start), start) < CHANCE):
+        if start is not None and (is_asked(fit, label) or _chance(_beside(fit, label, start), start) < CHANCE):
             found += start.parameters
     return tuple(found)
 
@@ -165,7 +166,7 @@ def with_likely_starts(model: LoopModel) -> LoopModel:
     for label in labels:
         start = _start(fit, label)
         with suppress(SimulationError):
-            if start is not None and (_is_asked(fit, label) or _chance_alone(fit, label, start) < CHANCE):
+            if start is not None and (is_asked(fit, label) or _chance_alone(fit, label, start) < CHANCE):
                 model = _with_state(model, label, values=_found(fit, label, start), acts_s=_seconds(fit, label, start))
     return model
 
@@ -185,20 +186,24 @@ def _on_reference(model: LoopModel, unknown: Set[str | None]) -> LoopModel:
     return model
 
 
-def _is_asked(fit: Fit, label: str) -> bool:
-    """Whether the case has the start of an experiment free."""
-    return fit.model.experiments[label].initial_state.kind == "free"
-
-
 def _may_be_off(model: LoopModel, label: str) -> bool:
     """Whether an experiment may have another start than its reference."""
     kind = model.experiments[label].initial_state.kind
     return kind == "free" or (kind == "detected" and begins_moving(model, label))
 
 
+def is_asked(fit: Fit, label: str) -> bool:
+    """Whether the case has the start of an experiment free."""
+    return fit.model.experiments[label].initial_state.kind == "free"
+
+
 def free_start_remarks(fit: Fit, starts: Sequence[FreeParameter]) -> list[str]:
-    """What is said of starts that are free in a fit."""
-    found = []
+    """What is said of starts that are free in a fit, and of those that should be and that the log does not show."""
+    found = [
+        NOT_SHOWN.format(label)
+        for label in fit.model.estimation_labels
+        if is_asked(fit, label) and label not in {start.experiment for start in starts}
+    ]
     for label in dict.fromkeys(start.experiment for start in starts):
         assert label is not None
         values = {_signal(k): fit.values[fit.model.names.index(k.name)] for k in starts if k.experiment == label}
@@ -209,11 +214,13 @@ def free_start_remarks(fit: Fit, starts: Sequence[FreeParameter]) -> list[str]:
     return found
 
 
-def held_out_starts(fit: Fit) -> tuple[LoopModel, list[str]]:
+def held_out_starts(fit: Fit, *, asked_only: bool = False) -> tuple[LoopModel, list[str]]:
     """The model of a fit with the starts of held-out experiments as the first part of their logs shows them, which is
-    then no longer judged; and what is said of them."""
+    then no longer judged; and what is said of them. Those alone that the case asks for, if they alone are wanted."""
     model, remarks, alone = fit.model, list[str](), fit.torque_alone
     for label in model.experiments.validation_labels:
+        if asked_only and not is_asked(fit, label):
+            continue
         try:
             found = _held_out(alone, label)
         except SimulationError:  # the judge says why
@@ -223,6 +230,8 @@ def held_out_starts(fit: Fit) -> tuple[LoopModel, list[str]]:
             moved = replace(model.experiments[label], initial_state=state).after(seconds)
             model = model.with_experiment(label, moved)
             remarks.append(text)
+        elif is_asked(fit, label):
+            remarks.append(NOT_SHOWN.format(label))
     return model, remarks
 
 
@@ -256,7 +265,7 @@ def _start(fit: Fit, label: str) -> _Start | None:
     if not _may_be_off(model, label):
         return None
     count = max(int(FIRST_PART * model.experiments[label].time.size), 1)
-    is_certain = _is_asked(fit, label) or model.experiments[label].initial_state.acts_s > 0
+    is_certain = is_asked(fit, label) or model.experiments[label].initial_state.acts_s > 0
     squares = np.mean((_residual(fit, label) / fit.deviation) ** 2, axis=1)
     if not is_certain and not _stands_out(squares, count):
         return None
@@ -349,7 +358,7 @@ def _held_out(fit: Fit, label: str) -> tuple[InitialState, float, str] | None:
     if start is None:
         return None
     chance = _chance_alone(fit, label, start)
-    if chance >= CHANCE and not _is_asked(fit, label):
+    if chance >= CHANCE and not is_asked(fit, label):
         return None
     given, seconds = InitialState("given", _found(fit, label, start)), _seconds(fit, label, start)
     return (

@@ -63,11 +63,7 @@ def joint_minimum(
         return alone
     model = replace(alone.fit.model.with_values(alone.fit.values), experiments=experiments)
     found = motion_minimum(model, tolerance=tolerance, progress=progress)
-    told = [remark for remark in found.remarks if remark not in alone.remarks]
-    return replace(
-        found, iterations=(*alone.iterations, *found.iterations), remarks=(*alone.remarks, *told), rivals=alone.rivals,
-        joint=_compared(alone, found),
-    )  # fmt: skip
+    return replace(found.after(alone), rivals=alone.rivals, joint=_compared(alone, found))
 
 
 def motion_minimum(

@@ -90,7 +90,8 @@ def lowest(minimum: Minimum, finish: Callable[[Fit], Minimum]) -> Minimum:
             f"The torque error has several minima along {name}: {here:.4g} was left for {there:.4g}, where it is "
             "smaller. A log at a higher rate would show one alone."
         )
-        minimum = replace(other, iterations=(*minimum.iterations, *other.iterations), remarks=(*other.remarks, text))
+        other = other.after(minimum)
+        minimum = replace(other, remarks=(*other.remarks, text))
     return minimum
 
 

@@ -12,6 +12,7 @@ import pytest
 
 from fmu_didim.base.errors import InputError
 from fmu_didim.case import load_case
+from fmu_didim.discovery.base_model import prepare
 from fmu_didim.estimators.base import Estimator
 from fmu_didim.estimators.clie import Clie
 from fmu_didim.estimators.didim import Didim
@@ -108,6 +109,33 @@ def test_the_case_can_have_a_start_free_or_forbid_it(model: LoopModel, estimator
     assert not freed(forbidden)
     start, later = forbidden.residual[:2], forbidden.residual[20:]
     assert np.linalg.norm(start[:, 0]) > 3 * np.linalg.norm(later[:, 0]) / np.sqrt(later.shape[0] / 2)
+
+
+def test_discovery_frees_no_start_that_is_not_asked_for(model: LoopModel) -> None:
+    """A missing effect may look like a start off the reference: it is told, and the case decides."""
+    told, free = (prepare(simulated(model, 1, 0.3, kind)) for kind in ("detected", "free"))
+    assert not [name for name in told.fit.model.names if "_start" in name]
+    assert any("Write initial_state: free" in note for note in told.notes)
+    assert [name for name in free.fit.model.names if "_start" in name]
+    assert any("The start is free" in note for note in free.notes)
+    assert any("the rest is judged" in note for note in free.notes)
+    assert not any("Write initial_state: free" in note for note in free.notes)
+
+
+@pytest.mark.parametrize("role", ["estimation", "validation"])
+def test_a_start_that_is_asked_for_and_forgotten_is_told(model: LoopModel, role: str) -> None:
+    model = simulated(model, 1, 0.0)
+    for label in model.experiments:
+        if model.experiments[label].role == role:
+            late = replace(model.experiments[label], initial_state=InitialState("free")).after(3.0)
+            model = model.with_experiment(label, late)
+    estimate = Didim(start="torque").estimate(model)
+    assert not freed(estimate)
+    assert [r for r in estimate.remarks if "asked for" in r] == [
+        f"{label}: its initial state is asked for, but the log does not show it; the motion starts on its reference."
+        for label in model.experiments
+        if model.experiments[label].role == role
+    ]
 
 
 def test_a_start_that_is_given_is_used(model: LoopModel) -> None:
