@@ -30,7 +30,7 @@ from fmu_didim.estimators.joint import joint_minimum
 from fmu_didim.estimators.local_minima import lowest
 from fmu_didim.estimators.start import Start, simulatable, start_sequence, start_text, start_values, with_free_delay
 from fmu_didim.fit.equations import Equations
-from fmu_didim.fit.estimate import Estimate, RefusedError, Stage
+from fmu_didim.fit.estimate import Estimate, RefusedError, Stage, Status
 from fmu_didim.fit.fit import Fit, point
 from fmu_didim.fit.fit_uncertainty import fit_uncertainty
 from fmu_didim.fit.iteration import History, Iteration
@@ -53,6 +53,7 @@ SAME_MINIMUM = 2
 Joint = Callable[[Minimum], Minimum]
 """From the minimum of the torque error to that of all outputs."""
 BEST = "the best point goes on to the finish"
+ASTRAY = "neither the iterations nor the finish settled"
 ADVICE = (
     "Run fmu-didim check, and check the sign, unit and clock of the torque, "
     "the gains and the rate of the controller, and the delay of the loop."
@@ -110,6 +111,7 @@ class Didim(Estimator):
         failures: list[str] = []
         lost: list[IdentificationError] = []
         last: _NonPhysicalError | None = None
+        unsettled: Estimate | None = None
         settled, starts = 0, start_sequence(model, self.start)
         for start, further in zip(starts, (*starts[1:], None), strict=True):
             then = "" if further is None else f"; restarted from {start_text(further)}"
@@ -128,7 +130,14 @@ class Didim(Estimator):
                 failures.append(f"from {start_text(start)}: {caught.what} ({caught.got})")
                 continue
             told = (f"Started from {start_text(start)}; not {'; not '.join(failures)}.",) if failures else ()
-            return replace(estimate, remarks=(*told, *estimate.remarks))
+            estimate = replace(estimate, remarks=(*told, *estimate.remarks))
+            if unsettled is None and further is not None and _is_astray(estimate):
+                unsettled = estimate
+                failures.append(f"from {start_text(start)}: {ASTRAY}")
+                continue
+            return estimate if unsettled is None or _error(estimate) < _error(unsettled) else unsettled
+        if unsettled is not None:
+            return unsettled
         if len(lost) == len(failures):
             raise lost[0]
         raise RefusedError(
@@ -177,7 +186,8 @@ class Didim(Estimator):
             error = np.nan if prediction is None else relative_error_percent(model.measured, prediction.torque)[0]
             step = path.judged(theta, float(error), failure)
             if step == "failed":
-                raise _NonPhysicalError(theta, impossible or path.failure, error=float(error))
+                reason = f"{impossible}, and for the nearest possible values: " if impossible else ""
+                raise _NonPhysicalError(theta, f"{reason}{path.failure}", error=float(error))
             if step in ("halved", "over"):
                 note = f"{path.failure}; {'step halved' if step == 'halved' else BEST}"
                 history.add(Iteration(self.name, number, theta, error, note=note))
@@ -261,6 +271,17 @@ class _NonPhysicalError(Exception):
     settled: bool = False
     error: float = np.nan
     deviation: Array | None = None
+
+
+def _is_astray(estimate: Estimate) -> bool:
+    """Whether neither the iterations nor the finish have settled: another start may do better."""
+    stages = [iteration for iteration in estimate.iterations if iteration.stage == Didim.name]
+    return estimate.status is not Status.CONVERGED and BEST in stages[-1].note
+
+
+def _error(estimate: Estimate) -> float:
+    """Torque error, %."""
+    return float(relative_error_percent(estimate.measured, estimate.simulated)[0])
 
 
 def _try(model: LoopModel, theta: Array) -> tuple[Prediction | None, str]:

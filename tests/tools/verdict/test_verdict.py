@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import pytest
 
+from fmu_didim.estimators import Didim
 from tests.checks.data.right import loaded
+from tests.tools.verdict import random_starts
 from tests.tools.verdict.__main__ import NAMED, is_named, main
 from tests.tools.verdict.catalogue import CATALOGUE, right
+from tests.tools.verdict.random_starts import DATA, draw, run
 from tests.tools.verdict.run import Answer, answer, named
 
 QUICK = [w for w in CATALOGUE if "scara" in w.robots and w.name.split(":")[0] in ("timing", "model", "machine", "pair")]
@@ -31,6 +34,14 @@ def test_a_right_model_is_valid(robot: str, seed: int) -> None:
     assert found.farthest < 5
 
 
+@pytest.mark.gate
+@pytest.mark.parametrize(("robot", "seed"), [("scara", 8), ("scara", 11), ("arm", 5), ("arm", 184)])
+def test_random_starts_end_in_the_usual_answer(robot: str, seed: int) -> None:
+    """From 1/1000 to 1000 times the truth; the last one goes astray at first and gives way to another start."""
+    model = right(robot, 500 + seed % DATA)
+    assert run(model, Didim(start="torque").estimate(model), draw(loaded(robot), seed)).holds
+
+
 @pytest.mark.parametrize(
     ("verdict", "farthest", "held_out", "wrong"),
     [("valid", 3.9, 1.4, False), ("valid", 4.1, 0.0, True), ("valid", 0.0, 1.6, True), ("doubtful", 99.0, 9.0, False)],
@@ -46,3 +57,8 @@ def test_the_catalogue_has_sixty_entries_and_all_have_names_of_their_own() -> No
 @pytest.mark.slow
 def test_whole_catalogue() -> None:
     assert main(["--seeds", "3", "--right", "20"]) == 0
+
+
+@pytest.mark.slow
+def test_two_hundred_random_starts() -> None:
+    assert random_starts.main(["--seeds", "200"]) == 0
