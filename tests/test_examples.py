@@ -84,6 +84,7 @@ def test_rate_sweep(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pyt
     assert "<!-- torque rate, Hz -->" in out.read_text(encoding="utf-8")
 
 
+@pytest.mark.gate
 def test_rate_sweep_of_a_case_of_ones_own(tmp_path: Path) -> None:
     """From the shell, in another folder; from the rate of its log downwards, by its own estimator."""
     content = load_case(SCARA / "two_payloads.yaml").content
@@ -116,6 +117,7 @@ def test_a_real_robot_is_identified_from_the_default_start() -> None:
     assert found.parameters["Fv2"].interval[0] == 0.0
 
 
+@pytest.mark.gate
 @needs_emps
 def test_emps_examples(capsys: pytest.CaptureFixture[str]) -> None:
     outcome = identify("examples/emps/identify.yaml")

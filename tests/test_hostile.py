@@ -155,6 +155,7 @@ ARCHIVES: Mapping[str, tuple[Callable[[], bytes], str]] = {
 }  # fmt: skip
 
 
+@pytest.mark.gate
 @pytest.mark.skipif(sys.platform != "linux", reason="memory is limited by Linux")
 def test_what_is_made_to_do_harm_is_refused_with_little_work(tmp_path: Path) -> None:
     wanted = {Path(name).name: told for name, (_, told) in ARCHIVES.items()}

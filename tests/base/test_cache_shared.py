@@ -426,6 +426,7 @@ FOUND = "print((cache.cached_folder('loop', 'key', never) / 'inner' / 'data').re
 CLEAR = "cli.main(['cache', 'clear'])"
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize("umask", ["022", "077"])
 def test_a_group_shares_a_cache(shared: Path, umask: str) -> None:
     shared.chmod(0o2775)

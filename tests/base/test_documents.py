@@ -86,6 +86,7 @@ def test_what_no_description_needs_is_refused(tmp_path: Path, attack: str) -> No
     assert len(str(caught.value)) < 2000
 
 
+@pytest.mark.gate
 def test_both_parsers_tell_the_same() -> None:
     """Of what is refused for what it holds, to the letter; other words for syntax stand at the same place."""
     told: dict[str, list[str]] = {attack: [] for attack in ATTACKS if attack != "large"}
@@ -99,6 +100,7 @@ def test_both_parsers_tell_the_same() -> None:
     assert differ <= {"half of a character", "a character of control"}
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize(("count", "refused"), [(MAXIMUM_VALUES - 3, False), (MAXIMUM_VALUES, True), (100_000, True)])
 def test_no_more_is_read_than_the_bound(parser: type[Any], count: int, refused: bool) -> None:
     """However long a file is: what is beyond the bound costs nothing."""
@@ -227,6 +229,7 @@ def changed_case(folder: Path, entry: str, value: object) -> Path:
     return folder / "case.yaml"
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize(
     ("entry", "value", "told"),
     [

@@ -44,6 +44,7 @@ def done(tmp_path_factory: pytest.TempPathFactory) -> Campaign:
     return found
 
 
+@pytest.mark.gate
 def test_rows_are_what_the_runs_give_alone(done: Campaign, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """The case written out, with its data in files, gives the row to the last bit: noise and all."""
     runs = frame(done)
@@ -61,6 +62,7 @@ def test_rows_are_what_the_runs_give_alone(done: Campaign, tmp_path: Path, capsy
     assert "true 3.43" in said
 
 
+@pytest.mark.gate
 def test_nothing_is_run_twice(done: Campaign) -> None:
     told: list[Progress] = []
     before = {path.name: path.read_bytes() for path in (done.out / "parts").iterdir()}
@@ -99,6 +101,7 @@ def test_another_version_or_file_does_not_mix(done: Campaign, monkeypatch: pytes
     assert not set(newer.plan.by_id) & set(done.results().to_frame()["id"])
 
 
+@pytest.mark.gate
 def test_another_campaign_does_not_take_the_folder(done: Campaign) -> None:
     with pytest.raises(InputError, match="holds another campaign"):
         small(done.out, verb="identify", description="").__class__(

@@ -62,6 +62,7 @@ def test_each_mistake_by_its_form(name: str) -> None:
     assert re.search(told, found[0])
 
 
+@pytest.mark.gate
 def test_thirteen_mistakes_at_once(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file = tmp_path / "campaign.yaml"
     file.write_text(yaml.safe_dump(merged(*(entries for entries, _ in MISTAKES.values()))))
@@ -93,6 +94,7 @@ def test_what_contradicts_itself(entries: dict[str, Any], told: str) -> None:
     assert any(re.search(told, text) for text in problems({**GOOD, **entries}))
 
 
+@pytest.mark.gate
 def test_a_good_campaign_has_no_problem(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file = tmp_path / "campaign.yaml"
     vary = {"controller.source": LAWS[:2], "train.torque.rate_hz": [20, 10, 10.0]}
@@ -131,6 +133,7 @@ def test_objects_in_memory_are_refused_with_the_way_out(entries: dict[str, Any],
         study(**{"case": str(CASE), "vary": {"train.torque.rate_hz": [5]}, **entries})
 
 
+@pytest.mark.gate
 def test_robots_in_memory_become_part_of_the_campaign(tmp_path: Path) -> None:
     robot = read_robot("fmus/scara/robot.yaml")
     found = study(LOADED.with_(robot=robot), vary={"robot.joints.0.parameters.Fv": [0.03, 0.06]}, out=tmp_path)

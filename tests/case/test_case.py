@@ -23,6 +23,7 @@ from tests.conftest import ROOT
 from tests.helpers import model_of
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize("controller", ["fmu", "model", "control"])
 @pytest.mark.parametrize("plant", ["fmu", "model"])
 def test_one_line_exchanges_plant_and_controller(tmp_path: Path, plant: str, controller: str) -> None:
@@ -152,6 +153,7 @@ def test_a_part_that_cannot_be(tmp_path: Path, part: dict[str, float], words: st
         load_case(path)
 
 
+@pytest.mark.gate
 def test_late_stamps_are_taken_back(tmp_path: Path) -> None:
     """The log of the example, stamped 17 ms late: the estimate of the right stamps if that is told, else another."""
     log = read_trajectory(SCARA.parent / "train_200hz.csv")
@@ -253,6 +255,7 @@ def test_simulation_takes_other_parameters() -> None:
         simulate(SCARA, parameters={"ZZ1": 1.0})
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize(
     ("name", "law", "form"),
     [

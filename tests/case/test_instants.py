@@ -84,6 +84,7 @@ def test_without_them_the_loop_is_told() -> None:
     assert not {"clock-late", "clock-early", "stamps-jitter", "command-delay"} & {d.code.name for d in found}
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize("kind", ["model", "control"])
 def test_other_components_give_the_same(kind: str) -> None:
     table = simulate(case(slowing(), plant={"kind": kind}, controller={**content()["controller"], "kind": kind}))

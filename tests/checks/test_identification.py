@@ -76,6 +76,7 @@ def test_limits(outcome: Result, value: float, told: int) -> None:
     assert all(d.place == "delay" and d.bound == LONGEST_DELAY for d in found)
 
 
+@pytest.mark.gate
 def test_held_out_experiment_with_another_payload(tmp_path: Path) -> None:
     """Without a word the values would be called right, though they do not hold for the other experiment."""
     experiments = {

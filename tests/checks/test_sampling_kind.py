@@ -75,6 +75,7 @@ def test_averages_taken_for_points_are_told(arm: tuple[Path, LoopModel], window:
     assert f"torque: {{sampling: average, window: {window}}}" in text
 
 
+@pytest.mark.gate
 def test_points_taken_for_averages_are_told(arm: tuple[Path, LoopModel]) -> None:
     folder, model = arm
     way = asked(folder, logged(model, operator(model, "point"), operator(model, "average")))
@@ -93,6 +94,7 @@ def test_averages_are_told_instead_of_a_shift(arm: tuple[Path, LoopModel]) -> No
     assert "without a shift" in way.text(0.02)
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize("kind", ["point", "average"])
 @pytest.mark.parametrize("late_s", [0.0, 0.03])
 def test_a_log_as_the_case_says_is_not_doubted(arm: tuple[Path, LoopModel], kind: str, late_s: float) -> None:

@@ -104,6 +104,7 @@ def test_errors_are_messages_not_tracebacks(
     assert expected in capsys.readouterr().err
 
 
+@pytest.mark.gate
 def test_refusal_is_saved_without_values(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     text = Path("examples/scara/identify.yaml").read_text(encoding="utf-8")
     for name in ("../../fmus", "../../controllers"):

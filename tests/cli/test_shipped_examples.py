@@ -41,6 +41,7 @@ def test_every_file_of_the_examples_is_in_one(folders: dict[str, Written]) -> No
     assert own - named == NOT_WRITTEN
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize("name", EXAMPLES)
 def test_what_is_written_needs_nothing_else(name: str, folders: dict[str, Written]) -> None:
     """Commands name files of the folder; cases have no mistake, campaigns load their cases, no path leads out."""

@@ -56,6 +56,7 @@ each_part = pytest.mark.parametrize(("kind", "name"), [(k, n) for n in BLOCKS fo
 # ---- every kind, plants and controllers ------------------------------------------------------------
 
 
+@pytest.mark.gate
 @each_part
 def test_variables_and_buffers(kind: str, name: str) -> None:
     made, source = part(kind, name), block(name)
@@ -119,6 +120,7 @@ PARAMETER = {"scara": {"ZZ1": 5.0, "Fv2": 0.3}, "cascade": {"Kp1": 5.0, "Kv2": 3
 PARAMETER["sledge"] = {"M1": 3.0, "q_start1": 0.3}
 
 
+@pytest.mark.gate
 @each_part
 def test_other_parameters_act_and_leave_the_component_alone(kind: str, name: str) -> None:
     before = drive(part(kind, name), rows(name), PERIOD)
@@ -139,6 +141,7 @@ def test_components_cannot_be_changed(kind: str, name: str) -> None:
         part(kind, name).substeps = 3  # type: ignore[attr-defined]
 
 
+@pytest.mark.gate
 @each_part
 def test_instances_are_independent(kind: str, name: str) -> None:
     made = part(kind, name)
@@ -154,6 +157,7 @@ def test_instances_are_independent(kind: str, name: str) -> None:
     second.close()
 
 
+@pytest.mark.gate
 @each_part
 def test_a_restored_state_goes_on_bit_by_bit(kind: str, name: str) -> None:
     instance = part(kind, name).instantiate()
@@ -221,6 +225,7 @@ def test_sampled_components_hold_between_their_samples(name: str, parts: int, st
         np.testing.assert_allclose(got, wanted, rtol=0, atol=1e-12 * np.abs(wanted).max(), err_msg=kind)
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize("kind", KINDS)
 def test_plants_take_a_chosen_number_of_substeps(kind: str) -> None:
     def run(made: Component | None) -> np.ndarray:

@@ -173,6 +173,7 @@ def test_every_law_has_a_case() -> None:
     assert {case.options["law"] for case in CASES} == set(LAWS)
 
 
+@pytest.mark.gate
 @each_case
 @pytest.mark.parametrize("kind", KINDS)
 def test_the_block_is_the_stated_law(case: Case, kind: str) -> None:

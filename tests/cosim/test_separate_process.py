@@ -64,6 +64,7 @@ def wanted(**values: float) -> np.ndarray:
     return slave_outputs(U, **values)
 
 
+@pytest.mark.gate
 def test_an_fmu_runs_apart_until_it_is_proven(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     caplog.set_level("INFO")
     made = load_fmu(awkward_fmu(tmp_path))
@@ -122,6 +123,7 @@ def test_what_ends_a_process_is_named_with_its_call_and_time(macro: str, tmp_pat
     assert made.needs_own_process()
 
 
+@pytest.mark.gate
 def test_an_interrupt_ends_a_loop_that_hangs(tmp_path: Path) -> None:
     limit = patience(100.0)
     made = load_fmu(awkward_fmu(tmp_path, "HANG_IN_STEP"), time_limit_s=limit)
@@ -179,6 +181,7 @@ class Sums:
         self.total += float(instances["slave"].outputs[0])
 
 
+@pytest.mark.gate
 def test_an_observer_comes_back(tmp_path: Path) -> None:
     observer = Sums()
     simulate(loop_of(load_fmu(awkward_fmu(tmp_path), isolated=True)), along(), observe=observer)
@@ -226,6 +229,7 @@ def test_fmus_that_do_not_stand_each_other_get_a_process_each(
     assert made.needs_own_process(2)
 
 
+@pytest.mark.gate
 def test_a_process_that_was_killed_from_outside_is_no_fault_of_the_fmu(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -81,6 +81,7 @@ def test_recorded_torque_is_the_model_of_the_recorded_motion(kind: str, delay: f
     assert (np.abs(recording.applied["controller.command1"]) == 10).sum() > 5
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("delay", DELAYS[1:])
 def test_sampled_motion_belongs_to_the_torque_that_acts_before_the_tick(kind: str, delay: float) -> None:
@@ -137,6 +138,7 @@ def exact_loop(delay: float, viscous: float, motion: Trajectory, kp: float, kd: 
     return np.array(at_ticks), np.array(when_acting), np.array(commands)
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("delay", [0, 0.3, 1, 1.5])
 @pytest.mark.parametrize("viscous", [0.0, 6.0])

@@ -63,6 +63,7 @@ def test_planted_effect_is_found_with_its_size(printed: tuple[Path, str]) -> Non
     assert document.noise.std == pytest.approx([0.1], rel=0.15)
 
 
+@pytest.mark.gate
 def test_text_names_it_and_says_where_the_files_are(printed: tuple[Path, str]) -> None:
     folder, text = printed
     assert "uadratic" in text
@@ -227,6 +228,7 @@ def test_time_that_is_up_is_told_everywhere(
     assert {c.outcome for c in document.candidates} == {"not tried"}
 
 
+@pytest.mark.gate
 def test_enough_time_changes_nothing(friction_case: Path, printed: tuple[Path, str]) -> None:
     document = discover(friction_case, time_limit=1e6)
     assert document.answer == "named"
@@ -266,6 +268,7 @@ def friction_case(printed: tuple[Path, str]) -> Path:
     return printed[0] / "case.yaml"
 
 
+@pytest.mark.gate
 def test_forbidden_effects_are_not_named(friction_case: Path) -> None:
     forbidden = ("quadratic_viscous", "power_viscous")
     document = discover(friction_case, forbid=forbidden)
@@ -275,6 +278,7 @@ def test_forbidden_effects_are_not_named(friction_case: Path) -> None:
     assert document.provenance["options"]["forbid"] == sorted(forbidden)
 
 
+@pytest.mark.gate
 def test_preferred_effect_is_taken_out_of_the_ambiguous_set(friction_case: Path, printed: tuple[Path, str]) -> None:
     """The power law fits as well; without the wish the one with fewer parameters is taken."""
     rivals = {r.effect: r.bic_behind for r in document_of(printed).findings[0].ambiguous}
@@ -285,6 +289,7 @@ def test_preferred_effect_is_taken_out_of_the_ambiguous_set(friction_case: Path,
     assert "quadratic_viscous" in {r.effect for r in document.findings[0].ambiguous}
 
 
+@pytest.mark.gate
 def test_preferred_effect_that_does_not_fit_is_not_taken(friction_case: Path) -> None:
     assert discover(friction_case, prefer=["spring"]).findings[0].effect == "quadratic_viscous"
 
@@ -302,6 +307,7 @@ def test_effect_from_outside_is_named(tmp_path: Path) -> None:
     assert any("augmented case" in n for n in document.notes)
 
 
+@pytest.mark.gate
 def test_no_rounds_only_localise(friction_case: Path) -> None:
     document = discover(friction_case, rounds=0)
     assert document.answer == "unknown"
@@ -310,6 +316,7 @@ def test_no_rounds_only_localise(friction_case: Path) -> None:
     assert document.regions[0].joint == 1
 
 
+@pytest.mark.gate
 def test_same_seed_gives_the_same_findings(friction_case: Path, printed: tuple[Path, str]) -> None:
     first, second = document_of(printed), discover(friction_case)
     for name in ("answer", "findings", "gap", "ratio_interval", "base_parameters"):
@@ -332,6 +339,7 @@ def without_held_out(tmp_path_factory: pytest.TempPathFactory) -> FindingsDocume
     return discover(arm_case(tmp_path_factory.mktemp("one"), FRICTION, held_out=False))
 
 
+@pytest.mark.gate
 def test_without_held_out_data_the_criterion_alone_decides(without_held_out: FindingsDocument) -> None:
     assert [(f.effect, f.joint) for f in without_held_out.findings] == [("quadratic_viscous", 1)]
     assert without_held_out.ratio_interval is None

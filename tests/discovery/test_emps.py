@@ -40,6 +40,7 @@ def check_pulses(external_torques: list[tuple[float, float, float]], tolerance: 
     assert abs(found[:, 2].mean() - PULSE) < tolerance * PULSE
 
 
+@pytest.mark.gate
 @needs_emps
 def test_noise_comes_from_the_laps() -> None:
     """The file holds measured columns beside the reference; they do not hide that the motion repeats."""
@@ -49,6 +50,7 @@ def test_noise_comes_from_the_laps() -> None:
     assert noise.deviation[0] == pytest.approx(0.0056 * np.sqrt(np.mean(fit.model.measured**2)), rel=0.2)
 
 
+@pytest.mark.gate
 @needs_emps
 def test_asymmetric_viscous_friction_is_named_first() -> None:
     found = discover(LACKS, rounds=1)
@@ -81,6 +83,7 @@ def test_what_the_usual_model_lacks() -> None:
     assert not [f for f in found.findings if f.ratio_interval is None or (f.ratio_interval[1] or 9.0) >= 1.0]
 
 
+@pytest.mark.gate
 @needs_emps
 def test_pulses_are_found() -> None:
     fit = base_of(PULSES)

@@ -35,6 +35,7 @@ def found(residual: np.ndarray, rho: float = 0.0) -> list[RegionResult]:
 # ---- regions ---------------------------------------------------------------------------------------
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize("rho", [0.0, 0.6])
 def test_no_regions_in_noise(rho: float) -> None:
     """40 logs, 12 bins of 7 quantities of 2 joints each, at a rate of 1 %: false regions in at most 4 of the logs."""
@@ -52,6 +53,7 @@ PLANTED = [
 ]
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize("joint", [1, 2])
 @pytest.mark.parametrize(("quantity", "of", "low", "high"), PLANTED, ids=[p[0] for p in PLANTED])
 def test_planted_region_is_found(quantity: str, of, low: float, high: float, joint: int) -> None:  # type: ignore[no-untyped-def]
@@ -145,6 +147,7 @@ def test_regions_of_two_motions_are_those_of_both_together() -> None:
 TIME = np.arange(2000) / 100
 
 
+@pytest.mark.gate
 def test_planted_windows_are_found_with_times_and_size() -> None:
     """Pulses on both joints, of either sign, in coloured noise: ends to 30 ms in 99 of 100.
 

@@ -49,6 +49,7 @@ def test_late_log_is_named_with_its_shift(late: tuple[Path, FindingsDocument]) -
     assert document.findings[0].ambiguous == [], "no lag is negative"
 
 
+@pytest.mark.gate
 def test_augmented_case_states_the_shift(late: tuple[Path, FindingsDocument]) -> None:
     out, document = late
     (note,) = [n for n in document.notes if "augmented case" in n]
@@ -59,6 +60,7 @@ def test_augmented_case_states_the_shift(late: tuple[Path, FindingsDocument]) ->
     assert all("log_time_shift" not in joint.effects for joint in read_robot(out / document.files["robot"]).joints)
 
 
+@pytest.mark.gate
 def test_report_says_that_it_is_the_whole_log(late: tuple[Path, FindingsDocument]) -> None:
     page = (late[0] / "discovery.html").read_text(encoding="utf-8")
     assert "Time shift of the torque log, whole log" in page
@@ -113,6 +115,7 @@ def shifted(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, LoopModel, 
     return case, base, builder.build(base, [Proposal(SHIFT, {"log_shift": 0.0072})])
 
 
+@pytest.mark.gate
 def test_knob_shifts_every_experiment_and_nothing_else(shifted: tuple[Path, LoopModel, LoopModel]) -> None:
     case, base, model = shifted
     assert [(k.name, k.owner, k.value) for k in model.free_parameters if k.effect == 0] == [("log_shift", LOG, 0.0072)]
@@ -126,6 +129,7 @@ def test_knob_shifts_every_experiment_and_nothing_else(shifted: tuple[Path, Loop
         np.testing.assert_allclose(torque, wanted, rtol=0, atol=1e-9 * np.abs(wanted).max())
 
 
+@pytest.mark.gate
 def test_a_shift_costs_no_more_than_its_simulation_records(shifted: tuple[Path, LoopModel, LoopModel]) -> None:
     model = shifted[-1]
     run = model.simulation(model.start)
@@ -135,6 +139,7 @@ def test_a_shift_costs_no_more_than_its_simulation_records(shifted: tuple[Path, 
     assert run.record().time.size == ticks.size
 
 
+@pytest.mark.gate
 def test_sensitivity_to_the_shift_is_the_rate_of_the_torque(shifted: tuple[Path, LoopModel, LoopModel]) -> None:
     model = shifted[-1]
     torque = model.torque(model.start)

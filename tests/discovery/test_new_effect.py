@@ -114,6 +114,7 @@ def found(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, FindingsDocum
     return folder, discover(case, folder / "out", effects=[NAME])
 
 
+@pytest.mark.gate
 def test_it_is_no_effect_of_the_tree() -> None:
     assert FilmFriction.name not in EFFECTS
 
@@ -132,6 +133,7 @@ def test_it_is_found_on_its_joint_with_its_size(found: tuple[Path, FindingsDocum
         assert gap.after < 0.4 < 1.0 < gap.before
 
 
+@pytest.mark.gate
 def test_the_augmented_model_holds_it_beside_the_gear(found: tuple[Path, FindingsDocument]) -> None:
     folder, document = found
     robot = read_robot(folder / "out" / document.files["robot"])
@@ -141,6 +143,7 @@ def test_the_augmented_model_holds_it_beside_the_gear(found: tuple[Path, Finding
     assert float(note.split(" of its peak")[0].split()[-1]) < 1e-3
 
 
+@pytest.mark.gate
 def test_loads_of_an_elastic_joint_are_those_of_a_rigid_one_along_the_same_motion() -> None:
     """What friction that follows the load is screened by."""
     elastic = RobotModel(RobotDescription.model_validate(arm_document(2, gear=GEAR)))

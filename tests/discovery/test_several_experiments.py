@@ -50,6 +50,7 @@ def test_an_effect_that_one_of_two_experiments_shows_is_found(found: tuple[Path,
         assert p.value == pytest.approx(TRUTH[0][name], abs=4 * p.std), name  # type: ignore[operator]
 
 
+@pytest.mark.gate
 def test_each_experiment_is_told_with_its_role_and_its_gap(found: tuple[Path, FindingsDocument]) -> None:
     document = found[1]
     assert document.roles == {label: run.role for label, run in FAST.items()}
@@ -73,11 +74,13 @@ def test_files_hold_every_experiment(found: tuple[Path, FindingsDocument]) -> No
     assert again.roles == document.roles
 
 
+@pytest.mark.gate
 def test_slow_motions_alone_do_not_show_it(tmp_path: Path) -> None:
     runs = {label: run for label, run in FAST.items() if "slow" in label}
     assert named(discover(arm_experiments(tmp_path, runs, FRICTION))) == []
 
 
+@pytest.mark.gate
 def test_regions_are_those_of_all_experiments_together(found: tuple[Path, FindingsDocument]) -> None:
     """Where the slow motion does not go, as well: the largest speeds are those of the fast one."""
     speeds = [r for r in found[1].regions if r.quantity == "velocity"]
@@ -86,6 +89,7 @@ def test_regions_are_those_of_all_experiments_together(found: tuple[Path, Findin
     assert max(max(abs(r.low), abs(r.high)) for r in speeds) == pytest.approx(fast, rel=0.05)
 
 
+@pytest.mark.gate
 def test_the_ratio_of_the_held_out_data_is_that_of_all_of_them(tmp_path: Path) -> None:
     """The root of the mean square over the samples of both, so that the longer one counts more."""
     before = base_of(arm_experiments(tmp_path, FAST, FRICTION))
@@ -137,6 +141,7 @@ def test_a_push_is_found_in_its_experiment(tmp_path: Path, pushed: str) -> None:
     assert all(gap.after < 0.2 * gap.before for gap in document.gap.values())  # type: ignore[operator]
 
 
+@pytest.mark.gate
 def test_pushes_are_told_apart_by_their_experiment(tmp_path: Path) -> None:
     """To first order a push explains nothing of an experiment in which it does not act, where there is no gap."""
     push = ExternalTorque(1, 2.3, 2.9, 4.0)
@@ -151,6 +156,7 @@ def test_pushes_are_told_apart_by_their_experiment(tmp_path: Path) -> None:
     assert 0.0 <= shares["one"] < 0.5
 
 
+@pytest.mark.gate
 def test_noise_beside_a_push_is_that_of_all_experiments(tmp_path: Path) -> None:
     """Each experiment repeats with a period of its own, by which it is compared."""
     push = ExternalTorque(1, 2.3137, 2.9512, 4.0)
@@ -162,6 +168,7 @@ def test_noise_beside_a_push_is_that_of_all_experiments(tmp_path: Path) -> None:
     assert torques.fit.noise.deviation == pytest.approx([0.1], rel=0.05)
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize("label", ["one", "other"])
 def test_a_torque_that_comes_back_with_the_motion_of_its_experiment_is_no_push(tmp_path: Path, label: str) -> None:
     """Each experiment has a period of its own."""
@@ -185,6 +192,7 @@ def loaded(*own: str) -> dict[str, Run]:
     }  # fmt: skip
 
 
+@pytest.mark.gate
 def test_a_payload_of_one_experiment_is_no_effect(tmp_path: Path) -> None:
     document = discover(arm_experiments(tmp_path, loaded("ZZ1", "MX1", "MY1")))
     assert (document.answer, document.findings) == ("nothing", [])
@@ -196,6 +204,7 @@ def test_a_payload_of_one_experiment_is_no_effect(tmp_path: Path) -> None:
     assert base["ZZ1[loaded]"].value - base["ZZ1"].value == pytest.approx(0.18, abs=0.03)
 
 
+@pytest.mark.gate
 def test_the_same_payload_shared_by_all_experiments_leaves_a_gap(tmp_path: Path) -> None:
     document = discover(arm_experiments(tmp_path, loaded()))
     assert document.answer != "nothing"

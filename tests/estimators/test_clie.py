@@ -33,6 +33,7 @@ def test_same_minimum_as_the_finish_of_didim() -> None:
     np.testing.assert_allclose(clie.standard_deviation, didim.standard_deviation, rtol=1e-4)
 
 
+@pytest.mark.gate
 def test_black_box_plant_is_identified_without_a_description(tmp_path: Path) -> None:
     outcome = identify(plant_case(tmp_path, ENTRIES))
     assert outcome.document.status == "converged"

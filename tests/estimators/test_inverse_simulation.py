@@ -43,6 +43,7 @@ def tracking_and_rest(model: LoopModel) -> tuple[Array, Array]:
     return tuple(np.sqrt((error[begun] ** 2).mean(axis=0)) for error in (tracking, rest))
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize(
     ("changes", "most"),
     [

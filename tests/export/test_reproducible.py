@@ -58,6 +58,7 @@ def shared_compiler(monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setenv(name, kept)
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize("version", VERSIONS)
 def test_nothing_tells_where_and_when_it_was_built(
     version: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

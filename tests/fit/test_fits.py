@@ -100,6 +100,7 @@ def test_it_is_the_minimum(arm: LoopModel, truth: np.ndarray) -> None:
         assert chi_square(model, fit.values + 0.2 * root @ direction) > fit.chi_square
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize("rho", [0.0, 0.6])
 def test_intervals_cover_the_truth(arm: LoopModel, truth: np.ndarray, slopes: np.ndarray, rho: float) -> None:
     """60 logs of 5 parameters: 95 % intervals hold 88 to 99 % of them, and the deviations are those of the spread."""

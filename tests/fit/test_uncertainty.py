@@ -178,6 +178,7 @@ def test_instruments_count_as_they_do() -> None:
     assert 92.0 <= 100 * np.mean(inside) <= 97.0
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize(
     ("stated", "coloured", "counts", "has_colour"),
     [

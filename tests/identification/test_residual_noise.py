@@ -62,6 +62,7 @@ def test_each_estimator_counts_the_colour(estimator: Estimator) -> None:
         assert (stage.standard_deviation > 1.2 * white.standard_deviation).all()
 
 
+@pytest.mark.gate
 @each_estimator
 def test_deviations_that_count_the_colour_are_those_of_the_errors(estimator: Estimator) -> None:
     """24 draws of 8 parameters: root mean square 1 if right; about 1.7 if the colour did not count."""

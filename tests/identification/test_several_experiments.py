@@ -116,6 +116,7 @@ def test_shared_and_own_parameters_of_two_experiments(tmp_path: Path, seed: int)
     assert all(part.agreement.agrees for part in outcome.document.experiments.values() if part.agreement)
 
 
+@pytest.mark.gate
 def test_sigma_is_the_joint_cramer_rao_bound(tmp_path: Path) -> None:
     """Of both experiments together: the bound of each alone, information added where a parameter is shared."""
     loaded_case = two_payloads(tmp_path, 1)

@@ -123,6 +123,7 @@ def test_fmus_are_valid() -> None:
     assert validate_fmu(str(build_fmu(read_controller(tx40.CONTROLLER)))) == []
 
 
+@pytest.mark.gate
 def test_identification_recovers_the_truth(tmp_path: Path) -> None:
     """Torque at 100 Hz without noise, simulated with Pinocchio: all 52 parameters, from the reference alone."""
     torque, _ = by_pinocchio()

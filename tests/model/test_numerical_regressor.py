@@ -42,6 +42,7 @@ def test_probed_regressor_is_the_analytic_one(tmp_path: Path, kind: str, delay: 
     np.testing.assert_allclose(probed.known, 0, atol=1e-6 * np.abs(probed.torque).max())
 
 
+@pytest.mark.gate
 def test_didim_with_a_probed_regressor_gives_the_same_answer(tmp_path: Path) -> None:
     outcome = identify(probed_case(tmp_path, ENTRIES))
     expected = identify("examples/scara/identify.yaml").estimate

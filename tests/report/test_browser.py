@@ -73,6 +73,7 @@ def opened(browser: Any, file: Path, *, width: int = 1200, scheme: str = "light"
     return page, told
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize(("width", "scheme"), VIEWS)
 @pytest.mark.parametrize("name", PAGES)
 def test_page_has_no_error_no_violation_and_fits(
@@ -99,6 +100,7 @@ def check_view(browser: Any, file: Path, width: int, scheme: str) -> None:
     assert not told
 
 
+@pytest.mark.gate
 def test_keys_read_zoom_and_show_all(browser: Any, pages: dict[str, Path]) -> None:
     page, told = opened(browser, pages["identify"])
     canvas = page.locator(".canvas").first
@@ -117,6 +119,7 @@ def test_keys_read_zoom_and_show_all(browser: Any, pages: dict[str, Path]) -> No
     assert not told
 
 
+@pytest.mark.gate
 def test_pointer_reads_the_values_that_were_saved_and_drags_a_zoom(browser: Any, pages: dict[str, Path]) -> None:
     page, _ = opened(browser, pages["identify"])
     page.locator(".chart .frame").first.scroll_into_view_if_needed()
@@ -133,6 +136,7 @@ def test_pointer_reads_the_values_that_were_saved_and_drags_a_zoom(browser: Any,
     assert 0.5 <= min(times) < max(times) <= 0.75
 
 
+@pytest.mark.gate
 def test_entries_of_the_legend_hide_their_lines(browser: Any, pages: dict[str, Path]) -> None:
     page, _ = opened(browser, pages["discover"])
     entry = page.locator('.entry[data-name="base model"]').first
@@ -143,6 +147,7 @@ def test_entries_of_the_legend_hide_their_lines(browser: Any, pages: dict[str, P
     assert entry.get_attribute("aria-pressed") == "false"
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize("name", PAGES)
 def test_paper_shows_all_in_light_with_the_provenance_last(browser: Any, pages: dict[str, Path], name: str) -> None:
     page, told = check_paper(browser, pages[name])
@@ -169,6 +174,7 @@ def check_paper(browser: Any, file: Path) -> tuple[Any, list[str]]:
     return page, told
 
 
+@pytest.mark.gate
 def test_zoomed_to_twice_its_size_nothing_is_cut_off(browser: Any, pages: dict[str, Path]) -> None:
     """A window of 1280 pixels at 400 % has 320 of them (WCAG 1.4.10)."""
     page, _ = opened(browser, pages["discover"], width=320)

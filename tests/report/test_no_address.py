@@ -36,6 +36,7 @@ def pages(folder: Path) -> dict[str, str]:
     return {name: file.read_text(encoding="utf-8") for name, file in files.items()}
 
 
+@pytest.mark.gate
 def test_nothing_is_written_that_asks_for_an_address(tmp_path: Path) -> None:
     for page in pages(tmp_path).values():
         own = re.sub(r'(<script type="application/json"[^>]*>).*?(</script>)', r"\1\2", page, flags=re.S)  # mere data
@@ -116,6 +117,7 @@ OWN = re.compile(r"(^|\.)(google|googleapis|gstatic|gvt1|chromium)\.(com|org)$")
 """Whom browsers themselves ask in spite of all flags."""
 
 
+@pytest.mark.gate
 @needs_chromium
 @pytest.mark.parametrize(("name", "policy"), [("identify", True), ("identify", False), ("discover", False)])
 def test_a_browser_asks_for_no_address(tmp_path: Path, name: str, policy: bool) -> None:
@@ -131,6 +133,7 @@ def test_a_browser_asks_for_no_address(tmp_path: Path, name: str, policy: bool) 
     assert not {host for host in hosts if not OWN.search(host)}
 
 
+@pytest.mark.gate
 @needs_chromium
 def test_the_policy_forbids_what_the_proxy_would_see(tmp_path: Path) -> None:
     page = pages(tmp_path)["identify"]

@@ -68,6 +68,7 @@ def test_plant_comes_back_as_a_python_control_system() -> None:
     np.testing.assert_allclose(response.outputs[:, -1], [0.3, 0.2], atol=5e-3)
 
 
+@pytest.mark.gate
 def test_the_robot_of_a_run_with_a_payload_is_written_too(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Its user is told which file is which, and what no robot description holds."""
     out = tmp_path / "out"

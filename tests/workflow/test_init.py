@@ -144,6 +144,7 @@ def test_own_data_give_the_values_of_a_case_by_hand(
     assert_same(values_of(load_case(case)), by_hand(tmp_path))
 
 
+@pytest.mark.gate
 @needs_emps
 def test_emps_files_give_the_values_of_the_example(tmp_path: Path) -> None:
     """What cannot be known: the column of the command, the gain of the drive, the period, the pulses, the rate."""
@@ -165,6 +166,7 @@ def test_emps_files_give_the_values_of_the_example(tmp_path: Path) -> None:
     assert_same(found, values_of(example.with_(estimator={"kind": "didim"}, plant={"kind": "model"})))
 
 
+@pytest.mark.gate
 def test_four_plain_files_give_the_values_of_one_by_hand(tmp_path: Path) -> None:
     """A blind case of the arm: its files are told apart by their names; to be filled in are geometry and gains."""
     blind = tmp_path / "blind"

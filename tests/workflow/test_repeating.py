@@ -21,6 +21,7 @@ from tests.conftest import ROOT
 from tests.docs.test_blocks import programs
 
 
+@pytest.mark.gate
 @pytest.mark.skipif(sys.platform == "win32", reason="pasted into a POSIX shell")
 def test_the_command_of_the_page_repeats_the_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """From a folder that is not that of the case; both have blanks and an umlaut in their names."""

@@ -119,6 +119,7 @@ def test_saved_result_is_that_of_the_outcome(tmp_path: Path) -> None:
     assert (tmp_path / "robot_identified.yaml").is_file()
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize("name", ["", "result.json"])
 @pytest.mark.parametrize("kind", [str, Path])
 def test_result_is_loaded_from_a_folder_or_its_file(outcome: Result, tmp_path: Path, kind: type, name: str) -> None:
@@ -206,6 +207,7 @@ def test_discovered_gives_what_findings_json_holds(found: tuple[Discovered, Path
     assert discovered.summary() == discovery_table(document)
 
 
+@pytest.mark.gate
 def test_discovered_as_frame_figure_and_notebook_cell(found: tuple[Discovered, Path]) -> None:
     discovered, _ = found
     frame = discovered.to_frame()

@@ -65,6 +65,7 @@ def test_loop_that_rings_between_the_samples_is_told() -> None:
     assert (found.place, found.bound) == ("joint 1", pytest.approx(2.5))
 
 
+@pytest.mark.gate
 def test_wrist_of_the_tx40_rings_above_half_the_rate_of_its_log() -> None:
     """sqrt(gain Kp / (ZZ6 + Ia6)) of a rigid joint, but for its damping and delay, in a log at 100 Hz."""
     model = loaded("tx40")

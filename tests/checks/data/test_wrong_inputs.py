@@ -232,6 +232,7 @@ def test_right_data_give_nothing(robot: str, seed: int) -> None:
     assert codes(right(robot, seed)) == []
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize("rate_hz", [5.0, 10.0, 200.0])
 def test_right_data_at_other_rates_give_nothing(rate_hz: float) -> None:
     for robot in ("scara", "arm"):
@@ -295,6 +296,7 @@ def test_a_torque_that_is_scaled_against_the_others_is_told(robot: str, seed: in
     assert told.value == pytest.approx(expected, rel=0.1)
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize("late_s", [0.012, -0.03])
 def test_interval_of_the_clock_holds_the_truth(late_s: float) -> None:
     for robot in ("scara", "arm"):

@@ -275,6 +275,7 @@ def test_fixed_parameters(tmp_path: Path) -> None:
     instance.close()
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize(
     ("macro", "changed", "told"),
     [
@@ -419,6 +420,7 @@ def test_time_and_state_events(tmp_path: Path, solver: str, error: float, h: flo
 # ---- FMUs with faults ------------------------------------------------------------------------------
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize(
     ("macro", "what"),
     [

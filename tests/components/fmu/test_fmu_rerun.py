@@ -96,6 +96,7 @@ def test_runs_again_are_as_new(tmp_path: Path, macros: tuple[str, ...], strategy
     assert len(told["reset_reason"]) > 10
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize("macros", [(), ("RESET_KEEPS_STATE",), ("RESET_KEEPS_STATE", "STATE_INCOMPLETE")])
 def test_isolated_instances_keep_their_process(tmp_path: Path, macros: tuple[str, ...]) -> None:
     made = load_fmu(awkward_fmu(tmp_path, *macros), isolated=True)
@@ -124,6 +125,7 @@ def test_a_fresh_process_for_every_run(tmp_path: Path) -> None:
     assert made.describe()["isolated"] is True
 
 
+@pytest.mark.gate
 def test_a_way_that_crashes_is_not_taken(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     """The reset crashes in the trial's process only, and is never used: nothing keeps the FMU from running here."""
     made = load_fmu(awkward_fmu(tmp_path, "CRASH_IN_RESET"))
@@ -146,6 +148,7 @@ def test_a_way_that_crashes_is_not_taken(tmp_path: Path, caplog: pytest.LogCaptu
         instance.restart(broken)
 
 
+@pytest.mark.gate
 def test_fmus_that_crash_in_what_every_run_does_are_isolated(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     """Reset and state work, but some instances after each other take the process with them; that is told once."""
     made = load_fmu(awkward_fmu(tmp_path, "CRASH_AT_THIRD"))
@@ -275,6 +278,7 @@ def kept(tmp_path: Path) -> list[str]:
     return sorted(path.parent.name for path in (tmp_path / "known").glob("*/*.json"))
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize("by_fmu", [False, True])
 @pytest.mark.parametrize("question", ["in_turn", "once"])
 def test_a_trial_that_did_not_come_to_its_end_is_not_kept(
@@ -319,6 +323,7 @@ def test_what_does_not_run_here_is_not_kept(tmp_path: Path, monkeypatch: pytest.
     assert kept(tmp_path) == []
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize(
     ("macro", "by_fmu"), [("CRASH_IN_STEP", True), ("EXIT_IN_STEP", True), ("HANG_IN_STEP", False), ("", False)]
 )
@@ -341,6 +346,7 @@ def test_a_process_that_does_not_start(tmp_path: Path, monkeypatch: pytest.Monke
     assert not caught.value.by_fmu
 
 
+@pytest.mark.gate
 def test_a_probe_of_one_instance_a_process(tmp_path: Path) -> None:
     lines = probe_fmu(load_fmu(awkward_fmu(tmp_path, "CRASH_AT_SECOND"))).lines()
     assert "new instances one after the other: FATAL" in lines
@@ -361,6 +367,7 @@ def test_a_probe_within_its_time(tmp_path: Path) -> None:
     assert again.parameters == {"a": "acts", "d": "acts", "unused": "no effect"}
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize(
     ("macro", "line"),
     [
@@ -377,6 +384,7 @@ def test_half_the_step(tmp_path: Path, macro: str, line: str) -> None:
     assert found.rerun.strategy == "reset"
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize(("macro", "told"), [("", False), ("READING_ACTS", True), ("ROUGH_BETWEEN_STEPS", False)])
 def test_reading_between_inputs_and_step(tmp_path: Path, macro: str, told: bool) -> None:
     found = probe_fmu(load_fmu(awkward_fmu(tmp_path, *([macro] if macro else []))))
@@ -385,6 +393,7 @@ def test_reading_between_inputs_and_step(tmp_path: Path, macro: str, told: bool)
     assert found.reading is not None
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize(("dependencies", "d", "told"), [("", 0.5, False), (' dependencies=""', 0.5, True),
                                                         (' dependencies=""', 0.0, False)])  # fmt: skip
 def test_outputs_that_follow_against_the_description(tmp_path: Path, dependencies: str, d: float, told: bool) -> None:
@@ -462,6 +471,7 @@ def _resident() -> float:
     return pages * os.sysconf("SC_PAGE_SIZE") / 2**20
 
 
+@pytest.mark.gate
 @pytest.mark.skipif(not Path("/proc/self/fd").exists(), reason="counts in /proc")
 @pytest.mark.parametrize(
     ("interface", "solver", "strategy"),

@@ -64,6 +64,7 @@ def test_what_fmi_1_cannot_do(tmp_path: Path) -> None:
         load_fmu(fmi_1(tmp_path, implementation=""))
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize(("macros", "strategy"), [((), "reset"), (("RESET_KEEPS_STATE",), "re-instantiate")])
 def test_fmi_1_is_run_again(tmp_path: Path, macros: tuple[str, ...], strategy: str) -> None:
     made = load_fmu(fmi_1(tmp_path, *macros))

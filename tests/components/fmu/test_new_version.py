@@ -69,6 +69,7 @@ def stated(source: Path, target: Path, version: str) -> Path:
     return target
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize("kind", ["co-simulation", "model-exchange"])
 @pytest.mark.parametrize("isolated", [False, True])
 @pytest.mark.usefixtures("read_too", "elsewhere")
@@ -82,6 +83,7 @@ def test_a_row_in_the_table_is_enough_to_read_a_version(tmp_path: Path, kind: st
     assert Binding9.used == before + (not isolated)
 
 
+@pytest.mark.gate
 @pytest.mark.usefixtures("read_too", "elsewhere")
 def test_a_new_version_is_tried_out_and_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = stated(exported("pd", "3.0"), tmp_path / "nine.fmu", "9.0")
@@ -93,6 +95,7 @@ def test_a_new_version_is_tried_out_and_told(tmp_path: Path, capsys: pytest.Capt
         load_fmu(stated(exported("pd", "3.0"), tmp_path / "eight.fmu", "8.0"))
 
 
+@pytest.mark.gate
 @pytest.mark.usefixtures("read_too", "written_too")
 def test_a_row_in_the_table_is_enough_to_write_a_version(tmp_path: Path) -> None:
     block = scara().block({"q_start1": 0.3})
@@ -104,6 +107,7 @@ def test_a_row_in_the_table_is_enough_to_write_a_version(tmp_path: Path) -> None
     assert read_description(tmp_path / "scara.fmu").version == "9.0"
 
 
+@pytest.mark.gate
 @pytest.mark.usefixtures("read_too", "written_too")
 def test_a_case_knows_a_new_version(tmp_path: Path) -> None:
     wanted = simulate(SCARA)
@@ -111,6 +115,7 @@ def test_a_case_knows_a_new_version(tmp_path: Path) -> None:
     np.testing.assert_allclose(found.values, wanted.values, rtol=0, atol=1e-11 * np.abs(wanted.values).max())
 
 
+@pytest.mark.gate
 def test_versions_that_cannot_be_written_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(InputError, match=r"cannot be exported[\s\S]*got:   9\.0[\s\S]*valid: 2\.0, 3\.0"):
         build_fmu(scara().block(), fmi_version="9.0")
@@ -123,6 +128,7 @@ def test_versions_that_cannot_be_written_are_refused(tmp_path: Path, capsys: pyt
 # ---- what fmiVersion may say -------------------------------------------------------------------------
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize("text", ["3.1", "3.0.1", "3.12.3"])
 def test_minor_versions_of_fmi_3_are_read(tmp_path: Path, text: str) -> None:
     made = load_fmu(stated(exported("scara", "3.0"), tmp_path / "later.fmu", text))
@@ -130,6 +136,7 @@ def test_minor_versions_of_fmi_3_are_read(tmp_path: Path, text: str) -> None:
     np.testing.assert_array_equal(drive(made, U, PERIOD), drive(load_fmu(exported("scara", "3.0")), U, PERIOD))
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize("text", ["3.0-beta.1", "3.0-rc.2", "3.1-alpha.1"])
 def test_drafts_are_refused(tmp_path: Path, text: str) -> None:
     path = stated(exported("scara", "3.0"), tmp_path / "draft.fmu", text)
@@ -142,12 +149,14 @@ def test_drafts_are_refused(tmp_path: Path, text: str) -> None:
     assert error.next_step == "Export the FMU again for FMI 2.0 or 3.0."
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize("text", ["1.1", "2.1", "3", "3.", "3.x", "3.1 ", "30.0", "13.0", "3.01", "3.0.0.1", "3.0\n"])
 def test_other_texts_are_no_version(text: str) -> None:
     with pytest.raises(FmuError, match="version is not supported"):
         version_of(text, "here")
 
 
+@pytest.mark.gate
 def test_fmi_2_of_another_minor_version_is_refused(tmp_path: Path) -> None:
     path = pack(tmp_path / "next.fmu", SLAVE.format(**DEFAULTS).replace('fmiVersion="2.0"', 'fmiVersion="2.1"'), None)
     with pytest.raises(FmuError, match=r"not supported[\s\S]*got:   2\.1"):

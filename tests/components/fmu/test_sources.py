@@ -25,6 +25,7 @@ def stripped(fmu: Path, folder: Path, *, changed: dict[str, bytes] | None = None
     return path
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize("version", ["2.0", "3.0"])
 @pytest.mark.parametrize("interface", ["co-simulation", "model-exchange"])
 def test_an_fmu_without_binaries_runs_as_the_one_with_them(tmp_path: Path, version: str, interface: str) -> None:

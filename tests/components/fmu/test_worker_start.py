@@ -45,23 +45,27 @@ def fmu_in(folder: Path) -> Path:
     return path
 
 
+@pytest.mark.gate
 def test_an_isolated_fmu(folder: Path) -> None:
     got = drive(load_fmu(fmu_in(folder), isolated=True, rerun="re-instantiate"), ONES, H)
     np.testing.assert_allclose(got, slave_outputs(ONES))
     assert not (folder / MARKER).exists()
 
 
+@pytest.mark.gate
 def test_the_trial_of_a_foreign_fmu(folder: Path) -> None:
     assert load_fmu(fmu_in(folder)).find_rerun().strategy == "reset"
     assert not (folder / MARKER).exists()
 
 
+@pytest.mark.gate
 def test_the_command_fmu_check(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["fmu", "check", str(fmu_in(folder))]) == 0
     assert "run it again by: reset" in capsys.readouterr().out
     assert not (folder / MARKER).exists()
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize("options", [["-P"], ["-P", "-s"]])
 def test_the_command_with_the_folder_in_nothing_but_the_current_one(folder: Path, options: list[str]) -> None:
     """The package is found by PYTHONPATH, which the process of the FMU does not read."""
@@ -78,6 +82,7 @@ def in_another_process(expression: str) -> Any:
         return worker.request("the run", run_held)
 
 
+@pytest.mark.gate
 @pytest.mark.usefixtures("folder")
 def test_the_package_is_the_one_of_the_parent() -> None:
     """Whatever is installed: here PYTHONPATH or an editable install say where it is."""
@@ -88,6 +93,7 @@ def test_the_package_is_the_one_of_the_parent() -> None:
     assert Path(numpy_file).samefile(np.__file__)
 
 
+@pytest.mark.gate
 def test_folders_of_the_parent_come_last(folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A module of a folder that PYTHONPATH names is found there, but takes no other one's place."""
     own = tmp_path / "own"

@@ -101,6 +101,7 @@ def test_component_takes_the_torque_of_the_effect_away(name: str) -> None:
     assert got == pytest.approx(expected, rel=1e-12, abs=1e-12)
 
 
+@pytest.mark.gate
 def test_friction_before_the_plant_is_friction_in_the_plant(tmp_path: Path) -> None:
     """With short enough steps the loop gives the torque of a robot that has the effect; one a period is too long."""
     base = load_case(vendor_case(tmp_path, "stribeck", 2, Fs=0.08, vs=0.15)).model

@@ -28,6 +28,7 @@ def builder(tmp_path: Any, monkeypatch: pytest.MonkeyPatch) -> tuple[LoopModelBu
     return LoopModelBuilder(case.model, case.parameters.model.description), compiled  # type: ignore[union-attr]
 
 
+@pytest.mark.gate
 def test_each_plant_is_compiled_once(builder: tuple[LoopModelBuilder, list[Any]]) -> None:
     """What stands in the wiring or changes the log needs no plant of its own."""
     made, compiled = builder

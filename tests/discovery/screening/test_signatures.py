@@ -100,6 +100,7 @@ def sharp(bench: Bench, name: str, joint: int) -> Signature:
     return found[len(found) // 4]
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize(("name", "least"), SHARP.items())
 def test_friction_that_is_sharp_at_a_reversal_is_only_like_its_column(bench: Bench, name: str, least: float) -> None:
     """Where friction changes within milliseconds of a reversal the loop is not linear: screening sees the right sign
@@ -112,6 +113,7 @@ def test_friction_that_is_sharp_at_a_reversal_is_only_like_its_column(bench: Ben
             assert 0.5 < slope < 1.2
 
 
+@pytest.mark.gate
 def test_a_soft_loop_gives_way_to_ripple_as_its_response_says(tmp_path: Path) -> None:
     """With a twentieth of the gains the ripple reaches the command late and reshaped."""
     for factor in (0.05, 1.0):
@@ -246,6 +248,7 @@ def test_thinned_motion_gives_the_same_columns(bench: Bench) -> None:
     assert made.columns(part, shapes) == pytest.approx(made.columns(motion, shapes)[some])
 
 
+@pytest.mark.gate
 def test_what_is_of_the_base_is_tried_once(bench: Bench) -> None:
     assert bench.builder.joints("base_tilt") == (1,)
     assert bench.builder.joints("joint_elasticity") == (1, 2)

@@ -267,6 +267,7 @@ def torque(count: int) -> np.ndarray:
 
 
 class TestEquationsOfTheStructure:
+    @pytest.mark.gate
     @pytest.mark.parametrize("case", SOFT)
     def test_motion_follows_the_equations_by_hand(self, case: str) -> None:
         (robot, soft), tolerance = SOFT[case], 1e-6

@@ -93,6 +93,7 @@ def rates(command: np.ndarray) -> Callable[[float, np.ndarray], np.ndarray]:
     return of
 
 
+@pytest.mark.gate
 def test_motion_is_that_of_another_integrator() -> None:
     """From tick to tick with an implicit method; every thirtieth tick, and those at which a joint turns round."""
     found = simulated(tolerance=1e-11)
@@ -410,6 +411,7 @@ def test_harness_writes_a_line_for_each_case(tmp_path: Path) -> None:
     assert lines[1]["verdict"] == "nothing"
 
 
+@pytest.mark.gate
 def test_harness_in_processes_and_with_failures(tmp_path: Path) -> None:
     made(tmp_path / "cases", "stribeck")
     folders = case_folders(tmp_path / "cases")

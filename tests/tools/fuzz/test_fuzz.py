@@ -37,6 +37,7 @@ def test_many_inputs(kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     read(kind, tmp_path, monkeypatch, seed=2, count=1000)
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize("kind", ["case", "robot", "controller", "csv", "mat", "fmu-xml", "fmu-archive"])
 def test_inputs_are_the_same_again(kind: str) -> None:
     made = [make(kind, 0, number) for number in range(200)]

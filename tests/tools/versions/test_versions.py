@@ -130,6 +130,7 @@ def test_what_came_out_is_counted(tmp_path: Path) -> None:
     assert made["packages"]["numpy"] == version("numpy")
 
 
+@pytest.mark.gate
 def test_runs_without_a_test_have_failed(tmp_path: Path) -> None:
     assert main(["here", str(tmp_path / "test_nowhere.py")]) != 0
 
