@@ -65,7 +65,9 @@ def judged_later(estimate: Estimate) -> list[str]:
 
 
 @pytest.mark.gate
-@pytest.mark.parametrize("size", [0.05, 0.3, 1.0])
+@pytest.mark.parametrize(
+    "size", [pytest.param(0.05, marks=pytest.mark.slow), 0.3, pytest.param(1.0, marks=pytest.mark.slow)]
+)
 def test_values_and_deviations_hold_however_far_the_start_is_off(model: LoopModel, size: float) -> None:
     estimates = [Didim(start="torque").estimate(simulated(model, seed, size)) for seed in SEEDS]
     z = np.array([errors(model, estimate) for estimate in estimates])

@@ -160,7 +160,9 @@ def all_verbs(machine: Machine, condition: Mapping[str, str]) -> None:
     assert list(arm.glob("results/*/findings.json"))
 
 
-@pytest.mark.parametrize("name", CONDITIONS)
+@pytest.mark.parametrize(
+    "name", [pytest.param("as_it_is", marks=pytest.mark.slow), *(name for name in CONDITIONS if name != "as_it_is")]
+)
 def test_all_verbs_in_other_encodings(machine: Machine, name: str) -> None:
     all_verbs(machine, CONDITIONS[name])
 

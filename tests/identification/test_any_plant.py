@@ -25,19 +25,17 @@ SCARA = "examples/scara/identify.yaml"
 
 
 @pytest.mark.gate
-@pytest.mark.parametrize("fmi", ["2.0", "3.0"])
 @pytest.mark.parametrize(
-    "options",
+    ("fmi", "options"),
     [
-        {"interface": "co-simulation"},
-        {"interface": "model-exchange", "substeps": 16},
-        {"interface": "co-simulation", "isolated": True},
+        ("2.0", {"interface": "co-simulation"}),
+        ("3.0", {"interface": "co-simulation"}),
+        pytest.param("2.0", {"interface": "model-exchange", "substeps": 16}, marks=pytest.mark.slow),
+        ("3.0", {"interface": "model-exchange", "substeps": 16}),
+        ("2.0", {"interface": "co-simulation", "isolated": True}),
     ],
-    ids=["co-simulation", "model exchange", "isolated"],
 )
 def test_every_form_of_the_fmu_gives_the_same_values(tmp_path: Path, fmi: str, options: dict[str, Any]) -> None:
-    if options.get("isolated") and fmi == "3.0":
-        pytest.skip("one version suffices for the process around it")
     outcome = identify(scara_case(tmp_path, plant={"kind": "fmu", "fmi": fmi, **options}, controller={"fmi": fmi}))
     assert outcome.document.status == "converged"
     expected = identify(SCARA).estimate

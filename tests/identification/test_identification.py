@@ -119,23 +119,23 @@ def test_loose_tracking_needs_the_corrected_deviation(cases: dict[int, Case]) ->
     torque = loose.torque(TRUTH)
     noise = 0.05 * np.sqrt((torque**2).mean(axis=0))
     values, corrected, paper = [], [], []
-    for seed in range(60):
+    for seed in range(30):
         measured = torque + noise * np.random.default_rng(seed).normal(size=torque.shape)
-        estimate = Didim(tolerance=1e-6, finish=False, maximum_iterations=60).estimate(with_torque(loose, measured))
+        estimate = Didim(tolerance=1e-3, finish=False).estimate(with_torque(loose, measured))
         values.append(estimate.value)
         corrected.append(estimate.standard_deviation)
         paper.append(estimate.stages["didim"].formulas["paper"])
     empirical = np.std(values, axis=0, ddof=1)
     ratio_corrected = np.mean(corrected, axis=0) / empirical
     assert (np.mean(paper, axis=0) / np.mean(corrected, axis=0)).min() < 0.87
-    assert (np.abs(np.log(ratio_corrected)) < 0.35).all()  # the standard deviation of 60 draws is known to 9 %
+    assert (np.abs(np.log(ratio_corrected)) < 0.35).all()  # the standard deviation of 30 draws is known to 13 %
 
 
 def test_known_noise_and_equal_weights_are_used(cases: dict[int, Case]) -> None:
     model = model_at(cases, 10)
     free = Didim().estimate(model)
     known = Didim().estimate(replace(model, torque_deviation=10 * free.noise))
-    assert (np.abs(known.value - known.value) <= NEAR * known.standard_deviation).all()
+    assert (np.abs(known.value - free.value) <= NEAR * free.standard_deviation).all()
     np.testing.assert_allclose(known.standard_deviation, 10 * free.standard_deviation, rtol=1e-3)
     equal = Didim().estimate(replace(model, joint_weights="equal"))
     # The second joint, ten times weaker, then counts for less.

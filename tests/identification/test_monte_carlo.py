@@ -21,7 +21,7 @@ def check_coverage(summary: Summary, seeds: int, *, least: float = 93.0) -> None
 
 
 @pytest.mark.gate
-@pytest.mark.parametrize("rate_hz", [200, 10])
+@pytest.mark.parametrize("rate_hz", [pytest.param(200, marks=pytest.mark.slow), 10])
 def test_coverage_over_200_seeds(rate_hz: int) -> None:
     summary = run(Design(rate_hz), 200)
     check_coverage(summary, 200)

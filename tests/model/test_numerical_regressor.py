@@ -28,7 +28,9 @@ def probed_case(folder: Path, entries: dict[str, Any], kind: str = "fmu") -> Pat
 
 @pytest.mark.gate
 @pytest.mark.parametrize("kind", ["fmu", "model", "control"])
-@pytest.mark.parametrize("delay", [0.0, 0.5, 2.0])
+@pytest.mark.parametrize(
+    "delay", [pytest.param(0.0, marks=pytest.mark.slow), 0.5, pytest.param(2.0, marks=pytest.mark.slow)]
+)
 def test_probed_regressor_is_the_analytic_one(tmp_path: Path, kind: str, delay: float) -> None:
     analytic = predict(model_of("examples/scara/identify.yaml").with_delay(delay), TRUTH)
     probed = predict(model_of(probed_case(tmp_path, ENTRIES, kind)).with_delay(delay), TRUTH)

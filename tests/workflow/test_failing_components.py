@@ -89,7 +89,7 @@ CASES = [(fault, True) for fault in FAULTS] + [("ERROR_IN_STEP", False), ("NAN_O
 
 
 @pytest.mark.gate
-@pytest.mark.parametrize("component", ["plant", "controller"])
+@pytest.mark.parametrize("component", ["plant", pytest.param("controller", marks=pytest.mark.slow)])
 @pytest.mark.parametrize(("fault", "isolated"), CASES)
 def test_the_headline(folder: Path, component: str, fault: str, isolated: bool) -> None:
     path = written(folder, **{component: source(folder, fault, isolated=isolated)})

@@ -159,11 +159,11 @@ FASTER = {"speed_scale": 2.0, "acceleration_scale": 2.0}
     ("truth", "values", "names", "rate_hz", "present", "scales"),
     [
         ("asymmetric_coulomb", (("Fca", 0.8),), OFFSET, 20, QUICK, WIDER),
-        ("torque_offset", (("offset", 2.0),), OFFSET, 20, QUICK, WIDER),
+        pytest.param(*("torque_offset", (("offset", 2.0),), OFFSET, 20, QUICK, WIDER), marks=pytest.mark.slow),
         ("stribeck", (("Fs", 0.4), ("vs", 0.1)), REVERSAL, 50, QUICK, WIDER),
-        ("presliding", (("Fd", 0.2), ("zs", 0.005)), REVERSAL, 50, QUICK, WIDER),
-        ("quadratic_viscous", (("Fq", 0.6),), VISCOUS, 100, SLOWER, FASTER),
-        ("cubic_viscous", (("Fcube", 0.3),), VISCOUS, 100, SLOWER, FASTER),
+        pytest.param(*("presliding", (("Fd", 0.2), ("zs", 0.005)), REVERSAL, 50, QUICK, WIDER), marks=pytest.mark.slow),
+        pytest.param(*("quadratic_viscous", (("Fq", 0.6),), VISCOUS, 100, SLOWER, FASTER), marks=pytest.mark.slow),
+        pytest.param(*("cubic_viscous", (("Fcube", 0.3),), VISCOUS, 100, SLOWER, FASTER), marks=pytest.mark.slow),
     ],
     ids=lambda value: value if isinstance(value, str) else "",
 )
