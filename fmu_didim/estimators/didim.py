@@ -186,8 +186,8 @@ class Didim(Estimator):
             error = np.nan if prediction is None else relative_error_percent(model.measured, prediction.torque)[0]
             step = path.judged(theta, float(error), failure)
             if step == "failed":
-                reason = f"{impossible}, and for the nearest possible values: " if impossible else ""
-                raise _NonPhysicalError(theta, f"{reason}{path.failure}", error=float(error))
+                reason = f"{impossible}, and from the nearest possible values the loop fails" if impossible else ""
+                raise _NonPhysicalError(theta, reason or path.failure, error=float(error))
             if step in ("halved", "over"):
                 note = f"{path.failure}; {'step halved' if step == 'halved' else BEST}"
                 history.add(Iteration(self.name, number, theta, error, note=note))
