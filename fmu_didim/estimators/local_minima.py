@@ -20,7 +20,7 @@ from fmu_didim.base.errors import SimulationError
 from fmu_didim.data.signals import Array
 from fmu_didim.estimators.finish import Minimum
 from fmu_didim.estimators.inverse_simulation import stiffness
-from fmu_didim.fit.fit import Fit, point, sum_of_squares
+from fmu_didim.fit.fit import Fit, point, prior_squares, sum_of_squares
 from fmu_didim.fit.noise.weighting import NoiseOfResidual
 from fmu_didim.fit.solver.admissible import mass_matrix_problem
 from fmu_didim.model.loop_model import LoopModel
@@ -53,7 +53,8 @@ class Valley:
     """A local minimum of the torque error along an inertia, the other values held.
 
     Attributes:
-        place: of the inertia among the values; factor: by which it is larger; cost: weighted square of the residual.
+        place: of the inertia among the values; factor: by which it is larger; cost: weighted square of the residual,
+            with that of a prior.
     """
 
     place: int
@@ -75,13 +76,13 @@ def lowest(minimum: Minimum, finish: Callable[[Fit], Minimum]) -> Minimum:
     """
     for _ in range(OTHER_MINIMA):
         fit = minimum.fit
-        found = valleys(fit)
+        found, cost = valleys(fit), fit.chi_square + prior_squares(fit.model.prior, fit.values)
         lower = min(found, key=lambda valley: valley.cost, default=None)
-        if lower is None or lower.cost >= fit.chi_square:
+        if lower is None or lower.cost >= cost:
             rivals = tuple(
                 (fit.model.names[valley.place], float(valley.values(fit.values)[valley.place]))
                 for valley in found
-                if valley.cost < fit.chi_square + HARDLY_WORSE
+                if valley.cost < cost + HARDLY_WORSE
             )
             return replace(minimum, rivals=rivals)
         other = finish(point(fit.model.with_values(lower.values(fit.values)), NoiseOfResidual(fit.model)))
@@ -160,6 +161,6 @@ def _cost(model: LoopModel, values: Array, deviation: Array) -> float:
     if mass_matrix_problem(model, values):
         return np.inf
     try:
-        return sum_of_squares(model.residual(values), deviation)
+        return sum_of_squares(model.residual(values), deviation) + prior_squares(model.prior, values)
     except SimulationError:
         return np.inf

@@ -100,6 +100,8 @@ def _fitted(model: LoopModel, motion: Callable[[Simulation], Motion], *, held: b
     count = model.linear_count
     deviation = weighted_solution(model, columns, target)[1]
     table, right = whitened(columns, deviation), (target / deviation).reshape(-1)
+    if model.prior is not None:
+        table, right = model.beside_prior(table), np.concatenate([right, model.prior.target])
     if held:
         size = np.linalg.norm(right) / np.maximum(np.linalg.norm(table, axis=0), np.finfo(float).tiny)
         prior = NOMINAL_DEVIATION * np.maximum(np.abs(model.start[:count]), NOMINAL_FLOOR * size)
