@@ -20,6 +20,7 @@ from fmu_didim.estimators.base import Estimator, Progress, no_progress
 from fmu_didim.estimators.finish import Minimum, finish_by_colour, torque_estimate
 from fmu_didim.estimators.initial_states import free_starts, with_starts
 from fmu_didim.estimators.joint import joint_minimum, motion_minimum
+from fmu_didim.estimators.local_minima import nearer_to_prior
 from fmu_didim.estimators.start import simulatable, start_values, with_free_delay
 from fmu_didim.fit.estimate import Estimate, RefusedError, Stage
 from fmu_didim.fit.fit import point
@@ -86,7 +87,9 @@ class Clie(Estimator):
             maximum_iterations=self.maximum_iterations,
         )  # fmt: skip
         joint = partial(joint_minimum, experiments=model.experiments, tolerance=self.tolerance, progress=progress)
-        return self._concluded(with_starts(start, free_starts(start), lambda at: joint(finish(at))))
+        return self._concluded(
+            with_starts(start, free_starts(start), lambda at: joint(nearer_to_prior(finish(at), finish)))
+        )
 
     def _of_motion(self, model: LoopModel, progress: Progress) -> Estimate:
         """In an open loop: the torque is given, and what was measured beside it shows the values."""

@@ -27,7 +27,7 @@ from fmu_didim.estimators.descent import Path
 from fmu_didim.estimators.finish import Minimum, finish_by_colour, integration_error, torque_estimate
 from fmu_didim.estimators.initial_states import free_starts, with_likely_starts, with_starts
 from fmu_didim.estimators.joint import joint_minimum
-from fmu_didim.estimators.local_minima import lowest
+from fmu_didim.estimators.local_minima import lowest, nearer_to_prior
 from fmu_didim.estimators.start import Start, simulatable, start_sequence, start_text, start_values, with_free_delay
 from fmu_didim.fit.equations import Equations
 from fmu_didim.fit.estimate import Estimate, RefusedError, Stage
@@ -232,7 +232,7 @@ class Didim(Estimator):
         stages = {self.name: self._stage(fit, known)}
         if self.finish or fit.values.size > fit.model.linear_count:
             finish = partial(finish_by_colour, tolerance=self.finish_tolerance, progress=history.progress)
-            minimum = with_starts(fit, starts, lambda at: joint(lowest(finish(at), finish)))
+            minimum = with_starts(fit, starts, lambda at: joint(lowest(nearer_to_prior(finish(at), finish), finish)))
             history.iterations.extend(minimum.iterations)
             fit, settled = minimum.fit, minimum.fit.settled  # at a minimum, however it was reached
             known = minimum.known

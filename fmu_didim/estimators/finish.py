@@ -300,8 +300,9 @@ def _of_limits(model: LoopModel, values: Array, deviation: Array, unlimited: Arr
     if unlimited is None:
         return []
     moved = (values - unlimited) / deviation
+    alone = "alone" if model.prior is None else "without limits"
     told = [
-        f"{name} = {values[i]:.3g} (alone {unlimited[i]:.3g} ± {deviation[i]:.2g}) {unit}"
+        f"{name} = {values[i]:.3g} ({alone} {unlimited[i]:.3g} ± {deviation[i]:.2g}) {unit}"
         for i, (name, unit) in enumerate(zip(model.names, model.free_parameters.units, strict=True))
         if abs(moved[i]) > MOVED
     ]

@@ -9,7 +9,16 @@ from importlib.metadata import version
 from typing import Any
 
 from fmu_didim.base.constants import Deciding, recorded
-from fmu_didim.checks import channels, held_out, identification, motion_dependence, physical, residual, sampling_kind
+from fmu_didim.checks import (
+    channels,
+    held_out,
+    identification,
+    motion_dependence,
+    physical,
+    prior,
+    residual,
+    sampling_kind,
+)
 from fmu_didim.checks.data import log, timing, torque_channel
 from fmu_didim.data.tables import clock
 from fmu_didim.estimators import finish, local_minima, reference_start
@@ -45,6 +54,7 @@ DECIDING = (
     (finish, ("ROUNDS", "SAME_INFLATION")),
     (shared, ("SHORTEST_BLOCK_S", "MEMORIES", "FEWEST_BLOCKS")),
     (channels, ("DISAGREEMENT", "EXPLAINED", "CERTAIN", "COLOURED", "LARGER")),
+    (prior, ("DISAGREEMENT", "DECIDED")),
     (local_minima, ("OTHER_MINIMA", "HARDLY_WORSE")),
     (identification, ("NEAR_LIMIT", "VISIBLE_SHIFT", "SECOND_STEP", "JITTER")),
     (residual, ("STILL_NOT_WHITE",)),
