@@ -3,15 +3,23 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fmu_didim.base.diagnostics import CATALOGUE, DOUBT, REMARK, Diagnostic
 from fmu_didim.fit.estimate import Estimate
+from fmu_didim.fit.noise.noise import TINY
 from fmu_didim.fit.prior_fit import PriorFit
 
 DISAGREEMENT = 0.001
 """[1] Probability of data and prior as far apart by chance, over all that both know, below which they disagree."""
 FAR = 3.0
 """[standard deviations] Of the difference, from which a parameter is named; else that which is farthest apart."""
+TIMES = 6.0
+"""[standard deviations] Of the logarithm of value over prior, from which the value is too small for the prior: values
+that are known to 30 % are within a factor of 6, while a normal distribution has all smaller ones within 3.3 deviations,
+such as those of a description in grams."""
+SURELY = 2.0
+"""[standard deviations] Of a value, that it may be larger than it is."""
 DECIDED = 0.5
 """[1] Part of the variance of a value that comes from the data, below which it is the prior that decides."""
 
@@ -43,17 +51,30 @@ def prior_diagnostics(estimate: Estimate) -> list[Diagnostic]:
 
 
 def _disagreement(prior: PriorFit, estimate: Estimate) -> list[Diagnostic]:
-    if prior.p_value >= DISAGREEMENT:
+    smaller = _far_smaller(prior, estimate)
+    if prior.p_value >= DISAGREEMENT and not smaller.any():
         return []
     apart = np.where(np.isfinite(prior.apart), np.abs(prior.apart), 0.0)
+    if prior.p_value >= DISAGREEMENT:
+        apart = np.where(smaller, apart, 0.0)
     farthest = int(np.argmax(apart))
     named = [i for i in np.argsort(-apart) if apart[i] >= FAR] or [farthest]
     values = ", ".join(
         f"{estimate.names[i]} = {estimate.value[i]:.4g} where the prior has {prior.mean[i]:.4g} ± "
         f"{prior.deviation[i]:.2g} {estimate.units[i]} ({apart[i]:.1f} sigma of the difference)" for i in named
     )  # fmt: skip
-    text = f"The data do not agree with {prior.source} (p = {prior.p_value:.1e}): {values}."
+    times = [prior.mean[i] / estimate.value[i] for i in np.flatnonzero(smaller) if estimate.value[i]]
+    factor = f", which is up to {max(map(abs, times)):.3g} times as large" if times else ""
+    text = f"The data do not agree with {prior.source}{factor} (p = {prior.p_value:.1e}): {values}."
     return [Diagnostic(PRIOR_DISAGREES, text, estimate.names[farthest], prior.p_value, DISAGREEMENT, "1")]
+
+
+def _far_smaller(prior: PriorFit, estimate: Estimate) -> NDArray[np.bool_]:
+    """(p,) which values are smaller than those of the prior by a factor that its deviation does not explain."""
+    is_sure = np.isfinite(prior.deviation) & (np.abs(prior.mean) > prior.deviation)
+    mean, deviation = (np.where(is_sure, v, 1.0) for v in (prior.mean, prior.deviation))
+    largest = estimate.value / mean + SURELY * estimate.standard_deviation / np.abs(mean)
+    return np.asarray(is_sure & (np.log(np.maximum(largest, TINY)) < -TIMES * deviation / np.abs(mean)))
 
 
 def _decided(prior: PriorFit, estimate: Estimate) -> list[Diagnostic]:

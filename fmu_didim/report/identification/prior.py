@@ -37,8 +37,8 @@ def prior_sections(document: ResultDocument) -> list[Section]:
         note(
             "Data %: part of the variance of a value that comes from the noise of the log; the rest comes from the "
             "prior. For a single parameter it is the weight of the data in the value. Data alone: one step from the "
-            "values of both, without limits; none where the data do not tell a parameter from others. Apart: value minus "
-            "prior, in standard deviations of that difference."
+            "values of both, without limits; none where the data do not tell a parameter from others. Together both "
+            "know more than each. Apart: value minus prior, in standard deviations of that difference."
         ),
     ]
     return [Section(f"Data beside {prior.source}", blocks, anchor="prior", has_title=True)]
