@@ -121,7 +121,7 @@ def prior(document: CaseDocument, parameters: Parameters, folder: Path) -> Prior
     nominal = {v.name: v.start for v in other.standard_parameters()}
     count = len(model.description.joints)
     links = _by_joint(source.relative_std, count, "relative_std")
-    single = {}
+    single: dict[str, float] = {}
     for key, stems in (("motor_inertia", (MOTOR_INERTIA,)), ("friction", FRICTION)):
         for joint, relative in _by_joint(getattr(source, key), count, key).items():
             found = {f"{stem}{joint}": abs(nominal.get(f"{stem}{joint}", 0.0)) for stem in stems}

@@ -23,6 +23,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import linalg
 
 from fmu_didim.base.errors import InputError
@@ -160,7 +161,7 @@ def _given(mean: Array, covariance: Array, known: Array) -> tuple[Array, Array]:
     return np.where(free, moved, known), left
 
 
-def _of_base(base: BaseParameters, mean: Array, covariance: Array, stated: Array, source: str) -> Prior:
+def _of_base(base: BaseParameters, mean: Array, covariance: Array, stated: NDArray[np.bool_], source: str) -> Prior:
     """From mean (ns,) and covariance (ns, ns) of those standard parameters that are stated."""
     whole = np.zeros((base.count, len(base.standard_names)))
     whole[np.arange(base.count), base.index] = 1.0
