@@ -19,6 +19,7 @@ from fmu_didim.dynamics.prior import Prior, prior_of
 from fmu_didim.estimators import Estimator
 from fmu_didim.estimators.clie import Clie
 from fmu_didim.estimators.didim import Didim
+from fmu_didim.estimators.start import start_sequence, start_values
 from fmu_didim.fit.confounding import confounded
 from fmu_didim.fit.estimate import Estimate
 from fmu_didim.model.loop_model import LoopModel
@@ -206,6 +207,31 @@ def test_five_seconds_of_a_real_robot_and_published_links() -> None:
     assert "data %" in text
     assert "Data beside published.yaml" in text
     assert "published.yaml" in result.document.provenance["files"]
+
+
+def test_iterations_begin_at_the_prior_unless_another_start_is_asked_for(model: LoopModel) -> None:
+    informed = replace(model, prior=prior(model, 0.1))
+    assert start_sequence(informed, "torque")[:2] == ("prior", "torque")
+    assert start_sequence(informed, "reference")[0] == "reference"
+    assert "prior" not in start_sequence(model, "torque")
+    values, known = start_values(informed, "prior"), informed.prior
+    assert known is not None
+    has = np.isfinite(known.deviation)
+    assert np.abs((values - known.mean)[has] / known.deviation[has]).max() < 0.2
+    with pytest.raises(InputError):
+        start_values(model, "prior")
+
+
+@pytest.mark.gate
+def test_a_minimum_that_was_passed_by_is_found_from_the_prior() -> None:
+    """From the motion that the torque implies the iterations end with a link 2 of a tenth of its inertia."""
+    case = load_case(CASE).with_(train={"to_s": 6}, validation=None, prior=PUBLISHED)
+    for start in ({"kind": "didim"}, {"kind": "didim", "start": "nominal"}):
+        found = case.with_(estimator=start)
+        estimate = found.estimator.estimate(found.model)
+        assert estimate.value[estimate.names.index("ZZ2")] == pytest.approx(0.0247, abs=0.003)
+        assert estimate.prior is not None
+        assert estimate.prior.p_value > 0.01
 
 
 @pytest.mark.parametrize(

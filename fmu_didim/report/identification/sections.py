@@ -170,7 +170,7 @@ def _from_data(document: ResultDocument, names: Sequence[str]) -> list[Column]:
     if document.prior is None:
         return []
     shares = [share_text(document.prior.parameters[name]) for name in names]
-    return [Column("data %", shares, page_head="from the data (%)")]
+    return [Column("data %", shares)]
 
 
 def _further_values(document: ResultDocument, listed: Sequence[tuple[str, ParameterResult]]) -> list[Column]:
