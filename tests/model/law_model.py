@@ -59,6 +59,10 @@ class LawModel:
     def __post_init__(self) -> None:
         object.__setattr__(self, "free_parameters", FreeParameters(self.free_parameters))
 
+    def beside_prior(self, table: Array) -> Array:
+        """Nothing is known before."""
+        return table
+
     @property
     def loop(self) -> LawLoop:
         return LawLoop(self)
