@@ -14,6 +14,7 @@ import yaml
 from fmu_didim import discover, identify
 from fmu_didim.base.errors import IdentificationError, InputError
 from fmu_didim.case import load_case
+from fmu_didim.checks.agreement import agreement
 from fmu_didim.checks.identification import checked
 from fmu_didim.dynamics.prior import Prior, prior_of
 from fmu_didim.estimators import Estimator
@@ -22,6 +23,7 @@ from fmu_didim.estimators.didim import Didim
 from fmu_didim.estimators.start import start_sequence, start_values
 from fmu_didim.fit.confounding import confounded
 from fmu_didim.fit.estimate import Estimate
+from fmu_didim.model.free_parameter import base_free_parameters
 from fmu_didim.model.loop_model import LoopModel
 from fmu_didim.model.parameters import RobotParameters
 from fmu_didim.report import result_table
@@ -54,9 +56,11 @@ def prior(model: LoopModel, relative: float, *, of_motor: float | None = None, *
 
 
 def measured(model: LoopModel, truth: np.ndarray, noise: np.ndarray, seed: int) -> LoopModel:
-    torque = model.torque(truth)
-    torque = torque + noise * np.random.default_rng(seed).standard_normal(torque.shape)
-    return replace(with_torque(model, torque), torque_deviation=noise)
+    rng = np.random.default_rng(seed)
+    for label in model.estimation_labels:
+        torque = model.torque(truth, label)
+        model = with_torque(model, torque + noise * rng.standard_normal(torque.shape), label)
+    return replace(model, torque_deviation=noise)
 
 
 def codes(estimate: Estimate) -> set[str]:
@@ -85,6 +89,7 @@ def test_intervals_hold_over_draws_of_the_prior(model: LoopModel, factor: float)
     assert min(p_values) > 1e-4
 
 
+@pytest.mark.gate
 def test_a_prior_of_no_weight_changes_nothing(model: LoopModel) -> None:
     data = measured(model, model.start, NOISE, 3)
     alone = Didim().estimate(data)
@@ -144,6 +149,32 @@ def test_a_wrong_unit_is_told_even_where_the_prior_is_modest(model: LoopModel) -
     assert "prior-disagrees" in codes(found)
 
 
+def test_the_pull_of_a_wrong_prior_is_no_disagreement_of_experiments(model: LoopModel) -> None:
+    """Each experiment is compared with the others where the data alone have the minimum."""
+    data, rng = replace(model.on(*model.experiments), torque_deviation=2 * NOISE), np.random.default_rng(0)
+    for label in model.experiments:
+        torque = model.torque(model.start, label)
+        data = with_torque(data, torque + 2 * NOISE * rng.standard_normal(torque.shape), label)
+    heavy = {name: 1.5 for name in CAD if name.endswith("2")}
+    found = [Didim().estimate(data), Didim().estimate(replace(data, prior=prior(model, 0.05, **heavy)))]
+    assert "prior-disagrees" in codes(found[1])
+    p_values = [[a.p_value for a in agreement(e.fit).values()] for e in found if e.fit is not None]
+    assert p_values[1] == pytest.approx(p_values[0], abs=0.02)
+
+
+def test_values_that_an_experiment_has_of_its_own_have_no_prior(model: LoopModel) -> None:
+    """A payload that is in no description."""
+    data = measured(model.on(*model.experiments), model.start, NOISE, 4)
+    labels = list(model.experiments)
+    own = base_free_parameters(model.parameters, {labels[1]: ["MX2"]})
+    found = Didim().estimate(replace(data.with_free(own), prior=prior(model, 0.1)))
+    assert found.prior is not None
+    place = found.names.index(f"MX2[{labels[1]}]")
+    assert np.isnan(found.prior.mean[place])
+    assert np.isfinite(found.prior.mean[found.names.index("MX2")])
+    assert found.prior.data_share[place] > 0.5
+
+
 def brief(model: LoopModel, samples: int) -> LoopModel:
     """The first samples of a log at 10 Hz."""
     short = model.experiments[model.first].before(samples)
@@ -189,6 +220,7 @@ PUBLISHED: Mapping[str, Any] = {"towards": "published.yaml", "relative_std": 0.2
 SHORT: Mapping[str, Any] = {"train": {"to_s": 5}, "validation": None}
 
 
+@pytest.mark.gate
 def test_five_seconds_of_a_real_robot_and_published_links() -> None:
     """Published for the same machine: ZZ1R 0.111, MX1R 0.349, ZZ2 0.0239, MX2 0.111; by 34 s MX1R 0.334, MX2 0.117."""
     result = identify(load_case(CASE).with_(**SHORT, prior=PUBLISHED))
