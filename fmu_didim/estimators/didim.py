@@ -251,8 +251,8 @@ class Didim(Estimator):
         """DIDIM's own answer with its standard deviation; beside it, for white noise, the paper's and the bound."""
         assert fit.prediction is not None
         count = fit.model.linear_count
-        w = whitened(_inverse(fit.prediction)[0], fit.deviation)
-        s = whitened(fit.jacobian[:, :, :count], fit.deviation)
+        tables = (_inverse(fit.prediction)[0], fit.jacobian[:, :, :count])
+        w, s = (fit.model.beside_prior(whitened(table, fit.deviation)) for table in tables)
         formulas = {"paper": covariance_white(w), "cramer_rao": covariance_white(s)}
         deviations = {name: np.sqrt(np.diag(covariance)) for name, covariance in formulas.items()}
         return Stage(fit.values[:count], known.deviation, deviations)

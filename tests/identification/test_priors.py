@@ -127,6 +127,8 @@ def test_both_weigh_by_what_they_know(model: LoopModel) -> None:
     assert both.prior.data_share[both.names.index("MY2")] < 0.5
     assert "prior-decides" in codes(both)
     assert "prior-disagrees" not in codes(both)
+    stage = both.stages["didim"]
+    assert (stage.formulas["cramer_rao"] <= 1.02 * stage.standard_deviation).all()  # the bound counts it, too
 
 
 def test_a_wrong_prior_is_a_doubt_and_never_passes_for_data(model: LoopModel) -> None:
