@@ -17,7 +17,7 @@ from fmu_didim.base.files import is_file
 from fmu_didim.case.changes import CaseChanges, CaseObjects, changes_by, merged
 from fmu_didim.case.document import CaseDocument, make_estimator, read_case
 from fmu_didim.case.experiment import read_experiment
-from fmu_didim.case.free import free_parameters
+from fmu_didim.case.free import free_parameters, prior
 from fmu_didim.case.instants import read_motion
 from fmu_didim.case.loop import (
     at_instants_of,
@@ -188,6 +188,7 @@ class Case:
             free_parameters(document, self.parameters, first),
             torque_deviation=None if document.torque_std is None else np.array(document.torque_std),
             joint_weights=document.joint_weights,
+            prior=prior(document, self.parameters, self.folder),
         )
 
 
@@ -318,6 +319,7 @@ def _check_folder(document: CaseDocument, folder: Path, memory: Memory) -> None:
     """Refuse a case in memory whose files are looked for in the wrong folder."""
     sources = [part.source for part in document.parts.values()]
     sources += [document.robot, document.system.source if document.system is not None else None]
+    sources.append(None if document.prior is None else document.prior.file)
     files = [name for name in sources if name is not None and ":" not in name and name not in memory.objects]
     for name in files:
         check_at_hand(name)
@@ -375,6 +377,11 @@ def _check(document: CaseDocument, model: LoopModel, estimator: Estimator) -> No
             where="connections", got=f"estimator {estimator.name}, "
             f"{'measured: ' + ', '.join(model.experiments.channels) if model.experiments.channels else 'no measured:'}",
             next_step="Give measured: with the positions, and estimator: {kind: clie}.",
+        )  # fmt: skip
+    if model.prior is not None and not estimator.takes_prior:
+        raise InputError(
+            f"The estimator {estimator.name} takes no prior.", where="prior", got=dict(estimator.describe()),
+            valid="didim with its finish, clie", next_step="Use one of these, or take prior: out of the case.",
         )  # fmt: skip
     if model.experiments.channels and not estimator.fits_channels:
         raise InputError(

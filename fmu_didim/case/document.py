@@ -19,6 +19,7 @@ from fmu_didim.case.sources import (
     IdentifiedParameter,
     Loop,
     LowPassSource,
+    PriorSource,
     SystemSource,
 )
 from fmu_didim.cosim.system import REFERENCE
@@ -71,6 +72,7 @@ class CaseDocument(Strict):
         torque_std: known standard deviation of the torque noise, one a joint.
         joint_weights: ``estimated`` or ``equal``.
         low_pass: optional filter.
+        prior: what is known of the robot before it moves, such as from CAD, if that is to count beside the data.
     """
 
     schema_version: Literal[1] = Field(default=1, alias="schema")
@@ -91,6 +93,7 @@ class CaseDocument(Strict):
     torque_std: tuple[Positive, ...] | None = None
     joint_weights: Literal["estimated", "equal"] = "estimated"
     low_pass: LowPassSource | None = None
+    prior: PriorSource | None = None
 
     @model_validator(mode="after")
     def _which_is_the_plant(self) -> CaseDocument:

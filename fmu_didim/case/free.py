@@ -1,15 +1,21 @@
-"""Free parameters of a case beside the base parameters: gains of controller or drives, the delay, the log's clock."""
+"""Free parameters of a case beside the base parameters: gains of controller or drives, the delay, the log's clock; and
+what is known of the base parameters before.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from pathlib import Path
 
 from fmu_didim.base.errors import InputError, UnknownNameError
 from fmu_didim.case.document import CaseDocument
-from fmu_didim.case.sources import IdentifiedParameter
+from fmu_didim.case.sources import IdentifiedParameter, RelativeStd
 from fmu_didim.cosim import System
 from fmu_didim.dynamics.effects.drive_gain import DriveGain
+from fmu_didim.dynamics.physical_set import FRICTION, MOTOR_INERTIA
+from fmu_didim.dynamics.prior import Prior, prior_of
+from fmu_didim.dynamics.robot import RobotDescription, read_robot
 from fmu_didim.model.free_parameter import (
     DELAY,
     LOG,
@@ -21,8 +27,10 @@ from fmu_didim.model.free_parameter import (
     log_shift_parameter,
     of_experiment,
 )
-from fmu_didim.model.parameters import Parameters
+from fmu_didim.model.parameters import Parameters, RobotParameters
 
+SAME_GEOMETRY = ("type", "alpha", "a", "theta", "d")
+"""What two descriptions of one robot have in common at each joint, so that their values mean the same."""
 DRIVE = "drive"
 """Owner, in a case, of the gain of a drive."""
 
@@ -87,3 +95,68 @@ def _entry(name: str, entry: IdentifiedParameter, system: System, document: Case
         found = FreeParameter(name, offered[key].unit, owner, key, start, abs(start) or 1.0)
     value, low, high = entry.start_and_limits(name, found.value, (found.lowest, found.highest))
     return replace(found, value=value, lowest=low, highest=high)
+
+
+def prior(document: CaseDocument, parameters: Parameters, folder: Path) -> Prior | None:
+    """What a case says of the base parameters before they are identified; None where it says nothing.
+
+    Args:
+        folder: of the case, from which another description is read.
+
+    Raises:
+        InputError: the plant has no robot description, the other one is of another robot, or its values cannot be
+            those of a robot.
+    """
+    source = document.prior
+    if source is None:
+        return None
+    if not isinstance(parameters, RobotParameters):
+        raise InputError(
+            "A prior is about the base parameters of a robot description.", where="prior", got="no robot:",
+            next_step="Give robot: in the case, or limits of the parameters under identify:.",
+        )  # fmt: skip
+    model, base = parameters.model, parameters.base
+    other = model.description if source.file is None else read_robot(folder / source.file)
+    _check_same_joints(model.description, other, source.towards)
+    nominal = {v.name: v.start for v in other.standard_parameters()}
+    count = len(model.description.joints)
+    links = _by_joint(source.relative_std, count, "relative_std")
+    single: dict[str, float] = {}
+    for key, stems in (("motor_inertia", (MOTOR_INERTIA,)), ("friction", FRICTION)):
+        for joint, relative in _by_joint(getattr(source, key), count, key).items():
+            found = {f"{stem}{joint}": abs(nominal.get(f"{stem}{joint}", 0.0)) for stem in stems}
+            single |= {name: relative * v for name, v in found.items() if v > 0 and name in base.standard_names}
+    where = "the robot description" if source.file is None else source.file
+    return prior_of(model, base, nominal, links=links, single=single, source=where)
+
+
+def _by_joint(given: RelativeStd | None, count: int, key: str) -> dict[int, float]:
+    """Joint, from 1 -> relative standard deviation."""
+    if given is None:
+        return {}
+    if not isinstance(given, Mapping):
+        return dict.fromkeys(range(1, count + 1), given)
+    found = {int(name.removeprefix("joint")): value for name, value in given.items()}
+    for joint in found:
+        if joint > count:
+            valid = [f"joint{j}" for j in range(1, count + 1)]
+            raise UnknownNameError("joint", f"joint{joint}", valid, where=f"prior.{key}")
+    return found
+
+
+def _check_same_joints(own: RobotDescription, other: RobotDescription, source: str) -> None:
+    """Raise InputError where a description has other joints, so that its values are about other frames."""
+    problems = [
+        f"joint {j}: {name}: {getattr(b, name)} instead of {getattr(a, name)}"
+        for j, (a, b) in enumerate(zip(own.joints, other.joints, strict=False), start=1)
+        for name in SAME_GEOMETRY
+        if getattr(a, name) != getattr(b, name)
+    ]
+    if len(own.joints) != len(other.joints):
+        problems.insert(0, f"{len(other.joints)} joints instead of {len(own.joints)}")
+    if problems:
+        raise InputError(
+            "The prior comes from a robot with other joints: its values are about other frames.",
+            where=f"prior.towards: {source}", got="; ".join(problems),
+            next_step="Describe the links in the frames of the robot description of the case.",
+        )  # fmt: skip

@@ -370,6 +370,40 @@ class LowPassSource(Strict):
     order: Annotated[int, Field(ge=1, le=10)] = 4
 
 
+RelativeStd = Positive | Mapping[Annotated[str, Field(pattern=r"^joint[1-9]\d*$")], Positive]
+"""One number for all joints, or one by joint."""
+
+
+class PriorSource(Strict):
+    """What is known of the robot before it moves: its base parameters are pulled there, the more the surer.
+
+    Standard deviations are relative: 0.2 is about 20 % of a value; one number for all joints, or one by joint
+    (``{joint1: 0.05}``). What is not stated has no prior, nor has a base parameter that it is a part of.
+
+    Attributes:
+        towards: ``description``, the values of the robot description of the case; or another description of the
+            same joints (``cad.yaml``), which gives the values alone.
+        relative_std: of the pseudo-inertia of each link: of its mass and of its second moment along any axis.
+        motor_inertia, friction: of motor inertias, and of viscous and Coulomb friction; a value of zero is not stated.
+    """
+
+    towards: str = "description"
+    relative_std: RelativeStd | None = None
+    motor_inertia: RelativeStd | None = None
+    friction: RelativeStd | None = None
+
+    @model_validator(mode="after")
+    def _something(self) -> PriorSource:
+        if self.relative_std is None and self.motor_inertia is None and self.friction is None:
+            raise ValueError("give relative_std: (of the links), motor_inertia: or friction:, such as 0.2 for 20 %")
+        return self
+
+    @property
+    def file(self) -> str | None:
+        """The other description, if there is one."""
+        return None if self.towards == "description" else self.towards
+
+
 class SystemSource(Strict):
     """The whole loop from an SSP archive; written short as the path alone.
 

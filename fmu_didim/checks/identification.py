@@ -16,6 +16,7 @@ from fmu_didim.checks.held_out import Residual, held_out_diagnostics
 from fmu_didim.checks.judgement import Judgement, judgement
 from fmu_didim.checks.motion_dependence import dependence_of_fit, motion_diagnostics
 from fmu_didim.checks.physical import physical_diagnostics
+from fmu_didim.checks.prior import prior_diagnostics
 from fmu_didim.checks.residual import NoiseResult, lack_of_fit, residual_diagnostics, slow_diagnostics
 from fmu_didim.checks.validation import Validation
 from fmu_didim.fit.estimate import Estimate, Status
@@ -137,8 +138,8 @@ def checked(estimate: Estimate, validations: Sequence[Validation], *, before: It
 
 
 def of_any_output(estimate: Estimate) -> list[Diagnostic]:
-    """What does not depend on which output was fitted: physics, integration, sensitivities, and the channels beside the
-    torque."""
+    """What does not depend on which output was fitted: physics, integration, sensitivities, the channels beside the
+    torque, and a prior."""
     model = estimate.model
     asked = model if estimate.unlimited is None else model.with_values(estimate.unlimited)
     found = [*physical_diagnostics(asked, estimate.covariance)]
@@ -146,7 +147,8 @@ def of_any_output(estimate: Estimate) -> list[Diagnostic]:
     if shift > VISIBLE_SHIFT:
         text = f"Twice the substeps of the plant would still move a value by {shift:.2g} of its standard deviation."
         found.append(Diagnostic(TOO_COARSE, text, value=shift, bound=VISIBLE_SHIFT, unit="standard deviations"))
-    return [*found, *roughness_diagnostics(estimate.roughness, model), *channel_diagnostics(estimate)]
+    return [*found, *roughness_diagnostics(estimate.roughness, model), *channel_diagnostics(estimate),
+            *prior_diagnostics(estimate)]  # fmt: skip
 
 
 def _of_motion(estimate: Estimate, before: Iterable[Diagnostic]) -> Checks:

@@ -30,7 +30,7 @@ from fmu_didim.dynamics.robot.model import RobotModel
 MOTOR_INERTIA = "Ia"
 FRICTION = ("Fv", "Fc")
 """Stems of the parameters of friction, which cannot be negative."""
-_ENTRIES = {
+ENTRIES = {
     "XX": {(0, 0): -0.5, (1, 1): 0.5, (2, 2): 0.5}, "YY": {(0, 0): 0.5, (1, 1): -0.5, (2, 2): 0.5},
     "ZZ": {(0, 0): 0.5, (1, 1): 0.5, (2, 2): -0.5}, "XY": {(0, 1): -1.0}, "XZ": {(0, 2): -1.0}, "YZ": {(1, 2): -1.0},
     "MX": {(0, 3): 1.0}, "MY": {(1, 3): 1.0}, "MZ": {(2, 3): 1.0}, "M": {(3, 3): 1.0},
@@ -73,7 +73,7 @@ class PhysicalSet:
         joints = model.description.joints
         split = [_NAME.fullmatch(name).groups() for name in base.standard_names]  # type: ignore[union-attr]
         stems, places = [stem for stem, _ in split], np.array([int(number) for _, number in split])
-        inertial = np.array([stem in _ENTRIES or stem == MOTOR_INERTIA for stem in stems])
+        inertial = np.array([stem in ENTRIES or stem == MOTOR_INERTIA for stem in stems])
         whole = np.zeros((base.count, len(stems)))
         whole[np.arange(base.count), base.index] = 1.0
         whole[:, base.dependent] = base.regrouping
@@ -89,7 +89,7 @@ class PhysicalSet:
         table = np.zeros((motors.size + len(TRIANGLE) * len(joints), len(stems)))
         table[np.arange(motors.size), motors] = 1.0
         for i in range(len(stems)):
-            for entry, factor in _ENTRIES.get(stems[i], {}).items():
+            for entry, factor in ENTRIES.get(stems[i], {}).items():
                 row = motors.size + len(TRIANGLE) * (places[i] - 1) + TRIANGLE.index(entry)
                 table[row, i] = factor * (1.0 if entry[0] == entry[1] else np.sqrt(2.0))
         chosen = np.flatnonzero(free)
@@ -152,4 +152,4 @@ def _power(stem: str, joint_type: str) -> int:
     """Power of length in the unit of a parameter whose other factor is mass."""
     if stem == MOTOR_INERTIA:
         return 2 if joint_type == "revolute" else 0
-    return 2 - sum(axis == 3 for axis in next(iter(_ENTRIES.get(stem, {(0, 0): 0.0}))))
+    return 2 - sum(axis == 3 for axis in next(iter(ENTRIES.get(stem, {(0, 0): 0.0}))))

@@ -37,6 +37,11 @@ class Estimator(ABC):
         """Whether it fits what was measured beside the torque together with it."""
         return False
 
+    @property
+    def takes_prior(self) -> bool:
+        """Whether it counts what is known of the robot before (:mod:`fmu_didim.dynamics.prior`) beside the data."""
+        return False
+
     @abstractmethod
     def estimate(self, model: LoopModel, *, progress: Progress = no_progress) -> Estimate:
         """Estimate the free parameters from the experiments for the estimation; ``progress`` gets each iteration.

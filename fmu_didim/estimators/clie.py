@@ -17,9 +17,10 @@ import numpy as np
 
 from fmu_didim.base.errors import SimulationError
 from fmu_didim.estimators.base import Estimator, Progress, no_progress
-from fmu_didim.estimators.finish import Minimum, efficient_finish, torque_estimate
+from fmu_didim.estimators.finish import Minimum, finish_by_colour, torque_estimate
 from fmu_didim.estimators.initial_states import free_starts, with_starts
 from fmu_didim.estimators.joint import joint_minimum, motion_minimum
+from fmu_didim.estimators.local_minima import nearer_to_prior
 from fmu_didim.estimators.start import simulatable, start_values, with_free_delay
 from fmu_didim.fit.estimate import Estimate, RefusedError, Stage
 from fmu_didim.fit.fit import point
@@ -59,6 +60,11 @@ class Clie(Estimator):
         """It fits what was measured beside the torque together with it."""
         return True
 
+    @property
+    def takes_prior(self) -> bool:
+        """It does."""
+        return True
+
     def estimate(self, model: LoopModel, *, progress: Progress = no_progress) -> Estimate:
         model = with_free_delay(model) if self.estimate_delay else model
         values, _ = simulatable(model, model.free_parameters.limited(start_values(model, self.start)))
@@ -77,11 +83,13 @@ class Clie(Estimator):
                 got=str(error), next_step=ADVICE,
             ) from error  # fmt: skip
         finish = partial(
-            efficient_finish, tolerance=self.tolerance, progress=progress, stage=self.name,
+            finish_by_colour, tolerance=self.tolerance, progress=progress, stage=self.name,
             maximum_iterations=self.maximum_iterations,
         )  # fmt: skip
         joint = partial(joint_minimum, experiments=model.experiments, tolerance=self.tolerance, progress=progress)
-        return self._concluded(with_starts(start, free_starts(start), lambda at: joint(finish(at))))
+        return self._concluded(
+            with_starts(start, free_starts(start), lambda at: joint(nearer_to_prior(finish(at), finish)))
+        )
 
     def _of_motion(self, model: LoopModel, progress: Progress) -> Estimate:
         """In an open loop: the torque is given, and what was measured beside it shows the values."""

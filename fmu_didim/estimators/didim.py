@@ -24,10 +24,10 @@ from fmu_didim.base.errors import IdentificationError, InputError, SimulationErr
 from fmu_didim.data.signals import Array
 from fmu_didim.estimators.base import Estimator, Progress, no_progress
 from fmu_didim.estimators.descent import Path
-from fmu_didim.estimators.finish import Minimum, efficient_finish, integration_error, torque_estimate
+from fmu_didim.estimators.finish import Minimum, finish_by_colour, integration_error, torque_estimate
 from fmu_didim.estimators.initial_states import free_starts, with_likely_starts, with_starts
 from fmu_didim.estimators.joint import joint_minimum
-from fmu_didim.estimators.local_minima import lowest
+from fmu_didim.estimators.local_minima import lowest, nearer_to_prior
 from fmu_didim.estimators.start import Start, simulatable, start_sequence, start_text, start_values, with_free_delay
 from fmu_didim.fit.equations import Equations
 from fmu_didim.fit.estimate import Estimate, RefusedError, Stage, Status
@@ -90,6 +90,11 @@ class Didim(Estimator):
     @property
     def fits_channels(self) -> bool:
         """Whether there is a finish, which fits what was measured beside the torque together with it."""
+        return self.finish
+
+    @property
+    def takes_prior(self) -> bool:
+        """With its finish, whose covariance counts it."""
         return self.finish
 
     def estimate(self, model: LoopModel, *, progress: Progress = no_progress) -> Estimate:
@@ -220,7 +225,8 @@ class Didim(Estimator):
         count = model.linear_count
         solution, deviation = weighted_solution(model, regressor, model.measured - known)
         scaled, right = whitened(regressor, deviation), whitened(model.measured - known, deviation)
-        equations = Equations.of(scaled[:, None, :], right[:, None])
+        prior = None if model.prior is None else (model.prior.padded(count), model.prior.target)
+        equations = Equations.of(scaled[:, None, :], right[:, None], prior=prior)
         found = equations.step(np.zeros(count), region, 0.0)[0]
         following = np.concatenate([found, theta[count:]])
         moved = np.linalg.norm(scaled @ (following - theta)[:count])
@@ -235,8 +241,8 @@ class Didim(Estimator):
         known = fit_uncertainty(fit, _inverse(fit.prediction)[0])
         stages = {self.name: self._stage(fit, known)}
         if self.finish or fit.values.size > fit.model.linear_count:
-            finish = partial(efficient_finish, tolerance=self.finish_tolerance, progress=history.progress)
-            minimum = with_starts(fit, starts, lambda at: joint(lowest(finish(at), finish)))
+            finish = partial(finish_by_colour, tolerance=self.finish_tolerance, progress=history.progress)
+            minimum = with_starts(fit, starts, lambda at: joint(lowest(nearer_to_prior(finish(at), finish), finish)))
             history.iterations.extend(minimum.iterations)
             fit, settled = minimum.fit, minimum.fit.settled  # at a minimum, however it was reached
             known = minimum.known
@@ -255,8 +261,8 @@ class Didim(Estimator):
         """DIDIM's own answer with its standard deviation; beside it, for white noise, the paper's and the bound."""
         assert fit.prediction is not None
         count = fit.model.linear_count
-        w = whitened(_inverse(fit.prediction)[0], fit.deviation)
-        s = whitened(fit.jacobian[:, :, :count], fit.deviation)
+        tables = (_inverse(fit.prediction)[0], fit.jacobian[:, :, :count])
+        w, s = (fit.model.beside_prior(whitened(table, fit.deviation)) for table in tables)
         formulas = {"paper": covariance_white(w), "cramer_rao": covariance_white(s)}
         deviations = {name: np.sqrt(np.diag(covariance)) for name, covariance in formulas.items()}
         return Stage(fit.values[:count], known.deviation, deviations)

@@ -17,13 +17,13 @@ from fmu_didim.data.signals import Array
 from fmu_didim.fit.confounding import refuse_confounded
 from fmu_didim.fit.derivatives.sensitivity import parameter_sizes
 from fmu_didim.fit.ending import Ending
-from fmu_didim.fit.equations import Equations
 from fmu_didim.fit.estimate import Estimate, JointFit, Stage, Status
 from fmu_didim.fit.fit import Fit
 from fmu_didim.fit.fit_uncertainty import fit_uncertainty
 from fmu_didim.fit.iteration import Iteration
 from fmu_didim.fit.log_noise import known_noise
 from fmu_didim.fit.noise.weighting import NoiseOfResidual, whitened
+from fmu_didim.fit.prior_fit import prior_fit
 from fmu_didim.fit.region import Region
 from fmu_didim.fit.solver.accuracy import integration_change
 from fmu_didim.fit.solver.least_squares import minimise
@@ -50,6 +50,14 @@ MOVED = 0.1
 """[standard deviations] By which the limits of machines move a value before it is reported."""
 FINISH_ITERATIONS = 15
 """[steps] Of the efficient finish."""
+
+
+ROUNDS = 3
+"""[rounds] Of fit and colour: the inflation follows from the residual, and the residual from the weights."""
+SAME_INFLATION = 0.1
+"""[1] Relative change of an inflation below which the weights stay: it moves no standard deviation by 1 %."""
+LEAST_INFLATION = 0.1
+"""[1] Smallest inflation of a channel: weights must stay finite where it says nothing of any value."""
 
 
 @dataclass(frozen=True)
@@ -80,6 +88,54 @@ class Minimum:
         return replace(self, iterations=(*earlier.iterations, *self.iterations), remarks=(*earlier.remarks, *told))
 
 
+def finish_by_colour(
+    start: Fit,
+    *,
+    tolerance: float | None,
+    progress: Callable[[Iteration], None],
+    stage: str = "finish",
+    maximum_iterations: int = FINISH_ITERATIONS,
+) -> Minimum:
+    """The efficient finish, again with weights by the colour of the noise where that changes them: of channels beside
+    the torque, or of all outputs beside a prior. Without these, the finish itself.
+
+    Args:
+        tolerance, stage, maximum_iterations: as of :func:`efficient_finish`.
+    """
+    iterations: list[Iteration] = []
+    remarks: list[str] = []
+    fit, inflation = start, None
+    for _ in range(ROUNDS):
+        found = efficient_finish(
+            fit, tolerance=tolerance, progress=progress, stage=stage, inflation=inflation,
+            maximum_iterations=maximum_iterations,
+        )  # fmt: skip
+        if not (fit.model.experiments.channels or fit.model.prior is not None):
+            return found
+        iterations.extend(found.iterations)
+        remarks.extend(remark for remark in found.remarks if remark not in remarks)
+        fit, wanted = found.fit, _inflation(found)
+        before = np.ones(wanted.size) if inflation is None else inflation
+        if (np.abs(wanted / before - 1) <= SAME_INFLATION).all():
+            break
+        inflation = wanted
+    return replace(found, iterations=tuple(iterations), remarks=tuple(remarks))
+
+
+def _inflation(minimum: Minimum) -> Array:
+    """(m,) by how much each output counts less than its white noise would say: beside a prior all of them, else what
+    was measured beside the torque, whose own weights stay those of the torque alone."""
+    model, joints = minimum.fit.model, minimum.fit.model.joint_count
+    found = np.zeros(model.output_counts.size)
+    for colour in minimum.known.colours:
+        found[colour.joint - 1] = max(found[colour.joint - 1], colour.inflation)
+    found[joints:] = np.maximum(found[joints:], LEAST_INFLATION)
+    if model.prior is not None:
+        return np.concatenate([np.maximum(found[:joints], 1.0), found[joints:]])
+    of_torque = float(np.sqrt(np.mean(found[:joints] ** 2)))
+    return np.concatenate([np.ones(joints), found[joints:] / (of_torque or 1.0)])  # none of a torque that is given
+
+
 def efficient_finish(
     start: Fit,
     *,
@@ -105,7 +161,7 @@ def efficient_finish(
     fit, model = start, start.model
     known = [k.scale if k.is_start else v for k, v in zip(model.free_parameters, fit.values, strict=True)]
     refuse_confounded(
-        whitened(fit.jacobian, fit.deviation), np.array(known), model.names,
+        model.beside_prior(whitened(fit.jacobian, fit.deviation)), np.array(known), model.names,
         torque=float(np.linalg.norm(model.measured_outputs / fit.deviation)),
     )  # fmt: skip
     sizes = None if fit.prediction is None else parameter_sizes(model, fit.values, fit.prediction)
@@ -166,8 +222,9 @@ def integration_error(fit: Fit) -> IntegrationError:
     change, torque = outputs - fit.outputs, model.torque_of(outputs)
     relative = float(np.linalg.norm(torque - fit.torque) / np.linalg.norm(torque))
     sensitivity = whitened(fit.jacobian, fit.deviation)
-    moved = np.linalg.lstsq(sensitivity, (change / fit.deviation).ravel(), rcond=None)[0]
-    shift = np.abs(moved) / np.sqrt(np.diag(covariance_white(sensitivity)))
+    table, right = model.beside_prior(sensitivity), (change / fit.deviation).ravel()
+    moved = np.linalg.lstsq(table, np.pad(right, (0, len(table) - right.size)), rcond=None)[0]
+    shift = np.abs(moved) / np.sqrt(np.diag(covariance_white(table)))
     if model.loop.substeps is None and relative <= INTEGRATION_TOLERANCE:
         # Only data without noise can ask for more than the rule: where finer steps explain them better.
         left = (model.measured_outputs - outputs) / fit.deviation + (sensitivity @ moved).reshape(outputs.shape)
@@ -221,6 +278,7 @@ def torque_estimate(
         roughness=minimum.roughness,
         rivals=minimum.rivals,
         joint=minimum.joint,
+        prior=prior_fit(fit, known),
         unlimited=unlimited,
         remarks=(*minimum.remarks, *_of_limits(model, fit.values, known.deviation, unlimited)),
         advice="" if settled else unsettled_advice(model, iterations),
@@ -228,9 +286,10 @@ def torque_estimate(
 
 
 def unlimited_values(fit: Fit) -> Array | None:
-    """(p,) values that the data alone ask for, by the linear problem at a fit; None where a machine has them."""
+    """(p,) values that the data, and a prior, ask for without limits, by the linear problem at a fit; None where a
+    machine has them."""
     region = Region.of(fit.model.with_values(fit.values))
-    equations = Equations.of(fit.jacobian / fit.deviation[:, None], fit.residual / fit.deviation)
+    equations = fit.equations
     free = equations.step(fit.values, replace(region, low=fit.model.free_parameters.limits[0], machines=()), 0.0)[0]
     held = equations.step(fit.values, region, 0.0)[0]
     return None if (free == held).all() else fit.values + free
@@ -241,16 +300,18 @@ def _of_limits(model: LoopModel, values: Array, deviation: Array, unlimited: Arr
     if unlimited is None:
         return []
     moved = (values - unlimited) / deviation
+    alone = "alone" if model.prior is None else "without limits"
     told = [
-        f"{name} = {values[i]:.3g} (alone {unlimited[i]:.3g} ± {deviation[i]:.2g}) {unit}"
+        f"{name} = {values[i]:.3g} ({alone} {unlimited[i]:.3g} ± {deviation[i]:.2g}) {unit}"
         for i, (name, unit) in enumerate(zip(model.names, model.free_parameters.units, strict=True))
         if abs(moved[i]) > MOVED
     ]
     if not told:
         return []
+    ask = "the data alone ask" if model.prior is None else "data and prior ask"
     return [
         f"These values are the nearest that a machine can have, with friction that is not negative and links of "
-        f"positive mass; the data alone ask for others: {', '.join(told)}."
+        f"positive mass; {ask} for others: {', '.join(told)}."
     ]
 
 

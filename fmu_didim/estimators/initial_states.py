@@ -27,7 +27,7 @@ from fmu_didim.data.signals import Array
 from fmu_didim.estimators.finish import Minimum
 from fmu_didim.estimators.start import simulatable, start_values
 from fmu_didim.fit.derivatives.sensitivity import sensitivity
-from fmu_didim.fit.fit import Fit, point
+from fmu_didim.fit.fit import Fit, point, prior_rows
 from fmu_didim.fit.fit_uncertainty import fit_uncertainty
 from fmu_didim.fit.noise.noise import Noise
 from fmu_didim.fit.noise.weighting import NoiseOfResidual, noise_floor, whitened
@@ -338,6 +338,10 @@ def _chance(fit: Fit, start: _Start) -> float:
     The noise is what the change leaves: a transient would pass for its colour.
     """
     table, residual = whitened(fit.jacobian, fit.deviation), whitened(fit.residual, fit.deviation)
+    prior = prior_rows(fit.model.prior, fit.values)
+    if prior is not None:
+        table = fit.model.beside_prior(table)
+        residual = np.concatenate([residual, prior[1]])
     change = np.linalg.lstsq(table, residual, rcond=None)[0]
     known = fit_uncertainty(replace(fit, outputs=fit.torque + fit.jacobian @ change))
     off, covariance = change[-start.count :] + start.off, known.covariance[-start.count :, -start.count :]
@@ -382,7 +386,8 @@ def _found(fit: Fit, label: str, start: _Start) -> dict[str, float]:
 def _alone(fit: Fit, label: str, start: _Start) -> LoopModel:
     """The model of the samples in which a start acts, with nothing free but that start."""
     held = tuple(replace(k, lowest=v, highest=v) for k, v in zip(fit.model.free_parameters, fit.values, strict=True))
-    return _with_start(fit, label, start.parameters, start.samples).with_free((*held, *start.parameters))
+    model = _with_start(fit, label, start.parameters, start.samples).with_free((*held, *start.parameters))
+    return replace(model, prior=None)
 
 
 def _seconds(fit: Fit, label: str, start: _Start) -> float:

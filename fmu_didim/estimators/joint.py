@@ -20,25 +20,17 @@ from dataclasses import replace
 import numpy as np
 from scipy.stats import chi2
 
-from fmu_didim.data.signals import Array
-from fmu_didim.estimators.finish import FINISH_ITERATIONS, NEXT_STEP, Minimum, efficient_finish
+from fmu_didim.estimators.finish import FINISH_ITERATIONS, NEXT_STEP, Minimum, finish_by_colour
 from fmu_didim.fit.estimate import ChannelNoise, JointFit
-from fmu_didim.fit.fit import Fit, point
-from fmu_didim.fit.fit_uncertainty import filtered_torque, parts_of_outputs, unfiltered_residual
+from fmu_didim.fit.fit import point
+from fmu_didim.fit.fit_uncertainty import influences, parts_of_outputs, unfiltered_residual
 from fmu_didim.fit.iteration import Iteration
 from fmu_didim.fit.noise.shared import shared_variance
-from fmu_didim.fit.noise.weighting import NoiseOfResidual, whitened
-from fmu_didim.fit.statistics import influence_efficient
-from fmu_didim.fit.uncertainty import Uncertainty, covariance_of, stretches_of_outputs
+from fmu_didim.fit.noise.weighting import NoiseOfResidual
+from fmu_didim.fit.uncertainty import covariance_of, stretches_of_outputs
 from fmu_didim.model.experiments import Experiments
 from fmu_didim.model.loop_model import LoopModel
 
-ROUNDS = 3
-"""[rounds] Of fit and colour: the inflation follows from the residual, and the residual from the weights."""
-SAME_INFLATION = 0.1
-"""[1] Relative change of an inflation below which the weights stay: it moves no standard deviation by 1 %."""
-LEAST_INFLATION = 0.1
-"""[1] Smallest inflation of a channel: weights must stay finite where it says nothing of any value."""
 UNFINISHED = 2 * NEXT_STEP
 """[standard deviations] Two fits that have settled may be apart by that without any noise."""
 
@@ -82,56 +74,29 @@ def motion_minimum(
     Raises:
         IdentificationError, SimulationError: as of that.
     """
-    fit, inflation = point(model, NoiseOfResidual(model)), None
-    iterations: list[Iteration] = []
-    remarks: list[str] = []
-    for _ in range(ROUNDS):
-        found = efficient_finish(
-            fit, tolerance=tolerance, progress=progress, stage="joint", inflation=inflation, maximum_iterations=maximum
-        )
-        iterations.extend(found.iterations)
-        remarks.extend(remark for remark in found.remarks if remark not in remarks)
-        fit, wanted = found.fit, _inflation(found.known, model.joint_count, model.output_counts.size)
-        before = np.ones(wanted.size) if inflation is None else inflation
-        if (np.abs(wanted / before - 1) <= SAME_INFLATION).all():
-            break
-        inflation = wanted
-    nothing = JointFit(_channels(found), None, np.zeros(0), np.zeros(0), 1.0)
-    return replace(found, iterations=tuple(iterations), remarks=tuple(remarks), joint=nothing)
-
-
-def _inflation(known: Uncertainty, joints: int, count: int) -> Array:
-    """(m,) by how much each output counts less than its white noise would say; one for the torques, whose weights stay
-    those of the torque alone."""
-    found = np.zeros(count)
-    for colour in known.colours:
-        found[colour.joint - 1] = max(found[colour.joint - 1], colour.inflation)
-    found[joints:] = np.maximum(found[joints:], LEAST_INFLATION)
-    of_torque = float(np.sqrt(np.mean(found[:joints] ** 2)))
-    return np.concatenate([np.ones(joints), found[joints:] / (of_torque or 1.0)])  # none of a torque that is given
-
-
-def _influence(fit: Fit) -> Array:
-    """(M, m, p) by which the values of a fit follow the noise of its outputs."""
-    flat = influence_efficient(whitened(fit.jacobian, fit.deviation))
-    found = np.asarray(flat.reshape(fit.jacobian.shape) / fit.deviation[:, None])
-    return found if fit.model.experiments.low_pass is None else filtered_torque(fit, found)
+    start = point(model, NoiseOfResidual(model))
+    found = finish_by_colour(
+        start, tolerance=tolerance, progress=progress, stage="joint", maximum_iterations=maximum
+    )  # fmt: skip
+    return replace(found, joint=JointFit(_channels(found), None, np.zeros(0), np.zeros(0), 1.0))
 
 
 def _compared(alone: Minimum, joint: Minimum) -> JointFit:
     """The joint answer beside that of the torque alone."""
     fit, model = joint.fit, joint.fit.model
-    experiments, difference = model.experiments, _influence(fit)
-    of_torque = _influence(alone.fit)
+    experiments = model.experiments
+    difference, of_prior = influences(fit)
+    of_torque, prior_alone = influences(alone.fit)
     block, whole = experiments.output_blocks[0], alone.fit.model.experiments.output_blocks[0]
     for log, own in zip(block.logs, whole.logs, strict=True):
         difference[log.rows, block.columns] -= of_torque[own.rows]
     deviation = alone.known.deviation
     covariance = covariance_of(difference, joint.known.colours, stretches_of_outputs(experiments))
     shared = np.sqrt(shared_variance(difference, unfiltered_residual(fit), parts_of_outputs(experiments)))
-    covariance = covariance * np.outer(shared, shared) / np.outer(deviation, deviation) + UNFINISHED**2 * np.eye(
-        deviation.size
-    )
+    covariance = covariance * np.outer(shared, shared)
+    if model.prior is not None:
+        covariance += (of_prior - prior_alone).T @ (of_prior - prior_alone)
+    covariance = covariance / np.outer(deviation, deviation) + UNFINISHED**2 * np.eye(deviation.size)
     moved = (fit.values - alone.fit.values) / deviation
     distance = float(moved @ np.linalg.solve(covariance, moved))
     return JointFit(

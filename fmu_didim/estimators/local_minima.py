@@ -16,17 +16,21 @@ from functools import partial
 
 import numpy as np
 
-from fmu_didim.base.errors import SimulationError
+from fmu_didim.base.errors import IdentificationError, SimulationError
 from fmu_didim.data.signals import Array
 from fmu_didim.estimators.finish import Minimum
 from fmu_didim.estimators.inverse_simulation import stiffness
-from fmu_didim.fit.fit import Fit, point, sum_of_squares
+from fmu_didim.estimators.start import simulatable
+from fmu_didim.fit.fit import Fit, point, prior_squares, sum_of_squares
 from fmu_didim.fit.noise.weighting import NoiseOfResidual
+from fmu_didim.fit.prior_fit import prior_fit
 from fmu_didim.fit.solver.admissible import mass_matrix_problem
 from fmu_didim.model.loop_model import LoopModel
 from fmu_didim.model.parameters import RobotParameters
 from fmu_didim.model.workers import side_by_side
 
+PASSED_BY = 0.001
+"""[1] Probability of data and prior as far apart by chance, below which the minimum from the prior is looked for."""
 SCANNED = 100
 """[samples] First samples of a log, in which other minima are searched for; the lowest are then compared on
 all."""
@@ -53,7 +57,8 @@ class Valley:
     """A local minimum of the torque error along an inertia, the other values held.
 
     Attributes:
-        place: of the inertia among the values; factor: by which it is larger; cost: weighted square of the residual.
+        place: of the inertia among the values; factor: by which it is larger; cost: weighted square of the residual,
+            with that of a prior.
     """
 
     place: int
@@ -75,13 +80,13 @@ def lowest(minimum: Minimum, finish: Callable[[Fit], Minimum]) -> Minimum:
     """
     for _ in range(OTHER_MINIMA):
         fit = minimum.fit
-        found = valleys(fit)
+        found, cost = valleys(fit), fit.chi_square + prior_squares(fit.model.prior, fit.values)
         lower = min(found, key=lambda valley: valley.cost, default=None)
-        if lower is None or lower.cost >= fit.chi_square:
+        if lower is None or lower.cost >= cost:
             rivals = tuple(
                 (fit.model.names[valley.place], float(valley.values(fit.values)[valley.place]))
                 for valley in found
-                if valley.cost < fit.chi_square + HARDLY_WORSE
+                if valley.cost < cost + HARDLY_WORSE
             )
             return replace(minimum, rivals=rivals)
         other = finish(point(fit.model.with_values(lower.values(fit.values)), NoiseOfResidual(fit.model)))
@@ -93,6 +98,34 @@ def lowest(minimum: Minimum, finish: Callable[[Fit], Minimum]) -> Minimum:
         other = other.after(minimum)
         minimum = replace(other, remarks=(*other.remarks, text))
     return minimum
+
+
+def nearer_to_prior(minimum: Minimum, finish: Callable[[Fit], Minimum]) -> Minimum:
+    """The same minimum; or, where it is farther from a prior than chance has it, that from the mean of the prior if it
+    is lower: iterations that begin elsewhere may have passed it by.
+
+    Args:
+        finish: minimises the torque error from a point.
+    """
+    fit, model = minimum.fit, minimum.fit.model
+    found = prior_fit(fit, minimum.known)
+    if found is None or found.p_value >= PASSED_BY:
+        return minimum
+    values, _ = simulatable(model, np.where(np.isfinite(found.deviation), found.mean, fit.values))
+    try:
+        other = finish(point(model.with_values(values), NoiseOfResidual(model)))
+    except (SimulationError, IdentificationError):
+        return minimum
+    here, there = (_weighted_cost(one, fit.deviation) for one in (fit, other.fit))
+    if there >= here:
+        return minimum
+    other = other.after(minimum)
+    return replace(other, remarks=(*other.remarks, "The minimum was found from the values of the prior."))
+
+
+def _weighted_cost(fit: Fit, deviation: Array) -> float:
+    """Sum of squares of a fit with other weights, with that of a prior."""
+    return sum_of_squares(fit.residual, deviation) + prior_squares(fit.model.prior, fit.values)
 
 
 def valleys(fit: Fit) -> list[Valley]:
@@ -160,6 +193,6 @@ def _cost(model: LoopModel, values: Array, deviation: Array) -> float:
     if mass_matrix_problem(model, values):
         return np.inf
     try:
-        return sum_of_squares(model.residual(values), deviation)
+        return sum_of_squares(model.residual(values), deviation) + prior_squares(model.prior, values)
     except SimulationError:
         return np.inf

@@ -8,6 +8,7 @@ errors of the motion give light links, are replaced by the nearest possible ones
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 
 import numpy as np
 
@@ -38,18 +39,24 @@ KINDS = {
     "description": "the values of the description",
 }
 """Starts in words, in the order in which they are tried."""
+PRIOR, PRIOR_TEXT = "prior", "the values of the prior"
+"""The start that comes before these where a case has a prior and asks for no other."""
+SURE = 30.0
+"""[1] By how much surer than it is a prior is there: what has none fits it."""
 
 
 def start_sequence(model: LoopModel, start: Start) -> tuple[Start, ...]:
     """The start of a case, and those that are tried where it fails."""
     if not model.parameters.has_regressor:
         return (start,)
+    if model.prior is not None and start == next(iter(KINDS)):
+        return (PRIOR, *KINDS)
     return (start, *(kind for kind in KINDS if kind != start))
 
 
 def start_text(start: Start) -> str:
     """A start in words."""
-    return KINDS.get(start, start) if isinstance(start, str) else "the values of the case"
+    return {**KINDS, PRIOR: PRIOR_TEXT}.get(start, start) if isinstance(start, str) else "the values of the case"
 
 
 def start_values(model: LoopModel, start: Start) -> Array:
@@ -68,6 +75,9 @@ def start_values(model: LoopModel, start: Start) -> Array:
         InputError: another word; UnknownNameError: a name is not among the free parameters; SimulationError: the
             controller cannot be inverted; IdentificationError: the motion does not tell the parameters apart.
     """
+    if start == PRIOR and model.prior is not None:
+        sure = replace(model.prior, rows=SURE * model.prior.rows, target=SURE * model.prior.target)
+        return _fitted(replace(model, prior=sure), whole_reference, held=False)
     if isinstance(start, str) and start not in KINDS:
         raise InputError("This start is not known.", where="start", got=start, valid=(*KINDS, "values by name"))
     if start == "description" or (isinstance(start, str) and not model.parameters.has_regressor):
@@ -100,6 +110,8 @@ def _fitted(model: LoopModel, motion: Callable[[Simulation], Motion], *, held: b
     count = model.linear_count
     deviation = weighted_solution(model, columns, target)[1]
     table, right = whitened(columns, deviation), (target / deviation).reshape(-1)
+    if model.prior is not None:
+        table, right = model.beside_prior(table), np.concatenate([right, model.prior.target])
     if held:
         size = np.linalg.norm(right) / np.maximum(np.linalg.norm(table, axis=0), np.finfo(float).tiny)
         prior = NOMINAL_DEVIATION * np.maximum(np.abs(model.start[:count]), NOMINAL_FLOOR * size)

@@ -14,7 +14,7 @@ import numpy as np
 
 from fmu_didim.base.errors import IdentificationError
 from fmu_didim.data.signals import Array
-from fmu_didim.fit.statistics import LEADING
+from fmu_didim.fit.statistics import LEADING, LeastSquares
 
 COLLINEAR = 1e-6
 """[1] Singular value, of columns of length one over the square root of their number, below which errors of the
@@ -26,6 +26,24 @@ UNKNOWN_TORQUE = 0.05
 INFLATION = 10.0
 """[1] Ratio of the standard deviation to that with all others known, from which a parameter is unknown because of
 others."""
+
+
+def shown_directions(columns: Array) -> tuple[Array, Array]:
+    """U (r, k) orthonormal and V (p, k) with the pseudoinverse V U' of columns (r, p): without those directions that
+    only errors of the derivatives show."""
+    length = np.linalg.norm(columns, axis=0)
+    scale = np.where(length > 0, length, 1.0)
+    q, r = np.linalg.qr(columns / scale)
+    left, singular, right = np.linalg.svd(r, full_matrices=False)
+    kept = singular > COLLINEAR * np.sqrt(columns.shape[1])
+    return q @ left[:, kept], (right[kept].T / singular[kept]) / scale[:, None]
+
+
+def least_squares_of_shown(columns: Array, target: Array) -> LeastSquares:
+    """Least squares of target (r,) on columns (r, p) that may depend on each other: the shortest solution."""
+    left, right = shown_directions(columns)
+    solution = right @ (left.T @ target)
+    return LeastSquares(solution, target - columns @ solution, np.inf, np.einsum("ij,ij->i", left, left))
 
 
 def confounded(columns: Array, values: Array, names: Sequence[str], *, torque: float) -> tuple[str, ...]:

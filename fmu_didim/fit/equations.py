@@ -33,9 +33,15 @@ class Equations:
     scale: Array
 
     @staticmethod
-    def of(jacobian: Array, residual: Array) -> Equations:
-        """From (N, n, p) and (N, n), both weighted."""
+    def of(jacobian: Array, residual: Array, *, prior: tuple[Array, Array] | None = None) -> Equations:
+        """From (N, n, p) and (N, n), both weighted.
+
+        Args:
+            prior: further rows (r, p) with what is left of their targets (r,).
+        """
         flat, right = jacobian.reshape(-1, jacobian.shape[2]), residual.ravel()
+        if prior is not None:
+            flat, right = np.vstack([flat, prior[0]]), np.concatenate([right, prior[1]])
         missing = max(flat.shape[1] - flat.shape[0], 0)  # rows, where there are fewer than columns
         flat, right = np.pad(flat, ((0, missing), (0, 0))), np.pad(right, (0, missing))
         scale = np.linalg.norm(flat, axis=0)

@@ -13,6 +13,7 @@ from fmu_didim.base.errors import FmuDidimError, IdentificationError
 from fmu_didim.data.signals import Array
 from fmu_didim.fit.fit import Fit
 from fmu_didim.fit.iteration import Iteration
+from fmu_didim.fit.prior_fit import PriorFit
 from fmu_didim.fit.solver.numerical_noise import Roughness
 from fmu_didim.fit.statistics import bounded_interval, confidence_interval, correlation, relative_deviation_percent
 from fmu_didim.fit.uncertainty import Colour
@@ -108,6 +109,7 @@ class Estimate:
         roughness: of the sensitivities of a foreign plant; None where they are exact.
         rivals: parameter and its value at other minima that fit the data almost as well.
         joint: beside the torque alone, where further channels were fitted with it; None otherwise.
+        prior: what of the values comes from a prior; None without one.
         unlimited: (p,) values that the data alone ask for, where no machine has them; None where one does.
         remarks: what the user should know; advice: what to do, if more is known than the status.
         provenance: versions, options, hashes, loop.
@@ -135,6 +137,7 @@ class Estimate:
     roughness: Roughness | None = None
     rivals: tuple[tuple[str, float], ...] = ()
     joint: JointFit | None = None
+    prior: PriorFit | None = None
     unlimited: Array | None = None
     remarks: tuple[str, ...] = ()
     advice: str = ""

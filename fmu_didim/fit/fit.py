@@ -8,6 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from fmu_didim.data.signals import Array
+from fmu_didim.dynamics.prior import Prior
 from fmu_didim.fit.derivatives.differences import Steps
 from fmu_didim.fit.derivatives.sensitivity import parameter_sizes, sensitivity
 from fmu_didim.fit.ending import Ending
@@ -61,6 +62,12 @@ class Fit:
     def residual(self) -> Array:
         """(M, m) measured minus simulated outputs; of the torque alone (N, n)."""
         return self.model.measured_outputs - self.outputs
+
+    @property
+    def equations(self) -> Equations:
+        """The linear problem of the next step, the prior among its rows."""
+        table, right = self.jacobian / self.deviation[:, None], self.residual / self.deviation
+        return Equations.of(table, right, prior=prior_rows(self.model.prior, self.values))
 
     @property
     def torque(self) -> Array:
@@ -140,6 +147,16 @@ def point(model: LoopModel, weighting: Weighting, prediction: Prediction | None 
         prediction=prediction,
         steps=steps,
     )
+
+
+def prior_rows(prior: Prior | None, values: Array) -> tuple[Array, Array] | None:
+    """Rows (r, p) of a prior, and what values (p,) leave of their targets (r,); None without one."""
+    return None if prior is None else (prior.padded(values.size), prior.residual(values))
+
+
+def prior_squares(prior: Prior | None, values: Array) -> float:
+    """The sum of squares that values (p,) leave of a prior; zero without one."""
+    return 0.0 if prior is None else float(np.sum(prior.residual(values) ** 2))
 
 
 def sum_of_squares(residual: Array, deviation: Array) -> float:

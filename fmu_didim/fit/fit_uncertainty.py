@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from fmu_didim.data.signals import Array
+from fmu_didim.fit.confounding import shown_directions
 from fmu_didim.fit.fit import Fit
 from fmu_didim.fit.noise.shared import Part, shared_variance
 from fmu_didim.fit.noise.weighting import noise_floor, whitened
 from fmu_didim.fit.statistics import deviation_of_sums, influence_efficient, influence_of_instruments
-from fmu_didim.fit.uncertainty import Uncertainty, stretches_of_outputs, uncertainty
+from fmu_didim.fit.uncertainty import Colour, Uncertainty, covariance_of, stretches_of_outputs, uncertainty
 from fmu_didim.model.experiments import Experiments
 
 
@@ -27,7 +29,8 @@ def fit_uncertainty(fit: Fit, instruments: Array | None = None) -> Uncertainty:
     """The covariance of the values where a fit stands, with the noise that its residual shows.
 
     Samples that were filtered count for what they are: the noise is that of the log, and the filter belongs to the
-    influence.
+    influence. Beside a prior, the noise is what no values of the parameters explain of the residual, and the covariance
+    is  Phi' Omega Phi + Psi' Psi  with the influences Phi of the data and Psi of the prior, which is a draw as well.
 
     Args:
         instruments: (N, n, b) W of the torque alone, where W'(y - tau_s) = 0 instead of S'(y - tau_s) = 0 (DIDIM); the
@@ -36,15 +39,55 @@ def fit_uncertainty(fit: Fit, instruments: Array | None = None) -> Uncertainty:
     Raises:
         SimulationError: the values cannot be simulated, which they could when they were fitted.
     """
-    model, experiments = fit.model, fit.model.experiments
-    deviation, residual = fit.deviation, unfiltered_residual(fit)
-    stated = ~np.isnan(model.stated_deviations)
     sensitivity = fit.jacobian if instruments is None else fit.jacobian[:, :, : instruments.shape[2]]
+    influence, of_prior = _influences(fit, sensitivity, instruments)
+    if fit.model.prior is None:
+        return _by_residual(fit, unfiltered_residual(fit), sensitivity, influence)
+    left, right = shown_directions(whitened(sensitivity, fit.deviation))
+    step = right @ (left.T @ whitened(fit.residual, fit.deviation))
+    residual = unfiltered_residual(fit) - sensitivity @ step
+    free = (left @ right.T).reshape(sensitivity.shape) / fit.deviation[:, None]
+    alone = _by_residual(fit, residual, sensitivity, free)
+    by_data = data_covariance(fit, influence, alone.colours, residual)
+    return replace(alone, covariance=by_data + of_prior.T @ of_prior, by_data=by_data, alone=alone.covariance)
+
+
+def influences(fit: Fit) -> tuple[Array, Array]:
+    """(M, m, p) by which the values of a fit follow the noise of its outputs, and (r, p) by which they follow that of
+    the rows of its prior."""
+    influence, of_prior = _influences(fit, fit.jacobian, None)
+    return influence if fit.model.experiments.low_pass is None else filtered_torque(fit, influence), of_prior
+
+
+def data_covariance(fit: Fit, influence: Array, colours: Sequence[Colour], residual: Array) -> Array:
+    """(p, p) covariance of what follows the noise of the outputs with an influence (M, m, p).
+
+    Args:
+        colours: of the noise; residual: (M, m) what noise leaves, by which outputs may share some.
+    """
+    experiments = fit.model.experiments
+    if experiments.low_pass is not None:
+        influence = filtered_torque(fit, influence)
+    return _shared(fit, influence, residual, covariance_of(influence, colours, stretches_of_outputs(experiments)))
+
+
+def _influences(fit: Fit, sensitivity: Array, instruments: Array | None) -> tuple[Array, Array]:
+    """Influence of the outputs (M, m, p), not filtered, and of the prior (r, p)."""
+    model, deviation = fit.model, fit.deviation
     s = whitened(sensitivity, deviation)
-    flat = (
-        influence_efficient(s) if instruments is None else influence_of_instruments(whitened(instruments, deviation), s)
-    )
-    influence = flat.reshape(sensitivity.shape) / deviation[:, None]
+    if instruments is None:
+        flat = influence_efficient(model.beside_prior(s))
+    else:
+        flat = influence_of_instruments(
+            model.beside_prior(whitened(instruments, deviation)), model.beside_prior(s)
+        )  # fmt: skip
+    return flat[: len(s)].reshape(sensitivity.shape) / deviation[:, None], flat[len(s) :]
+
+
+def _by_residual(fit: Fit, residual: Array, sensitivity: Array, influence: Array) -> Uncertainty:
+    """The noise that a residual (M, m) shows, and the covariance of what follows it with an influence (M, m, p)."""
+    model, experiments = fit.model, fit.model.experiments
+    stated = ~np.isnan(model.stated_deviations)
     deviation = fit.noise.deviation
     usual = np.einsum("mjp,mjp->jp", influence, influence) * deviation[:, None] ** 2
     is_filtered = experiments.low_pass is not None
@@ -60,11 +103,16 @@ def fit_uncertainty(fit: Fit, instruments: Array | None = None) -> Uncertainty:
         residual, sensitivity, influence, deviation, stretches_of_outputs(experiments),
         stated=stated, floor=floor, usual=usual if is_filtered else None,
     )  # fmt: skip
+    return replace(found, covariance=_shared(fit, influence, residual, found.covariance))
+
+
+def _shared(fit: Fit, influence: Array, residual: Array, covariance: Array) -> Array:
+    """A covariance (p, p) without what outputs share by chance, which makes no value better known."""
+    experiments = fit.model.experiments
     if not experiments.channels:
-        return found
-    # What outputs share by chance makes no value better known.
+        return covariance
     factor = np.sqrt(np.maximum(shared_variance(influence, residual, parts_of_outputs(experiments)), 1.0))
-    return replace(found, covariance=found.covariance * np.outer(factor, factor))
+    return np.asarray(covariance * np.outer(factor, factor))
 
 
 def parts_of_outputs(experiments: Experiments) -> list[Part]:

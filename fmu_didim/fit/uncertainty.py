@@ -102,10 +102,19 @@ class Colour:
 
 @dataclass(frozen=True)
 class Uncertainty:
-    """Covariance (p, p) of an estimate, and the noise that it comes from, by rate and output."""
+    """How well an estimate is known.
+
+    Attributes:
+        covariance: (p, p) of the values; colours: the noise that it comes from, by rate and output.
+        by_data: (p, p) the part of the covariance that comes from that noise, where the rest comes from a prior;
+            alone: (p, p) what it would be without the prior, zero in directions that the data do not show. None where
+            there is no prior.
+    """
 
     covariance: Array
     colours: tuple[Colour, ...]
+    by_data: Array | None = None
+    alone: Array | None = None
 
     @property
     def deviation(self) -> Array:

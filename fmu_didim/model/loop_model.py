@@ -35,6 +35,7 @@ from fmu_didim.cosim import (
 )  # fmt: skip
 from fmu_didim.data.low_pass import LowPass
 from fmu_didim.data.signals import Array
+from fmu_didim.dynamics.prior import Prior
 from fmu_didim.model.experiment import Experiment
 from fmu_didim.model.experiments import Experiments
 from fmu_didim.model.external_torque import EXTERNAL_TORQUE, ExternalTorque, held, with_external_torques
@@ -63,6 +64,7 @@ class LoopModel:
         added_effects: in the order in which they were added.
         torque_deviation: (n,) known standard deviation of the torque noise; estimated when None.
         joint_weights: ``estimated`` divides each joint by its noise, ``equal`` treats them alike.
+        prior: what is known of the shared base parameters before, if that is to count.
         pool: instances that run again; recordings: of the last runs, for those who ask for the same again. Both are
             shared with all models made from this one.
         workers: simulations side by side, where compiled code runs the loop.
@@ -74,6 +76,7 @@ class LoopModel:
     added_effects: tuple[EffectAtJoint, ...] = ()
     torque_deviation: Array | None = None
     joint_weights: str = "estimated"
+    prior: Prior | None = None
     pool: InstancePool = field(default_factory=InstancePool, compare=False, repr=False)
     recordings: KeptRecordings = field(default_factory=KeptRecordings, compare=False, repr=False)
     workers: int = field(default_factory=default_workers, compare=False)
@@ -141,6 +144,11 @@ class LoopModel:
     def torque_of(self, outputs: Array) -> Array:
         """(N, n, ...) torque in a table (M, m, ...) over all outputs of the experiments that are fitted."""
         return self.experiments.torque_of(outputs)
+
+    def beside_prior(self, table: Array) -> Array:
+        """A whitened table (m, p) over the first p free parameters with the rows of the prior below it; the table
+        itself where there is none."""
+        return table if self.prior is None else np.vstack([table, self.prior.padded(table.shape[1])])
 
     # ---- other models
 

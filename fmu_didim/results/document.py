@@ -31,6 +31,8 @@ from fmu_didim.results.result import (
     IterationResult,
     JointResult,
     ParameterResult,
+    PriorParameterResult,
+    PriorResult,
     ResultDocument,
     StageResult,
     UnconstrainedResult,
@@ -95,6 +97,7 @@ def result_document(
             for name, stage in estimate.stages.items()
         },
         joint=_joint(estimate),
+        prior=_prior(estimate),
         regrouping=model.parameters.relations(),
         correlations=estimate.correlations(),
         correlation=np.round(correlation(estimate.covariance), 4).tolist(),
@@ -139,6 +142,20 @@ def _joint(estimate: Estimate) -> JointResult | None:
     return JointResult(
         channels=channels, alone=alone, apart=_by_name(estimate.names, joint.apart), p_value=joint.p_value
     )  # fmt: skip
+
+
+def _prior(estimate: Estimate) -> PriorResult | None:
+    """What of the values comes from a prior."""
+    found = estimate.prior
+    if found is None:
+        return None
+    columns = (found.data_share, found.mean, found.deviation, found.alone, found.alone_deviation, found.apart)
+    keys = ("data_share", "prior", "prior_std", "alone", "alone_std", "apart")
+    parameters = {
+        name: PriorParameterResult(**dict(zip(keys, map(float, row), strict=True)))
+        for name, row in zip(estimate.names, np.column_stack(columns), strict=True)
+    }
+    return PriorResult(source=found.source, parameters=parameters, p_value=found.p_value, tested=found.tested)
 
 
 def _parameters(estimate: Estimate) -> dict[str, ParameterResult]:

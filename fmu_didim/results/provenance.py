@@ -9,10 +9,19 @@ from importlib.metadata import version
 from typing import Any
 
 from fmu_didim.base.constants import Deciding, recorded
-from fmu_didim.checks import channels, held_out, identification, motion_dependence, physical, residual, sampling_kind
+from fmu_didim.checks import (
+    channels,
+    held_out,
+    identification,
+    motion_dependence,
+    physical,
+    prior,
+    residual,
+    sampling_kind,
+)
 from fmu_didim.checks.data import log, timing, torque_channel
 from fmu_didim.data.tables import clock
-from fmu_didim.estimators import finish, joint, local_minima, reference_start
+from fmu_didim.estimators import finish, local_minima, reference_start
 from fmu_didim.fit import confounding, equations, log_noise, statistics, uncertainty
 from fmu_didim.fit.derivatives import differences
 from fmu_didim.fit.noise import noise, residual_noise, shared, weighting
@@ -42,9 +51,10 @@ DECIDING = (
     (linear_step, ("LEFT_BY_JITTER",)),
     (reference_start, ("SMOOTHED", "NOISE_OF_ACCELERATION")),
     (finish, ("INTEGRATION_TOLERANCE", "INTEGRATION_SHIFT", "MAXIMUM_REFINEMENTS", "FINISH_TOLERANCE")),
-    (joint, ("ROUNDS", "SAME_INFLATION")),
+    (finish, ("ROUNDS", "SAME_INFLATION")),
     (shared, ("SHORTEST_BLOCK_S", "MEMORIES", "FEWEST_BLOCKS")),
     (channels, ("DISAGREEMENT", "EXPLAINED", "CERTAIN", "COLOURED", "LARGER")),
+    (prior, ("DISAGREEMENT", "DECIDED")),
     (local_minima, ("OTHER_MINIMA", "HARDLY_WORSE")),
     (identification, ("NEAR_LIMIT", "VISIBLE_SHIFT", "SECOND_STEP", "JITTER")),
     (residual, ("STILL_NOT_WHITE",)),

@@ -179,6 +179,33 @@ class JointResult(Saved):
     p_value: Number
 
 
+class PriorParameterResult(Saved):
+    """What of a value comes from a prior, and what from the data."""
+
+    data_share: float = Field(description="part of its variance that comes from the noise of the data, 0 to 1")
+    prior: Number = Field(description="mean of the prior, in the unit; null where there is none")
+    prior_std: Number = Field(description="standard deviation of the prior")
+    alone: Number = Field(
+        description="value by the data alone, one step from the answer and without limits; null where they have none"
+    )
+    alone_std: Number = Field(description="its standard deviation")
+    apart: Number = Field(description="value minus prior, in standard deviations of that difference")
+
+
+class PriorResult(Saved):
+    """A prior beside the data.
+
+    Attributes:
+        source: where it comes from.
+        parameters: name of each -> what of it comes from where.
+    """
+
+    source: str
+    parameters: dict[str, PriorParameterResult]
+    p_value: Number = Field(description="of data and prior as far apart by chance, over all that both know")
+    tested: int = Field(description="directions of the parameters that both know")
+
+
 class ResultDocument(Saved):
     """The content of ``result.json``.
 
@@ -211,6 +238,7 @@ class ResultDocument(Saved):
     )
     stages: dict[str, StageResult]
     joint: JointResult | None = Field(default=None, description="null where the torque alone was fitted")
+    prior: PriorResult | None = Field(default=None, description="null where the case has none")
     regrouping: list[str] = Field(description="relations such as ZZ1R = ZZ1 + Ia1")
     correlations: list[tuple[str, str, float]] = Field(description="pairs with |correlation| > 0.9")
     correlation: list[list[Number]] = Field(default=[], description="of all parameters, in their order")

@@ -46,7 +46,8 @@ def _named(case: Case) -> dict[str, Path]:
     document = case.document
     named: dict[str, Path] = {}
     archive = document.system.source if document.system is not None else None
-    for source in (document.robot, *(part.source for part in document.parts.values()), archive):
+    of_prior = document.prior.file if document.prior is not None else None
+    for source in (document.robot, *(part.source for part in document.parts.values()), archive, of_prior):
         if source is not None and source not in case.memory.objects:
             file = located(source, case.folder).rpartition(":")[0] if is_reference(source) else source
             named[source] = case.folder / file

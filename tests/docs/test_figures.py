@@ -175,6 +175,7 @@ STATED: Mapping[str, Mapping[str, str]] = {
     "choose-a-motion": {"0.1 Hz is usual": "an example"},
     "modelica": {"FMI 2.0 or 3.0": "versions"},
     "own-data": {"one control period, 5 ms": MADE, "MAT (5 or 7.3)": "versions", "MAT 7.3": "a version"},
+    "priors": {"0.2 says": MEANS, "standard deviation of 20 %": MEANS, "(p < 0.001)": THRESHOLD},
     "read-a-report": {"in 95 of 100 repetitions": MEANS, "above 30 %": "advice"},
     "limits": {"between 0.1 and 1 rad/s": "an example", "by 0.6 times its noise": THRESHOLD},
     "didim": {"5 % of noise": MADE},

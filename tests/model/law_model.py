@@ -54,9 +54,14 @@ class LawModel:
     calls: list[tuple[tuple[float, ...], str]] = field(default_factory=list, compare=False)
     plant_name: str = "plant"
     plant: Any = field(default_factory=lambda: UNKNOWN)
+    prior: None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "free_parameters", FreeParameters(self.free_parameters))
+
+    def beside_prior(self, table: Array) -> Array:
+        """Nothing is known before."""
+        return table
 
     @property
     def loop(self) -> LawLoop:

@@ -87,7 +87,7 @@ def predict_accuracy(model: LoopModel, values: Array, torque: Array) -> tuple[tu
     deviation = model.torque_deviation
     if deviation is None:
         deviation = np.maximum(np.sqrt((left**2).mean(axis=0)), noise_floor(model.measured))
-    white, size = whitened(columns, deviation), float(np.linalg.norm(model.measured / deviation))
+    white, size = model.beside_prior(whitened(columns, deviation)), float(np.linalg.norm(model.measured / deviation))
     return confounded(white, values, model.names, torque=size), predicted(model, values, white)
 
 

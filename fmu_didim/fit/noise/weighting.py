@@ -13,6 +13,7 @@ import numpy as np
 
 from fmu_didim.base.errors import IdentificationError
 from fmu_didim.data.signals import Array
+from fmu_didim.fit.confounding import least_squares_of_shown
 from fmu_didim.fit.noise.noise import TINY, Noise
 from fmu_didim.fit.statistics import LeastSquares, deviation_of_sums, least_squares
 from fmu_didim.model.loop_model import LoopModel
@@ -92,21 +93,23 @@ class OutputTriangles:
 
     Attributes:
         triangles: [columns, target] of each output, (min(M, p + 1), p + 1).
-        samples: (m,) of each.
+        samples: (m,) of each; partial: whether columns may depend on each other, because a prior tells apart what they
+            do not.
     """
 
     triangles: tuple[Array, ...]
     samples: Array
+    partial: bool = False
 
     @staticmethod
-    def of(columns: Array, target: Array, counts: Array | None = None) -> OutputTriangles:
+    def of(columns: Array, target: Array, counts: Array | None = None, *, partial: bool = False) -> OutputTriangles:
         """From columns (M, m, p) and a target (M, m); each output has (m,) ``counts`` samples, by default M."""
         both = np.concatenate([columns, target[:, :, None]], axis=2)
         if not np.isfinite(both).all():
             raise IdentificationError("The least squares problem holds values that are not finite.")
         triangles = (np.asarray(np.linalg.qr(both[:, j], mode="r")) for j in range(both.shape[1]))
         samples = np.full(both.shape[1], float(both.shape[0])) if counts is None else counts
-        return OutputTriangles(tuple(triangles), samples)
+        return OutputTriangles(tuple(triangles), samples, partial)
 
     def squares(self, solution: Array) -> Array:
         """(n,) sums of the squares of what a solution (p,) leaves of the target at each joint."""
@@ -119,9 +122,19 @@ class OutputTriangles:
             IdentificationError: as of :func:`~fmu_didim.fit.statistics.least_squares`.
         """
         rows = np.vstack([t / d for t, d in zip(self.triangles, deviation, strict=True)])
-        found = least_squares(rows[:, :-1], rows[:, -1], names=names)
+        if self.partial:
+            found = least_squares_of_shown(rows[:, :-1], rows[:, -1])
+        else:
+            found = least_squares(rows[:, :-1], rows[:, -1], names=names)
         first = np.cumsum([0, *(t.shape[0] for t in self.triangles[:-1])])
         return found.solution, np.add.reduceat(found.leverage, first)
+
+    def free_squares(self, squares: Array, floor: Array, names: tuple[str, ...]) -> Array:
+        """(m,) sums of squares that are left where the columns explain all that they can, from those (m,) that are left
+        now."""
+        for _ in range(2):  # the first time by weights that ignore what the columns explain
+            squares = self.squares(self.solved(self.deviation(squares, floor, names), names)[0])
+        return squares
 
     def deviation(self, squares: Array, floor: Array, names: tuple[str, ...]) -> Array:
         """(n,) estimated deviations, at least ``floor``, where the residual has these sums of squares (n,)."""
@@ -130,34 +143,47 @@ class OutputTriangles:
 
 
 def output_deviation(model: LoopModel, residual: Array, columns: Array) -> Array:
-    """(m,) deviations to weight with, from a residual (M, m) left by columns (M, m, p)."""
+    """(m,) deviations to weight with, from a residual (M, m) left by columns (M, m, p).
+
+    What a prior takes from the fit is no noise: beside one, the residual is what the columns cannot explain at all.
+    """
     stated = model.stated_deviations
     if not np.isnan(stated).any():
         return stated
     counts, names = model.output_counts, model.names[: columns.shape[2]]
     floor = noise_floor(model.measured_outputs, counts)
-    squares, n = (residual**2).sum(axis=0), model.joint_count
+    squares, n, partial = (residual**2).sum(axis=0), model.joint_count, model.prior is not None
+    if partial:
+        triangles = OutputTriangles.of(columns, residual, counts, partial=True)
+        squares = triangles.free_squares(squares, floor, names)
     if model.joint_weights == "equal" and n == counts.size:
         return np.full(n, max(float(np.sqrt(squares.sum() / counts.sum())), float(floor.max())))
-    found = OutputTriangles.of(columns, residual, counts).deviation(squares, floor, names)
+    triangles = OutputTriangles.of(columns, residual, counts, partial=partial)
+    found = triangles.deviation(squares, floor, names)
     if model.joint_weights == "equal":
         found[:n] = max(float(np.sqrt(squares[:n].sum() / counts[:n].sum())), float(floor[:n].max()))
     return np.where(np.isnan(stated), found, stated)
 
 
 def weighted_solution(model: LoopModel, columns: Array, target: Array) -> tuple[LeastSquares, Array]:
-    """Least squares of target (N, n) on columns (N, n, p), those of the first p free parameters, joints weighted; and
-    the deviations (n,) used.
+    """Least squares of target (N, n) on columns (N, n, p), those of the first p free parameters, joints weighted, and
+    of a prior; and the deviations (n,) used.
 
     With estimated weights a first, unweighted solution gives the noise of each joint.
     """
     names, deviation = model.names[: columns.shape[2]], np.ones(target.shape[1])
     if model.torque_deviation is not None:
         deviation = model.torque_deviation
-    elif model.joint_weights == "estimated" and target.shape[1] > 1:
-        triangles, floor = OutputTriangles.of(columns, target), noise_floor(model.measured)
+    elif model.prior is not None or (model.joint_weights == "estimated" and target.shape[1] > 1):
+        triangles = OutputTriangles.of(columns, target, partial=model.prior is not None)
+        floor = noise_floor(model.measured)
         # Twice: the first residual comes from weights that ignore the noise.
         for _ in range(2):
             first, _ = triangles.solved(deviation, names)
             deviation = triangles.deviation(triangles.squares(first), floor, names)
-    return least_squares(whitened(columns, deviation), whitened(target, deviation), names=names), deviation
+        if model.joint_weights == "equal":
+            deviation = np.full(deviation.size, float(np.sqrt(np.mean(deviation**2))))
+    right = whitened(target, deviation)
+    if model.prior is not None:
+        right = np.concatenate([right, model.prior.target])
+    return least_squares(model.beside_prior(whitened(columns, deviation)), right, names=names), deviation

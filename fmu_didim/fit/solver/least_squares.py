@@ -3,7 +3,8 @@
     values = argmin sum_j |y_j - y_sj(values)|^2 / s_j^2
 
 over all measured outputs j, the torque first, with the deviations s_j of a
-:class:`~fmu_didim.fit.noise.weighting.Weighting`. A step is damped (Levenberg, Marquardt)
+:class:`~fmu_didim.fit.noise.weighting.Weighting`; beside them stand the squares of a prior, where a model has one
+(:mod:`fmu_didim.dynamics.prior`). A step is damped (Levenberg, Marquardt)
 if after it the cost is not lower, an experiment, held out or not, cannot be simulated, or the inertia matrix is not
 positive definite somewhere along its motion: what the data hardly show moves less then, as where the base parameters
 make up for an effect that is missing. So the fit always returns the best point that it has tried. In a fit that is to
@@ -116,7 +117,7 @@ class _Solver:
         return at
 
     def _step(self, at: State) -> LinearStep:
-        return LinearStep.of(at, self._deviation(at), self._measured, self._region)
+        return LinearStep.of(at, self._deviation(at), self._measured, self._region, prior=self._model.prior)
 
     def _before(self, step: LinearStep) -> Ending | None:
         """The ending if the fit ends without this step, else None."""

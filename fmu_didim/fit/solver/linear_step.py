@@ -8,8 +8,9 @@ import numpy as np
 from scipy.stats import chi2
 
 from fmu_didim.data.signals import Array
+from fmu_didim.dynamics.prior import Prior
 from fmu_didim.fit.equations import Equations
-from fmu_didim.fit.fit import sum_of_squares
+from fmu_didim.fit.fit import prior_rows, prior_squares, sum_of_squares
 from fmu_didim.fit.region import Region
 from fmu_didim.fit.uncertainty import EXCESS
 
@@ -47,7 +48,8 @@ class LinearStep:
     """The linear problem of a step.
 
     Attributes:
-        change: (p,) the full step; deviation: (m,) weights; cost: weighted square of the residual; promised: how much
+        change: (p,) the full step; deviation: (m,) weights; cost: weighted square of the residual, with that of the
+            prior; promised: how much
             the full step would lower it.
         scale: (p,) standard deviations; size: (p,) at which each parameter makes up all that was measured.
     """
@@ -86,15 +88,15 @@ class LinearStep:
         return 2 * jitter * float(np.sqrt(2 * self.change.size * self.cost))
 
     @staticmethod
-    def of(at: State, deviation: Array, measured: Array, region: Region) -> LinearStep:
+    def of(at: State, deviation: Array, measured: Array, region: Region, *, prior: Prior | None = None) -> LinearStep:
         """From a state.
 
         Args:
-            deviation: (m,) weights; measured: (M, m); region: where the values may be.
+            deviation: (m,) weights; measured: (M, m); region: where the values may be; prior: of the values.
         """
         residual = measured - at.outputs
         table = at.jacobian / deviation[:, None]
-        equations = Equations.of(table, residual / deviation)
+        equations = Equations.of(table, residual / deviation, prior=prior_rows(prior, at.values))
         change, promised = equations.step(at.values, region, 0.0)
         length = np.where(equations.scale > 0, equations.scale, np.inf)
         size = float(np.linalg.norm(measured / deviation)) / length
@@ -102,7 +104,7 @@ class LinearStep:
             equations,
             change,
             deviation,
-            sum_of_squares(residual, deviation),
+            sum_of_squares(residual, deviation) + prior_squares(prior, at.values),
             promised,
             equations.deviations(),
             size,

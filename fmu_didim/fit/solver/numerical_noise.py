@@ -61,7 +61,8 @@ def roughness(fit: Fit, sizes: Array | None = None) -> Roughness | None:
         return None
     first = whitened(fit.jacobian, fit.deviation)
     second = whitened(_at_second_steps(fit, sizes), fit.deviation)
-    deviations = [np.sqrt(np.diag(covariance_white(table))) for table in (first, second)]
+    tables = (fit.model.beside_prior(table) for table in (first, second))
+    deviations = [np.sqrt(np.diag(covariance_white(table))) for table in tables]
     change = np.maximum(deviations[0] / deviations[1], deviations[1] / deviations[0]) - 1
     worst = int(np.argmax(change))
     return Roughness(float(change[worst]), fit.model.names[worst], jitter_in(fit.steps, fit.deviation))

@@ -10,7 +10,7 @@ from scipy.stats import chi2
 from fmu_didim.base.errors import SimulationError
 from fmu_didim.data.signals import Array
 from fmu_didim.fit.derivatives.differences import Steps, jitter_in
-from fmu_didim.fit.fit import sum_of_squares
+from fmu_didim.fit.fit import prior_squares, sum_of_squares
 from fmu_didim.fit.region import Region
 from fmu_didim.fit.solver.admissible import mass_matrix_problem
 from fmu_didim.fit.solver.linear_step import LinearStep, State
@@ -84,7 +84,7 @@ class Search:
             tried += 1
             try:
                 outputs = model.outputs(trial)
-                reached = sum_of_squares(measured - outputs, step.deviation)
+                reached = sum_of_squares(measured - outputs, step.deviation) + prior_squares(model.prior, trial)
                 kept = damping == 0 and self.keeps_promise(at, step, reached)
                 if kept or reached < step.cost:
                     for label in others:  # only whether it runs
@@ -139,6 +139,7 @@ class Search:
         except SimulationError:
             return replace(found, tried=tried)
         reached = sum_of_squares(self.model.measured_outputs - outputs, step.deviation)
+        reached += prior_squares(self.model.prior, trial)
         if reached >= min(found.cost, step.cost):
             return replace(found, tried=tried)
         return replace(found, values=trial, outputs=outputs, cost=reached, tried=tried, note="step shortened")

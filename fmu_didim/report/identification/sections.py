@@ -12,6 +12,7 @@ from fmu_didim.report.drawing.torque_charts import history_chart
 from fmu_didim.report.experiment_charts import ExperimentCharts, residual_sections, torque_sections
 from fmu_didim.report.identification.charts import saved_charts
 from fmu_didim.report.identification.joint import joint_sections
+from fmu_didim.report.identification.prior import prior_sections, share_text
 from fmu_didim.report.numbers import (
     MISSING,
     Rounding,
@@ -104,6 +105,7 @@ def result_report(document: ResultDocument, parts: Sequence[ExperimentCharts] = 
         Section("Notes of the iterations", [Items(notes, shown="terminal")], has_title=True),
         _plant(document),
         *joint_sections(document),
+        *prior_sections(document),
         *_correlations(document),
         _stages(document),
         *_iterations(document),
@@ -147,6 +149,7 @@ def _parameters(document: ResultDocument) -> Section:
         words("", [""] * len(texts), bars=bars, shown="page"),
         words("unit", [text.unit or MISSING for text in texts]),
         Column("95 % interval", ["  ".join(text.interval) for text in shown]),
+        *_from_data(document, [name for name, _ in listed]),
         *_further_values(document, listed),
         words("carried by", [p.standard or p.of for _, p in listed], shown="page"),
     ]
@@ -160,6 +163,14 @@ def _parameters(document: ResultDocument) -> Section:
         "the value of the robot description, from CAD for example, regrouped in the same way."
     ))  # fmt: skip
     return Section("Parameters", blocks, anchor="parameters", is_brief=True)
+
+
+def _from_data(document: ResultDocument, names: Sequence[str]) -> list[Column]:
+    """How much of each value comes from the data, where there is a prior."""
+    if document.prior is None:
+        return []
+    shares = [share_text(document.prior.parameters[name]) for name in names]
+    return [Column("data %", shares)]
 
 
 def _further_values(document: ResultDocument, listed: Sequence[tuple[str, ParameterResult]]) -> list[Column]:
