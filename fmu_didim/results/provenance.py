@@ -12,7 +12,7 @@ from fmu_didim.base.constants import Deciding, recorded
 from fmu_didim.checks import channels, held_out, identification, motion_dependence, physical, residual, sampling_kind
 from fmu_didim.checks.data import log, timing, torque_channel
 from fmu_didim.data.tables import clock
-from fmu_didim.estimators import finish, joint, local_minima, reference_start
+from fmu_didim.estimators import finish, initial_states, joint, local_minima, reference_start
 from fmu_didim.fit import confounding, equations, log_noise, statistics, uncertainty
 from fmu_didim.fit.derivatives import differences
 from fmu_didim.fit.noise import noise, residual_noise, shared, weighting
@@ -46,6 +46,7 @@ DECIDING = (
     (shared, ("SHORTEST_BLOCK_S", "MEMORIES", "FEWEST_BLOCKS")),
     (channels, ("DISAGREEMENT", "EXPLAINED", "CERTAIN", "COLOURED", "LARGER")),
     (local_minima, ("OTHER_MINIMA", "HARDLY_WORSE")),
+    (initial_states, ("MOVING", "CHANCE", "STANDS_OUT", "FIRST_PART", "FORGOTTEN", "DETERMINED")),
     (identification, ("NEAR_LIMIT", "VISIBLE_SHIFT", "SECOND_STEP", "JITTER")),
     (residual, ("STILL_NOT_WHITE",)),
     (motion_dependence, ("MOTION_CHANCE", "SIGNIFICANT")),
