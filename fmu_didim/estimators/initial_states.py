@@ -451,7 +451,7 @@ def _held_out(fit: Fit, label: str) -> tuple[InitialState, float, str] | None:
     chance = _chance_alone(fit, label, start)
     if chance >= CHANCE and not is_asked(fit, label):
         return None
-    given, seconds = InitialState("given", _found(fit, label, start)), _seconds(fit, label, start)
+    given, seconds = InitialState("found", _found(fit, label, start)), _seconds(fit, label, start)
     return (
         given,
         seconds,

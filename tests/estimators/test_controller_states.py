@@ -12,6 +12,7 @@ import control
 import numpy as np
 import pytest
 
+from fmu_didim import Log, Result, identify
 from fmu_didim.base.errors import InputError, UnknownNameError
 from fmu_didim.case import load_case
 from fmu_didim.components import load_fmu, wrap_control
@@ -187,6 +188,29 @@ def test_states_that_are_given_are_used(model: LoopModel) -> None:
     assert not freed(estimate)
     np.testing.assert_allclose(estimate.value, model.start, rtol=1e-4)
     assert np.abs(model.torque(model.start, model.first) - true.measured)[:, 0].max() > 10
+
+
+def test_the_result_says_where_each_experiment_starts(tmp_path: Path, model: LoopModel) -> None:
+    """Free starts are parameters; those that are held, by the case or by the first part of a held-out log, stand with
+    the experiment, in the file too."""
+    off, truth = logged(model, 3, {k: v * (1 if "integral" in k else 0.05) for k, v in SPREAD.items()})
+    train, validation = (
+        {"torque": Log(off.experiments[label].time, off.experiments[label].torque)} for label in off.experiments
+    )
+    case = load_case(CASE).with_(
+        controller={"kind": "model", "source": str(PID)}, plant={"kind": "model"}, estimator={"start": "torque"}
+    )
+    free = identify(case.with_(train=train, validation=validation))
+    free.save(tmp_path)
+    states = {label: e.initial_state for label, e in Result.load(tmp_path).document.experiments.items()}
+    assert (states["estimation"].kind, states["estimation"].values) == ("free", {})
+    assert states["validation"].kind == "found"
+    assert states["validation"].values["integral1"] == pytest.approx(truth["validation"]["integral1"], abs=1e-3)
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert "found: q1 = " in page
+    given = identify(case.with_(train={**train, "initial_state": truth["estimation"]}, validation=None))
+    (state,) = [e.initial_state for e in given.document.experiments.values()]
+    assert (state.kind, dict(state.values)) == ("given", truth["estimation"])
 
 
 @pytest.mark.parametrize("name", ["integral3", "Ki1", "controller.Ki1"])
