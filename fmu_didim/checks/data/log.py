@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d
 from scipy.signal import medfilt
 
@@ -52,7 +53,7 @@ a reversal of friction that comes at another moment leaves less."""
 ALONE = 0.3
 """[1] Of that range, from which a sample may be wrong that nothing else in the log comes near:"""
 BEYOND = 4.0
-"""[1] it leaves its neighbours by so many times what"""
+"""[1] it leaves its neighbours, which it has on both sides, by so many times what"""
 OTHERS = 0.01
 """[1] this part of the samples, two at least, leaves them: those at reversals and in noise."""
 NEIGHBOURS = 5
@@ -307,8 +308,8 @@ def _outliers(j: int, place: str, given: Expected, *, held_out: bool) -> Iterato
         simulated = given.nominal[:, j]
         swings = np.abs(simulated - medfilt(simulated, NEIGHBOURS))
         deviation = np.maximum(deviation - maximum_filter1d(swings, NEIGHBOURS), 0.0)
-    bound = _spike(deviation, spread)
-    spikes = np.flatnonzero(deviation > bound)
+    lowest = _lone(deviation, spread)
+    spikes = np.flatnonzero(deviation > np.where(_is_inside(values.size), lowest, SPIKE * spread))
     if 0 < spikes.size <= MOST_SPIKES * values.size:
         text = (
             f"{spikes.size} of {values.size} samples differ from their neighbours by up to {deviation.max():.4g}; "
@@ -323,15 +324,21 @@ def _outliers(j: int, place: str, given: Expected, *, held_out: bool) -> Iterato
             text += f" They move the values by {moved:.2g} standard deviations, all together."
             yield Diagnostic(FEW_OUTLIERS, text, place, moved, MOVED, "1")
         else:
-            yield Diagnostic(LOG_OUTLIERS, text, place, float(deviation.max()), bound)
+            yield Diagnostic(LOG_OUTLIERS, text, place, float(deviation.max()), lowest)
 
 
-def _spike(deviation: Array, spread: float) -> float:
+def _lone(deviation: Array, spread: float) -> float:
     """From what a deviation (N,) of samples from their neighbours is no motion: half the range of the log, or less
     where hardly any sample comes near."""
     rank = min(1 + max(2, round(OTHERS * deviation.size)), deviation.size)
     others = float(np.sort(deviation)[-rank])
     return min(SPIKE * spread, max(ALONE * spread, BEYOND * others))
+
+
+def _is_inside(count: int) -> NDArray[np.bool_]:
+    """(N,) which samples have neighbours on both sides, and come after those in which a loop swings in."""
+    places = np.arange(count)
+    return np.asarray((places >= NEIGHBOURS) & (places < count - NEIGHBOURS))
 
 
 def _moved(j: int, spikes: Indices, given: Expected) -> float:

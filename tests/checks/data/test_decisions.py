@@ -206,6 +206,7 @@ NOISY = np.sin(0.05 * N) + 0.01 * np.random.default_rng(4).normal(size=400)
         (np.where(N == 77, 5.0, NOISY), {}, "log-outliers", None),
         (np.where(N == 77, NOISY + 0.5, NOISY), {}, None, None),
         (np.where(N == 77, NOISY + 0.8, NOISY), {}, "log-outliers", None),  # less than half the range, but alone
+        (np.where(N == 1, NOISY + 0.8, NOISY), {}, None, None),  # where a loop swings in
         (np.where(N % 23 == 7, NOISY + 0.8, NOISY), {}, None, None),  # what comes often is the motion
         (NOISY + 0.2 * np.random.default_rng(3).normal(size=N.size), {}, None, None),
         (np.zeros(400), {}, "log-constant", 0.0),
