@@ -365,6 +365,9 @@ def _with_channels(case: Case, label: str, experiment: Experiment) -> Experiment
 
 def _check(document: CaseDocument, model: LoopModel, estimator: Estimator) -> None:
     n = model.joint_count
+    for label, experiment in model.experiments.items():
+        for name in experiment.initial_state.values:
+            model.loop.start_named(name, where=f"{label}.initial_state")
     if model.torque_deviation is not None and model.torque_deviation.size != n:
         raise InputError("torque_std needs one value for each joint.", got=model.torque_deviation.size, valid=str(n))
     if (

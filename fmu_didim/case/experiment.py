@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
-from fmu_didim.base.errors import UnknownNameError
 from fmu_didim.case.files import NONE_GIVEN, read_signals
 from fmu_didim.case.instants import read_motion
 from fmu_didim.case.sources import ExperimentSource
@@ -52,18 +51,14 @@ def read_experiment(
         told += measured.told
     return Experiment(
         reference, log.times, log.torque, operator, positions, label, source.role, stamps=log.stamps,
-        told=tuple(dict.fromkeys(told)), initial_state=_initial_state(source, len(torque_units), label),
+        told=tuple(dict.fromkeys(told)), initial_state=_initial_state(source),
     )  # fmt: skip
 
 
-def _initial_state(source: ExperimentSource, joints: int, label: str) -> InitialState:
-    """Where the motion of a run starts; raises InputError for a name that is none of a joint."""
+def _initial_state(source: ExperimentSource) -> InitialState:
+    """Where the motion of a run starts; the loop knows later whether it has the states that are named."""
     if isinstance(source.initial_state, str):
         return InitialState(source.initial_state)
-    known = [f"{stem}{j}" for stem in ("q", "dq") for j in range(1, joints + 1)]
-    for name in source.initial_state:
-        if name not in known:
-            raise UnknownNameError("position or velocity", name, known, where=f"{label}.initial_state")
     return InitialState("given", source.initial_state)
 
 

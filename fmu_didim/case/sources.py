@@ -244,9 +244,11 @@ class ExperimentSource(Strict):
         from_s, to_s: the part of the run that is used, on the clock of the reference. The loop is simulated from the
             beginning of the reference all the same, so that it has settled into the motion; what comes after ``to_s``
             is left out of both.
-        initial_state: where the motion starts: ``reference``: on its first row; ``q<j>``, ``dq<j>`` with their values;
-            ``free``: unknown, identified from the torque; ``detected``: unknown where the log shows that it does not
-            start on the reference. Of a held-out experiment the first part then gives the start and the rest is judged.
+        initial_state: where the loop starts: ``reference``: on the first row, with controllers as they are built;
+            ``q<j>``, ``dq<j>``, states of controllers (``integral<j>`` of a control law, ``x<i>`` of a python-control
+            system, ``component.parameter`` of an FMU of another tool) with their values; ``free``: unknown, identified
+            from the torque; ``detected``: unknown where the log shows that it does not start on the reference. Of a
+            held-out experiment the first part then gives the start and the rest is judged.
         own: names of parameters that have values of their own in this experiment, such as those of a link with another
             payload; the others are shared by all experiments.
     """

@@ -11,6 +11,7 @@ After ``set``, ``get`` returns the outputs at the present instant, direct feed-t
 
 from __future__ import annotations
 
+import re
 from abc import ABC, abstractmethod
 from collections.abc import Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -25,6 +26,9 @@ from fmu_didim.dynamics.block import Block
 
 DIFFERENCE_STEP = 1e-5
 """Relative step of central differences: truncation and rounding are both of the order 1e-10."""
+
+START_NAME = re.compile(r"\w+_start\d+")
+"""Of a parameter in which a state starts."""
 
 
 class Instance(ABC):
@@ -217,9 +221,26 @@ class Component(ABC):
         """Integration substeps a step if their number was stated; None if it is chosen, or nothing is integrated."""
         return None
 
+    @property
+    def start_parameters(self) -> tuple[str, ...]:
+        """Names of those parameters that say where its states start, as far as that is known: fixed ones named
+        ``<state>_start<j>``."""
+        known = self.equations()
+        return () if known is None else start_names(known[0].fixed)
+
+    @property
+    def start_candidates(self) -> tuple[str, ...]:
+        """Names that may say where its states start: of an FMU of another tool all that can be set."""
+        return self.start_parameters
+
     def parameter_values(self) -> dict[str, float]:
         """Present values by name."""
         return {v.name: v.start for v in self.parameters}
+
+
+def start_names(names: Iterable[str]) -> tuple[str, ...]:
+    """Those of the names that are ``<state>_start<j>``."""
+    return tuple(sorted(name for name in names if START_NAME.fullmatch(name)))
 
 
 def check_names(kind: str, names: Iterable[str], valid: Iterable[Variable], *, where: str) -> None:

@@ -30,6 +30,7 @@ class ControlComponent(Component):
         system: the python-control system.
         inputs, outputs, parameters: its variables, in the order of the system's signals.
         initial_state: (nx,) start value of the state; that of a block follows from the first inputs.
+        state_parameters: names of the parameters that are ``initial_state``, of a system that offers it.
         substeps: in a communication step; None: 10, or chosen from the rate of the block.
         origin: where the system comes from, for the provenance.
         block: the equations, if the system was made from a block; its matrices follow the parameters.
@@ -44,6 +45,7 @@ class ControlComponent(Component):
     origin: str = ""
     sample_time: float | None = field(default=None)
     block: Block | None = None
+    state_parameters: tuple[str, ...] = ()
 
     def with_parameters(self, values: Mapping[str, float]) -> ControlComponent:
         check_names("parameter", values, self.parameters, where=f"python-control system {self.origin}")
@@ -51,7 +53,13 @@ class ControlComponent(Component):
             block = self.block.with_parameters(dict(values))
             return replace(self, block=block, system=to_control(block), parameters=block.parameters)
         changed = tuple(v.starting_at(float(values.get(v.name, v.start))) for v in self.parameters)
-        return replace(self, parameters=changed)
+        present = {v.name: float(v.start or 0.0) for v in changed}
+        state = tuple(present[name] for name in self.state_parameters) or self.initial_state
+        return replace(self, parameters=changed, initial_state=state)
+
+    @property
+    def start_parameters(self) -> tuple[str, ...]:
+        return self.state_parameters if self.block is None else super().start_parameters
 
     def __getstate__(self) -> dict[str, Any]:
         state = dict(self.__dict__)
@@ -115,7 +123,8 @@ def _state_space() -> Any:
 class _ControlInstance(Instance):
     def __init__(self, component: ControlComponent) -> None:
         self._component = component
-        self._parameters = component.parameter_values()
+        starts = component.state_parameters
+        self._parameters = {n: value for n, value in component.parameter_values().items() if n not in starts}
         self._p = np.array(list(self._parameters.values()))
         self._clock: SampleClock | None = None
         self._live, self._initialising, self._time = True, False, 0.0

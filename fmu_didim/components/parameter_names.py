@@ -50,7 +50,11 @@ def name_parameters(component: Component, names: Mapping[str, str]) -> Component
         if component.block is not None:
             block = _block(component.block, renamed, names)
             return replace(component, block=block, system=to_control(block), parameters=renamed)
-        return replace(component, system=_control_system(component.system, names), parameters=renamed)
+        new = {v.name: other.name for v, other in zip(component.parameters, renamed, strict=True)}
+        starts = tuple(new[name] for name in component.state_parameters)
+        own = {role: name for role, name in names.items() if name not in component.state_parameters}
+        system = _control_system(component.system, own) if own else component.system
+        return replace(component, system=system, parameters=renamed, state_parameters=starts)
     raise InputError(
         "The parameters of this component cannot be renamed.", where=WHERE, got=component.describe().get("kind"),
         valid="fmu, model, control",

@@ -28,29 +28,29 @@ def wrap_control(
         system: ``StateSpace``, ``TransferFunction`` (single input and output, or with slycot) or
             ``NonlinearIOSystem``; discrete systems need a numeric ``dt``.
         origin: its name, for messages and provenance.
-        initial_state: start value of the state, zero by default.
+        initial_state: start value of the state, zero by default; also the parameters ``x_start1``, ``x_start2``, ...
         substeps: RK4 substeps in a communication step of a continuous system.
 
     Raises:
         InputError: the object is no such system, its ``dt`` is not numeric, or the state has another size.
     """
     system = _with_states(system, origin)
-    state = initial_state or (0.0,) * int(system.nstates)
+    state = tuple(float(v) for v in initial_state or (0.0,) * int(system.nstates))
     if len(state) != system.nstates:
         raise InputError("The initial state has another size.", where=origin, got=len(state), valid=str(system.nstates))
+    own = {name: float(cast(float, v)) for name, v in getattr(system, "params", {}).items() if np.isscalar(v)}
+    starts = {f"x_start{i}": value for i, value in enumerate(state, start=1)}
+    starts = {} if set(starts) & set(own) else starts
     return ControlComponent(
         system=system,
         inputs=tuple(Variable(name, "", "input") for name in system.input_labels),
         outputs=tuple(Variable(name) for name in system.output_labels),
-        parameters=tuple(
-            Variable(name, "", "parameter", float(cast(float, value)))
-            for name, value in getattr(system, "params", {}).items()
-            if np.isscalar(value)
-        ),
-        initial_state=tuple(float(v) for v in state),
+        parameters=tuple(Variable(name, "", "parameter", value) for name, value in {**own, **starts}.items()),
+        initial_state=state,
         substeps=substeps,
         origin=origin,
         sample_time=_sample_time(system, origin),
+        state_parameters=tuple(starts),
     )
 
 

@@ -33,6 +33,7 @@ class ControlEquations:
     units: dict[str, str] = field(default_factory=dict)
     parameters: dict[str, tuple[ca.SX, float, str]] = field(default_factory=dict)
     states: dict[str, tuple[ca.SX, ca.SX, ca.SX, str]] = field(default_factory=dict)
+    fixed: set[str] = field(default_factory=set)
 
     def input(self, name: str, unit: str) -> ca.SX:
         """The input of that name, made at its first use."""
@@ -50,6 +51,15 @@ class ControlEquations:
     def state(self, name: str, unit: str, symbol: ca.SX, following: ca.SX, start: ca.SX) -> None:
         """A state with its next value and its start value (in inputs and parameters only)."""
         self.states[name] = (symbol, following, start, unit)
+
+    def integral(self, j: int, integrand: ca.SX, period: float) -> ca.SX:
+        """I[k] of joint j, I[k+1] = I[k] + T integrand[k], whose start I[0] is the fixed parameter
+        ``integral_start<j>``, 0 by default."""
+        integral = ca.SX.sym(f"integral{j}")
+        start = self.parameter(f"integral_start{j}", 0.0, "integral at the start")
+        self.fixed.add(f"integral_start{j}")
+        self.state(f"integral{j}", "", integral, integral + period * integrand, start)
+        return integral
 
 
 class ControlLaw(Strict):
@@ -120,6 +130,7 @@ class ControlLaw(Strict):
             output=ca.Function("output", [x, u, p], [ca.densify(ca.vertcat(*commands))]),
             start=ca.Function("start", [u, p], [ca.densify(start)]),
             sample_time=self.period,
+            fixed=frozenset(equations.fixed),
         )
 
     def error_signals(self, equations: ControlEquations, j: int) -> Mapping[str, ca.SX]:

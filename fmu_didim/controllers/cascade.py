@@ -11,7 +11,7 @@ from fmu_didim.controllers.base import ControlEquations, ControlLaw, VelocityKin
 
 class CascadePPI(ControlLaw):
     """v_ref = Kv (q_ref - q) + feedforward dq_ref;  e_v = v_ref - dq;
-    command = Kp e_v + Ki I, I[k+1] = I[k] + T e_v[k], I[0] = 0.
+    command = Kp e_v + Ki I, I[k+1] = I[k] + T e_v[k], I[0] = integral_start<j>, 0 by default.
 
     Attributes:
         Kv: gains of the position loop, 1/s.
@@ -36,7 +36,6 @@ class CascadePPI(ControlLaw):
             ki = equations.parameter(f"Ki{j}", self.Ki[j - 1], "integral gain of the velocity loop")
             forward = equations.parameter(f"feedforward{j}", self.feedforward, "velocity feed-forward")
             error = kv * (signals["q_ref"] - signals["q"]) + forward * signals["dq_ref"] - dq
-            integral = ca.SX.sym(f"integral{j}")
-            equations.state(f"integral{j}", "", integral, integral + self.period * error, ca.SX(0))
+            integral = equations.integral(j, error, self.period)
             result.append(kp * error + ki * integral)
         return result

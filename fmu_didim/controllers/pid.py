@@ -10,7 +10,8 @@ from fmu_didim.controllers.base import ControlEquations, ControlLaw, RateKind
 
 
 class PID(ControlLaw):
-    """command = Kp e + Ki I + Kd (dq_ref - dq), e = q_ref - q, I[k+1] = I[k] + T e[k], I[0] = 0.
+    """command = Kp e + Ki I + Kd (dq_ref - dq), e = q_ref - q, I[k+1] = I[k] + T e[k], I[0] =
+    integral_start<j>, 0 by default.
 
     Attributes:
         Kp, Ki, Kd: gains of each joint.
@@ -30,7 +31,6 @@ class PID(ControlLaw):
             kp = equations.parameter(f"Kp{j}", self.Kp[j - 1], "proportional gain")
             ki = equations.parameter(f"Ki{j}", self.Ki[j - 1], "integral gain")
             kd = equations.parameter(f"Kd{j}", self.Kd[j - 1], "derivative gain")
-            integral = ca.SX.sym(f"integral{j}")
-            equations.state(f"integral{j}", "", integral, integral + self.period * error, ca.SX(0))
+            integral = equations.integral(j, error, self.period)
             result.append(kp * error + ki * integral + kd * rate)
         return result

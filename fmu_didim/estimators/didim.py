@@ -129,10 +129,12 @@ class Didim(Estimator):
                 settled += caught.settled
                 if settled == SAME_MINIMUM:
                     break
+                history.restart()
                 continue
             except IdentificationError as caught:  # rank that is lost at one start is no property of the data
                 lost.append(caught)
                 failures.append(f"from {start_text(start)}: {caught.what} ({caught.got})")
+                history.restart()
                 continue
             told = (f"Started from {start_text(start)}; not {'; not '.join(failures)}.",) if failures else ()
             estimate = replace(estimate, remarks=(*told, *estimate.remarks))

@@ -1,8 +1,9 @@
-"""Initial states: motions that do not begin at rest on their reference.
+"""Initial states: motions that do not begin at rest on their reference, and controllers that have been running.
 
-The plant is simulated from the first row of the reference. A real one that is moving there, or stands elsewhere, is not
-on it, and the loop takes a while to forget where it was. With the sensitivities S of the parameters and D of positions
-and velocities at the start, and the whitened residual r, the start that the log shows is
+The plant is simulated from the first row of the reference, and controllers from the state in which they are built. A
+real plant that is moving there, or stands elsewhere, is not on it, an integral that holds a load is not zero, and the
+loop takes a while to forget it. With the sensitivities S of the parameters and D of positions, velocities and states of
+controllers at the start, and the whitened residual r, the start that the log shows is
 
     (d, z) = argmin |r - S d - D z|^2,      z' C_zz^-1 z ~ chi-square of the size of z, by chance,
 
@@ -14,7 +15,7 @@ start and the rest is judged.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence, Set
+from collections.abc import Callable, Iterable, Mapping, Sequence, Set
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any
@@ -35,6 +36,7 @@ from fmu_didim.fit.solver.least_squares import minimise
 from fmu_didim.fit.solver.termination import Stopping
 from fmu_didim.model.experiment import InitialState
 from fmu_didim.model.free_parameter import PLANT, FreeParameter
+from fmu_didim.model.loop import StartValue, state_name
 from fmu_didim.model.loop_model import LoopModel
 from fmu_didim.model.motion import joint_reference
 
@@ -57,7 +59,18 @@ STEPS = 10
 """[steps] Of the fit of a held-out start, in which little is nonlinear."""
 SETTLED = 1e-3
 """[1] Relative change of a held-out start, or of its standard deviation, at which that fit ends."""
+PROBED = (1e-9, 1e-2)
+"""[1] Change of the torque, over its range, from which the range of a state of a controller is told: above rounding,
+below what saturates."""
+PROBE_FACTOR = 1e5
+"""[1] By which a probe that is too short is longer, and one that is too long shorter, the next time."""
+PROBES = 6
+"""[probes] From 1e-20 to 1e20 of the unit of a state, both ways."""
 NOT_SHOWN = "{}: its initial state is asked for, but the log does not show it; the motion starts on its reference."
+NOT_OFFERED = (
+    "{}: {}. The states in which {} starts are not known: if it was running before the log began, name what sets them, "
+    "initial_state: {{{}.parameter: value}}."
+)
 
 
 @dataclass(frozen=True)
@@ -101,7 +114,7 @@ def with_starts(fit: Fit, starts: Sequence[FreeParameter], finish: Callable[[Fit
         minimum = finish(_without(minimum.fit, set(starts) - set(kept))).after(minimum)
         starts = kept
     model, held_out = held_out_starts(minimum.fit)
-    remarks = (*minimum.remarks, *free_start_remarks(minimum.fit, starts), *held_out)
+    remarks = (*minimum.remarks, *free_start_remarks(minimum.fit, starts), *held_out, *unknown_states(minimum.fit))
     return replace(minimum, fit=replace(minimum.fit, model=model), remarks=remarks)
 
 
@@ -113,7 +126,7 @@ def _off_reference(minimum: Minimum, starts: Sequence[FreeParameter]) -> set[str
         own = [start for start in starts if start.experiment == label]
         places = [model.names.index(start.name) for start in own]
         on = _on(model, label)
-        off = minimum.fit.values[places] - [on[start.key] for start in own]
+        off = minimum.fit.values[places] - [on[_name(start)] for start in own]
         distance = float(off @ np.linalg.solve(minimum.known.covariance[np.ix_(places, places)], off))
         if is_asked(minimum.fit, label) or stats.chi2.sf(distance, len(own)) < CHANCE:
             found.add(label)
@@ -187,9 +200,11 @@ def _on_reference(model: LoopModel, unknown: Set[str | None]) -> LoopModel:
 
 
 def _may_be_off(model: LoopModel, label: str) -> bool:
-    """Whether an experiment may have another start than its reference."""
+    """Whether an experiment may have another start than its reference: it moves there, or a controller may hold a
+    load."""
     kind = model.experiments[label].initial_state.kind
-    return kind == "free" or (kind == "detected" and begins_moving(model, label))
+    has_states = any(start.owner != PLANT for start in model.loop.starts)
+    return kind == "free" or (kind == "detected" and (has_states or begins_moving(model, label)))
 
 
 def is_asked(fit: Fit, label: str) -> bool:
@@ -206,9 +221,9 @@ def free_start_remarks(fit: Fit, starts: Sequence[FreeParameter]) -> list[str]:
     ]
     for label in dict.fromkeys(start.experiment for start in starts):
         assert label is not None
-        values = {_signal(k): fit.values[fit.model.names.index(k.name)] for k in starts if k.experiment == label}
+        values = {_name(k): fit.values[fit.model.names.index(k.name)] for k in starts if k.experiment == label}
         found.append(
-            f"{label}: its motion does not start on its reference. The start is free "
+            f"{label}: {_off(fit.model, values)}. The start is free "
             f"({_told(fit.model, label, values)}), and the standard deviations of all parameters count it."
         )
     return found
@@ -235,20 +250,73 @@ def held_out_starts(fit: Fit, *, asked_only: bool = False) -> tuple[LoopModel, l
     return model, remarks
 
 
+def unknown_states(fit: Fit) -> list[str]:
+    """What is said of a loop with a controller whose states cannot be free, being an FMU of another tool: of logs whose
+    first samples stand out at a minimum, and of those where the start of the plant may stand for its states."""
+    unknown, found = fit.model.loop.with_unknown_states, list[str]()
+    free = {parameter.experiment for parameter in fit.model.free_parameters if parameter.is_start}
+    for label in fit.model.estimation_labels if unknown else ():
+        squares = np.mean((_residual(fit, label) / fit.deviation) ** 2, axis=1)
+        ratio = _first_over_later(squares, max(int(FIRST_PART * squares.size), 1))
+        joints = fit.model.joint_count
+        reason = ""
+        if ratio > STANDS_OUT**2 and stats.chi2.sf(joints * ratio, joints) < CHANCE:  # as if all were one sample
+            reason = f"its first samples stand out, {np.sqrt(ratio):.3g} times the later residual"
+        elif label in free:
+            reason = f"the start that was found may stand for states of {' and '.join(unknown)}"
+        if reason and fit.model.experiments[label].initial_state.kind not in ("reference", "given"):
+            found.append(NOT_OFFERED.format(label, reason, " and ".join(unknown), unknown[0]))
+    return found
+
+
 def start_parameters(model: LoopModel, label: str) -> tuple[FreeParameter, ...]:
-    """Positions and velocities at the start of an experiment, as free parameters, as far as its plant lets them be
-    set."""
-    experiment = model.experiments[label]
-    offered = {v.name: v.unit for v in model.loop.plant.parameters}
-    known = model.loop.start_values(experiment)
+    """Positions, velocities and states of controllers at the start of an experiment, as free parameters, as far as its
+    loop lets them be set. A motion that begins at rest, and whose start is not asked for, has those of controllers
+    alone."""
+    experiment, on = model.experiments[label], _on(model, label)
     found = []
-    for place, stem in enumerate(("q", "dq")):
-        for j in range(1, model.joint_count + 1):
-            name, scale = f"{stem}_start{j}", float(np.ptp(joint_reference(experiment.reference, j)[place]))
-            if name in offered and name in known and scale > 0:
-                value = FreeParameter(name, offered[name], PLANT, name, known[name], scale)
-                found.append(replace(value, name=f"{name}[{label}]", experiment=label))
+    for start in _candidates(model, label):
+        value = experiment.initial_state.values.get(start.name, on[start.name])
+        if start.owner == PLANT:
+            stem = start.name.rstrip("0123456789")
+            motion = joint_reference(experiment.reference, int(start.name[len(stem) :]))
+            scale = float(np.ptp(motion[("q", "dq").index(stem)]))
+        else:
+            scale = _range(model, label, start, value)
+        if scale > 0:
+            own = f"{start.label}[{label}]"
+            free = FreeParameter(own, start.unit, start.owner, start.key, value, scale, experiment=label, is_start=True)
+            found.append(free)
     return tuple(found)
+
+
+def _candidates(model: LoopModel, label: str) -> list[StartValue]:
+    """The states of a loop that may be free in an experiment."""
+    experiment, on = model.experiments[label], _on(model, label)
+    moves = experiment.initial_state.kind != "detected" or begins_moving(model, label)
+    return [start for start in model.loop.starts if start.name in on and (start.owner != PLANT or moves)]
+
+
+def _range(model: LoopModel, label: str, start: StartValue, value: float) -> float:
+    """The change of a state of a controller at the start that changes the torque by its range; 0 where it does not
+    act."""
+    experiment = model.experiments[label]
+    model = model.with_experiment(label, experiment.before(max(int(FIRST_PART * experiment.time.size), 1)))
+    try:
+        torque = model.torque(model.start, label)
+    except SimulationError:
+        return 0.0
+    size, step = np.ptp(experiment.torque, axis=0) + noise_floor(experiment.torque), 1.0
+    for _ in range(PROBES):
+        moved = _with_state(model, label, values={**experiment.initial_state.values, start.name: value + step})
+        try:
+            change = float(np.max(np.abs(moved.torque(model.start, label) - torque) / size))
+        except SimulationError:
+            change = np.inf
+        if PROBED[0] <= change <= PROBED[1]:
+            return step / change
+        step = step * PROBE_FACTOR if change < PROBED[0] else step / PROBE_FACTOR
+    return 0.0
 
 
 def begins_moving(model: LoopModel, label: str) -> bool:
@@ -266,10 +334,11 @@ def _start(fit: Fit, label: str) -> _Start | None:
         return None
     count = max(int(FIRST_PART * model.experiments[label].time.size), 1)
     is_certain = is_asked(fit, label) or model.experiments[label].initial_state.acts_s > 0
-    squares = np.mean((_residual(fit, label) / fit.deviation) ** 2, axis=1)
+    residual = _residual(fit, label)
+    squares = np.mean((residual / fit.deviation) ** 2, axis=1)
     if not is_certain and not _stands_out(squares, count):
         return None
-    asked = start_parameters(model, label)
+    asked = start_parameters(model.with_values(fit.values), label)
     if not asked or any(k.name == asked[0].name for k in model.free_parameters):
         return None
     first = _with_start(fit, label, asked, count)
@@ -277,14 +346,30 @@ def _start(fit: Fit, label: str) -> _Start | None:
     only = range(values.size - len(asked), values.size)
     columns = sensitivity(first, values, torque, only=only, exact=False)
     columns *= np.array([parameter.scale for parameter in asked])
-    acts = np.abs(columns).max(axis=(1, 2)) > FORGOTTEN * np.abs(columns).max()
-    columns = columns[: int(np.flatnonzero(acts)[-1]) + 1] if acts.any() else columns[:0]
-    shown = _shown(whitened(columns, fit.deviation))
+    columns = columns[: _acting(columns, [parameter.owner == PLANT for parameter in asked])]
+    shown = _shown(whitened(columns, _later_deviation(residual, count, fit.deviation)))
     if not shown or not (is_certain or _stands_out(squares, columns.shape[0])):
         return None
     scale, on = np.array([asked[i].scale for i in shown]), _on(model, label)
-    off = np.array([asked[i].value - on[asked[i].key] for i in shown])
+    off = np.array([asked[i].value - on[_name(asked[i])] for i in shown])
     return _Start(tuple(asked[i] for i in shown), columns[:, :, shown] / scale, off)
+
+
+def _acting(columns: Array, of_plant: Sequence[bool]) -> int:
+    """Number of first samples in which start values act, by their columns (K, n, m): those of the plant together,
+    states of controllers, which may be forgotten later, each by itself."""
+    effect, together = np.abs(columns).max(axis=1), np.array(of_plant)
+    largest = effect.max(axis=0, initial=0.0)
+    largest[together] = largest.max(where=together, initial=0.0)
+    acts = np.any(effect > FORGOTTEN * largest, axis=1)
+    return int(np.flatnonzero(acts)[-1]) + 1 if acts.any() else 0
+
+
+def _later_deviation(residual: Array, count: int, deviation: Array) -> Array:
+    """(n,) deviations (n,) of the noise without what a transient in the first samples of a residual (N, n) adds."""
+    later = residual[count:]
+    size = np.sqrt(np.mean(later**2, axis=0)) if later.size else np.zeros(deviation.size)
+    return np.where(size > 0, np.minimum(deviation, size), deviation)
 
 
 def _residual(fit: Fit, label: str) -> Array:
@@ -296,10 +381,16 @@ def _residual(fit: Fit, label: str) -> Array:
 def _stands_out(squares: Array, count: int) -> bool:
     """Whether the first samples of squared residuals (N,), up to ``count`` of them, are far larger than the later ones:
     a model that is wrong all the time does not show in its start."""
+    return _first_over_later(squares, count) > STANDS_OUT**2
+
+
+def _first_over_later(squares: Array, count: int) -> float:
+    """Largest mean of the first samples of squares (N,), up to ``count`` of them, over that of the later ones; 0 where
+    there are none."""
     later = squares[count:]
     sizes = {count, *(2**k for k in range(count.bit_length()))}
     first = max(float(squares[:size].mean()) for size in sizes if size <= count)
-    return bool(later.size) and first > STANDS_OUT**2 * float(later.mean())
+    return first / max(float(later.mean()), np.finfo(float).tiny) if later.size else 0.0
 
 
 def _shown(columns: Array) -> list[int]:
@@ -364,23 +455,23 @@ def _held_out(fit: Fit, label: str) -> tuple[InitialState, float, str] | None:
     chance = _chance_alone(fit, label, start)
     if chance >= CHANCE and not is_asked(fit, label):
         return None
-    given, seconds = InitialState("given", _found(fit, label, start)), _seconds(fit, label, start)
+    given, seconds = InitialState("found", _found(fit, label, start)), _seconds(fit, label, start)
     return (
         given,
         seconds,
         (
-            f"{label}: its motion does not start on its reference (probability by chance {chance:.1g}). Its first "
+            f"{label}: {_off(fit.model, given.values)} (probability by chance {chance:.1g}). Its first "
             f"{seconds:.3g} s give the start ({_told(fit.model, label, given.values)}), and the rest is judged."
         ),
     )
 
 
 def _found(fit: Fit, label: str, start: _Start) -> dict[str, float]:
-    """``q<j>``, ``dq<j>`` -> value at the start of an experiment, by its first samples and the values of a fit."""
+    """Name of a state -> value at the start of an experiment, by its first samples and the values of a fit."""
     stopping = Stopping(STEPS, tolerance=SETTLED, updates=None, check_all=False)
     found = minimise(_alone(fit, label, start), fit.noise, stopping=stopping)
     moved = found.values[-start.count :]
-    return {_signal(k): float(value) for k, value in zip(start.parameters, moved, strict=True)}
+    return {_name(k): float(value) for k, value in zip(start.parameters, moved, strict=True)}
 
 
 def _alone(fit: Fit, label: str, start: _Start) -> LoopModel:
@@ -396,18 +487,29 @@ def _seconds(fit: Fit, label: str, start: _Start) -> float:
     return float(experiment.time[start.samples] - experiment.reference.time[0])
 
 
-def _signal(start: FreeParameter) -> str:
-    """``q1`` of ``q_start1``."""
-    return start.key.replace("_start", "")
+def _name(start: FreeParameter) -> str:
+    """``q1`` of ``q_start1[estimation]``, as an initial state has it."""
+    return state_name(start.name.removesuffix(f"[{start.experiment}]"))
+
+
+def _off(model: LoopModel, names: Iterable[str]) -> str:
+    """What is not where it should be, in words."""
+    of_plant = {start.name for start in model.loop.starts if start.owner == PLANT}
+    if of_plant & set(names):
+        return "its motion does not start on its reference"
+    return "its controller does not start in the state in which it is built"
 
 
 def _told(model: LoopModel, label: str, values: Mapping[str, float]) -> str:
     """Start values in words, with those of the reference."""
-    reference = _on(model, label)
-    names = {name: f"{name.rstrip('0123456789')}_start{name.lstrip('dq')}" for name in values}
-    return ", ".join(f"{name} = {value:.4g} instead of {reference[names[name]]:.4g}" for name, value in values.items())
+    on = _on(model, label)
+    told = ", ".join(f"{name} = {value:.4g} instead of {on[name]:.4g}" for name, value in values.items())
+    kept = [start.name for start in _candidates(model, label) if start.name not in values]
+    return f"{told}; {', '.join(kept)} held, which the log does not show beside them" if kept else told
 
 
 def _on(model: LoopModel, label: str) -> dict[str, float]:
-    """Start values of the plant where an experiment starts on its reference."""
-    return model.loop.start_values(replace(model.experiments[label], initial_state=InitialState("reference")))
+    """Name -> start where an experiment starts on its reference, its controllers as they are built."""
+    plant = model.loop.start_values(replace(model.experiments[label], initial_state=InitialState("reference")))
+    known = {start.name: plant.get(start.key) if start.owner == PLANT else start.value for start in model.loop.starts}
+    return {name: value for name, value in known.items() if value is not None}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from fmu_didim.data.signals import Array
 
@@ -18,6 +18,7 @@ class Iteration:
         relative_error_percent: 100 |y - y_s| / |y| at these values; NaN if the simulation failed.
         change: relative change of the parameters that the step proposes, in units of torque.
         note: what was caught and how it was recovered from.
+        restarts: whether the estimator begins anew after it, from another start.
     """
 
     stage: str
@@ -27,6 +28,7 @@ class Iteration:
     change: float = float("nan")
     condition_number: float = float("nan")
     note: str = ""
+    restarts: bool = False
 
 
 @dataclass(frozen=True)
@@ -45,3 +47,8 @@ class History:
         """Append an iteration and report it."""
         self.iterations.append(iteration)
         self.progress(iteration)
+
+    def restart(self) -> None:
+        """Say of the last iteration that another start follows."""
+        if self.iterations:
+            self.iterations[-1] = replace(self.iterations[-1], restarts=True)

@@ -17,18 +17,20 @@ from fmu_didim.model.channel import Channel
 from fmu_didim.model.external_torque import ExternalTorque
 
 Role = Literal["estimation", "validation"]
-StartKind = Literal["detected", "free", "reference", "given"]
+StartKind = Literal["detected", "free", "reference", "given", "found"]
 
 
 @dataclass(frozen=True)
 class InitialState:
-    """Where the motion of an experiment starts.
+    """Where the motion of an experiment starts, and the states of its controllers.
 
     Attributes:
-        kind: ``reference``: on the first row of the reference; ``given``: there, but for the values that are given;
-            ``free``: unknown, identified from the torque; ``detected``: unknown where the log shows that the motion
-            does not start on the reference, else as ``reference``.
-        values: ``q<j>``, ``dq<j>`` -> value, rad or m, rad/s or m/s, where it is given or found.
+        kind: ``reference``: on the first row of the reference, controllers as they are built; ``given``: there, but for
+            the values that are given; ``free``: unknown, identified from the torque; ``detected``: unknown where the
+            log shows that the loop does not start there, else as ``reference``; ``found``: by the first part of a
+            held-out log, which gives the values.
+        values: name -> value, where it is given or found: ``q<j>``, ``dq<j>``, in rad or m, rad/s or m/s, and states of
+            controllers, see :attr:`fmu_didim.model.loop.Loop.starts`.
         acts_s: how long after the beginning of the reference a start that was found shows in the torque, s.
     """
 

@@ -34,6 +34,7 @@ class FreeParameter:
         effect: index of the added effect that it belongs to; None for base parameters, nuisances and those of a case.
         is_shape: whether it enters nonlinearly.
         experiment: label of the experiment to which it belongs alone; None: shared by all.
+        is_start: whether it is where the motion of that experiment, or a state of a controller, starts.
     """
 
     name: str
@@ -47,16 +48,12 @@ class FreeParameter:
     effect: int | None = None
     is_shape: bool = False
     experiment: str | None = None
+    is_start: bool = False
 
     @property
     def is_held(self) -> bool:
         """Whether its limits leave it one value only."""
         return self.lowest == self.highest
-
-    @property
-    def is_start(self) -> bool:
-        """Whether it is where the motion of an experiment starts."""
-        return self.owner == PLANT and self.experiment is not None and "_start" in self.key
 
     def acts_in(self, label: str) -> bool:
         """Whether it acts in the experiment of this label."""

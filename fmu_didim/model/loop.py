@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
+from fmu_didim.base.errors import UnknownNameError
 from fmu_didim.components import Component
 from fmu_didim.cosim import Connection, System, logged_torque
 from fmu_didim.cosim.system import REFERENCE
@@ -18,6 +20,29 @@ from fmu_didim.model.parameters import Parameters
 
 NO_COMPONENTS = (PLANT, DELAY, LOG, EXTERNAL_TORQUE)
 """Owners of free parameters that are no component beside the plant."""
+
+
+@dataclass(frozen=True)
+class StartValue:
+    """A state of the loop whose start can be set.
+
+    Attributes:
+        name: ``q1``, ``dq1`` of the plant, ``integral1`` of a controller; with its component, ``axis2.integral1``,
+            where another one has the same name.
+        owner: ``plant``, or the component; key: its parameter there, ``q_start1``; unit: of that.
+        value: without an initial state; NaN where the reference says it.
+    """
+
+    name: str
+    owner: str
+    key: str
+    unit: str = ""
+    value: float = math.nan
+
+    @property
+    def label(self) -> str:
+        """Its parameter, with the component where its name has it: ``q_start1``, ``axis2.integral_start1``."""
+        return f"{self.owner}.{self.key}" if self.name.startswith(f"{self.owner}.") else self.key
 
 
 @dataclass(frozen=True)
@@ -64,8 +89,9 @@ class Loop:
         plant = self.plant.with_parameters({name: value for name, value in wanted.items() if name in offered})
         plant = self._integrated(plant, theta, start, system.step_size)
         system = system.replace(self.plant_name, plant)
-        for owner, own_values in self._of_components(others, plant, system).items():
-            system = system.replace(owner, system.components[owner].with_parameters(own_values))
+        for of in (self._given_starts(experiment), self._of_components(others, plant, system)):
+            for owner, own_values in of.items():
+                system = system.replace(owner, system.components[owner].with_parameters(own_values))
         joints = sorted({external.joint for external in experiment.external_torques})
         from_outside = tuple(
             Connection(f"{REFERENCE}.{EXTERNAL_TORQUE}{j}", f"{self.plant_name}.tau{j}") for j in joints
@@ -104,6 +130,58 @@ class Loop:
                 result[f"q_start{j}"] = float(first[f"q{j}"])
                 result[f"dq_start{j}"] = float(first.get(f"dq{j}", 0.0))
         return result
+
+    @cached_property
+    def starts(self) -> tuple[StartValue, ...]:
+        """The states whose start can be set: positions and velocities of the plant, and those of controllers that offer
+        it by parameters ``<state>_start<j>``."""
+        offered = {v.name: v.unit for v in self.plant.parameters}
+        keys = [f"{stem}_start{j}" for stem in ("q", "dq") for j in range(1, self.joint_count + 1)]
+        found = [StartValue(state_name(key), PLANT, key, offered[key]) for key in keys if key in offered]
+        for owner, component in self._beside_the_plant.items():
+            values = {v.name: v for v in component.parameters}
+            for key in component.start_parameters:
+                name = state_name(key)
+                unique = f"{owner}.{name}" if any(name == k.name for k in found) else name
+                found.append(StartValue(unique, owner, key, values[key].unit, float(values[key].start or 0.0)))
+        return tuple(found)
+
+    @property
+    def _beside_the_plant(self) -> dict[str, Component]:
+        """The components of the loop, without the plant and what effects have added."""
+        components = next(iter(self.systems.values())).components
+        return {k: v for k, v in components.items() if k != self.plant_name and k not in self.added_components}
+
+    @property
+    def with_unknown_states(self) -> tuple[str, ...]:
+        """Names of the components beside the plant whose states are not known, being FMUs of other tools."""
+        beside = self._beside_the_plant.items()
+        return tuple(name for name, c in beside if len(c.start_candidates) > len(c.start_parameters))
+
+    def start_named(self, name: str, *, where: str = "") -> StartValue:
+        """The state of this name; of an FMU of another tool, whose states are not known, ``component.parameter``.
+
+        Raises:
+            UnknownNameError: there is none.
+        """
+        known = {start.name: start for start in self.starts}
+        if name not in known:
+            for owner, component in self._beside_the_plant.items():
+                keys = {key: state_name(key) for key in component.start_parameters}
+                keys |= {key: key for key in component.start_candidates if key not in keys}
+                known |= {f"{owner}.{state}": StartValue(f"{owner}.{state}", owner, key) for key, state in keys.items()}
+        if name not in known:
+            raise UnknownNameError("initial state", name, known, where=where)
+        return known[name]
+
+    def _given_starts(self, experiment: Experiment) -> dict[str, dict[str, float]]:
+        """Component -> parameter -> value of the given starts beside the plant's."""
+        found = dict[str, dict[str, float]]()
+        for name, value in experiment.initial_state.values.items():
+            start = self.start_named(name)
+            if start.owner != PLANT:
+                found.setdefault(start.owner, {})[start.key] = value
+        return found
 
     @property
     def chooses_substeps(self) -> bool:
@@ -156,3 +234,8 @@ class Loop:
             room = 10 * max(high - low, 1e-6)
             result[f"{self.plant_name}.q{j}"] = (low - room, high + room)
         return result
+
+
+def state_name(key: str) -> str:
+    """``q1`` of ``q_start1``, the parameter in which it starts."""
+    return key.replace("_start", "")

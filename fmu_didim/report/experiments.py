@@ -11,7 +11,7 @@ from fmu_didim.report.numbers import (
     pretty_unit,
     rounding,
 )
-from fmu_didim.results.result import ParameterResult, ResultDocument
+from fmu_didim.results.result import ExperimentResult, ParameterResult, ResultDocument
 
 DELAY = "delay"
 """Value of ``of`` for parameters that count control periods."""
@@ -79,6 +79,13 @@ def experiment_title(document: ResultDocument, label: str) -> str:
     """An experiment of a result with its role, if its label does not say it."""
     found = document.experiments.get(label)
     return with_role(label, found.role if found is not None else None)
+
+
+def start_text(experiment: ExperimentResult) -> str:
+    """The initial state of an experiment: ``given: q1 = 0.61, integral1 = 0.002``."""
+    state = experiment.initial_state
+    values = ", ".join(f"{name} = {value:.4g}" for name, value in state.values.items())
+    return f"{state.kind}: {values}" if values else state.kind
 
 
 def error_rows(document: ResultDocument) -> list[tuple[str, list[float | None]]]:

@@ -27,6 +27,7 @@ from fmu_didim.results.result import (
     ConsistencyResult,
     ErrorResult,
     ExperimentResult,
+    InitialStateResult,
     IntegrationResult,
     IterationResult,
     JointResult,
@@ -59,7 +60,7 @@ def _history(names: Sequence[str], iterations: Sequence[Iteration]) -> list[Iter
         IterationResult(
             stage=it.stage, number=it.number, relative_error_percent=float(it.relative_error_percent),
             change=float(it.change), condition_number=float(it.condition_number),
-            parameters=_by_name(names, it.parameters), note=it.note,
+            parameters=_by_name(names, it.parameters), note=it.note, restarts=it.restarts,
         )
         for it in iterations
     ]  # fmt: skip
@@ -207,7 +208,18 @@ def _data(model: LoopModel, label: str) -> ExperimentResult:
         role=experiment.role, samples=int(experiment.time.size), rate_hz=round(experiment.rate_hz, 6), noise_std=[],
         relative_error_percent=ErrorResult(total=None, per_joint=[]),
         own=[p.name for p in model.free_parameters if p.experiment == label], agreement=None,
+        initial_state=_initial_state(model, label),
     )  # fmt: skip
+
+
+def _initial_state(model: LoopModel, label: str) -> InitialStateResult:
+    if any(k.is_start and k.experiment == label for k in model.free_parameters):
+        return InitialStateResult(kind="free")
+    state = model.experiments[label].initial_state
+    if not state.values:
+        return InitialStateResult()
+    values = {name: float(value) for name, value in state.values.items()}
+    return InitialStateResult(kind="found" if state.kind == "found" else "given", values=values)
 
 
 def refused_document(

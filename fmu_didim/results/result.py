@@ -86,6 +86,7 @@ class IterationResult(Saved):
         condition_number: of the scaled regressor or sensitivity.
         parameters: values that were simulated.
         note: a remark on it, or empty.
+        restarts: whether the estimator began anew after it, from another start.
     """
 
     stage: str
@@ -95,6 +96,7 @@ class IterationResult(Saved):
     condition_number: Number
     parameters: dict[str, Number]
     note: str
+    restarts: bool = False
 
 
 class ConsistencyResult(Saved):
@@ -116,6 +118,19 @@ class ConsistencyResult(Saved):
     warnings: list[str]
 
 
+class InitialStateResult(Saved):
+    """Where an experiment starts.
+
+    Attributes:
+        kind: ``reference``: on its reference, controllers as they are built; ``free``: by parameters of its own;
+            ``given``: by the case; ``found``: by the first part of a held-out log.
+        values: those that are held, by their names (``q1``, ``integral1``), in SI units.
+    """
+
+    kind: Literal["reference", "free", "given", "found"] = "reference"
+    values: dict[str, float] = Field(default_factory=dict)
+
+
 class ExperimentResult(Saved):
     """One experiment.
 
@@ -133,6 +148,7 @@ class ExperimentResult(Saved):
     own: list[str] = Field(description="parameters that have values of their own in it")
     agreement: AgreementResult | None = Field(description="null where fewer than two experiments are fitted")
     failure: str = Field(default="", description="why it could not be simulated")
+    initial_state: InitialStateResult = Field(default=InitialStateResult(), description="where it starts")
 
 
 class IntegrationResult(Saved):

@@ -399,7 +399,7 @@ def test_user_system_keeps_its_order(tmp_path: Path) -> None:
     )  # fmt: skip
     own = wrap_control(system)
     named = name_parameters(own, {"Fv1": "b"})
-    assert [v.name for v in named.parameters] == ["Fv1", "g"]
+    assert [v.name for v in named.parameters] == ["Fv1", "g", "x_start1"]
     inputs = np.ones((5, 1))
     np.testing.assert_array_equal(
         drive(named.with_parameters({"Fv1": 5.0}), inputs, 0.01), drive(own.with_parameters({"b": 5.0}), inputs, 0.01)

@@ -21,6 +21,7 @@ from fmu_didim.results.result import (
     ConsistencyResult,
     ErrorResult,
     ExperimentResult,
+    InitialStateResult,
     IterationResult,
     ParameterResult,
     ResultDocument,
@@ -62,6 +63,7 @@ def document(**changes: object) -> ResultDocument:
         IterationResult(
             stage="didim", number=1, relative_error_percent=None, change=None, condition_number=None,
             parameters={"ZZ1R": 0.034, "Fv1": 0.0}, note="The closed loop diverged; restarted",
+            restarts=True,
         ),
         IterationResult(
             stage="didim", number=2, relative_error_percent=4.83, change=0.01, condition_number=3.4,
@@ -313,3 +315,42 @@ def test_parameters_that_are_not_finite_are_saved_and_read(tmp_path: Path) -> No
 def test_folder_without_a_result_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="There is no result"):
         write_report(tmp_path)
+
+
+def test_the_start_is_where_the_iterations_began_that_led_to_the_answer(tmp_path: Path) -> None:
+    """After a start that failed it is the next one; a remark on a step, or further rounds, begin no new start."""
+    values = [0.034, 3.1, 3.3, 3.41]
+    steps = [
+        document()
+        .history[1]
+        .model_copy(update={"stage": stage, "number": number, "parameters": {"ZZ1R": value}, **more})
+        for value, (stage, number, more) in zip(
+            values,
+            [
+                ("didim", 1, {"restarts": True}),
+                ("didim", 2, {"note": "step halved"}),
+                ("didim", 3, {}),
+                ("finish", 1, {}),
+            ],
+            strict=True,
+        )
+    ]
+    shown = [document(history=history) for history in (steps, steps[1:])]
+    for one in shown:
+        page = write_report(saved(tmp_path, one)).read_text(encoding="utf-8")
+        row = re.search(r"<tr[^>]*>(?:(?!</tr>).)*ZZ1R.*?</tr>", page, re.DOTALL)
+        assert row is not None
+        assert "3.100" in row[0]
+        assert "0.034" not in row[0]
+
+
+def test_initial_states_that_are_held_are_on_the_page(tmp_path: Path) -> None:
+    plain = document()
+    state = InitialStateResult(kind="given", values={"q1": 0.61, "integral1": 0.002})
+    experiments = {
+        label: e.model_copy(update={"initial_state": state if label == "estimation" else e.initial_state})
+        for label, e in plain.experiments.items()
+    }
+    page = write_report(saved(tmp_path, document(experiments=experiments))).read_text(encoding="utf-8")
+    assert "given: q1 = 0.61, integral1 = 0.002" in page
+    assert "initial state" not in write_report(saved(tmp_path, plain)).read_text(encoding="utf-8").lower()

@@ -6,7 +6,7 @@ from collections.abc import Hashable
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from fmu_didim.components.base import Component, Instance
+from fmu_didim.components.base import Component, Instance, start_names
 from fmu_didim.components.fmu.description import CO_SIMULATION, MODEL_EXCHANGE
 from fmu_didim.components.fmu.events import EventInstance
 from fmu_didim.components.fmu.instance import CoSimulationInstance, FmuInstance
@@ -124,6 +124,14 @@ class FmuComponent(FmuSettings):
             return None  # the FMU takes more substeps than the rule
         present = replace(self.block, inputs=self.inputs, outputs=self.outputs, parameters=self.parameters)
         return present, self.stated_substeps
+
+    @property
+    def start_parameters(self) -> tuple[str, ...]:
+        return start_names(self.fixed) if self.is_own else ()
+
+    @property
+    def start_candidates(self) -> tuple[str, ...]:
+        return self.start_parameters if self.is_own else (*(v.name for v in self.parameters), *self.start_values)
 
     def feedthrough(self) -> frozenset[tuple[str, str]] | None:
         stated = self.fmu.dependencies

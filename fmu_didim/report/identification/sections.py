@@ -159,7 +159,7 @@ def _parameters(document: ResultDocument) -> Section:
     blocks += [Text(line) for line in experiments.delay_lines(document)]
     blocks.append(note(
         "σ: standard deviation, two significant digits. Bars: σ / |value| from 0.1 % to 100 %, logarithmic; full up to "
-        "10 %, coarsely hatched up to 30 %, finely beyond. Start: where the final iterations began. By description: "
+        "10 %, coarsely hatched up to 30 %, finely beyond. Start: where the iterations began. By description: "
         "the value of the robot description, from CAD for example, regrouped in the same way."
     ))  # fmt: skip
     return Section("Parameters", blocks, anchor="parameters", is_brief=True)
@@ -174,9 +174,9 @@ def _from_data(document: ResultDocument, names: Sequence[str]) -> list[Column]:
 
 
 def _further_values(document: ResultDocument, listed: Sequence[tuple[str, ParameterResult]]) -> list[Column]:
-    """The start values of the final iterations, and the values of the robot description."""
+    """The start values that led to the answer, and the values of the robot description."""
     columns: dict[str, dict[str, float | None]] = {}
-    begins = [k for k, it in enumerate(document.history) if k == 0 or document.history[k - 1].note]
+    begins = [k for k in range(len(document.history)) if k == 0 or document.history[k - 1].restarts]
     if begins:
         columns["start"] = dict(document.history[begins[-1]].parameters)
     described = {name: p.described for name, p in document.parameters.items()}
@@ -230,6 +230,12 @@ def _experiments(document: ResultDocument) -> Section:
     if any(e.own for e in each):
         own = [", ".join(name.removesuffix(f"[{label}]") for name in e.own) for label, e in found.items()]
         columns.append(words("own", own, shrinks=True, page_head="own parameters"))
+    if any(e.initial_state.kind != "reference" for e in each):
+        columns.append(
+            words("starts", [experiments.start_text(e) for e in each], shrinks=True, page_head="initial state")
+        )
+        notes.append("Initial state: given by the case, found by the first part of a held-out log, or free, then among "
+                     "the parameters; else that of the reference.")  # fmt: skip
     if any(e.failure for e in each):
         columns.append(words("failure", [e.failure or MISSING for e in each], shown="page"))
     table = Table(columns, shown="page" if experiments.is_short_form(document) else "both")

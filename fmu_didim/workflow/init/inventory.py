@@ -21,6 +21,7 @@ from fmu_didim.workflow.init.fmu_roles import FmuPorts, FmuRole, assigned
 from fmu_didim.workflow.init.roles import Guess, guesses, time_column
 
 _WORDS_OF_SIGNALS = r"reference|ref|soll|set|trajectory|motion|torque|tau|moment|strom|current|log|ist|act"
+_WORDS_OF_LOOPS = r"loop|instants?|cycles?|takte?|zyklus"
 _HELD_OUT = r"valid|test|check|hold|pruef|prüf"
 
 
@@ -49,6 +50,13 @@ class DataFile:
         step = float(np.median(np.diff(time)))
         return float(f"{1 / step:.4g}") if step > 0 else None
 
+    @property
+    def is_loop_log(self) -> bool:
+        """Whether it has the instants of a controller and no signals."""
+        if any(g.role != "other" for g in self.guesses) or self.clock() is None:
+            return False
+        return not self.guesses or bool(re.search(_WORDS_OF_LOOPS, self.path.stem.lower()))
+
     def has(self, *roles: str) -> bool:
         """Whether a column has one of these roles."""
         return any(g.role in roles for g in self.guesses)
@@ -64,6 +72,11 @@ class Inventory:
     robot: tuple[Path, RobotDescription] | None = None
     controller: Path | None = None
     system: Path | None = None
+
+    @property
+    def loop_logs(self) -> list[DataFile]:
+        """The files of instants of a controller."""
+        return [d for d in self.data if d.is_loop_log]
 
     @property
     def plant_fmu(self) -> FmuPorts | None:
@@ -127,7 +140,7 @@ def inventory(files: Sequence[Path], said: Mapping[Path, FmuRole], *, has_law: b
                 "This file is of no kind that is known.", where=str(path),
                 valid=(*READER_OF, ".fmu", ".mo", ".ssp", ".yaml"),
             )  # fmt: skip
-    if not found.data:
+    if not [d for d in found.data if not d.is_loop_log]:
         raise InputError(
             "No file with signals is among them.", valid=READER_OF, next_step="Give the log and the reference."
         )  # fmt: skip
@@ -146,6 +159,12 @@ class Run:
     held_out: bool
 
 
+def key_of(path: Path) -> str:
+    """What names of files of one run have in common."""
+    key = re.sub(rf"({_WORDS_OF_SIGNALS}|{_WORDS_OF_LOOPS})", "", path.stem.lower())
+    return re.sub(r"[_\-. ]+", "_", key).strip("_") or "run"
+
+
 def runs(found: Inventory) -> list[Run]:
     """The runs that the data files belong to, those for the estimation first.
 
@@ -153,8 +172,8 @@ def runs(found: Inventory) -> list[Run]:
     """
     groups: dict[str, list[DataFile]] = {}
     for data in found.data:
-        key = re.sub(rf"({_WORDS_OF_SIGNALS})", "", data.path.stem.lower())
-        groups.setdefault(re.sub(r"[_\-. ]+", "_", key).strip("_") or "run", []).append(data)
+        if not data.is_loop_log:
+            groups.setdefault(key_of(data.path), []).append(data)
     made = []
     everywhere = [d for d in found.data if d.has("q")]
     for key, files in groups.items():

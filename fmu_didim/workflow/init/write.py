@@ -20,6 +20,7 @@ from fmu_didim.controllers import LAWS
 from fmu_didim.data.units import known_unit
 from fmu_didim.workflow.init.fmu_roles import FmuRole, mappings
 from fmu_didim.workflow.init.inventory import DataFile, Inventory, Run, inventory, runs
+from fmu_didim.workflow.init.loop_time import LoopTime, begins_moving, control_rate_hz, loop_time
 from fmu_didim.workflow.init.roles import Guess, Role, Side, chosen
 from fmu_didim.workflow.reference.schema import schema
 
@@ -141,11 +142,25 @@ def _experiment(found: Inventory, run: Run, joints: int, out: Path) -> dict[str,
     used = {entry["name"] if isinstance(entry, dict) else entry for entry in torque.values()}
     if any(g.role == "command" and g.name in used for g in run.torque.guesses):
         log["quantity"] = "command"
+    at = loop_time(found, run)
+    named = [entry["name"] if isinstance(entry, dict) else entry for name, entry in motion.items() if name[0] == "q"]
     return {
+        "instants": at and _instants(at, out), "instants_note": at and at.reason,
+        "has_instants": bool(at and at.is_certain),
+        "moves": begins_moving(run.reference, named),
         "reference": {**reference, "columns": motion}, "torque": log, "reference_note": notes, "torque_note": comment,
         "reference_columns": ", ".join(run.reference.table.columns),
         "torque_columns": ", ".join(run.torque.table.columns),
     }  # fmt: skip
+
+
+def _instants(at: LoopTime, out: Path) -> Any:
+    """The entry of the instants of a controller: the file, with the column where it is not its time column."""
+    file = _path(at.data.path, out)
+    if at.column is None:
+        return file if at.data.clock() else {"file": file, "time": {"name": TO_FILL_IN, "unit": "s"}}
+    unit = at.data.table.unit(at.column)
+    return {"file": file, "time": {"name": at.column, **({"unit": unit} if unit else {})}}
 
 
 def _motion_columns(data: DataFile, joints: int, torque: dict[str, Any]) -> tuple[dict[str, Any], str]:
@@ -212,7 +227,7 @@ def _controller(found: Inventory, law: str | None) -> str:
 
 def _control_rate(found: Inventory) -> float | None:
     """Rate of the rows of the first reference."""
-    return next((run.reference.rate_hz("q") for run in runs(found)), None)
+    return next((control_rate_hz(run.reference) for run in runs(found)), None)
 
 
 def _guessed(found: Inventory) -> Iterator[tuple[str, str, str]]:
@@ -228,6 +243,8 @@ def _guessed(found: Inventory) -> Iterator[tuple[str, str, str]]:
             joint = f" of joint {g.joint}" if g.joint is not None and g.role != "other" else ""
             side = f" ({g.side})" if g.side else ""
             yield data.path.name, g.name, f"{words.get(g.role, g.role)}{joint}{side}"
+        if data.is_loop_log:
+            yield data.path.name, "", "instants of the controller"
         for note in data.table.notes:
             yield data.path.name, "", note
 

@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 
 from fmu_didim.base.diagnostics import Diagnostic
-from fmu_didim.checks.data.expected import Expected
+from fmu_didim.checks.data.expected import Expected, expected
 from fmu_didim.checks.data.log import log_diagnostics, stairs, steps_in_range
 from fmu_didim.checks.data.reference import contradiction
 from fmu_didim.checks.data.runs import copied
 from fmu_didim.checks.data.torque_channel import correlations, torque_channel_diagnostics
 from fmu_didim.cosim import sample_operator
 from fmu_didim.model.experiment import Experiment
-from tests.helpers import reference
+from tests.helpers import ROOT, model_of, reference
 
 Array = np.ndarray
 N = np.arange(400)
@@ -205,6 +205,10 @@ NOISY = np.sin(0.05 * N) + 0.01 * np.random.default_rng(4).normal(size=400)
         (NOISY.clip(-0.99, 0.99), {}, None, None),
         (np.where(N == 77, 5.0, NOISY), {}, "log-outliers", None),
         (np.where(N == 77, NOISY + 0.5, NOISY), {}, None, None),
+        (np.where(N == 77, NOISY + 0.8, NOISY), {}, "log-outliers", None),  # less than half the range, but alone
+        (np.where(N == 1, NOISY + 0.8, NOISY), {}, None, None),  # where a loop swings in
+        (np.where(N % 23 == 7, NOISY + 0.8, NOISY), {}, None, None),  # what comes often is the motion
+        (NOISY + 0.2 * np.random.default_rng(3).normal(size=N.size), {}, None, None),
         (np.zeros(400), {}, "log-constant", 0.0),
         (np.rint(NOISY * 50) / 50, {}, "log-quantised", None),
         (np.rint(NOISY * 8) / 8, {}, "log-coarse", None),
@@ -253,6 +257,17 @@ def test_outliers_that_move_no_value_are_remarked(size: float, count: int, at: i
         shift = np.linalg.lstsq(columns[:, 0], np.where(n == at, size, 0.0), rcond=None)[0]
         normal = columns[:, 0].T @ columns[:, 0]
         assert told.value == pytest.approx(float(np.sqrt(shift @ normal @ shift)) / 0.2, rel=0.2)
+
+
+def test_a_wrong_sample_of_a_real_held_out_log_is_found() -> None:
+    """One sample of joint 1 is 3.5 N.m off for a control period, just less than half the range of that log."""
+    model = model_of(ROOT / "examples/double_pendulum/identify.yaml")
+    run = model.simulation(model.start, "validation")
+    told = log_diagnostics(run.experiment, "validation", expected(run), 1 / run.step_size)
+    (found,) = [d for d in told if "outliers" in d.code.name]
+    assert found.code.name == "few-outliers"
+    assert "1 of 700 samples" in found.text
+    assert "of the squared difference from the expected torque" in found.text
 
 
 def test_held_command_of_a_slower_control_is_no_upsampling() -> None:
