@@ -94,7 +94,7 @@ class Fit:
         """(Nv, n, p) sensitivity of the torque of all held-out experiments; raises SimulationError."""
         columns = []
         for label in self.model.experiments.validation_labels if self.values.size else ():
-            model = self.model.on(label)
+            model = self.model.on(label).torque_alone
             columns.append(sensitivity(model, self.values, model.torque(self.values)))
         return np.concatenate(columns) if columns else np.zeros((0, self.torque.shape[1], 0))
 

@@ -109,12 +109,17 @@ class Experiments(Mapping[str, Experiment]):
 
     @cached_property
     def channels(self) -> tuple[str, ...]:
-        """Names of what was measured beside the torque, in the order of the columns after those of the joints."""
-        return tuple(dict.fromkeys(channel.name for e in self.values() for channel in e.channels))
+        """Names of what was measured beside the torque in experiments that are fitted, in the order of the columns
+        after those of the joints; what only a held-out one has is judged there, but in no table."""
+        return tuple(dict.fromkeys(channel.name for e in self._fitted for channel in e.channels))
+
+    @property
+    def _fitted(self) -> list[Experiment]:
+        return [self[label] for label in self.estimation_labels]
 
     @property
     def torque_alone(self) -> Experiments:
-        """The same without what was measured beside the torque."""
+        """The same without what is fitted beside the torque."""
         if not self.channels:
             return self
         return replace(self, by_label={label: replace(e, channels=()) for label, e in self.items()})
@@ -129,7 +134,7 @@ class Experiments(Mapping[str, Experiment]):
         return {label: slice(int(first), int(end)) for label, first, end in parts}
 
     def outputs_of(self, label: str, torque: Array, further: Sequence[Array]) -> Array:
-        """(M, m, ...) table over all outputs of an experiment.
+        """(M, m, ...) table over all outputs of an experiment that is fitted.
 
         Args:
             torque: (N, n, ...) of the joints; further: (N', ...) of each of its channels, at their own instants.
@@ -189,7 +194,7 @@ class Experiments(Mapping[str, Experiment]):
     @property
     def stated_deviations(self) -> Array:
         """(k,) known standard deviations of the noise of each channel; NaN where it is estimated."""
-        stated = {c.name: np.nan if c.deviation is None else c.deviation for e in self.values() for c in e.channels}
+        stated = {c.name: np.nan if c.deviation is None else c.deviation for e in self._fitted for c in e.channels}
         return np.array([stated[name] for name in self.channels])
 
     def torque_of(self, table: Array) -> Array:

@@ -146,7 +146,7 @@ class LoopModel:
 
     @property
     def torque_alone(self) -> LoopModel:
-        """The same model without what was measured beside the torque."""
+        """The same model without what is fitted beside the torque."""
         return replace(self, experiments=self.experiments.torque_alone)
 
     def with_values(self, values: Array) -> LoopModel:
@@ -393,6 +393,22 @@ class Simulation:
             recording, self.logged_torque(recording), lambda name: recording.table([name], sampled=True)[:, 0]
         )
 
+    def channels(self) -> dict[str, Array]:
+        """Name of each signal that was measured beside the torque -> (N,) as simulated at its own samples; raises
+        DivergedError, SimulationError."""
+        recording, found = self.record(ticks=self.output_ticks), dict[str, Array]()
+        for channel in self.experiment.channels:
+            signal = recording.table([channel.signal], sampled=True)[:, 0]
+            found[channel.name] = self._sampled_by(channel.operator, signal, recording)
+        return found
+
+    def _sampled_by(self, operator: SampleOperator, values: Array, recording: Recording) -> Array:
+        """(N, ...) samples by an operator of values (K, ...) at ``output_ticks``; raises DivergedError."""
+        found = operator.apply(values[np.searchsorted(self.output_ticks, operator.ticks)])
+        if not np.isfinite(found).all():
+            raise DivergedError("A simulated output is not finite.", time=float(recording.time[-1]))
+        return found
+
     @property
     def output_ticks(self) -> NDArray[np.int64]:
         """Ticks that the samples of all outputs need."""
@@ -409,17 +425,9 @@ class Simulation:
         experiments = self.model.experiments
         if not experiments.channels:
             return self.sampled(torque)
-        ticks = self.output_ticks
-
-        def samples(operator: SampleOperator, values: Array) -> Array:
-            found = operator.apply(values[np.searchsorted(ticks, operator.ticks)])
-            if not np.isfinite(found).all():
-                raise DivergedError("A simulated output is not finite.", time=float(recording.time[-1]))
-            return found
-
-        further = [samples(channel.operator, signal(channel.signal)) for channel in self.experiment.channels]
+        further = [self._sampled_by(c.operator, signal(c.signal), recording) for c in self.experiment.channels]
         return experiments.outputs_of(
-            self.label, experiments.filtered(samples(self.operator, torque), self.label), further
+            self.label, experiments.filtered(self._sampled_by(self.operator, torque, recording), self.label), further
         )
 
     def sampled_torque(self, recording: Recording) -> Array:

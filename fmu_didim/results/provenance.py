@@ -9,7 +9,16 @@ from importlib.metadata import version
 from typing import Any
 
 from fmu_didim.base.constants import Deciding, recorded
-from fmu_didim.checks import channels, held_out, identification, motion_dependence, physical, residual, sampling_kind
+from fmu_didim.checks import (
+    channels,
+    held_out,
+    held_out_channels,
+    identification,
+    motion_dependence,
+    physical,
+    residual,
+    sampling_kind,
+)
 from fmu_didim.checks.data import log, timing, torque_channel
 from fmu_didim.data.tables import clock
 from fmu_didim.estimators import finish, joint, local_minima, reference_start
@@ -51,6 +60,7 @@ DECIDING = (
     (motion_dependence, ("MOTION_CHANCE", "SIGNIFICANT")),
     (sampling_kind, ("NEARLY",)),
     (held_out, ("HELD_OUT_RATIO", "HELD_OUT_CHANCE")),
+    (held_out_channels, ("ROUNDING_PERCENT",)),
     (confounding, ("COLLINEAR", "INFLATION")),
     (physical, ("NEGATIVE_FRICTION", "FALSE_UNPHYSICAL")),
 )
