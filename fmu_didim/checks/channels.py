@@ -36,7 +36,7 @@ CHANNELS_DISAGREE = CATALOGUE(
     meaning="The torque alone and the torque with what was measured beside it give different values: the model, a "
     "drive gain or a sensor is wrong, and the joint values are a compromise.",
     next_step="Compare both answers in the report; check gains, units and clocks of torque and positions; see "
-    "fmu-didim discover CASE.yaml without measured:, which names what the model lacks.",
+    "fmu-didim discover CASE.yaml, which names what the model lacks.",
 )  # fmt: skip
 CHANNEL_OFF = CATALOGUE(
     "channel-off", DOUBT, rank=43,

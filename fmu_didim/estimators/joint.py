@@ -24,9 +24,9 @@ from fmu_didim.data.signals import Array
 from fmu_didim.estimators.finish import FINISH_ITERATIONS, NEXT_STEP, Minimum, efficient_finish
 from fmu_didim.fit.estimate import ChannelNoise, JointFit
 from fmu_didim.fit.fit import Fit, point
-from fmu_didim.fit.fit_uncertainty import filtered_torque, parts_of_outputs, unfiltered_residual
+from fmu_didim.fit.fit_uncertainty import filtered_torque, unfiltered_residual
 from fmu_didim.fit.iteration import Iteration
-from fmu_didim.fit.noise.shared import shared_variance
+from fmu_didim.fit.noise.shared import parts_of_outputs, shared_variance
 from fmu_didim.fit.noise.weighting import NoiseOfResidual, whitened
 from fmu_didim.fit.statistics import influence_efficient
 from fmu_didim.fit.uncertainty import Uncertainty, covariance_of, stretches_of_outputs

@@ -30,11 +30,13 @@ from fmu_didim.cosim import (
     Recording,
     SampleOperator,
     System,
+    measured_output,
     response_key,
     simulate,
 )  # fmt: skip
 from fmu_didim.data.low_pass import LowPass
 from fmu_didim.data.signals import Array
+from fmu_didim.model.channel import Channel
 from fmu_didim.model.experiment import Experiment
 from fmu_didim.model.experiments import Experiments
 from fmu_didim.model.external_torque import EXTERNAL_TORQUE, ExternalTorque, held, with_external_torques
@@ -226,6 +228,10 @@ class LoopModel:
         measured = self.measured if label is None else self.experiments.measured_in(label)
         return measured - self.torque(values, label)
 
+    def output_residual(self, values: Array) -> Array:
+        """(M, m) measured minus simulated outputs of the experiments that are fitted; raises SimulationError."""
+        return self.measured_outputs - self.outputs(values)
+
     def allowed_workers(self, values: Array) -> int:
         """How many simulations may run at once: ``workers``, or one where Python runs the loop or an FMU of another
         tool takes part."""
@@ -398,9 +404,13 @@ class Simulation:
         DivergedError, SimulationError."""
         recording, found = self.record(ticks=self.output_ticks), dict[str, Array]()
         for channel in self.experiment.channels:
-            signal = recording.table([channel.signal], sampled=True)[:, 0]
+            signal = recording.table([self.signal_of(channel)], sampled=True)[:, 0]
             found[channel.name] = self._sampled_by(channel.operator, signal, recording)
         return found
+
+    def signal_of(self, channel: Channel) -> str:
+        """The ``component.output`` that a channel shows, behind the effects of an encoder that were added."""
+        return measured_output(self.model.loop.systems[self.label], channel.signal)
 
     def _sampled_by(self, operator: SampleOperator, values: Array, recording: Recording) -> Array:
         """(N, ...) samples by an operator of values (K, ...) at ``output_ticks``; raises DivergedError."""
@@ -425,7 +435,7 @@ class Simulation:
         experiments = self.model.experiments
         if not experiments.channels:
             return self.sampled(torque)
-        further = [self._sampled_by(c.operator, signal(c.signal), recording) for c in self.experiment.channels]
+        further = [self._sampled_by(c.operator, signal(self.signal_of(c)), recording) for c in self.experiment.channels]
         return experiments.outputs_of(
             self.label, experiments.filtered(self._sampled_by(self.operator, torque, recording), self.label), further
         )

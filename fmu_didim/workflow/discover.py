@@ -70,7 +70,7 @@ def discover(
     search = Progress.limited(progress or (lambda text: None), time_limit)
     folder = None if out is None else result_folder(out, figures=figures)
     case = checked_case(case, folder, objects)
-    model = case.model.torque_alone
+    model = case.model if not case.model.loop.torque_is_given else case.model.torque_alone
     places = (Path(), case.folder)
     forbidden, preferred, further = ([effect_name(e, *places) for e in given] for given in (forbid, prefer, effects))
     catalogue = effect_catalogue(further)

@@ -171,7 +171,7 @@ def test_result_and_report_show_both_answers(tmp_path: Path) -> None:
     assert "Torque with q1, q2" in text and "torque alone" in text and "σ ratio" in text
 
 
-def test_discovery_looks_at_the_torque_alone(written: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_discovery_looks_at_all_that_was_measured(written: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     seen: list[LoopModel] = []
 
     def asked(model: LoopModel, *_: object) -> None:
@@ -182,8 +182,7 @@ def test_discovery_looks_at_the_torque_alone(written: Path, monkeypatch: pytest.
     case = with_file(written)
     with pytest.raises(InterruptedError):
         discover(case)
-    assert case.model.experiments.channels == ("q1", "q2")
-    assert seen[0].experiments.channels == ()
+    assert seen[0].experiments.channels == ("q1", "q2")
 
 
 def test_campaigns_refuse_it(written: Path) -> None:
