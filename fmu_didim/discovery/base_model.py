@@ -37,8 +37,9 @@ FIRST_NOISE = 1e-9
 """[N.m or N] Smallest deviation of a torque with which the first fit weights a joint."""
 
 MOSTLY = 0.5
-"""[1] Of the misfit of all outputs beside the base model, which one of offset, scale or late clock of a sensor
-explains, from which the sensor is taken to be wrong and is left out: an effect of the machine shows in the torque."""
+"""[1] Of the misfit of all outputs beside the base model, which offsets, scales and late clocks of the sensors explain,
+from which they are taken to be wrong, those that explain as much divided by their number, and are left out: an effect
+of the machine shows in the torque."""
 ABSORBED = 5e-3
 """[1] Fraction of such a shape that must survive beside the base model."""
 LEFT_OUT = (
@@ -134,27 +135,46 @@ def _noise(fit: Fit, of_torque: Noise) -> Noise:
 
 def _like_sensors(fit: Fit) -> dict[str, str]:
     """Name of each channel that an offset, another scale or a late clock of its sensor brings to what the base model
-    can make, to first order -> which of them, in words; as long as one explains most of what is left of all outputs."""
+    can make, to first order -> which of them, in words; where those of all channels explain most of what is left of all
+    outputs, those that do their part."""
     model = fit.model
     base = BaseProjection.of(fit.jacobian, fit.noise.weight)
     left = base.rest_of(base.weighted(fit.residual))
-    excess = float(left @ left) - left.size
+    of_noise, all_left = float(model.output_counts @ fit.noise.factor), float(left @ left)
+    if all_left <= of_noise:
+        return {}
+    shapes = [
+        (name, text, unit, base.rest_of(base.weighted(column[:, :, None]))[:, 0])
+        for block, name in zip(model.experiments.output_blocks[1:], model.experiments.channels, strict=True)
+        for text, unit, column in _sensor_shapes(fit, block, name)
+        if _survives(base, column)
+    ]  # fmt: skip
+    if not shapes:
+        return {}
+    table = np.column_stack([rest for *_, rest in shapes])
+    together = table @ np.linalg.lstsq(table, left, rcond=None)[0]
+    if float(together @ left) < MOSTLY * (all_left - of_noise):
+        return {}
+    bound = max(MOSTLY * (all_left - of_noise) / len(model.experiments.channels), CERTAIN**2 * all_left / of_noise)
     found: dict[str, str] = {}
-    for block, name in zip(model.experiments.output_blocks[1:], model.experiments.channels, strict=True):
-        unit = next(c.unit for e in model.experiments.values() for c in e.channels if c.name == name)
-        for text, column in _sensor_shapes(fit, block, unit):
-            rest = base.rest_of(base.weighted(column[:, :, None]))[:, 0]
-            square = float(rest @ rest)
-            if square <= ABSORBED**2 * float(np.sum(base.weighted(column) ** 2)):
-                continue
-            amount = float(rest @ left) / square
-            if amount**2 * square > max(MOSTLY * excess, CERTAIN**2 * float(left @ left) / left.size):
-                found[name] = text.format(amount=amount, unit=unit)
+    for name, text, unit, rest in shapes:
+        amount = float(rest @ left) / float(rest @ rest)
+        if amount**2 * float(rest @ rest) > bound:
+            sign = "later" if amount > 0 else "earlier"
+            found[name] = text.format(amount=amount, unit=unit, ms=1e3 * abs(amount), sign=sign)
     return found
 
 
-def _sensor_shapes(fit: Fit, block: OutputBlock, unit: str) -> Iterator[tuple[str, Array]]:
-    """What an offset, a scale and a late clock of a channel change in all outputs, (M, m), with what to say of them."""
+def _survives(base: BaseProjection, column: Array) -> bool:
+    """Whether the base model cannot make a change (M, m) of the outputs alone."""
+    weighted = base.weighted(column)
+    return bool(np.linalg.norm(base.rest_of(weighted)) > ABSORBED * np.linalg.norm(weighted))
+
+
+def _sensor_shapes(fit: Fit, block: OutputBlock, name: str) -> Iterator[tuple[str, str, Array]]:
+    """What an offset, a scale and a late clock of a channel change in all outputs, (M, m): after what to say of them,
+    and the unit of the channel."""
+    unit = next(c.unit for e in fit.model.experiments.values() for c in e.channels if c.name == name)
     zero = np.zeros_like(fit.outputs)
     offset, scale, late = zero.copy(), zero.copy(), zero.copy()
     for log in block.logs:
@@ -162,9 +182,9 @@ def _sensor_shapes(fit: Fit, block: OutputBlock, unit: str) -> Iterator[tuple[st
         offset[log.rows, block.columns] = 1.0
         scale[log.rows, block.columns] = (simulated - simulated.mean())[:, None]
         late[log.rows, block.columns] = -np.gradient(simulated, log.time)[:, None]
-    yield "shows {amount:.3g} {unit} more than the simulation", offset
-    yield "moves {amount:+.2%} more than the simulation", scale
-    yield "is {amount:.4g} s later than the simulation", late
+    yield "shows {amount:.3g} {unit} more than the simulation", unit, offset
+    yield "moves {amount:+.2%} more than the simulation", unit, scale
+    yield "is {ms:.3g} ms {sign} than the simulation", unit, late
 
 
 def _size(model: LoopModel) -> Array:

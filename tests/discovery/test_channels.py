@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -80,6 +81,26 @@ def test_a_sensor_with_another_scale_is_left_out_and_told(tmp_path: Path, scale:
     assert told.code.name == "channel-off" and told.place == "q1"
     assert words in told.text
     assert prepared.fit.model.experiments.channels == ()
+
+
+def test_two_sensors_that_are_off_are_both_left_out(tmp_path: Path) -> None:
+    case = arm_case(tmp_path, joints=2, sigma=0.2, rate_hz=50.0, encoder=ENCODER, scale=1.01)
+    prepared = prepare(load_case(case).model)
+    assert {told.place for told in prepared.doubts} == {"q1", "q2"}
+    assert prepared.fit.model.experiments.channels == ()
+
+
+@pytest.mark.parametrize(("late_s", "words"), [(0.004, "later"), (-0.004, "earlier")])
+def test_a_sensor_with_a_late_clock_is_left_out_and_told(tmp_path: Path, late_s: float, words: str) -> None:
+    case = arm_case(tmp_path, sigma=0.2, rate_hz=50.0, encoder=ENCODER)
+    content = yaml.safe_load(case.read_text(encoding="utf-8"))
+    for label in ("train", "validation"):
+        content[label]["from_s"], content[label]["to_s"] = 0.5, 7.5
+        content[label]["measured"]["offset_s"] = late_s
+    case.write_text(yaml.safe_dump(content), encoding="utf-8")
+    (told,) = prepare(load_case(case).model).doubts
+    assert told.code.name == "channel-off"
+    assert re.search(rf"it is (3\.9\d*|4(\.0\d*)?) ms {words} than the simulation", told.text)
 
 
 # ---- screening
