@@ -13,6 +13,8 @@ import yaml
 from fmu_didim.case import load_case
 from fmu_didim.discovery.augmentation.builder import LoopModelBuilder
 from fmu_didim.discovery.base_model import prepare
+from fmu_didim.discovery.request import Request
+from fmu_didim.discovery.run import _Search
 from fmu_didim.discovery.screening.catalogue import SignatureCatalogue
 from fmu_didim.discovery.selection import held_out
 from fmu_didim.discovery.selection.competition import Competition
@@ -187,3 +189,17 @@ def test_a_wrong_sensor_names_no_effect_without_doubt(tmp_path: Path) -> None:
     assert document.findings == [] and document.verdict == "doubtful"
     assert "channel-off" in codes(document)
     assert document.channels == {}
+
+
+def test_positions_that_spoil_the_torque_are_told(tmp_path: Path) -> None:
+    """A torque log that is a fifth too large: the positions ask for other values."""
+    model = load_case(arm_case(tmp_path, sigma=0.2, rate_hz=50.0, encoder=ENCODER)).model
+    for label, experiment in model.experiments.items():
+        model = model.with_experiment(label, replace(experiment, torque=1.2 * experiment.torque))
+    prepared = prepare(model)
+    search = _Search(Request("arm", None), prepared, prepared.fit, None, LoopModelBuilder(model, None), False, [])
+    (told,) = search.torn(prepared.fit)
+    assert told.code.name == "channels-disagree" and told.place == "joint 1"
+    assert "With q1 the torque error is" in told.text
+    alone = replace(search, prepared=replace(prepared, of_torque=None))
+    assert alone.torn(prepared.fit) == []
