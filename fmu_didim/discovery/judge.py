@@ -10,7 +10,7 @@ from fmu_didim.base.diagnostics import CATALOGUE, DOUBT, Diagnostic
 from fmu_didim.base.errors import SimulationError
 from fmu_didim.checks.channels import CHANNEL_OFF, like_a_wrong_sensor
 from fmu_didim.checks.held_out import WORSE_HELD_OUT, Residual, held_out_diagnostics
-from fmu_didim.checks.held_out_channels import MOSTLY, held_out_channel_diagnostics
+from fmu_didim.checks.held_out_channels import held_out_channel_diagnostics
 from fmu_didim.checks.judgement import Judgement, judgement
 from fmu_didim.checks.validation import validated_channels
 from fmu_didim.discovery.selection.rounds import Discovery
@@ -81,13 +81,13 @@ def remaining_gaps(fit: Fit) -> list[Diagnostic]:
 
 
 def like_wrong_sensors(fit: Fit) -> list[Diagnostic]:
-    """Channels whose remaining error is mostly that of a sensor with an offset, another scale or a late clock."""
+    """Channels whose remaining error holds that of a sensor with an offset, another scale or a late clock."""
     found, gaps = [], channel_gaps(fit)
     for label in fit.model.estimation_labels if gaps else ():
         for name, channel in validated_channels(fit.simulation(label)).items():
-            told = like_a_wrong_sensor(channel, share=MOSTLY) if gaps[label].get(name, 0.0) > REMAINDER else ""
+            told = like_a_wrong_sensor(channel) if gaps[label].get(name, 0.0) > REMAINDER else ""
             if told:
-                found.append(Diagnostic(CHANNEL_OFF, f"{label}: {name} {told}, which is most of its error.", name))
+                found.append(Diagnostic(CHANNEL_OFF, f"{label}: {name} {told}.", name))
     return found
 
 
