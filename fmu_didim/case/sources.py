@@ -206,8 +206,8 @@ class TorqueFile(SignalFile):
 
 
 class MeasuredFile(SignalFile):
-    """What was measured beside the torque and is fitted with it by ``identify``, at instants of its own; ``discover``
-    looks at the torque alone.
+    """What was measured beside the torque and is fitted with it by ``identify`` and ``discover``,
+    at instants of its own.
 
     Attributes:
         signals: which outputs of the plant the file shows: ``q1``, ``dq2``, or any other by its name; by default those

@@ -8,14 +8,10 @@ only count less. Hence its residual is compared with what wrong sensors show: an
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
-
 import numpy as np
 
 from fmu_didim.base.diagnostics import CATALOGUE, DOUBT, REMARK, Diagnostic
-from fmu_didim.base.errors import SimulationError
-from fmu_didim.data.signals import Array
+from fmu_didim.checks.validation import ChannelValidation, validated_channels
 from fmu_didim.fit.estimate import Estimate, JointFit
 from fmu_didim.fit.noise.shared import remembered_s
 
@@ -40,7 +36,7 @@ CHANNELS_DISAGREE = CATALOGUE(
     meaning="The torque alone and the torque with what was measured beside it give different values: the model, a "
     "drive gain or a sensor is wrong, and the joint values are a compromise.",
     next_step="Compare both answers in the report; check gains, units and clocks of torque and positions; see "
-    "fmu-didim discover CASE.yaml without measured:, which names what the model lacks.",
+    "fmu-didim discover CASE.yaml, which names what the model lacks.",
 )  # fmt: skip
 CHANNEL_OFF = CATALOGUE(
     "channel-off", DOUBT, rank=43,
@@ -64,41 +60,10 @@ MOTION_UNEXPLAINED = CATALOGUE(
 CHANNEL_NOISE = CATALOGUE(
     "channel-beyond-noise", DOUBT, rank=44,
     meaning="A channel differs from its simulation by more than the noise that the case states: what is left is model "
-    "error, which counts as precise measurement.",
+    "error, which counts as precise measurement where the channel was fitted.",
     next_step="State the std: that the sensor really has, or none; or find out what the model lacks: fmu-didim "
     "discover CASE.yaml.",
 )  # fmt: skip
-
-
-@dataclass(frozen=True)
-class ChannelError:
-    """What an experiment shows of a channel: root mean square of measured minus simulated."""
-
-    label: str
-    name: str
-    rms: float
-
-
-def channel_errors(estimate: Estimate) -> list[ChannelError]:
-    """Of all channels in all experiments, held out or not, that can be simulated."""
-    model, found = estimate.model, []
-    for label, experiment in model.experiments.items():
-        if not experiment.channels:
-            continue
-        try:
-            simulated = _simulated(estimate, label)
-        except SimulationError:
-            continue
-        for channel in experiment.channels:
-            rms = float(np.sqrt(np.mean((channel.values - simulated[channel.name]) ** 2)))
-            found.append(ChannelError(label, channel.name, rms))
-    return found
-
-
-def _simulated(estimate: Estimate, label: str) -> Mapping[str, Array]:
-    """Name of each channel of an experiment -> (N,) as simulated."""
-    model = estimate.model
-    return model.experiments.channels_of(label, model.simulation(estimate.value, label).outputs())
 
 
 def channel_diagnostics(estimate: Estimate) -> list[Diagnostic]:
@@ -156,20 +121,20 @@ def _off(estimate: Estimate) -> list[Diagnostic]:
     """Offsets, scales and late clocks that the residuals of the channels show."""
     found = []
     for label in estimate.model.estimation_labels:
-        experiment = estimate.model.experiments[label]
-        if not experiment.channels:
-            continue
-        simulated = _simulated(estimate, label)
-        for channel in experiment.channels:
-            told = _like_a_wrong_sensor(channel.time, channel.values, simulated[channel.name], channel.unit)
-            if told:
-                found.append(Diagnostic(CHANNEL_OFF, f"{label}: {channel.name} {told}.", channel.name))
+        shown = validated_channels(estimate.model.simulation(estimate.value, label))
+        for name in estimate.model.experiments.channels:
+            if name in shown and (told := like_a_wrong_sensor(shown[name])):
+                found.append(Diagnostic(CHANNEL_OFF, f"{label}: {name} {told}.", name))
     return found
 
 
-def _like_a_wrong_sensor(time: Array, measured: Array, simulated: Array, unit: str) -> str:
-    """What of an offset, a scale and a late clock a channel shows, in words; or nothing."""
-    residual = measured - simulated
+def like_a_wrong_sensor(channel: ChannelValidation, *, share: float = EXPLAINED) -> str:
+    """What of an offset, a scale and a late clock a channel shows, in words; or nothing.
+
+    Args:
+        share: of the squared residual that one of them must explain.
+    """
+    time, simulated, residual, unit = channel.time, channel.simulated, channel.residual, channel.unit
     shapes = np.column_stack([np.ones(time.size), simulated - simulated.mean(), -np.gradient(simulated, time)])
     size = np.linalg.norm(shapes, axis=0)
     shapes, size = shapes[:, size > 0], size[size > 0]
@@ -182,7 +147,7 @@ def _like_a_wrong_sensor(time: Array, measured: Array, simulated: Array, unit: s
     explained = found**2 / np.diag(inverse) / float(residual @ residual)
     texts = []
     for k, value in enumerate(found):
-        if explained[k] < EXPLAINED or abs(value) < CERTAIN * deviation[k]:
+        if explained[k] < share or abs(value) < CERTAIN * deviation[k]:
             continue
         amount = float(value / size[k])
         texts.append(

@@ -52,10 +52,13 @@ NO_HELD_OUT = CATALOGUE(
 
 @dataclass(frozen=True)
 class Residual:
-    """A torque residual (N, n) in N.m or N, and the RMS (n,) of the measured torque."""
+    """A residual (N, n), and the RMS (n,) of what was measured, both in the unit of that.
+
+    A torque is measured from zero; other signals, (N, 1), from their mean, since their zero is anywhere.
+    """
 
     values: Array
-    torque: Array
+    size: Array
 
     @staticmethod
     def of(measured: Array, simulated: Array) -> Residual:
@@ -77,7 +80,7 @@ def held_out_diagnostics(
         fitted: residual of all fitted experiments; held: label -> that of each held-out one.
         failures: label -> why one could not be simulated.
     """
-    found = [Diagnostic(NOT_SIMULATED, f"The simulation failed: {why}", place=label) for label, why in failures.items()]
+    found = not_simulated(failures)
     for label, residual in held.items():
         count = covariance.shape[0]
         worse = worse_than_fitted(fitted, residual, count=count)
@@ -91,21 +94,29 @@ def held_out_diagnostics(
     return found
 
 
-def worse_than_fitted(fitted: Residual, held: Residual, *, count: int, extra: Array | float = 0.0) -> NDArray[np.intp]:
-    """Joints (from 0) of which a held-out residual is larger than that of the fit, beyond chance and by a good part.
+def not_simulated(failures: Mapping[str, str]) -> list[Diagnostic]:
+    """The experiments that could not be simulated: label -> why."""
+    return [Diagnostic(NOT_SIMULATED, f"The simulation failed: {why}", place=label) for label, why in failures.items()]
+
+
+def worse_than_fitted(
+    fitted: Residual, held: Residual, *, count: float, extra: Array | float = 0.0, among: int | None = None
+) -> NDArray[np.intp]:
+    """Columns (from 0) of which a held-out residual is larger than that of the fit, beyond chance and by a good part.
 
     Args:
-        count: of fitted parameters; extra: (n,) mean variance by their uncertainty.
+        count: of parameters fitted to these columns; extra: (n,) mean variance by their uncertainty.
+        among: columns that are looked at in all; by default those of this residual.
     """
     samples, n = fitted.values.shape
     left = max(samples - count / n, 1.0)
     before = fitted.variance * samples / left + extra
-    size = np.maximum(held.torque / fitted.torque, 1.0)
+    size = np.maximum(held.size / fitted.size, 1.0)
     ratio = held.variance / (before * size**2)
     first = np.maximum(left * _independent_squares(fitted.values), 1.0)
     second = np.maximum(held.values.shape[0] * _independent_squares(held.values), 1.0)
     chance = stats.f.sf(ratio, second, first)
-    return np.flatnonzero((chance < HELD_OUT_CHANCE / n) & (ratio > HELD_OUT_RATIO**2))
+    return np.flatnonzero((chance < HELD_OUT_CHANCE / (among or n)) & (ratio > HELD_OUT_RATIO**2))
 
 
 def _independent_squares(residual: Array) -> Array:
@@ -118,6 +129,7 @@ def _independent_squares(residual: Array) -> Array:
 
 def _by_uncertainty(model: LoopModel, covariance: Array) -> Array:
     """(n,) mean variance of the torque by the uncertainty of the values."""
+    model = model.torque_alone
     try:
         columns = sensitivity(model, model.start, model.torque(model.start))
     except SimulationError:
@@ -126,7 +138,7 @@ def _by_uncertainty(model: LoopModel, covariance: Array) -> Array:
 
 
 def _worse(fitted: Residual, held: Residual, joint: int, label: str) -> Diagnostic:
-    before, after = (100 * float(np.sqrt(r.variance[joint]) / r.torque[joint]) for r in (fitted, held))
+    before, after = (100 * float(np.sqrt(r.variance[joint]) / r.size[joint]) for r in (fitted, held))
     ratio = float(np.sqrt(held.variance[joint] / fitted.variance[joint]))
     text = f"The torque error is {after:.3g} % against {before:.3g} % in the fit, and {ratio:.3g} times as large."
     value = min(ratio, after / max(before, TINY))

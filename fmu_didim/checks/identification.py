@@ -12,7 +12,8 @@ from fmu_didim.base.errors import UnknownNameError
 from fmu_didim.checks.agreement import AgreementResult, agreement
 from fmu_didim.checks.channels import channel_diagnostics
 from fmu_didim.checks.data.checks import confirmed
-from fmu_didim.checks.held_out import Residual, held_out_diagnostics
+from fmu_didim.checks.held_out import Residual, held_out_diagnostics, not_simulated
+from fmu_didim.checks.held_out_channels import held_out_channel_diagnostics
 from fmu_didim.checks.judgement import Judgement, judgement
 from fmu_didim.checks.motion_dependence import dependence_of_fit, motion_diagnostics
 from fmu_didim.checks.physical import physical_diagnostics
@@ -111,7 +112,7 @@ def checked(estimate: Estimate, validations: Sequence[Validation], *, before: It
     model = estimate.model
     held = [v for v in validations if v.role == "validation"]
     if model.loop.torque_is_given:
-        return _of_motion(estimate, before)
+        return _of_motion(estimate, validations, before)
     tests = residual_tests(estimate)
     agreements = {} if estimate.fit is None else agreement(estimate.fit)
     found = [
@@ -124,6 +125,7 @@ def checked(estimate: Estimate, validations: Sequence[Validation], *, before: It
             {v.label: Residual.of(v.measured, v.simulated) for v in held if not v.failure},
             {v.label: v.failure for v in validations if v.failure},
         ),
+        *held_out_channels(estimate, validations),
     ]  # fmt: skip
     found += residual_diagnostics(tests)
     if estimate.fit is not None:
@@ -151,10 +153,19 @@ def of_any_output(estimate: Estimate) -> list[Diagnostic]:
             *prior_diagnostics(estimate)]  # fmt: skip
 
 
-def _of_motion(estimate: Estimate, before: Iterable[Diagnostic]) -> Checks:
+def held_out_channels(estimate: Estimate, validations: Sequence[Validation]) -> list[Diagnostic]:
+    """What held-out experiments say of the signals that were measured beside the torque."""
+    fitted = [v.channels for v in validations if v.role == "estimation"]
+    held = {v.label: v.channels for v in validations if v.role == "validation"}
+    return held_out_channel_diagnostics(estimate.model, estimate.covariance, fitted, held)
+
+
+def _of_motion(estimate: Estimate, validations: Sequence[Validation], before: Iterable[Diagnostic]) -> Checks:
     """The checks of an open loop, whose torque is no result."""
     found = [
         *before, *held_parameters(estimate.model), *limit_diagnostics(estimate), *of_any_output(estimate),
+        *not_simulated({v.label: v.failure for v in validations if v.failure}),
+        *held_out_channels(estimate, validations),
         Diagnostic(TORQUE_GIVEN, "The loop is open: the torque is given, and its error says nothing.", "connections"),
     ]  # fmt: skip
     return Checks(judgement(found, settled=estimate.status is Status.CONVERGED), (), {})

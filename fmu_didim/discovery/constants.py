@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from fmu_didim.discovery import base_model, judge, localise
+from fmu_didim.discovery import base_model, judge, localise, run
 from fmu_didim.discovery.external_torques import search
 from fmu_didim.discovery.screening import catalogue
 from fmu_didim.discovery.selection import competition, decide, held_out, plausible, pre_check, rounds
@@ -14,7 +14,8 @@ DECIDING = (
     (base_projection, ("DEPENDENT",)),
     (gap, ("BOOTSTRAP", "BLOCK_S")),
     (localise, ("FALSE_DISCOVERIES", "WINDOW_SCORE")),
-    (base_model, ("FIRST_NOISE",)),
+    (base_model, ("FIRST_NOISE", "MOSTLY", "ABSORBED")),
+    (run, ("TORN",)),
     (catalogue, ("REPEATS", "TOGETHER", "SEEN", "LARGEST_COLUMN", "STIFFEST", "SAME_SHAPE")),
     (competition, ("SURVIVING", "IDLE", "DEPENDENT", "SHORTLIST", "WORTH", "LEADING", "FURTHER", "REACH", "ABREAST")),
     (decide, ("ROUNDS", "BIC", "SMALLEST_SIZE", "SMALLEST_GAIN", "SMALLEST_SHARE", "SMALLEST_PART", "NEAR")),

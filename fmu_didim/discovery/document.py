@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
@@ -17,7 +17,7 @@ from fmu_didim.discovery.selection.decide import Step
 from fmu_didim.discovery.selection.rounds import Discovery, Ending
 from fmu_didim.discovery.unfinished import unfinished_search
 from fmu_didim.fit.fit import Fit
-from fmu_didim.fit.gap import Ratio, joint_gaps, total_gap
+from fmu_didim.fit.gap import Ratio, channel_gaps, joint_gaps, total_gap
 from fmu_didim.fit.noise.noise import Noise
 from fmu_didim.fit.statistics import confidence_interval, relative_error_percent
 from fmu_didim.model.free_parameter import FreeParameter
@@ -25,6 +25,7 @@ from fmu_didim.results.findings import (
     ANSWER_TEXT,
     Answer,
     CandidateResult,
+    ChannelResult,
     FindingResult,
     FindingsDocument,
     GapPair,
@@ -61,7 +62,7 @@ def findings_document(
     unfinished_diagnostic, unfinished = unfinished_search(discovery, request.progress.limit_s)
     judgement = judged(discovery, unfinished_diagnostic, request.doubts)
     answer: Answer = "unfinished" if unfinished is not None else answer_of(discovery, judgement)
-    base = discovery.base
+    base, noise = discovery.base, discovery.base.torque_alone.noise
     return FindingsDocument(
         name=request.name,
         answer=answer,
@@ -71,13 +72,14 @@ def findings_document(
         unfinished=unfinished,
         findings=[*outside, *(_finding(step, discovery, builder) for step in discovery.steps)],
         roles={label: e.role for label, e in base.model.experiments.items()},
-        gap={label: gap_pair(before, after, base.noise) for label, (before, after) in residuals.items()},
+        gap={label: gap_pair(before, after, noise) for label, (before, after) in residuals.items()},
         error_percent=_errors(discovery, residuals),
         ratio_interval=(ratio.low, ratio.high) if ratio is not None else None,
         noise=NoiseResult(
-            source=base.noise.source, std=base.noise.deviation.tolist(), correlation=base.noise.correlation.tolist(),
-            period_s=base.noise.period_s, periods=base.noise.periods,
+            source=noise.source, std=noise.deviation.tolist(), correlation=noise.correlation.tolist(),
+            period_s=noise.period_s, periods=noise.periods,
         ),
+        channels=_channels(discovery),
         regions=list(regions),
         windows=[*windows, *(() if discovery.ending is Ending.RUNNING else _windows(discovery, residuals))],
         refused=[(a.effect, a.joint, why) for a, why in discovery.refused],
@@ -137,7 +139,38 @@ def _finding(step: Step, discovery: Discovery, builder: LoopModelBuilder) -> Fin
             for label, before in step.before.items()
         },
         ratio_interval=(step.ratio.low, step.ratio.high) if step.ratio is not None else None,
+        channels=_channel_gaps(step.channels_before, step.channels_after),
     )  # fmt: skip
+
+
+def _channel_gaps(
+    before: Mapping[str, Mapping[str, float]], after: Mapping[str, Mapping[str, float]]
+) -> dict[str, dict[str, GapPair]]:
+    """Label -> name of each channel -> its gaps."""
+    return {
+        label: {
+            name: GapPair(before=gap, after=after[label][name], before_per_joint=[], after_per_joint=[])
+            for name, gap in own.items()
+        }
+        for label, own in before.items()
+    }
+
+
+def _channels(discovery: Discovery) -> dict[str, ChannelResult]:
+    """What was looked at beside the torque: its noise, and its gaps with the base and with the final model."""
+    base = discovery.base
+    names, n = base.model.experiments.channels, base.model.joint_count
+    if not names:
+        return {}
+    units = {c.name: c.unit for e in base.model.experiments.values() for c in e.channels}
+    gaps = _channel_gaps(channel_gaps(base), channel_gaps(discovery.final))
+    return {
+        name: ChannelResult(
+            unit=units[name], std=float(base.noise.deviation[k]), correlation=float(base.noise.correlation[k]),
+            gap={label: own[name] for label, own in gaps.items() if name in own},
+        )
+        for k, name in enumerate(names, start=n)
+    }  # fmt: skip
 
 
 def gap_pair(before: Array, after: Array, noise: Noise) -> GapPair:
@@ -153,7 +186,8 @@ def gap_pair(before: Array, after: Array, noise: Noise) -> GapPair:
 def values_found(fit: Fit, wanted: Callable[[FreeParameter], bool]) -> list[ValueFound]:
     """The wanted free parameters of a fit with their standard deviations and 95 % intervals."""
     deviation = np.sqrt(np.maximum(np.diag(fit.covariance), 0.0))
-    samples = fit.residual.shape[0] * float(fit.noise.factor.sum())  # those that count as independent
+    blocks = fit.model.experiments.blocks(fit.residual)  # samples that count as independent:
+    samples = sum(own.shape[0] * float(fit.noise.of(columns).factor.sum()) for columns, own in blocks)
     intervals = confidence_interval(fit.values, deviation, samples - fit.values.size)
     return [
         ValueFound(
@@ -192,12 +226,12 @@ def _errors(discovery: Discovery, residuals: Residuals) -> dict[str, tuple[float
 
 def _windows(discovery: Discovery, residuals: Residuals) -> list[WindowResult]:
     """Intervals of time in which the residual of the final model shows a torque from outside."""
-    final = discovery.final
+    final, noise = discovery.final, discovery.final.torque_alone.noise
     return [
         window
         for label, (_, residual) in residuals.items()
         if np.isfinite(residual).all()
-        for window in force_windows(residual, final.model.experiments[label].time, final.noise, label)
+        for window in force_windows(residual, final.model.experiments[label].time, noise, label)
     ]
 
 

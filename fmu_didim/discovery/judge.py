@@ -8,11 +8,14 @@ import numpy as np
 
 from fmu_didim.base.diagnostics import CATALOGUE, DOUBT, Diagnostic
 from fmu_didim.base.errors import SimulationError
+from fmu_didim.checks.channels import CHANNEL_OFF, like_a_wrong_sensor
 from fmu_didim.checks.held_out import WORSE_HELD_OUT, Residual, held_out_diagnostics
+from fmu_didim.checks.held_out_channels import held_out_channel_diagnostics
 from fmu_didim.checks.judgement import Judgement, judgement
+from fmu_didim.checks.validation import validated_channels
 from fmu_didim.discovery.selection.rounds import Discovery
 from fmu_didim.fit.fit import Fit
-from fmu_didim.fit.gap import joint_gaps
+from fmu_didim.fit.gap import channel_gaps, joint_gaps
 from fmu_didim.model.loop_model import LoopModel
 from fmu_didim.results.findings import Answer
 
@@ -35,7 +38,10 @@ def judged(discovery: Discovery, unfinished: Diagnostic | None, before: Sequence
         unfinished: the diagnostic of an unfinished search; before: doubts about the data.
     """
     final = discovery.final
-    found = [*before, *remaining_gaps(final), *([unfinished] if unfinished is not None else []), *_held_out(final)]
+    found = [
+        *before, *remaining_gaps(final), *like_wrong_sensors(final),
+        *([unfinished] if unfinished is not None else []), *_held_out(final),
+    ]  # fmt: skip
     return judgement(found, settled=unfinished is None)
 
 
@@ -56,22 +62,48 @@ def has_external_torques(model: LoopModel) -> bool:
 
 def remaining_gaps(fit: Fit) -> list[Diagnostic]:
     """The joints on which a model leaves more than noise."""
-    gaps = joint_gaps(fit.residual, fit.noise)
+    torque = fit.torque_alone
+    gaps = joint_gaps(torque.residual, torque.noise)
     return [
         Diagnostic(
             GAP_REMAINS, f"The model error is {gaps[j]:.2g} times the noise.", f"joint {j + 1}", float(gaps[j]),
             REMAINDER, "1",
         )
         for j in np.flatnonzero(gaps > REMAINDER)
+    ] + [
+        Diagnostic(
+            GAP_REMAINS, f"{label}: the error of {name} is {gap:.2g} times its noise beyond that.", name, gap,
+            REMAINDER, "1",
+        )
+        for label, found in channel_gaps(fit).items() if label in fit.model.estimation_labels
+        for name, gap in found.items() if gap > REMAINDER
     ]  # fmt: skip
 
 
+def like_wrong_sensors(fit: Fit) -> list[Diagnostic]:
+    """Channels whose remaining error holds that of a sensor with an offset, another scale or a late clock."""
+    found, gaps = [], channel_gaps(fit)
+    for label in fit.model.estimation_labels if gaps else ():
+        for name, channel in validated_channels(fit.simulation(label)).items():
+            told = like_a_wrong_sensor(channel) if gaps[label].get(name, 0.0) > REMAINDER else ""
+            if told:
+                found.append(Diagnostic(CHANNEL_OFF, f"{label}: {name} {told}.", name))
+    return found
+
+
 def _held_out(fit: Fit) -> list[Diagnostic]:
-    model, held, failures = fit.model, {}, {}
+    model, held, failures, channels = fit.model, {}, {}, {}
     for label in model.experiments.validation_labels:
         try:
             held[label] = Residual.of(model.experiments.measured_in(label), fit.simulation(label).torque())
+            channels[label] = validated_channels(fit.simulation(label))
         except SimulationError as error:
             failures[label] = error.what
     fitted = Residual.of(model.measured, fit.torque)
-    return held_out_diagnostics(model, fit.covariance, fitted, held, failures)
+    of_fit = [validated_channels(fit.simulation(label)) for label in model.estimation_labels] if any(
+        channels.values()
+    ) else []  # fmt: skip
+    return [
+        *held_out_diagnostics(model, fit.covariance, fitted, held, failures),
+        *held_out_channel_diagnostics(model, fit.covariance, of_fit, channels),
+    ]

@@ -5,7 +5,11 @@ from __future__ import annotations
 import time as clock
 from dataclasses import dataclass, replace
 
+import numpy as np
+
+from fmu_didim.base.diagnostics import Diagnostic
 from fmu_didim.base.errors import SimulationError
+from fmu_didim.checks.channels import CHANNELS_DISAGREE
 from fmu_didim.checks.sampling_kind import other_sampling
 from fmu_didim.discovery.augmentation.builder import LoopModelBuilder
 from fmu_didim.discovery.base_model import Prepared, prepare
@@ -29,6 +33,9 @@ FIRST_S = 0.25
 """[s] Left out at the beginning of each experiment: the initial state of the machine is not known (gears in their
 play, friction's deflection, the loop before the first sample). If nothing is found, gears are looked for there, too."""
 
+TORN = 1.25
+"""[1] RMS of the torque residual of a joint with all outputs over that of the base model by the torque alone, from
+which torque and the other signals do not agree: as for held-out data."""
 NO_HELD_OUT = (
     "There is no validation experiment: the test on held-out data was left out, and the information criterion alone "
     "decided."
@@ -41,6 +48,12 @@ INTEGRATED = (
     "The plant has no output {0}: the position is the integral of the velocity, from the start of the reference or "
     "from zero. What depends on the position is therefore known up to its zero."
 )
+LOOKED_AT = (
+    "Beside the torque, {0} count in the base model, the screening, all fits and the test on held-out data; torques "
+    "from outside, the regions of disagreement and the way of sampling are looked for in the torque alone."
+)
+LEFT_OUT = "{0} were left out: torques from outside were found, which are fitted to the torque alone."
+NOT_HELD_OUT = "No held-out experiment measures {0}: there the test rests on the other signals."
 UNFILTERED = (
     "The low_pass of the case was not applied: effects show above its cut-off as well, and they are compared with "
     "the noise of the unfiltered log."
@@ -110,19 +123,24 @@ class _Search:
     @staticmethod
     def of(request: Request, prepared: Prepared) -> _Search:
         """Fit the torques from outside, if there are any."""
+        request = replace(request, doubts=(*request.doubts, *prepared.doubts))
         base, progress = prepared.fit, request.progress
-        gaps = ", ".join(f"{gap:.2f}" for gap in joint_gaps(base.residual, base.noise))
+        alone = base.torque_alone
+        gaps = ", ".join(f"{gap:.2f}" for gap in joint_gaps(alone.residual, alone.noise))
         progress.say(f"gap of the base model: {gaps} of the noise")
-        builder = LoopModelBuilder(base.model, request.description, request.effects)
+        builder = LoopModelBuilder(alone.model, request.description, request.effects)
         torques, is_late = None, progress.is_time_up
         if request.external is not None and not is_late:
-            torques = find_external_torques(base, say=progress.say)
-        if torques is not None and rivalled(torques, base, builder, forbid=request.options.forbid, progress=progress):
+            torques = find_external_torques(alone, say=progress.say)
+        if torques is not None and rivalled(torques, alone, builder, forbid=request.options.forbid, progress=progress):
             torques = None
         if torques is not None:
-            base = replace(base, noise=torques.fit.noise)
+            base = replace(alone, noise=torques.fit.noise)
             builder = LoopModelBuilder(torques.fit.model, request.description, request.effects)
-        return _Search(request, prepared, base, torques, builder, is_late, regions_of_fit(base, builder.description))
+        elif base is not alone:
+            builder = LoopModelBuilder(base.model, request.description, request.effects)
+        regions = regions_of_fit(base.torque_alone, builder.description)
+        return _Search(request, prepared, base, torques, builder, is_late, regions)
 
     def found(self) -> Found:
         """Run the rounds and document their result."""
@@ -137,8 +155,9 @@ class _Search:
         tested = discovery.steps and self.torques is None and not any(step.untested for step in discovery.steps)
         if tested and (why := unconfirmed(base, discovery.final, seed=options.seed)):
             discovery, ratio = _withdrawn(discovery, why), None
-        unshifted, saved = _without_shift(discovery.final.model, builder)
-        way = other_sampling(discovery.final, unshifted, saved=saved, threshold=options.threshold)
+        of_torque = discovery.final.torque_alone
+        unshifted, saved = _without_shift(of_torque.model, builder)
+        way = other_sampling(of_torque, unshifted, saved=saved, threshold=options.threshold)
         note = [way.text(1 / base.model.experiments[base.model.first].rate_hz)] if way is not None else []
         return Found(self.written(discovery, ratio, free, *note), discovery, builder)
 
@@ -149,6 +168,23 @@ class _Search:
         ratio = held_out_ratio(self.base, discovery.final, seed=self.request.options.seed) if discovery.steps else None
         free = self.torques.free if self.torques is not None else None
         self.request.keep(self.written(replace(discovery, base=self.base), ratio, free))
+
+    def torn(self, final: Fit) -> list[Diagnostic]:
+        """Joints whose torque a model explains worse than the base model does by the torque alone: the other signals
+        ask for something else."""
+        alone = self.prepared.of_torque
+        if alone is None or not final.model.experiments.channels:
+            return []
+        torque = final.torque_alone
+        before, after = (joint_gaps(fit.residual, torque.noise) for fit in (alone, torque))
+        names = ", ".join(final.model.experiments.channels)
+        return [
+            Diagnostic(
+                CHANNELS_DISAGREE, f"With {names} the torque error is {after[j]:.2g} times the noise, against "
+                f"{before[j]:.2g} by the torque alone.", f"joint {j + 1}", float(after[j]), float(before[j]), "1",
+            )
+            for j in range(before.size) if np.hypot(after[j], 1) > TORN * np.hypot(before[j], 1)
+        ]  # fmt: skip
 
     def written(self, discovery: Discovery, ratio: Ratio | None, free: Fit | None, *notes: str) -> FindingsDocument:
         """The document of a discovery.
@@ -161,14 +197,28 @@ class _Search:
             outside = [external_torque_finding(self.torques, self.base, free, request.external)]
             windows = external_torque_windows(free, self.torques.label)
         held_out = () if self.base.model.experiments.validation_labels else (NO_HELD_OUT,)
-        all_notes = [*request.notes, *self.prepared.notes, *_of_motion(self.builder), *held_out, *notes]
+        looked_at = _looked_at(self.prepared.fit.model, self.base.model)
+        all_notes = [*request.notes, *self.prepared.notes, *looked_at, *_of_motion(self.builder), *held_out, *notes]
         document = findings_document(
-            request, discovery, self.builder, ratio=ratio, notes=all_notes, outside=outside, windows=windows,
-            regions=self.disagreement,
+            replace(request, doubts=(*request.doubts, *self.torn(discovery.final))), discovery, self.builder,
+            ratio=ratio, notes=all_notes, outside=outside, windows=windows, regions=self.disagreement,
         )  # fmt: skip
         if self.is_late and request.external is not None:
             return ended_before(document, request.progress.limit_s, "torques from outside")
         return document
+
+
+def _looked_at(prepared: LoopModel, searched: LoopModel) -> tuple[str, ...]:
+    """Notes on what else was measured than the torque."""
+    names = prepared.experiments.channels
+    if not names:
+        return ()
+    if not searched.experiments.channels:
+        return (LEFT_OUT.format(", ".join(names)),)
+    held = {c.name for label in searched.experiments.validation_labels for c in searched.experiments[label].channels}
+    absent = [name for name in names if name not in held] if searched.experiments.validation_labels else []
+    told = (LOOKED_AT.format(", ".join(names)),)
+    return (*told, NOT_HELD_OUT.format(", ".join(absent))) if absent else told
 
 
 def _without_shift(model: LoopModel, builder: LoopModelBuilder) -> tuple[LoopModel, float]:
@@ -199,6 +249,7 @@ def _with_beginning(request: Request, model: LoopModel, found: Found) -> Found:
     request.progress.say("base model")
     prepared = prepare(model)
     without, whole = found.discovery.base, prepared.fit
+    without, whole = without.torque_alone, whole.torque_alone
     more = joint_gaps(whole.residual, whole.noise) ** 2 - joint_gaps(without.residual, without.noise) ** 2
     if not (more > request.options.smallest_size**2).any():
         return found

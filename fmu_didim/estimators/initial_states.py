@@ -409,7 +409,7 @@ def _shown(columns: Array) -> list[int]:
 
 def _with_start(fit: Fit, label: str, start: tuple[FreeParameter, ...], count: int) -> LoopModel:
     """The model of the first samples of an experiment alone, its start free beside all else."""
-    model = fit.model.with_values(fit.values).on(label)
+    model = fit.model.with_values(fit.values).on(label).torque_alone
     model = model.with_free((*model.free_parameters, *start))
     return model.with_experiment(label, model.experiments[label].before(count))
 

@@ -23,9 +23,9 @@ from scipy.stats import chi2
 from fmu_didim.estimators.finish import FINISH_ITERATIONS, NEXT_STEP, Minimum, finish_by_colour
 from fmu_didim.fit.estimate import ChannelNoise, JointFit
 from fmu_didim.fit.fit import point
-from fmu_didim.fit.fit_uncertainty import influences, parts_of_outputs, unfiltered_residual
+from fmu_didim.fit.fit_uncertainty import influences, unfiltered_residual
 from fmu_didim.fit.iteration import Iteration
-from fmu_didim.fit.noise.shared import shared_variance
+from fmu_didim.fit.noise.shared import parts_of_outputs, shared_variance
 from fmu_didim.fit.noise.weighting import NoiseOfResidual
 from fmu_didim.fit.uncertainty import covariance_of, stretches_of_outputs
 from fmu_didim.model.experiments import Experiments

@@ -57,8 +57,10 @@ class BaseProjection:
     def of_fit(cls, fit: Fit) -> BaseProjection:
         """The projection by the sensitivities of a fit."""
         # The residual's own colour, so that repeatable model error does not count as so many independent samples.
-        size = np.maximum(fit.noise.deviation, np.sqrt(np.mean(fit.residual**2, axis=0)) * HALF_OF_RESIDUAL)
-        return cls.of(fit.jacobian, np.sqrt(effective_fraction(fit.residual)) / size)
+        blocks = [residual for _, residual in fit.model.experiments.blocks(fit.residual)]
+        rms = np.concatenate([np.sqrt(np.mean(residual**2, axis=0)) for residual in blocks])
+        fraction = np.concatenate([effective_fraction(residual) for residual in blocks])
+        return cls.of(fit.jacobian, np.sqrt(fraction) / np.maximum(fit.noise.deviation, rms * HALF_OF_RESIDUAL))
 
     def weighted(self, values: Array) -> Array:
         """(N n,) or (N n, m) of values (N, n) or (N, n, m)."""

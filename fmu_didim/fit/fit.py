@@ -15,6 +15,7 @@ from fmu_didim.fit.ending import Ending
 from fmu_didim.fit.equations import Equations
 from fmu_didim.fit.iteration import Iteration
 from fmu_didim.fit.noise.noise import Noise
+from fmu_didim.fit.noise.shared import parts_of_outputs, shared_variance
 from fmu_didim.fit.noise.weighting import Weighting
 from fmu_didim.model.loop_model import LoopModel, Simulation
 from fmu_didim.model.prediction import Prediction, predict
@@ -80,8 +81,7 @@ class Fit:
         if not self.model.experiments.channels:
             return self
         model, n = self.model.torque_alone, self.model.joint_count
-        noise = replace(self.noise, deviation=self.noise.deviation[:n], correlation=self.noise.correlation[:n])
-        deviation, torque = self.deviation[:n], self.torque
+        noise, deviation, torque = self.noise.of(slice(0, n)), self.deviation[:n], self.torque
         return replace(
             self, model=model, outputs=torque, jacobian=self.model.torque_of(self.jacobian), noise=noise,
             deviation=deviation, chi_square=sum_of_squares(model.measured - torque, deviation),
@@ -98,16 +98,40 @@ class Fit:
 
     @cached_property
     def held_out_jacobian(self) -> Array:
-        """(Nv, n, p) sensitivity of the torque of all held-out experiments; raises SimulationError."""
-        columns = []
-        for label in self.model.experiments.validation_labels if self.values.size else ():
+        """(Mv, m, p) sensitivity of all outputs of all held-out experiments; raises SimulationError."""
+        columns, experiments = [], self.model.experiments
+        for label in experiments.validation_labels if self.values.size else ():
             model = self.model.on(label)
-            columns.append(sensitivity(model, self.values, model.torque(self.values)))
-        return np.concatenate(columns) if columns else np.zeros((0, self.torque.shape[1], 0))
+            model = model if experiments.channels else model.torque_alone
+            table = sensitivity(model, self.values, model.outputs(self.values))
+            if experiments.channels:  # whose order, and more of them, may be that of the experiment
+                own = model.experiments.channels_of(label, table)
+                torque = table[experiments[label].row_of(experiments[label].time), : self.model.joint_count]
+                table = experiments.outputs_of(label, torque, [own[c.name] for c in experiments[label].channels])
+            columns.append(table)
+        return np.concatenate(columns) if columns else np.zeros((0, self.outputs.shape[1], 0))
 
     @property
     def covariance(self) -> Array:
-        """(p, p) covariance of the values by the Cramer-Rao bound, with the effective number of samples."""
+        """(p, p) covariance of the values by the Cramer-Rao bound, with the effective number of samples; what outputs
+        share is counted once."""
+        alone = self._independent_covariance
+        if not self.model.experiments.channels:
+            return alone
+        factor = np.sqrt(self.shared_variance)
+        return np.asarray(alone * np.outer(factor, factor))
+
+    @cached_property
+    def shared_variance(self) -> Array:
+        """(p,) variance of each value over that of independent outputs, at least 1: what feedback carries from one
+        output into another is no second sample."""
+        weight = self.noise.weight[:, None]
+        influence = (self.jacobian * weight**2) @ self._independent_covariance
+        found = shared_variance(influence, self.residual, parts_of_outputs(self.model.experiments))
+        return np.maximum(found, 1.0)
+
+    @property
+    def _independent_covariance(self) -> Array:
         weighted = (self.jacobian * self.noise.weight[:, None]).reshape(-1, self.jacobian.shape[2])
         scale = np.linalg.norm(weighted, axis=0)
         scale[scale == 0] = np.inf

@@ -10,11 +10,10 @@ import numpy as np
 from fmu_didim.data.signals import Array
 from fmu_didim.fit.confounding import shown_directions
 from fmu_didim.fit.fit import Fit
-from fmu_didim.fit.noise.shared import Part, shared_variance
+from fmu_didim.fit.noise.shared import parts_of_outputs, shared_variance
 from fmu_didim.fit.noise.weighting import noise_floor, whitened
 from fmu_didim.fit.statistics import deviation_of_sums, influence_efficient, influence_of_instruments
 from fmu_didim.fit.uncertainty import Colour, Uncertainty, covariance_of, stretches_of_outputs, uncertainty
-from fmu_didim.model.experiments import Experiments
 
 
 def unfiltered_residual(fit: Fit) -> Array:
@@ -113,13 +112,6 @@ def _shared(fit: Fit, influence: Array, residual: Array, covariance: Array) -> A
         return covariance
     factor = np.sqrt(np.maximum(shared_variance(influence, residual, parts_of_outputs(experiments)), 1.0))
     return np.asarray(covariance * np.outer(factor, factor))
-
-
-def parts_of_outputs(experiments: Experiments) -> list[Part]:
-    """The samples of all outputs that are fitted."""
-    return [
-        Part(log.label, log.rows, block.columns, log.time) for block in experiments.output_blocks for log in block.logs
-    ]
 
 
 def filtered_torque(fit: Fit, table: Array) -> Array:

@@ -7,7 +7,8 @@ is the residual r without the noise; 1 means a model error as large as the noise
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -38,14 +39,59 @@ def total_gap(residual: Array, noise: Noise) -> float:
 
 
 def gaps(fit: Fit) -> dict[str, Array]:
-    """Label of each experiment -> (n,) gap of each joint; infinite where the model cannot be run."""
-    result = {}
+    """Label of each experiment -> (n,) gap of the torque of each joint; infinite where the model cannot be run."""
+    result, noise = {}, fit.noise.of(slice(0, fit.model.joint_count))
     for label in fit.model.experiments:
         try:
-            result[label] = joint_gaps(fit.residual_in(label), fit.noise)
+            result[label] = joint_gaps(fit.residual_in(label), noise)
         except SimulationError:
             result[label] = np.full(fit.model.joint_count, np.inf)
     return result
+
+
+def channel_gaps(fit: Fit) -> dict[str, dict[str, float]]:
+    """Label of each experiment -> name of each channel that is fitted -> its gap there; infinite where the model cannot
+    be run."""
+    names, n = fit.model.experiments.channels, fit.model.joint_count
+    result = dict[str, dict[str, float]]()
+    for label, experiment in fit.model.experiments.items() if names else ():
+        measured = {c.name: c.values for c in experiment.channels if c.name in names}
+        try:
+            simulated = fit.simulation(label).channels()
+        except SimulationError:
+            result[label] = dict.fromkeys(measured, np.inf)
+            continue
+        result[label] = {
+            name: float(joint_gaps((values - simulated[name])[:, None], fit.noise.of(slice(k, k + 1)))[0])
+            for name, values in measured.items() for k in (n + names.index(name),)
+        }  # fmt: skip
+    return result
+
+
+@dataclass(frozen=True)
+class Pair:
+    """Residuals (N, k) of two models, of outputs that were measured together, and the noise (k,) of these."""
+
+    before: Array
+    after: Array
+    noise: Noise
+
+
+def pairs(before: Fit, after: Fit, noise: Noise) -> list[Pair]:
+    """The residuals of all outputs of two fits of the same data."""
+    blocks = before.model.experiments.blocks
+    both = zip(blocks(before.residual), blocks(after.residual), strict=True)
+    return [Pair(first, second, noise.of(columns)) for (columns, first), (_, second) in both]
+
+
+def bic_gain(before: Fit, after: Fit, cost: float, noise: Noise) -> float:
+    """:func:`delta_bic` over all outputs of two fits of the same data. What outputs share counts once: the gain is
+    divided by the largest variance of a value of the larger model over that of independent outputs."""
+    if not before.model.experiments.channels:
+        return delta_bic(before.residual, after.residual, cost, noise)
+    own = [i for i, p in enumerate(after.model.free_parameters) if p.effect is not None and not p.is_shape]
+    variance = after.shared_variance
+    return _bic(pairs(before, after, noise), cost, once=float(variance[own].max() if own else variance.max()))
 
 
 def delta_bic(before: Array, after: Array, cost: float, noise: Noise) -> float:
@@ -61,12 +107,21 @@ def delta_bic(before: Array, after: Array, cost: float, noise: Noise) -> float:
 
     Source: Schwarz, Annals of Statistics 6 (1978), with the effective number of samples of an autoregression.
     """
-    factor = effective_fraction(after)
-    floor = VARIANCE_FLOOR * noise.deviation**2
-    first = np.maximum(np.mean(before**2, axis=0), floor)
-    second = np.maximum(np.mean(after**2, axis=0), floor)
-    count = before.shape[0] * factor
-    return float(np.sum(count * np.log(first / second)) - cost * np.log(max(float(count.sum()), 2.0)))
+    return _bic([Pair(before, after, noise)], cost)
+
+
+def _bic(compared: Sequence[Pair], cost: float, *, once: float = 1.0) -> float:
+    """The same over several outputs; ``once``: by how much more they seem to say than they do."""
+    gains, counts = [], []
+    for pair in compared:
+        floor = VARIANCE_FLOOR * pair.noise.deviation**2
+        first = np.maximum(np.mean(pair.before**2, axis=0), floor)
+        second = np.maximum(np.mean(pair.after**2, axis=0), floor)
+        count = pair.before.shape[0] * effective_fraction(pair.after)
+        gains.append(count * np.log(first / second))
+        counts.append(count)
+    gain, samples = np.sum(np.concatenate(gains)), np.concatenate(counts).sum()
+    return float(gain / once - cost * np.log(max(float(samples), 2.0)))
 
 
 @dataclass(frozen=True)
@@ -117,7 +172,8 @@ def held_out_ratio(before: Fit, after: Fit, *, seed: int = 0) -> Ratio | None:
 
 
 def held_out_ratios(before: Fit, after: Fit, *, seed: int = 0) -> list[tuple[int, Ratio]]:
-    """Joint, from 1, and its ratio of the held-out RMS of two models; empty without held-out data."""
+    """Output, from 1, the joints first, and its ratio of the held-out RMS of two models; empty without held-out data,
+    and without those that were not held out."""
     if not before.model.experiments.validation_labels:
         return []
     try:
@@ -125,29 +181,60 @@ def held_out_ratios(before: Fit, after: Fit, *, seed: int = 0) -> list[tuple[int
     except SimulationError:
         return []
     noise, block = before.noise, held_out_block(before)
-    own = [replace(noise, deviation=noise.deviation[[j]]) for j in range(first.shape[1])]
-    return [(j + 1, rms_ratio(first[:, [j]], second[:, [j]], one, block=block, seed=seed)) for j, one in enumerate(own)]
+    return [
+        (j + 1, rms_ratio(first[:, [j]], second[:, [j]], noise.of(slice(j, j + 1)), block=block, seed=seed))
+        for j in range(first.shape[1]) if j < before.model.joint_count or first[:, j].any()
+    ]  # fmt: skip
 
 
 def held_out_residual(fit: Fit) -> Array:
-    """(Nv, n) residual of all held-out experiments; raises SimulationError."""
-    labels = fit.model.experiments.validation_labels
-    return np.concatenate([fit.residual_in(label) for label in labels])
+    """(Mv, m) residual of all outputs of all held-out experiments, the torque first; raises SimulationError."""
+    experiments = fit.model.experiments
+    labels = experiments.validation_labels
+    if not experiments.channels:
+        return np.concatenate([fit.residual_in(label) for label in labels])
+    return np.concatenate(
+        [experiments.measured_outputs_in(label) - fit.simulation(label).outputs() for label in labels]
+    )  # fmt: skip
 
 
 def held_out_block(fit: Fit) -> int:
-    """Samples in a block of the bootstrap of held-out data."""
-    return max(round(BLOCK_S * fit.model.experiments[fit.model.experiments.validation_labels[0]].rate_hz), 1)
+    """Rows in a block of the bootstrap of held-out data."""
+    experiments = fit.model.experiments
+    one = experiments[experiments.validation_labels[0]]
+    rate = one.rate_hz
+    if experiments.channels:  # all that was measured in a block of time is drawn together
+        rate = one.instants.size / float(np.ptp(one.instants))
+    return max(round(BLOCK_S * rate), 1)
+
+
+def explained_gap(before: Fit, after: Fit, noise: Noise) -> tuple[float, float]:
+    """:func:`explained` over all outputs of two fits of the same data."""
+    return _explained(pairs(before, after, noise))
 
 
 def explained(before: Array, after: Array, noise: Noise) -> tuple[float, float]:
     """Gain by a larger model: RMS in units of the noise, on the joint where it explains most, and the share of
     the gap of all joints."""
-    first = np.mean((before / noise.deviation) ** 2, axis=0)
-    second = np.mean((after / noise.deviation) ** 2, axis=0)
+    return _explained([Pair(before, after, noise)])
+
+
+def _explained(compared: Sequence[Pair]) -> tuple[float, float]:
+    first = np.concatenate([np.mean((pair.before / pair.noise.deviation) ** 2, axis=0) for pair in compared])
+    second = np.concatenate([np.mean((pair.after / pair.noise.deviation) ** 2, axis=0) for pair in compared])
     size = float(np.sqrt(max(float((first - second).max()), 0.0)))
     room = float(np.sum(np.maximum(first - 1, 0.0)))
     return size, float(np.clip(np.sum(first - second) / room, 0.0, 1.0)) if room > 0 else 0.0
+
+
+def part_of_gap(first: Fit, before: Fit, after: Fit, noise: Noise) -> float:
+    """:func:`part_of_first` over all outputs of fits of the same data."""
+    blocks = first.model.experiments.blocks
+    squares = [
+        np.concatenate([np.mean((r / noise.of(columns).deviation) ** 2, axis=0) for columns, r in blocks(f.residual)])
+        for f in (first, before, after)
+    ]
+    return _part_of_first(squares)
 
 
 def part_of_first(first: Array, before: Array, after: Array, noise: Noise) -> float:
@@ -156,7 +243,10 @@ def part_of_first(first: Array, before: Array, after: Array, noise: Noise) -> fl
     Args:
         first, before, after: residuals (N, n) of the first model, and without and with the addition.
     """
-    squares = [np.mean((residual / noise.deviation) ** 2, axis=0) for residual in (first, before, after)]
+    return _part_of_first([np.mean((r / noise.deviation) ** 2, axis=0) for r in (first, before, after)])
+
+
+def _part_of_first(squares: Sequence[Array]) -> float:
     joint = int(np.argmax(squares[1] - squares[2]))
     room = float(squares[0][joint] - 1.0)
     gained = float(squares[1][joint] - squares[2][joint])

@@ -116,6 +116,26 @@ def residual_noise(fit: Fit) -> Noise:
     return pooled([_residual_noise(fit, label) for label in fit.model.estimation_labels])
 
 
+def channel_noise(fit: Fit) -> Noise:
+    """(k,) noise of what is fitted beside the torque: as the case states it, or by what a fit leaves of each at high
+    frequencies."""
+    model, stated = fit.model, fit.model.experiments.stated_deviations
+    deviation, correlation = stated.copy(), np.zeros(stated.size)
+    for k, block in enumerate(model.experiments.output_blocks[1:]):
+        if not np.isnan(stated[k]):
+            continue
+        found = []
+        for log in block.logs:
+            motion_hz = motion_frequency(model.experiments[log.label].reference, model.joint_count)
+            rate_hz = (log.time.size - 1) / float(np.ptp(log.time))
+            found.append(
+                noise_from_residual(fit.residual[log.rows, block.columns], rate_hz=rate_hz, motion_hz=motion_hz)
+            )
+        noise = pooled(found)
+        deviation[k], correlation[k] = noise.deviation[0], noise.correlation[0]
+    return Noise(deviation, correlation, "residual")
+
+
 def without_events(noises: Mapping[str, Noise], fit: Fit) -> tuple[Noise, list[str]]:
     """The noise of the periods, unless the periods differ by more than what the residual holds at high frequencies;
     and a remark where they do.

@@ -109,15 +109,27 @@ class Experiments(Mapping[str, Experiment]):
 
     @cached_property
     def channels(self) -> tuple[str, ...]:
-        """Names of what was measured beside the torque, in the order of the columns after those of the joints."""
-        return tuple(dict.fromkeys(channel.name for e in self.values() for channel in e.channels))
+        """Names of what was measured beside the torque in experiments that are fitted, in the order of the columns
+        after those of the joints; what only a held-out one has is judged there, but in no table."""
+        return tuple(dict.fromkeys(channel.name for e in self._fitted for channel in e.channels))
+
+    @property
+    def _fitted(self) -> list[Experiment]:
+        return [self[label] for label in self.estimation_labels]
 
     @property
     def torque_alone(self) -> Experiments:
-        """The same without what was measured beside the torque."""
+        """The same without what is fitted beside the torque."""
         if not self.channels:
             return self
         return replace(self, by_label={label: replace(e, channels=()) for label, e in self.items()})
+
+    def without_channels(self, names: Sequence[str]) -> Experiments:
+        """The same without some of what was measured beside the torque."""
+        kept = {
+            label: replace(e, channels=tuple(c for c in e.channels if c.name not in names)) for label, e in self.items()
+        }
+        return replace(self, by_label=kept)
 
     @property
     def output_rows(self) -> Mapping[str, slice]:
@@ -129,7 +141,7 @@ class Experiments(Mapping[str, Experiment]):
         return {label: slice(int(first), int(end)) for label, first, end in parts}
 
     def outputs_of(self, label: str, torque: Array, further: Sequence[Array]) -> Array:
-        """(M, m, ...) table over all outputs of an experiment.
+        """(M, m, ...) table over all outputs of an experiment, held out or not.
 
         Args:
             torque: (N, n, ...) of the joints; further: (N', ...) of each of its channels, at their own instants.
@@ -140,8 +152,27 @@ class Experiments(Mapping[str, Experiment]):
         table = np.zeros((experiment.instants.size, n + len(self.channels), *torque.shape[2:]))
         table[experiment.row_of(experiment.time), :n] = torque
         for channel, values in zip(experiment.channels, further, strict=True):
-            table[experiment.row_of(channel.time), n + self.channels.index(channel.name)] = values
+            if channel.name in self.channels:
+                table[experiment.row_of(channel.time), n + self.channels.index(channel.name)] = values
         return table
+
+    def blocks(self, table: Array) -> list[tuple[slice, Array]]:
+        """Columns of the outputs that were measured together, the torques first, and their own samples (N, k, ...) in a
+        table (M, m, ...) over all outputs of the experiments that are fitted."""
+        if not self.channels:
+            return [(slice(0, table.shape[1]), table)]
+        return [(b.columns, np.concatenate([table[log.rows, b.columns] for log in b.logs])) for b in self.output_blocks]
+
+    def output_counts_in(self, labels: Sequence[str]) -> Array:
+        """(m,) samples of each output in these experiments, held out or not."""
+        n = self[self.first].torque.shape[1]
+        counts = np.zeros(n + len(self.channels))
+        for experiment in (self[label] for label in labels):
+            counts[:n] += experiment.time.size
+            for channel in experiment.channels:
+                if channel.name in self.channels:
+                    counts[n + self.channels.index(channel.name)] += channel.time.size
+        return counts
 
     def channels_of(self, label: str, table: Array) -> dict[str, Array]:
         """Name of each channel of an experiment -> its samples (N,) in a table (M, m) over all outputs of that."""
@@ -189,7 +220,7 @@ class Experiments(Mapping[str, Experiment]):
     @property
     def stated_deviations(self) -> Array:
         """(k,) known standard deviations of the noise of each channel; NaN where it is estimated."""
-        stated = {c.name: np.nan if c.deviation is None else c.deviation for e in self.values() for c in e.channels}
+        stated = {c.name: np.nan if c.deviation is None else c.deviation for e in self._fitted for c in e.channels}
         return np.array([stated[name] for name in self.channels])
 
     def torque_of(self, table: Array) -> Array:

@@ -30,12 +30,14 @@ from fmu_didim.cosim import (
     Recording,
     SampleOperator,
     System,
+    measured_output,
     response_key,
     simulate,
 )  # fmt: skip
 from fmu_didim.data.low_pass import LowPass
 from fmu_didim.data.signals import Array
 from fmu_didim.dynamics.prior import Prior
+from fmu_didim.model.channel import Channel
 from fmu_didim.model.experiment import Experiment
 from fmu_didim.model.experiments import Experiments
 from fmu_didim.model.external_torque import EXTERNAL_TORQUE, ExternalTorque, held, with_external_torques
@@ -154,7 +156,7 @@ class LoopModel:
 
     @property
     def torque_alone(self) -> LoopModel:
-        """The same model without what was measured beside the torque."""
+        """The same model without what is fitted beside the torque."""
         return replace(self, experiments=self.experiments.torque_alone)
 
     def with_values(self, values: Array) -> LoopModel:
@@ -233,6 +235,10 @@ class LoopModel:
         """(N, n) measured minus simulated torque of an experiment, by default of all that are fitted."""
         measured = self.measured if label is None else self.experiments.measured_in(label)
         return measured - self.torque(values, label)
+
+    def output_residual(self, values: Array) -> Array:
+        """(M, m) measured minus simulated outputs of the experiments that are fitted; raises SimulationError."""
+        return self.measured_outputs - self.outputs(values)
 
     def allowed_workers(self, values: Array) -> int:
         """How many simulations may run at once: ``workers``, or one where Python runs the loop or an FMU of another
@@ -401,6 +407,26 @@ class Simulation:
             recording, self.logged_torque(recording), lambda name: recording.table([name], sampled=True)[:, 0]
         )
 
+    def channels(self) -> dict[str, Array]:
+        """Name of each signal that was measured beside the torque -> (N,) as simulated at its own samples; raises
+        DivergedError, SimulationError."""
+        recording, found = self.record(ticks=self.output_ticks), dict[str, Array]()
+        for channel in self.experiment.channels:
+            signal = recording.table([self.signal_of(channel)], sampled=True)[:, 0]
+            found[channel.name] = self._sampled_by(channel.operator, signal, recording)
+        return found
+
+    def signal_of(self, channel: Channel) -> str:
+        """The ``component.output`` that a channel shows, behind the effects of an encoder that were added."""
+        return measured_output(self.model.loop.systems[self.label], channel.signal)
+
+    def _sampled_by(self, operator: SampleOperator, values: Array, recording: Recording) -> Array:
+        """(N, ...) samples by an operator of values (K, ...) at ``output_ticks``; raises DivergedError."""
+        found = operator.apply(values[np.searchsorted(self.output_ticks, operator.ticks)])
+        if not np.isfinite(found).all():
+            raise DivergedError("A simulated output is not finite.", time=float(recording.time[-1]))
+        return found
+
     @property
     def output_ticks(self) -> NDArray[np.int64]:
         """Ticks that the samples of all outputs need."""
@@ -417,17 +443,9 @@ class Simulation:
         experiments = self.model.experiments
         if not experiments.channels:
             return self.sampled(torque)
-        ticks = self.output_ticks
-
-        def samples(operator: SampleOperator, values: Array) -> Array:
-            found = operator.apply(values[np.searchsorted(ticks, operator.ticks)])
-            if not np.isfinite(found).all():
-                raise DivergedError("A simulated output is not finite.", time=float(recording.time[-1]))
-            return found
-
-        further = [samples(channel.operator, signal(channel.signal)) for channel in self.experiment.channels]
+        further = [self._sampled_by(c.operator, signal(self.signal_of(c)), recording) for c in self.experiment.channels]
         return experiments.outputs_of(
-            self.label, experiments.filtered(samples(self.operator, torque), self.label), further
+            self.label, experiments.filtered(self._sampled_by(self.operator, torque, recording), self.label), further
         )
 
     def sampled_torque(self, recording: Recording) -> Array:

@@ -39,18 +39,26 @@ RESIDUAL_CHARTS = (
 
 @dataclass(frozen=True)
 class ExperimentCharts:
-    """What is drawn of an experiment: title, length of the log, torque and residual."""
+    """What is drawn of an experiment: title, length of the log, torque and residual; and what else was measured."""
 
     title: str
     length: str
     torque: Chart
     residual: Residual
+    channels: Chart | None = None
 
 
 def torque_sections(parts: Sequence[ExperimentCharts]) -> list[Section]:
-    """Torque and residual over time, an experiment a section."""
+    """Torque, what else was measured, and their residuals over time, an experiment a section."""
     return [
-        Section(capitalised(part.title), [note(f"{part.length}. {OVER_TIME}"), Charts([part.torque])]) for part in parts
+        Section(
+            capitalised(part.title),
+            [
+                note(f"{part.length}. {OVER_TIME}"),
+                Charts([part.torque, *([] if part.channels is None else [part.channels])]),
+            ],
+        )
+        for part in parts
     ]
 
 

@@ -11,7 +11,6 @@ import numpy as np
 from fmu_didim.base.diagnostics import REMARK, Diagnostic, by_weight
 from fmu_didim.base.errors import FmuDidimError
 from fmu_didim.checks.agreement import AgreementResult
-from fmu_didim.checks.channels import channel_errors
 from fmu_didim.checks.consistency import Consistency
 from fmu_didim.checks.identification import Checks
 from fmu_didim.checks.judgement import diagnostic_result
@@ -23,6 +22,7 @@ from fmu_didim.fit.statistics import correlation, relative_error_percent
 from fmu_didim.model.free_parameter import BASE, PLANT
 from fmu_didim.model.loop_model import LoopModel
 from fmu_didim.results.result import (
+    ChannelErrorResult,
     ChannelResult,
     ConsistencyResult,
     ErrorResult,
@@ -128,11 +128,10 @@ def _joint(estimate: Estimate) -> JointResult | None:
     joint = estimate.joint
     if joint is None:
         return None
-    errors = channel_errors(estimate)
     channels = {
         c.name: ChannelResult(
             unit=c.unit, samples=c.samples, noise_std=c.deviation, noise_is_stated=c.is_stated, rms=c.rms,
-            correlation=c.lag_one, inflation=c.inflation, errors={e.label: e.rms for e in errors if e.name == c.name},
+            correlation=c.lag_one, inflation=c.inflation,
         )
         for c in joint.channels
     }  # fmt: skip
@@ -197,6 +196,17 @@ def _experiment(model: LoopModel, validation: Validation, agreement: AgreementRe
         relative_error_percent=_errors(validation.total_percent, validation.per_joint_percent),
         agreement=agreement,
         failure=validation.failure,
+        channels={
+            name: ChannelErrorResult(
+                unit=c.unit,
+                samples=c.time.size,
+                rms=c.rms,
+                relative_error_percent=c.relative_error_percent,
+                std=c.deviation,
+                file=f"channel_{validation.label}_{k}.csv",
+            )
+            for k, (name, c) in enumerate(validation.channels.items(), start=1)
+        },
     )
     return _data(model, validation.label).model_copy(update=found)
 

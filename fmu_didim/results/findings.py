@@ -97,6 +97,9 @@ class FindingResult(_Document):
     experiment: str = Field(description="what would split it from the ambiguous ones")
     gap: dict[str, GapPair] = Field(description="by label of the experiment")
     ratio_interval: tuple[Number, Number] | None = Field(description="95 % interval of the held-out RMS ratio")
+    channels: dict[str, dict[str, GapPair]] = Field(
+        {}, description="label of the experiment -> signal beside the torque -> its gap"
+    )
 
 
 class RegionResult(_Document):
@@ -150,6 +153,20 @@ class NoiseResult(_Document):
     correlation: list[float]
     period_s: Number
     periods: int
+
+
+class ChannelResult(_Document):
+    """A signal that was measured beside the torque.
+
+    Attributes:
+        unit: SI; std: standard deviation of its noise; correlation: of neighbouring samples.
+        gap: label of the experiment -> its gap with the base and with the final model.
+    """
+
+    unit: str
+    std: float
+    correlation: float
+    gap: dict[str, GapPair]
 
 
 class UnfinishedResult(_Document):
@@ -207,7 +224,7 @@ class FindingsDocument(_Document):
         name: of the case.
         findings: the effects that were named, in the order in which they were added.
         ratio_interval: 95 % interval of the RMS of final over base model on held-out data; null without.
-        noise: of the torque logs.
+        noise: of the torque logs; channels: name of each signal that counts beside the torque -> its noise and gap.
         regions: where the residual of the base model has a mean of its own.
         windows: intervals of time with a torque from outside.
         base_parameters: the parameters of the base model in the final fit; base_fit: in the fit without the effects.
@@ -231,6 +248,7 @@ class FindingsDocument(_Document):
     error_percent: dict[str, tuple[Number, Number]] = Field(description="relative torque error before and after")
     ratio_interval: tuple[Number, Number] | None
     noise: NoiseResult
+    channels: dict[str, ChannelResult] = Field({})
     regions: list[RegionResult]
     windows: list[WindowResult]
     refused: list[tuple[str, int, str]] = Field(description="effect, joint, why it was not accepted")

@@ -12,6 +12,7 @@ from fmu_didim.base.constants import Deciding, recorded
 from fmu_didim.checks import (
     channels,
     held_out,
+    held_out_channels,
     identification,
     motion_dependence,
     physical,
@@ -62,6 +63,7 @@ DECIDING = (
     (motion_dependence, ("MOTION_CHANCE", "SIGNIFICANT")),
     (sampling_kind, ("NEARLY",)),
     (held_out, ("HELD_OUT_RATIO", "HELD_OUT_CHANCE")),
+    (held_out_channels, ("ROUNDING_PERCENT",)),
     (confounding, ("COLLINEAR", "INFLATION")),
     (physical, ("NEGATIVE_FRICTION", "FALSE_UNPHYSICAL")),
 )

@@ -20,7 +20,7 @@ from fmu_didim.checks.agreement import AgreementResult
 from fmu_didim.checks.consistency import ColumnResult
 from fmu_didim.checks.judgement import DiagnosticResult, Verdict
 from fmu_didim.checks.residual import NoiseResult
-from fmu_didim.checks.validation import Validation
+from fmu_didim.checks.validation import ChannelValidation, Validation
 from fmu_didim.data.signals import Trajectory, trajectory, write_csv
 from fmu_didim.data.tables import read_table
 
@@ -131,6 +131,24 @@ class InitialStateResult(Saved):
     values: dict[str, float] = Field(default_factory=dict)
 
 
+class ChannelErrorResult(Saved):
+    """A signal that was measured beside the torque in an experiment, and as simulated there.
+
+    Attributes:
+        unit: SI; samples: its instants.
+        rms: root mean square of measured minus simulated.
+    """
+
+    unit: str
+    samples: int
+    rms: Number
+    relative_error_percent: Number = Field(
+        description="100 |y - y_s| / |y - mean(y)|, of what the signal moves; null where it rests"
+    )
+    std: Number = Field(default=None, description="of its noise as the case states it; null where it does not")
+    file: str = Field(description="CSV file with the signal, measured and simulated")
+
+
 class ExperimentResult(Saved):
     """One experiment.
 
@@ -149,6 +167,9 @@ class ExperimentResult(Saved):
     agreement: AgreementResult | None = Field(description="null where fewer than two experiments are fitted")
     failure: str = Field(default="", description="why it could not be simulated")
     initial_state: InitialStateResult = Field(default=InitialStateResult(), description="where it starts")
+    channels: dict[str, ChannelErrorResult] = Field(
+        default={}, description="name of each signal that was measured beside the torque -> its error"
+    )
 
 
 class IntegrationResult(Saved):
@@ -166,7 +187,6 @@ class ChannelResult(Saved):
         samples: in all fitted experiments; noise_std: standard deviation of its noise; noise_is_stated: by the case.
         rms: root mean square of the residual; correlation: of its neighbouring samples.
         inflation: of standard deviations that come from it, over those of white noise.
-        errors: label of each experiment -> root mean square of measured minus simulated there.
     """
 
     unit: str
@@ -176,7 +196,6 @@ class ChannelResult(Saved):
     rms: Number
     correlation: Number
     inflation: Number
-    errors: dict[str, Number]
 
 
 class JointResult(Saved):
@@ -308,6 +327,10 @@ def save_result(document: ResultDocument, validations: Sequence[Validation], dir
             write_csv(trajectory(np.asarray(v.time), columns), directory / document.signals[v.label], digits=ALL_DIGITS)
         if v.label in document.simulated and v.every is not None:
             write_csv(v.every, directory / document.simulated[v.label], digits=ALL_DIGITS)
+        for name, saved in document.experiments[v.label].channels.items() if v.channels else ():
+            channel = v.channels[name]
+            columns = {"measured": channel.measured, "simulated": channel.simulated}
+            write_csv(trajectory(np.asarray(channel.time), columns), directory / saved.file, digits=ALL_DIGITS)
     path = directory / RESULT_FILE
     path.write_text(document.model_dump_json(indent=2) + "\n", encoding="utf-8")
     return path
@@ -352,9 +375,21 @@ def read_validations(document: ResultDocument, directory: Path) -> tuple[Validat
                 label, document.experiments[label].role, table.time, measured, simulated,
                 _number(errors.total), np.array([_number(e) for e in errors.per_joint]),
                 every=_table(directory / every) if every and is_file(directory / every) else None, motion=motion,
+                channels=_channels(document.experiments[label], directory),
             )
         )  # fmt: skip
     return tuple(found)
+
+
+def _channels(experiment: ExperimentResult, directory: Path) -> dict[str, ChannelValidation]:
+    """What was measured beside the torque in an experiment, as far as its tables exist."""
+    found = {}
+    for name, saved in experiment.channels.items():
+        if is_file(directory / saved.file):
+            table = _table(directory / saved.file)
+            measured, simulated = table.column("measured"), table.column("simulated")
+            found[name] = ChannelValidation(saved.unit, table.time, measured, simulated, saved.std)
+    return found
 
 
 def _number(value: float | None) -> float:

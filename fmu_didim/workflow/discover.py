@@ -71,7 +71,14 @@ def discover(
     search = Progress.limited(progress or (lambda text: None), time_limit)
     folder = None if out is None else result_folder(out, figures=figures)
     case = checked_case(case, folder, objects)
-    model = _without_prior(case).torque_alone
+    model = _without_prior(case)
+    if model.loop.torque_is_given:
+        raise InputError(
+            "The loop is open: the torque is given, so that it shows nothing of what the model lacks.",
+            where="connections", got=", ".join(model.experiments.channels) or "no measured:",
+            next_step="Look at identify, whose motion-unexplained says whether the model lacks something; to name it, "
+            "use a log of the closed loop.",
+        )  # fmt: skip
     places = (Path(), case.folder)
     forbidden, preferred, further = ([effect_name(e, *places) for e in given] for given in (forbid, prefer, effects))
     catalogue = effect_catalogue(further)

@@ -15,7 +15,8 @@ import pytest
 from fmu_didim.base.errors import InputError
 from fmu_didim.campaigns.planning.truth import simulated_truth
 from fmu_didim.case import Case, load_case
-from fmu_didim.checks.channels import channel_diagnostics, channel_errors
+from fmu_didim.checks.channels import channel_diagnostics
+from fmu_didim.checks.validation import validate
 from fmu_didim.data.signals import Trajectory, trajectory
 from fmu_didim.fit.estimate import Estimate
 from fmu_didim.model.loop_model import LoopModel
@@ -126,8 +127,9 @@ def estimate_with(tmp_path: Path, log: Trajectory, **entry: Any) -> Estimate:
 def test_right_sensors_are_not_doubted(tmp_path: Path) -> None:
     found = estimate_with(tmp_path, log_of(), std={"q1": ENCODER, "q2": ENCODER})
     assert channel_diagnostics(found) == []
-    assert [(e.label, e.name) for e in channel_errors(found)] == [("estimation", "q1"), ("estimation", "q2")]
-    assert [e.rms for e in channel_errors(found)] == pytest.approx([ENCODER] * 2, rel=0.15)
+    shown = validate(found.model, found.value, "estimation").channels
+    assert list(shown) == ["q1", "q2"]
+    assert [c.rms for c in shown.values()] == pytest.approx([ENCODER] * 2, rel=0.15)
 
 
 @pytest.mark.parametrize(
@@ -169,7 +171,7 @@ def test_result_and_report_show_both_answers(tmp_path: Path) -> None:
     assert "Torque with q1, q2" in text and "torque alone" in text and "σ ratio" in text
 
 
-def test_discovery_looks_at_the_torque_alone(written: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_discovery_looks_at_all_that_was_measured(written: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     seen: list[LoopModel] = []
 
     def asked(model: LoopModel, *_: object) -> None:
@@ -180,8 +182,7 @@ def test_discovery_looks_at_the_torque_alone(written: Path, monkeypatch: pytest.
     case = with_file(written)
     with pytest.raises(InterruptedError):
         discover(case)
-    assert case.model.experiments.channels == ("q1", "q2")
-    assert seen[0].experiments.channels == ()
+    assert seen[0].experiments.channels == ("q1", "q2")
 
 
 def test_campaigns_refuse_it(written: Path) -> None:

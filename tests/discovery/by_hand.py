@@ -70,6 +70,9 @@ class TableModel:
     def start(self) -> Array:
         return np.array([parameter.value for parameter in self.free_parameters])
 
+    def output_residual(self, values: Array) -> Array:
+        return self.residual(values)
+
     def allowed_workers(self, values: Array) -> int:
         return self.workers
 
@@ -86,6 +89,10 @@ class TableExperiments(dict[str, Any]):
     def __init__(self, model: TableModel) -> None:
         super().__init__({label: SimpleNamespace(rate_hz=model.rate_hz) for label in ("fitted", *model.held_out)})
         self.validation_labels, self.low_pass = tuple(model.held_out), None
+        self.estimation_labels, self.channels = ("fitted",), ()
+
+    def blocks(self, table: Array) -> list[tuple[slice, Array]]:
+        return [(slice(0, table.shape[1]), table)]
 
 
 def fit_of(
@@ -106,14 +113,14 @@ def table_fit(*mean_squares: float, held_out: Mapping[str, Array | None] | None 
 
 def candidate_of(
     effect: str = "coulomb", joint: int = 1, *, bic: float = 100.0, size: float = 3.0, share: float = 0.5,
-    torque_change: float = 3.0, cost: float = 1.0, fit: Fit | None = None,
+    change: float = 3.0, cost: float = 1.0, fit: Fit | None = None,
 ) -> FittedCandidate:  # fmt: skip
     """A candidate that is accepted as it stands."""
     at = EffectAtJoint(effect, joint)
     parameter = FreeParameter(f"{effect}{joint}", "N.m", PLANT, f"{effect}{joint}", 2.5, 1.0, effect=0)
     if fit is None:
         fit = fit_of(TableModel(residual(10.0), {}, (at,), (parameter,)), values=[2.5])
-    return FittedCandidate(at, fit, bic, size, share, torque_change, cost)
+    return FittedCandidate(at, fit, bic, size, share, change, cost)
 
 
 def effect_of(name: str, *, class_name: str | None = None, place: str = "joint", **more: Any) -> Any:

@@ -128,6 +128,8 @@ def arm_case(
     sigma: float = 0.1,
     gear: Mapping[str, float] | None = None,
     held_out: bool = True,
+    encoder: float | None = None,
+    scale: float = 1.0,
 ) -> Path:
     """Case of the arm, whose plant has further effects on joint 1 that the robot description of the case lacks.
 
@@ -136,6 +138,7 @@ def arm_case(
         late_s: how late the torque log is stamped; its torque is interpolated between the ticks of the control.
         sigma: of the white noise on joint 1, a third of it on joint 2; held_out: whether there is a validation run.
         gear: parameters of the elastic gear of joint 1, which the description of the case has, too.
+        encoder: noise of positions that are measured at 100 Hz, rad; None without; scale: of them, where it is wrong.
     """
     added = added or {}
     model = arm_model(folder, joints=joints, rate_hz=rate_hz, effects={1: tuple(added)}, values=added, gear=gear)
@@ -149,8 +152,9 @@ def arm_case(
         motion = sines(8.0, joints=joints, period_s=period_s)
         write_csv(motion, folder / f"{label}_reference.csv")
         every = sample_operator(motion.time, start=0.0, step=1 / RATE, tick_count=motion.time.size)
-        run = model.with_experiment(model.first, replace(experiment, reference=motion, operator=every))
-        command = run.torque(run.start)
+        moved = model.with_experiment(model.first, replace(experiment, reference=motion, operator=every))
+        run = moved.simulation(moved.start, moved.first)
+        command = run.torque()
         noise = deviation * rng.normal(size=experiment.torque.shape)
         shown = experiment.time - late_s
         columns = {f"tau{j + 1}": np.interp(shown, motion.time, command[:, j]) + noise[:, j] for j in range(joints)}
@@ -158,6 +162,14 @@ def arm_case(
         document[label] = {
             "reference": {"file": f"{label}_reference.csv"}, "torque": {"file": f"{label}_torque.csv"},
         }  # fmt: skip
+        if encoder is not None:
+            names = [f"q{j + 1}" for j in range(joints)]
+            recording = run.record(all_ticks=True)
+            at = recording.table([f"plant.{name}" for name in names], sampled=True)[::2]
+            shown_at = scale * at + encoder * rng.normal(size=at.shape)
+            encoders = trajectory(recording.time[::2], dict(zip(names, shown_at.T, strict=True)))
+            write_csv(encoders, folder / f"{label}_encoders.csv", digits=9)
+            document[label]["measured"] = {"file": f"{label}_encoders.csv"}
     robot = arm_document(joints, gear=gear)
     (folder / "robot.yaml").write_text(yaml.safe_dump(robot, sort_keys=False), encoding="utf-8")
     (folder / "case.yaml").write_text(yaml.safe_dump(document, sort_keys=False), encoding="utf-8")

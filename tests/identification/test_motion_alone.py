@@ -12,7 +12,7 @@ from fmu_didim.base.errors import InputError
 from fmu_didim.case import Case, load_case
 from fmu_didim.data.signals import Array, Trajectory, trajectory
 from fmu_didim.fit.estimate import Estimate
-from fmu_didim.workflow import identify
+from fmu_didim.workflow import discover, identify
 from tests.helpers import ROOT
 
 RATE = 200
@@ -113,6 +113,12 @@ def test_motion_that_the_model_does_not_explain_is_doubted() -> None:
     result = identify(case_of(trajectory(t, {"q1": wrong[:, 0], "q2": wrong[:, 1]})))
     assert result.document.verdict == "doubtful"
     assert "motion-unexplained" in {reason.code for reason in result.document.reasons}
+
+
+def test_discovery_does_not_call_an_open_loop_complete() -> None:
+    t, q = motion()
+    with pytest.raises(InputError, match=r"The loop is open[\s\S]*motion-unexplained"):
+        discover(case_of(trajectory(t, {"q1": q[:, 0], "q2": q[:, 1]})))
 
 
 @pytest.mark.parametrize(("measured", "estimator"), [(False, {"kind": "clie"}), (True, {"kind": "didim"})])

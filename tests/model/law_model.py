@@ -146,6 +146,9 @@ class LawModel:
     def simulation(self, values: Array, label: str) -> LawSimulation:
         return LawSimulation(self, values, label)  # type: ignore[arg-type]
 
+    def output_residual(self, values: Array) -> Array:
+        return self.residual(values)
+
     def residual(self, values: Array, label: str | None = None) -> Array:
         measured = self.measured if label is None else self.data[label]
         return measured - self.torque(values, label)
@@ -169,6 +172,10 @@ class LawExperiments(dict[str, Any]):
         for label, table in model.data.items():
             self.rows[label] = slice(first, first + table.shape[0])
             first += table.shape[0]
+        self.estimation_labels = tuple(self.rows)
+
+    def blocks(self, table: Array) -> list[tuple[slice, Array]]:
+        return [(slice(0, table.shape[1]), table)]
 
 
 class LawSimulation(Simulation):

@@ -56,11 +56,11 @@ SAME_SHAPE = 12
 
 @dataclass(frozen=True)
 class Signature:
-    """The change of the torque at the samples by an effect.
+    """The change of all outputs at the samples by an effect, the torque first.
 
     Attributes:
         effect_at: effect and joint; shapes: values of all parameters but the amplitudes.
-        columns: (N, n, m), for one unit of each of the amplitudes named in ``amplitudes``.
+        columns: (M, m, w), for one unit of each of the amplitudes named in ``amplitudes``.
         neutral: value of each amplitude without the effect.
         inverse: whether the columns are for one unit of the inverse of the amplitude, a compliance for a stiffness.
     """
@@ -96,8 +96,10 @@ class SignatureCatalogue:
         self.builder, self.fit = builder, fit
         self._signatures: list[Signature] = []
         self._motions = [_ExperimentMotion.of(builder, fit, label) for label in fit.model.estimation_labels]
-        torque, rows = fit.torque, fit.model.experiments.rows
-        self._beginnings = {label: Beginning.of(fit.simulation(label), torque[part]) for label, part in rows.items()}
+        rows = fit.model.experiments.output_rows
+        self._beginnings = {
+            label: Beginning.of(fit.simulation(label), fit.outputs[part]) for label, part in rows.items()
+        }  # fmt: skip
         smooth = [c for c in candidates if builder.effect(c).is_smooth and builder.at(c).can_be_added]
         derived = self._by_derivatives(smooth) if smooth else {}
         progress, left = progress or Progress(), list[EffectAtJoint]()
@@ -172,7 +174,7 @@ class SignatureCatalogue:
         model = self.builder.build(fit.model, [Proposal(effect_at, own, dict.fromkeys(amplitudes, size))])
         first = len(fit.model.free_parameters)
         places = [i for i in range(first, len(model.free_parameters)) if not model.free_parameters[i].is_shape]
-        columns = sensitivity(model, model.start, fit.torque, only=places)
+        columns = sensitivity(model, model.start, fit.outputs, only=places)
         return Signature(effect_at, {}, tuple(amplitudes), columns, own)
 
     def _defaults(self, effect_at: EffectAtJoint, effect: Effect) -> dict[str, float]:
@@ -246,7 +248,7 @@ class SignatureCatalogue:
     def _derivatives(
         self, shapes_at: Mapping[EffectAtJoint, Mapping[str, float]]
     ) -> dict[EffectAtJoint, tuple[tuple[str, ...], Array]] | None:
-        """Names of the parameters of each effect and the derivatives (N, n, m) by them, at these shapes."""
+        """Names of the parameters of each effect and the derivatives (M, m, w) by them, at these shapes."""
         proposals = [Proposal(a, {**self.builder.effect(a).neutral, **shapes}) for a, shapes in shapes_at.items()]
         model = self.builder.build(self.fit.model, proposals)
         first = len(self.fit.model.free_parameters)
@@ -271,17 +273,17 @@ class SignatureCatalogue:
         }
 
     def _difference(self, model: LoopModel) -> Array:
-        """(N, n) change of the torque in another model; zero where it cannot be simulated."""
-        torque = self.fit.torque
+        """(M, m) change of the outputs in another model; zero where it cannot be simulated."""
+        outputs = self.fit.outputs
         try:
             parts = [
                 change_of_outputs(
-                    model.simulation(model.start, label), torque[part], self._beginnings[label], tolerance=REPEATS
+                    model.simulation(model.start, label), outputs[part], self._beginnings[label], tolerance=REPEATS
                 )
-                for label, part in self.fit.model.experiments.rows.items()
+                for label, part in self.fit.model.experiments.output_rows.items()
             ]
         except SimulationError:
-            return np.zeros_like(torque)
+            return np.zeros_like(outputs)
         return np.concatenate(parts)
 
 

@@ -20,6 +20,7 @@ from scipy import fft, sparse
 from scipy.linalg import toeplitz
 
 from fmu_didim.base.errors import SimulationError
+from fmu_didim.cosim import SampleOperator
 from fmu_didim.data.signals import Array
 from fmu_didim.fit.fit import Fit
 from fmu_didim.model.external_torque import ExternalTorque
@@ -42,29 +43,35 @@ DWELL_S = (0.01, 0.2)
 
 @dataclass(frozen=True)
 class LoadResponse:
-    """The response of the logged torque to loads.
+    """The response of the logged torque, and of what else is measured, to loads.
 
     Attributes:
         ticks: (K,) of the control at which loads are taken, equally spaced.
-        taps: (L, n, n) g: response of joint i, second axis, to joint j, third.
-        sampling: (N, K) from the response at the ticks to the samples of the log.
+        taps: (L, m, n) g: response of output i, second axis, the torques first, to joint j, third.
+        sampling: (N, K) from the response at the ticks to the samples of the log; further: the same of each channel.
+        run: the experiment.
     """
 
     ticks: NDArray[np.int64]
     taps: Array
     sampling: sparse.csr_array
+    further: tuple[sparse.csr_array, ...]
+    run: Simulation
 
     def at_samples(self, columns: Array) -> Array:
-        """(K, n, m) loads at the ticks -> (N, n, m) change of the logged torque."""
+        """(K, n, w) loads at the ticks -> (M, m, w) change of all outputs."""
         count, joints, width = columns.shape
-        answer = np.zeros((joints, width, self._spectrum.shape[2]), dtype=complex)
+        answer = np.zeros((self.taps.shape[1], width, self._spectrum.shape[2]), dtype=complex)
         for j in np.flatnonzero(columns.any(axis=(0, 2))):
             held = np.ascontiguousarray(columns[:, j].T)
             held[:, :-1] = 0.5 * (held[:, :-1] + held[:, 1:])
             answer += self._spectrum[j][:, None] * fft.rfft(held, self._size)
         whole = fft.irfft(answer, self._size)[:, :, :count]
-        flat = np.ascontiguousarray(whole.transpose(2, 0, 1)).reshape(count, -1)
-        return np.asarray(self.sampling @ flat).reshape(-1, joints, width)
+        flat = np.ascontiguousarray(whole[:joints].transpose(2, 0, 1)).reshape(count, -1)
+        torque = np.asarray(self.sampling @ flat).reshape(-1, joints, width)
+        own = zip(self.further, whole[joints:], strict=True)
+        channels = [np.asarray(sampling @ np.ascontiguousarray(answers.T)) for sampling, answers in own]
+        return self.run.model.experiments.outputs_of(self.run.label, torque, channels)
 
     @cached_property
     def _size(self) -> int:
@@ -72,7 +79,7 @@ class LoadResponse:
 
     @cached_property
     def _spectrum(self) -> Array:
-        """(n, n, frequencies) of the taps: by the joint with the load, then the joint that answers."""
+        """(n, m, frequencies) of the taps: by the joint with the load, then the output that answers."""
         return np.asarray(fft.rfft(np.ascontiguousarray(self.taps.transpose(2, 1, 0)), self._size))
 
 
@@ -92,14 +99,15 @@ def load_response(fit: Fit, label: str, *, seed: int = 0) -> LoadResponse:
     table = toeplitz(switched, np.zeros(length))
     normal = np.linalg.pinv(table.T @ table, hermitian=True) @ table.T
     try:
-        still = _command(run, ())
+        still = _signals(run, ())
         joints = range(1, model.joint_count + 1)
         tasks = [_answer(run, still, switched, time[ticks], j) for j in joints]
         answers = side_by_side(tasks, model.allowed_workers(fit.values))
         taps = -np.stack([normal @ answer[ticks] for answer in answers], axis=2)
     except SimulationError:
-        taps = np.eye(model.joint_count)[None]
-    return LoadResponse(ticks, taps, _sampling(run, every, ticks.size))
+        taps = np.eye(model.joint_count + len(run.experiment.channels), model.joint_count)[None]
+    further = tuple(_sampling(channel.operator, every, ticks.size) for channel in run.experiment.channels)
+    return LoadResponse(ticks, taps, _sampling(run.operator, every, ticks.size), further, run)
 
 
 def _telegraph(count: int, step: float, rng: np.random.Generator) -> Array:
@@ -113,7 +121,7 @@ def _telegraph(count: int, step: float, rng: np.random.Generator) -> Array:
 
 
 def _answer(run: Simulation, still: Array, switched: Array, time: Array, joint: int) -> Callable[[], Array]:
-    """A function that simulates the change (ticks, n) of the command by the two-level torque on a joint of size one."""
+    """A function that simulates the change (ticks, m) of the outputs by the two-level torque on a joint of size one."""
 
     def simulated() -> Array:
         size = SIZE * float(np.sqrt(np.mean(run.model.experiments.measured_in(run.label)[:, joint - 1] ** 2)))
@@ -124,20 +132,24 @@ def _answer(run: Simulation, still: Array, switched: Array, time: Array, joint: 
             ExternalTorque(joint, float(a), float(b), float(level))
             for a, b, level in zip(time[edges], ends, levels, strict=True)
         ]
-        return (_command(run, external_torques) - still) / size
+        return (_signals(run, external_torques) - still) / size
 
     return simulated
 
 
-def _command(run: Simulation, further: Sequence[ExternalTorque]) -> Array:
-    """(ticks, n) command at all ticks, without the external torques."""
+def _signals(run: Simulation, further: Sequence[ExternalTorque]) -> Array:
+    """(ticks, m) command at all ticks, without the external torques, and the channels of the experiment."""
     run = run.on(replace(run.experiment, external_torques=(*run.experiment.external_torques, *further)))
-    return run.logged_torque(run.record(all_ticks=True))
+    recording = run.record(all_ticks=True)
+    torque = run.logged_torque(recording)
+    if not run.experiment.channels:
+        return torque
+    names = [run.signal_of(channel) for channel in run.experiment.channels]
+    return np.concatenate([torque, recording.table(names, sampled=True)], axis=1)
 
 
-def _sampling(run: Simulation, every: int, count: int) -> sparse.csr_array:
-    """(N, K): straight lines between the ticks of the response, then the samples of the log."""
-    operator = run.operator
+def _sampling(operator: SampleOperator, every: int, count: int) -> sparse.csr_array:
+    """(N, K): straight lines between the ticks of the response, then the samples of an operator."""
     place = np.minimum(operator.ticks / every, count - 1.0)
     left = np.minimum(place.astype(int), max(count - 2, 0))
     part = place - left

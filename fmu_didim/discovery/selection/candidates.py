@@ -40,7 +40,7 @@ class FittedCandidate:
     Attributes:
         effect_at: effect and joint; fit: of the model with it; delta_bic: over the model without.
         size: the part of the residual that only it can explain, in units of the noise; share: of the gap.
-        torque_change: of switching it off while nothing else changes, in units of the noise.
+        change: of an output, such as a torque, by switching it off while nothing else changes, in units of the noise.
         cost: parameters that it counts as, without amplitudes that change nothing here, such as a mass on an axis.
         implausible: why its values are not significant or not possible, or an empty string.
     """
@@ -50,7 +50,7 @@ class FittedCandidate:
     delta_bic: float
     size: float
     share: float
-    torque_change: float
+    change: float
     cost: float
     implausible: str = ""
 

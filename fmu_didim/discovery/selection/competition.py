@@ -30,7 +30,7 @@ from fmu_didim.discovery.selection.plausible import implausible
 from fmu_didim.fit.base_projection import BaseProjection
 from fmu_didim.fit.derivatives.sensitivity import sensitivity
 from fmu_didim.fit.fit import Fit
-from fmu_didim.fit.gap import delta_bic, explained, joint_gaps
+from fmu_didim.fit.gap import bic_gain, explained_gap, joint_gaps
 from fmu_didim.fit.noise.noise import effective_fraction
 from fmu_didim.fit.solver.accuracy import with_fitting_substeps
 from fmu_didim.fit.solver.least_squares import minimise
@@ -95,7 +95,8 @@ class Competition:
         """All candidates that are not in the model yet, each at its best shapes, the best first."""
         builder, fit, base = self.builder, self.fit, self.base
         residual = base.rest_of(base.weighted(fit.residual))
-        count = float(np.sum(effective_fraction(fit.residual)) * fit.residual.shape[0])
+        blocks = [own for _, own in fit.model.experiments.blocks(fit.residual)]
+        count = sum(float(np.sum(effective_fraction(own)) * own.shape[0]) for own in blocks)
         found: dict[EffectAtJoint, list[ScreenedCandidate]] = {}
         # A class is named once on a joint: a second member would only correct the form of the first.
         named = {(builder.effect(a).class_name, a.joint) for a in fit.model.added_effects}
@@ -203,7 +204,8 @@ class Competition:
 
     def _largest_gap_first(self, chosen: Sequence[ScreenedCandidate]) -> list[ScreenedCandidate]:
         """Candidates by the gap of their joint, those of no joint in particular first."""
-        gaps = joint_gaps(self.fit.residual, self.fit.noise)
+        torque = self.fit.torque_alone
+        gaps = joint_gaps(torque.residual, torque.noise)
 
         def gap(candidate: ScreenedCandidate) -> float:
             effect_at = candidate.effect_at
@@ -252,7 +254,7 @@ class Competition:
                 model = self.builder.build(self.fit.model, [proposal])
                 low, high = model.free_parameters.limits
                 try:
-                    residual = model.residual(np.clip(model.start, low, high))
+                    residual = model.output_residual(np.clip(model.start, low, high))
                 except SimulationError:
                     continue
                 cost = float(np.sum(self.base.rest_of(self.base.weighted(residual)) ** 2))
@@ -267,27 +269,34 @@ class Competition:
         own = [i for i, p in enumerate(found.model.free_parameters) if p.effect == index and not p.is_shape]
         absent = len(builder.at(effect_at).amplitudes) - len(own)
         cost = builder.at(effect_at).cost - absent - _idle(found.jacobian[:, :, own])
-        gain = delta_bic(fit.residual, found.residual, cost, fit.noise)
-        size, share = explained(fit.residual, found.residual, fit.noise)
-        raw = self.torque_change_without(effect_at, found)
+        gain = bic_gain(fit, found, cost, fit.noise)
+        size, share = explained_gap(fit, found, fit.noise)
+        raw = self.change_without(effect_at, found)
         whole = replace(found, model=replace(found.model, workers=fit.model.workers))
         why = implausible(whole, index, builder.effect(effect_at), builder.link_values(effect_at.joint))
         return FittedCandidate(effect_at, whole, gain, size, share, raw, cost, why)
 
-    def torque_change_without(self, effect_at: EffectAtJoint, found: Fit, *, held_out: bool = False) -> float:
-        """Largest RMS change of the torque of a joint, in units of its noise, when an effect is taken out and nothing
-        else changes; infinite if the loop cannot be run."""
+    def change_without(self, effect_at: EffectAtJoint, found: Fit, *, held_out: bool = False) -> float:
+        """Largest RMS change of an output, such as the torque of a joint, in units of its noise, when an effect is
+        taken out and nothing else changes; infinite if the loop cannot be run."""
         without = self.builder.without(found.model, found.model.added_effects.index(effect_at))
         try:
             if held_out:
                 labels = found.model.experiments.validation_labels
-                torque = np.concatenate([found.model.torque(found.values, label) for label in labels])
-                change = torque - np.concatenate([without.torque(without.start, label) for label in labels])
+                outputs = np.concatenate([found.simulation(label).outputs() for label in labels])
+                change = outputs - np.concatenate(
+                    [without.simulation(without.start, label).outputs() for label in labels]
+                )
             else:
-                change = found.torque - without.torque(without.start)
+                labels = found.model.experiments.estimation_labels
+                change = found.outputs - without.outputs(without.start)
         except SimulationError:
             return np.inf
-        return float(np.sqrt(np.mean((change / found.noise.deviation) ** 2, axis=0)).max())
+        squares = (change / found.noise.deviation) ** 2
+        if not found.model.experiments.channels:
+            return float(np.sqrt(np.mean(squares, axis=0)).max())
+        counts = np.maximum(found.model.experiments.output_counts_in(labels), 1.0)
+        return float(np.sqrt(squares.sum(axis=0) / counts).max())
 
     def refit(
         self, proposal: Proposal, *, give_up_above: float = np.inf, until: float = np.inf, hold: bool = False
@@ -318,16 +327,16 @@ class Competition:
             if model.loop.own_states > fit.model.loop.own_states:  # they may be faster than what the base resolves
                 model = with_fitting_substeps(model, start, fit.noise.deviation)
             try:
-                torque = model.torque(start)
+                outputs = model.outputs(start)
                 added = list(range(len(fit.model.free_parameters), len(model.free_parameters)))
-                slopes = sensitivity(model, start, torque, only=added, exact=False, whole=False)
+                slopes = sensitivity(model, start, outputs, only=added, exact=False, whole=False)
             except SimulationError:
                 continue
             jacobian = np.concatenate([fit.jacobian, slopes], axis=2)
             return minimise(
                 model, fit.noise,
                 stopping=Stopping(updates=1, give_up_above=give_up_above, until=until, check_all=False),
-                jacobian=jacobian, outputs=torque,
+                jacobian=jacobian, outputs=outputs,
             )  # fmt: skip
         return None
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 from fmu_didim.data.signals import Array
@@ -18,7 +18,7 @@ from fmu_didim.discovery.selection.held_out import (
     unconfirmed,
 )
 from fmu_didim.fit.fit import Fit
-from fmu_didim.fit.gap import Ratio, gaps, held_out_ratio, part_of_first
+from fmu_didim.fit.gap import Ratio, channel_gaps, gaps, held_out_ratio, part_of_gap
 from fmu_didim.model.loop_model import EffectAtJoint
 
 ROUNDS = 5
@@ -76,6 +76,7 @@ class Step:
         ambiguous: candidates that the data cannot tell from it, with the BIC difference to the best, and the other
             members of its class; a shift of the log and a lag of the loop only where their fits are that close.
         before, after: label -> (n,) gap of each joint; ratio: of the held-out RMS, None without held-out data.
+        channels_before, channels_after: label -> name of each channel -> its gap.
         members: the effect and those ambiguous ones that were fitted, with their values.
         remark: on the decision, for the user.
         untested: whether the held-out data tell nothing of it.
@@ -92,6 +93,8 @@ class Step:
     members: tuple[Proposal, ...] = ()
     remark: str = ""
     untested: bool = False
+    channels_before: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    channels_after: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
 
 def decide(
@@ -149,13 +152,14 @@ def objection(candidate: FittedCandidate, fit: Fit, options: Options, *, base: F
     """Why a candidate is not accepted, or an empty string."""
     if candidate.delta_bic < options.threshold:
         return f"BIC difference {candidate.delta_bic:.1f} below {options.threshold:g}"
-    if candidate.torque_change < options.smallest_size:
-        return f"changes the torque by {candidate.torque_change:.2f} of the noise, less than {options.smallest_size:g}"
+    if candidate.change < options.smallest_size:
+        what = "no signal by more than" if fit.model.experiments.channels else "the torque by"
+        return f"changes {what} {candidate.change:.2f} of the noise, less than {options.smallest_size:g}"
     if candidate.size < options.smallest_gain:
         return f"explains {candidate.size:.2f} of the noise, less than {options.smallest_gain:g}"
     if candidate.share < options.smallest_share:
         return f"explains {100 * candidate.share:.0f} % of the gap, less than {100 * options.smallest_share:g} %"
-    part = part_of_first(base.residual, fit.residual, candidate.fit.residual, fit.noise)
+    part = part_of_gap(base, fit, candidate.fit, fit.noise)
     if part < options.smallest_part:
         least = 100 * options.smallest_part
         return f"explains {100 * part:.1f} % of the gap of the base model on its joint, less than {least:g} %"
@@ -207,6 +211,8 @@ def step_of(
         ratio=held_out_ratio(fit, accepted.fit, seed=options.seed),
         members=tuple(proposal_of(c) for c in fitted),
         remark=_remark(accepted, ranking, competition, options),
+        channels_before=channel_gaps(fit),
+        channels_after=channel_gaps(accepted.fit),
     )
 
 

@@ -23,6 +23,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fmu_didim.base.errors import SimulationError
 from fmu_didim.data.signals import Array
@@ -70,7 +71,9 @@ def held_out_objection(before: Fit, after: Fit, *, seed: int = 0) -> str:
     worse = [(j, r) for j, r in held_out_ratios(before, after, seed=seed) if r.low > WORSE_JOINT]
     if worse:
         joint, one = worse[0]
-        return f"{FAILS_HELD_OUT} {one.value:.3f} of joint {joint}, its interval starts at {one.low:.3f}"
+        n, names = before.model.joint_count, before.model.experiments.channels
+        output = f"joint {joint}" if joint <= n else names[joint - n - 1]
+        return f"{FAILS_HELD_OUT} {one.value:.3f} of {output}, its interval starts at {one.low:.3f}"
     return ""
 
 
@@ -116,7 +119,8 @@ def held_out_amplitude(before: Fit, after: Fit, *, seed: int = 0) -> Amplitude |
     block = held_out_block(before)
     if first.shape[0] < FEWEST_BLOCKS * block:
         return None
-    weight = shared_weights(first, second, before.noise.deviation)
+    there = (first != 0) | (second != 0) if before.model.experiments.channels else None
+    weight = shared_weights(first, second, before.noise.deviation, there)
     base = BaseProjection.of(columns * weight[:, :, None]) if columns.size else None
 
     def rest(residual: Array) -> Array:
@@ -136,9 +140,18 @@ def held_out_amplitude(before: Fit, after: Fit, *, seed: int = 0) -> Amplitude |
     return Amplitude(float(total[0] / total[1]), float(low), float(high))
 
 
-def shared_weights(first: Array, second: Array, deviation: Array) -> Array:
-    """(N, n) weights of the samples of two residuals (N, n), the same for both: 1 / deviation, where the smaller
-    residual is beyond three of its deviations the less the larger that is."""
+def shared_weights(first: Array, second: Array, deviation: Array, there: NDArray[np.bool_] | None = None) -> Array:
+    """(M, m) weights of the samples of two residuals (M, m), the same for both: 1 / deviation, where the smaller
+    residual is beyond three of its deviations the less the larger that is.
+
+    Args:
+        there: (M, m) which cells hold a sample; all by default.
+    """
     least = np.minimum(np.abs(first), np.abs(second))
-    bound = GLITCH * np.maximum(deviation, OF_MEDIAN * np.median(least, axis=0))
+    if there is None:
+        median = np.median(least, axis=0)
+    else:
+        columns = zip(least.T, there.T, strict=True)
+        median = np.array([np.median(column[own]) if own.any() else 0.0 for column, own in columns])
+    bound = GLITCH * np.maximum(deviation, OF_MEDIAN * median)
     return np.asarray(np.sqrt(bound / np.maximum(least, bound)) / deviation)

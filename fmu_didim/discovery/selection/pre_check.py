@@ -88,7 +88,7 @@ def _tried(name: str, check: PreCheck, competition: Competition) -> list[tuple[f
 
     def misfit(model: LoopModel) -> float | None:
         try:
-            return float(np.sum((model.residual(model.start) * fit.noise.weight) ** 2))
+            return float(np.sum((model.output_residual(model.start) * fit.noise.weight) ** 2))
         except SimulationError:
             return None
 
@@ -107,7 +107,7 @@ def _tried(name: str, check: PreCheck, competition: Competition) -> list[tuple[f
 
 def _held_out_tells(candidate: FittedCandidate, competition: Competition, options: Options) -> bool:
     """Whether the held-out experiment reaches the value, so that the effect shows there, or contradicts it."""
-    change = competition.torque_change_without(candidate.effect_at, candidate.fit, held_out=True)
+    change = competition.change_without(candidate.effect_at, candidate.fit, held_out=True)
     if change >= options.smallest_size:
         return True
     ratio = held_out_ratio(competition.fit, candidate.fit, seed=options.seed)

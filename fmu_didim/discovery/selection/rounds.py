@@ -16,7 +16,7 @@ from fmu_didim.discovery.selection.competition import Competition
 from fmu_didim.discovery.selection.decide import Options, Step, decide, step_of
 from fmu_didim.discovery.selection.pre_check import pre_check
 from fmu_didim.fit.fit import Fit
-from fmu_didim.fit.gap import delta_bic, explained
+from fmu_didim.fit.gap import bic_gain, explained_gap
 from fmu_didim.fit.solver.least_squares import minimise
 from fmu_didim.fit.solver.termination import Stopping
 from fmu_didim.model.free_parameter import LOG
@@ -180,8 +180,8 @@ def _backward(
             without = minimise(smaller, fit.noise, jacobian=fit.jacobian[:, :, kept], stopping=Stopping(updates=1))
         except SimulationError:
             continue
-        gain = delta_bic(without.residual, fit.residual, builder.at(step.effect_at).cost, fit.noise)
-        size, _ = explained(without.residual, fit.residual, fit.noise)
+        gain = bic_gain(without, fit, builder.at(step.effect_at).cost, fit.noise)
+        size, _ = explained_gap(without, fit, fit.noise)
         if gain < options.threshold or size < KEPT_GAIN * options.smallest_gain:
             progress.say(f"taken out again: {step.effect_at.effect} on joint {step.effect_at.joint}")
             fit = minimise(without.model, fit.noise)

@@ -136,7 +136,7 @@ def by_variation(
     if not places:
         return {}
     groups = _groups(list(places.values()), model.workers)
-    measured = [channel.signal for channel in run.experiment.channels]
+    measured = [run.signal_of(channel) for channel in run.experiment.channels]
     tasks = [partial(with_derivatives, run.system, group, measured) for group in groups]
     varied = [found for found in side_by_side(tasks, model.workers) if found is not None]
     if len(varied) < len(groups):

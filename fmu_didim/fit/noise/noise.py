@@ -91,6 +91,10 @@ class Noise:
     samples: int = 1
     slow: Array | None = None
 
+    def of(self, columns: slice) -> Noise:
+        """That of some of the outputs."""
+        return replace(self, deviation=self.deviation[columns], correlation=self.correlation[columns])
+
     @property
     def factor(self) -> Array:
         """(n,) part f = (1 - rho)/(1 + rho) of the samples that count as independent."""

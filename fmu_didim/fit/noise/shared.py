@@ -21,6 +21,7 @@ import numpy as np
 
 from fmu_didim.cosim import Indices
 from fmu_didim.data.signals import Array
+from fmu_didim.model.experiments import Experiments
 
 SHORTEST_BLOCK_S = 0.5
 """[s] Shortest block: longer than the memory of friction and of the loop."""
@@ -42,6 +43,13 @@ class Part:
     rows: slice | Indices
     columns: slice
     time: Array
+
+
+def parts_of_outputs(experiments: Experiments) -> list[Part]:
+    """The samples of all outputs that are fitted."""
+    return [
+        Part(log.label, log.rows, block.columns, log.time) for block in experiments.output_blocks for log in block.logs
+    ]
 
 
 def remembered_s(residual: Array, time: Array) -> float:

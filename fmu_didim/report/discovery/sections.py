@@ -134,6 +134,9 @@ def _finding(document: FindingsDocument, number: int, finding: FindingResult) ->
     facts.append(Fact("share of the gap", texts.share_text(finding.share_of_gap)))
     for label, pair in finding.gap.items():
         facts.append(Fact(f"gap, {texts.experiment_name(document, label)}", texts.step_text(pair), shown="page"))
+    for label, channels in finding.channels.items():
+        title = texts.experiment_name(document, label)
+        facts += [Fact(f"gap of {name}, {title}", texts.step_text(pair)) for name, pair in channels.items()]
     if finding.ratio_interval is not None:
         interval = texts.interval_text(finding.ratio_interval)
         facts.append(Fact("held-out RMS", f"{interval} of what it was, 95 % interval"))
@@ -258,6 +261,13 @@ def _noise(document: FindingsDocument) -> Section:
         facts.append(Fact("Noise σ", f"{noise_text(noise.std, document.torque_unit)} ({source})"))
         correlations = [f"joint {j} {significant(value, 2)}" for j, value in enumerate(noise.correlation, start=1)]
         facts.append(Fact("Correlation of neighbouring samples", ", ".join(correlations), shown="page"))
+    for name, channel in document.channels.items():
+        sigma = f"noise σ {significant(channel.std, 2)} {pretty_unit(channel.unit)}"
+        steps = [
+            f"{texts.experiment_name(document, label)} {texts.step_text(pair, changed=changed)}"
+            for label, pair in channel.gap.items()
+        ]
+        facts.append(Fact(name, f"{sigma}; gap / noise {', '.join(steps)}"))
     errors = [
         f"{texts.experiment_name(document, label)} {texts.error_text(*pair, changed=changed)}"
         for label, pair in document.error_percent.items()

@@ -35,7 +35,17 @@ def verdict_of(document: FindingsDocument) -> Banner:
     judged = _experiments(document, "validation") or _experiments(document, "estimation")
     if judged:
         label = max(judged, key=lambda label: _size(document.gap[label].after))
-        sentences.append(_change(document.gap[label], _data(document, label), bool(document.findings)))
+        sentences.append(
+            _change(
+                document.gap[label], _data(document, label), bool(document.findings), channels=bool(document.channels)
+            )
+        )
+        of_channels = [
+            f"of {name} {gap_text(pair.before)}" + (f" → {gap_text(pair.after)}" if document.findings else "")
+            for name, channel in document.channels.items() if (pair := channel.gap.get(label)) is not None
+        ]  # fmt: skip
+        if of_channels:
+            sentences[-1] += f"; {', '.join(of_channels)}"
     if document.answer == "named_with_remainder":
         sentences += _remainder(document)
     if document.answer == "unknown":
@@ -70,15 +80,18 @@ def _size(gap: float | None) -> float:
     return inf if gap is None else gap
 
 
-def _change(pair: GapPair, data: str, changed: bool) -> str:
+def _change(pair: GapPair, data: str, changed: bool, *, channels: bool) -> str:
     on = f"on {data}"
     if not changed:
-        return f"The gap {on} is {gap_text(pair.before)} times the noise"
+        return f"The gap{' of the torque' if channels else ''} {on} is {gap_text(pair.before)} times the noise"
     if pair.before is None or pair.after is None:
         which = "base" if pair.before is None else "final"
         return f"The {which} model cannot be simulated {on}"
+    before, after = gap_text(pair.before), gap_text(pair.after)
+    if channels and before == after:
+        return f"The gap of the torque {on} stays at {after} times the noise"
     how = "falls" if pair.after < pair.before else "does not fall: it goes"
-    return f"The gap {on} {how} from {gap_text(pair.before)} to {gap_text(pair.after)} times the noise"
+    return f"The gap{' of the torque' if channels else ''} {on} {how} from {before} to {after} times the noise"
 
 
 def _remainder(document: FindingsDocument) -> list[str]:

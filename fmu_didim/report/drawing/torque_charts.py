@@ -66,11 +66,48 @@ def torque_chart(
             left = "residual" if is_one else model
             style = "residual" if is_one else SHOWN.get(model, "final")
             residuals.append(Series(left, time, measured[:, j] - found.at_samples[:, j], style, legend=is_one))
-        shown = pretty_unit(unit)
-        panels.append(Panel(f"{'force' if unit == 'N' else 'torque'} ({shown})", torques, head, TORQUE_HEIGHT))
-        noisy = None if band is None else (-2 * band, 2 * band)
-        panels.append(Panel(f"residual ({shown})", residuals, height=RESIDUAL_HEIGHT, range=noisy, levels=(0.0,)))
+        quantity = "force" if unit == "N" else "torque"
+        panels += _panels(quantity, pretty_unit(unit), head, torques, residuals, band)
     return Chart(name, title, panels, "time (s)")
+
+
+@dataclass(frozen=True)
+class DrawnChannel:
+    """A signal beside the torque over time: (N,) s, measured and simulated, its error in per cent of what it moves,
+    and the standard deviation of its noise, if known."""
+
+    name: str
+    unit: str
+    time: Array
+    measured: Array
+    simulated: Array
+    percent: float | None
+    noise: float | None
+
+
+def channel_chart(name: str, title: str, channels: Sequence[DrawnChannel]) -> Chart:
+    """Signals measured beside the torque as points, simulated as a line, the residual below."""
+    panels = []
+    for c in channels:
+        head = c.name + (f", error {percentage(c.percent)} of its motion" if c.percent is not None else "")
+        drawn = [
+            Series("measured", c.time, c.measured, "measured", "points"),
+            Series("simulated", c.time, c.simulated, "simulated"),
+        ]
+        left = [Series("residual", c.time, c.measured - c.simulated, "residual", legend=True)]
+        panels += _panels(c.name, pretty_unit(c.unit), head, drawn, left, c.noise)
+    return Chart(name, title, panels, "time (s)")
+
+
+def _panels(
+    quantity: str, unit: str, head: str, drawn: list[Series], residuals: list[Series], deviation: float | None
+) -> list[Panel]:
+    """A signal over its residual, with two standard deviations of the noise."""
+    noisy = None if deviation is None else (-2 * deviation, 2 * deviation)
+    return [
+        Panel(f"{quantity} ({unit})", drawn, head, TORQUE_HEIGHT),
+        Panel(f"residual ({unit})", residuals, height=RESIDUAL_HEIGHT, range=noisy, levels=(0.0,)),
+    ]
 
 
 def history_chart(history: Sequence[IterationResult]) -> Chart:

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 from fmu_didim.data.signals import Trajectory
 from fmu_didim.data.tables import read_trajectory
 from fmu_didim.report import experiments
+from fmu_didim.report.drawing.charts import Chart
 from fmu_didim.report.drawing.residual import Residual
 from fmu_didim.report.drawing.residual_charts import QUANTITIES
-from fmu_didim.report.drawing.torque_charts import Simulated, samples_text, torque_chart
+from fmu_didim.report.drawing.torque_charts import DrawnChannel, Simulated, channel_chart, samples_text, torque_chart
 from fmu_didim.report.experiment_charts import ExperimentCharts
 from fmu_didim.results.result import ResultDocument
 
@@ -28,8 +30,26 @@ def saved_charts(document: ResultDocument, directory: Path) -> list[ExperimentCh
         signals = read_trajectory(directory / file)
         every = document.simulated.get(label)
         dense = read_trajectory(directory / every) if every is not None else None
-        found.append(_experiment(document, label, number, signals, dense))
+        drawn = _experiment(document, label, number, signals, dense)
+        found.append(replace(drawn, channels=_channels(document, label, number, directory)))
     return found
+
+
+def _channels(document: ResultDocument, label: str, number: int, directory: Path) -> Chart | None:
+    """The signals that were measured beside the torque in an experiment; None where there are none."""
+    fitted = document.joint.channels if document.joint is not None else {}
+    drawn = []
+    for name, error in document.experiments[label].channels.items():
+        table = read_trajectory(directory / error.file)
+        noise = fitted[name].noise_std if name in fitted else error.std
+        drawn.append(
+            DrawnChannel(
+                name, error.unit, table.time, table.column("measured"), table.column("simulated"),
+                error.relative_error_percent, noise,
+            )
+        )  # fmt: skip
+    title = f"Measured beside the torque, {experiments.experiment_title(document, label)}"
+    return channel_chart(f"channels-{number}", title, drawn) if drawn else None
 
 
 def _experiment(

@@ -2,42 +2,71 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from fmu_didim.report import experiments
 from fmu_didim.report.numbers import MISSING, pretty_unit, rounding, significant
 from fmu_didim.report.sections import Block, Column, Section, Table, Text, note, numbers, words
-from fmu_didim.results.result import JointResult, ResultDocument
+from fmu_didim.results.result import ChannelResult, JointResult, ResultDocument
 
 
 def joint_sections(document: ResultDocument) -> list[Section]:
-    """The signals beside the torque, and what they add; empty where the torque alone was fitted."""
-    joint = document.joint
-    if joint is None:
+    """The signals beside the torque, their errors in each experiment, and what they add; empty where there are none."""
+    joint, measured = document.joint, _measured(document)
+    if not measured:
         return []
-    found = joint.channels
-    labels = [label for label in document.experiments if any(label in c.errors for c in found.values())]
+    fitted = joint.channels if joint is not None else {}
+    labels = [label for label, e in document.experiments.items() if e.channels]
+    found = [fitted.get(name) for name in measured]
     signals = [
-        words("signal", list(found)),
-        Column("samples", [str(c.samples) for c in found.values()]),
-        *(
-            numbers(f"RMS, {label}", [significant(c.errors[label], 2) if label in c.errors else MISSING
-                                      for c in found.values()])
-            for label in labels
-        ),
-        words("unit", [pretty_unit(c.unit) for c in found.values()]),
-        numbers("noise σ", [significant(c.noise_std, 2) for c in found.values()]),
-        words("noise", ["stated" if c.noise_is_stated else "by residual" for c in found.values()], shown="page"),
-        Column("colour: σ ×", [f"{c.inflation:.1f}" for c in found.values()]),
-    ]  # fmt: skip
-    names = ", ".join(found)
+        words("signal", list(measured)),
+        Column("samples", [str(c.samples) if c is not None else MISSING for c in found]),
+        *(column for label in labels for column in _errors(document, label, list(measured))),
+        words("unit", [pretty_unit(unit) for unit in measured.values()]),
+        numbers("noise σ", [significant(c.noise_std, 2) if c is not None else MISSING for c in found]),
+        words("noise", [_origin(c) for c in found], shown="page"),
+        Column("colour: σ ×", [f"{c.inflation:.1f}" if c is not None else MISSING for c in found]),
+    ]
     blocks: list[Block] = [
         Table(signals),
         note(
-            "RMS: root mean square of measured − simulated. Colour: standard deviations that come from a signal over "
-            "those of white noise; the signal counts as much less beside the torque."
+            "RMS: root mean square of measured − simulated; %: of what the signal moves about its mean. Colour: "
+            "standard deviations that come from a signal over those of white noise; the signal counts as much less "
+            "beside the torque."
         ),
-        *_answers(document, joint),
+        *(_answers(document, joint) if joint is not None else [Text("They were not fitted, but held out.")]),
     ]
-    return [Section(f"Torque with {names}", blocks, anchor="joint", has_title=True)]
+    names = ", ".join(fitted or measured)
+    title = f"Torque with {names}" if joint is not None else f"Held out: {names}"
+    return [Section(title, blocks, anchor="joint", has_title=True)]
+
+
+def _measured(document: ResultDocument) -> dict[str, str]:
+    """Name of each signal beside the torque, the fitted ones first -> its unit."""
+    fitted = document.joint.channels if document.joint is not None else {}
+    found = {name: c.unit for name, c in fitted.items()}
+    for experiment in document.experiments.values():
+        found |= {name: c.unit for name, c in experiment.channels.items()}
+    return found
+
+
+def _errors(document: ResultDocument, label: str, names: Sequence[str]) -> list[Column]:
+    """RMS of the signals in an experiment, and in per cent of what they move."""
+    channels = document.experiments[label].channels
+    own = [channels.get(name) for name in names]
+    return [
+        numbers(f"RMS, {label}", [significant(c.rms, 2) if c is not None else MISSING for c in own]),
+        numbers(
+            "%", [significant(c.relative_error_percent, 2) if c is not None else MISSING for c in own]
+        ),
+    ]  # fmt: skip
+
+
+def _origin(channel: ChannelResult | None) -> str:
+    """Where the noise of a signal comes from."""
+    if channel is None:
+        return "held out only"
+    return "stated" if channel.noise_is_stated else "by residual"
 
 
 def _answers(document: ResultDocument, joint: JointResult) -> list[Block]:

@@ -91,7 +91,7 @@ def _with_experiment(found: Found, out: Path, say: Callable[[str], None]) -> tup
                 step.members[:2],  # the nearest rival: with more of them the worst pair decides
                 reference=experiment.reference,
                 rate_hz=experiment.rate_hz,
-                noise=final.noise,
+                noise=final.torque_alone.noise,
                 effects=found.builder.effects,
             )
         except InputError:

@@ -45,7 +45,7 @@ def result_folder(out: Path | str, *, figures: bool = False) -> ResultFolder:
     """The folder of the results of ``identify``."""
     from fmu_didim.report.identification.sections import REPORT_FILE
 
-    patterns = (OWN_ROBOT_FILE.format(label="*"), "torque_*.csv", "simulated_*.csv", "figure_*")
+    patterns = (OWN_ROBOT_FILE.format(label="*"), "torque_*.csv", "simulated_*.csv", "channel_*.csv", "figure_*")
     fixed = (REPORT_FILE, ROBOT_FILE)
     return ResultFolder(Path(out), "identify", RESULT_FILE, fixed, patterns, "signals", figures)
 

@@ -366,7 +366,7 @@ def test_what_a_contender_is_worth() -> None:
     assert one.delta_bic == pytest.approx(400 * np.log(11.25 / 0.25) - 1.5 * np.log(400), rel=1e-3)
     assert one.size == pytest.approx(np.sqrt(11.25), rel=1e-4)
     assert one.share == 1.0
-    assert one.torque_change == pytest.approx(3 * np.sqrt(1.25), rel=1e-4)
+    assert one.change == pytest.approx(3 * np.sqrt(1.25), rel=1e-4)
     assert one.fit.model.workers == 3
 
 
@@ -397,7 +397,7 @@ def test_only_amplitudes_of_its_own_count() -> None:
 def test_the_change_of_the_torque_is_that_of_the_joint_where_it_is_largest() -> None:
     builder, _, found = one_more()
     halved = replace(found, noise=noise([0.5]))
-    change = Competition(builder, halved).torque_change_without(GEAR, halved)
+    change = Competition(builder, halved).change_without(GEAR, halved)
     assert change == pytest.approx(6 * np.sqrt(1.25), rel=1e-4)
     two = np.hstack([DATA, DATA])
     model = replace(
@@ -406,7 +406,7 @@ def test_the_change_of_the_torque_is_that_of_the_joint_where_it_is_largest() -> 
         data={"one": two},
     )
     both = replace(found, model=model, outputs=model.torque(found.values), noise=noise([1.0, 0.1]))
-    change = Competition(builder, both).torque_change_without(GEAR, both)
+    change = Competition(builder, both).change_without(GEAR, both)
     assert change == pytest.approx(3.0, rel=1e-4)
 
 
@@ -417,15 +417,13 @@ def test_the_change_of_the_held_out_torque() -> None:
         return np.full((100, 1), values["gear.F1"] * {"x": 1.0, "y": 2.0, "one": 9.0}[label])
 
     held = replace(found, model=replace(found.model, law=law, held_out=("x", "y")), values=np.array([2.0, 3.0, 0.5]))
-    assert Competition(builder, held).torque_change_without(GEAR, held, held_out=True) == pytest.approx(
-        3 * np.sqrt(2.5)
-    )
+    assert Competition(builder, held).change_without(GEAR, held, held_out=True) == pytest.approx(3 * np.sqrt(2.5))
 
 
 def test_a_loop_that_does_not_run_without_an_effect_needs_it_most() -> None:
     builder, _, found = one_more()
     held = replace(found, model=replace(found.model, held_out=("broken",)))
-    assert Competition(builder, held).torque_change_without(GEAR, held, held_out=True) == np.inf
+    assert Competition(builder, held).change_without(GEAR, held, held_out=True) == np.inf
 
 
 def test_a_contender_proposes_its_fitted_values() -> None:

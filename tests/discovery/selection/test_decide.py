@@ -58,8 +58,8 @@ def held_out(first: np.ndarray, second: np.ndarray | None, **more: Any) -> tuple
         ({"bic": 10.0}, ""),
         ({"bic": 9.99}, "BIC difference 10.0 below 10"),
         ({"bic": -3.0}, "BIC difference -3.0 below 10"),
-        ({"torque_change": 0.6}, ""),
-        ({"torque_change": 0.59}, "changes the torque by 0.59 of the noise, less than 0.6"),
+        ({"change": 0.6}, ""),
+        ({"change": 0.59}, "changes the torque by 0.59 of the noise, less than 0.6"),
         ({"size": 0.2}, ""),
         ({"size": 0.19}, "explains 0.19 of the noise, less than 0.2"),
         ({"share": 0.05}, ""),
@@ -76,7 +76,7 @@ def test_each_threshold_of_an_objection(change: dict[str, Any], reason: str) -> 
     ("option", "change"),
     [
         ("threshold", {"bic": 150.0}),
-        ("smallest_size", {"torque_change": 150.0}),
+        ("smallest_size", {"change": 150.0}),
         ("smallest_gain", {"size": 150.0}),
         ("smallest_share", {"share": 150.0}),
     ],
@@ -206,7 +206,7 @@ def test_a_simpler_one_with_an_objection_is_not_taken() -> None:
 
 
 def test_a_refused_one_gives_way_to_the_next() -> None:
-    first, second = candidate_of("a", bic=200.0, torque_change=0.1), candidate_of("b", bic=100.0)
+    first, second = candidate_of("a", bic=200.0, change=0.1), candidate_of("b", bic=100.0)
     assert verdict(first, second).effect_at.effect == "b"
 
 

@@ -57,7 +57,7 @@ class Builder(Catalogue):
                 raise SimulationError("It diverges.")
             return np.sqrt(factor) * own
 
-        return SimpleNamespace(start=np.zeros(0), residual=one)
+        return SimpleNamespace(start=np.zeros(0), output_residual=one)
 
 
 def ramp(white: Noise = WHITE) -> Fit:
@@ -205,7 +205,7 @@ def test_whether_held_out_data_tell(
     monkeypatch: pytest.MonkeyPatch, change: float, low: float | None, tells: bool
 ) -> None:
     asked: list[Any] = []
-    monkeypatch.setattr(Competition, "torque_change_without", lambda *_, **more: asked.append(more) or change)
+    monkeypatch.setattr(Competition, "change_without", lambda *_, **more: asked.append(more) or change)
     monkeypatch.setattr(checking, "held_out_ratio", lambda *_, seed: None if low is None else Ratio(1.5, low, 2.0))
     found = _held_out_tells(candidate_of(), Competition(Builder(), table_fit(5.0)), Options())
     assert found is tells
