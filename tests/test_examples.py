@@ -152,7 +152,10 @@ def test_every_case_file_is_named_here() -> None:
         "examples/scara/two_payloads.yaml",
         *(f"examples/campaigns/{name}.yaml" for name in CAMPAIGNS),
         "examples/arm2r/discover.yaml",
-        *(f"examples/double_pendulum/{name}.yaml" for name in ("controller", "discover", "identify", "robot")),
+        *(
+            f"examples/double_pendulum/{name}.yaml"
+            for name in ("controller", "discover", "identify", "prior", "published", "robot")
+        ),
         "examples/emps/identify.yaml",
         "examples/emps/identify_idim_ls.yaml",
         "examples/emps/discover.yaml",

@@ -36,6 +36,7 @@ class CaseChanges(TypedDict, total=False):
     torque_std: Sequence[float] | None
     joint_weights: str
     low_pass: Mapping[str, Any] | None
+    prior: Mapping[str, Any] | None
 
 
 def merged(content: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:

@@ -143,7 +143,7 @@ def experiments(labels: str, count: int) -> Experiments:
 
 def judged(measured: np.ndarray, own: str | None = None) -> dict[str, AgreementResult]:
     model = SimpleNamespace(
-        names=("a",), free_parameters=(SimpleNamespace(experiment=own),), experiments=experiments("xy", 400)
+        names=("a",), free_parameters=(SimpleNamespace(experiment=own),), experiments=experiments("xy", 400), prior=None
     )
     fit = SimpleNamespace(model=model, residual=measured, jacobian=np.ones((800, 1, 1)), deviation=np.array([2.0]))
     return dict(agreement(fit))

@@ -160,7 +160,7 @@ STATED: Mapping[str, Mapping[str, str]] = {
         "or within 2 % of its gain": THRESHOLD, "adds 0.6 σ or more": THRESHOLD, "Wald's test, 5 %": THRESHOLD,
         "at 1.5 σ after refitting": MADE, "a gap below 1 σ": "from where cases are judged", "of up to 0.6 σ": MADE,
         "a torque sample of 10 ms": MADE, "three periods of 4 s": MADE, "1.5 % of noise": MADE, "lag of 6 ms": MADE,
-        "(0.08 N.m, 0.15 rad/s)": MADE,
+        "(0.08 N.m, 0.15 rad/s)": MADE, "friction (0.8 N·m), logged at 20 Hz with noise of 0.3 N·m": MADE,
     },
     "examples": {"200 to 0.5 Hz": MADE},
     "exchange": {"FMI 1.0 and 3.0": "versions"},

@@ -296,8 +296,8 @@ def test_metadata_is_complete(name: str) -> None:
             assert search.lowest > 0 or not search.logarithmic
 
 
-WORDS = {"delay"}
-"""Names of effects that are words of the loop as well."""
+WORDS = {"delay", "motor_inertia"}
+"""Names of effects that are words of the loop or of a prior as well."""
 
 
 def test_no_effect_is_named_outside_its_own_folder() -> None:

@@ -22,6 +22,7 @@ EXAMPLES: tuple[tuple[Verb, str], ...] = (
     ("identify", "scara/identify_modelica"),
     ("identify", "scara/two_payloads"),
     ("identify", "double_pendulum/identify"),
+    ("identify", "double_pendulum/prior"),
     ("identify", "emps/identify"),
     ("identify", "emps/identify_idim_ls"),
     ("discover", "arm2r/discover"),
