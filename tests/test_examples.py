@@ -62,6 +62,7 @@ def test_two_runs_with_a_payload_in_the_second() -> None:
     assert all(part.agreement.agrees for part in outcome.document.experiments.values() if part.agreement)
 
 
+@pytest.mark.gate
 def test_paper_tables(capsys: pytest.CaptureFixture[str]) -> None:
     script = load("examples/scara/paper_tables.py")
     estimates = script["reproduce"]()  # type: ignore[operator]
@@ -102,6 +103,7 @@ def test_rate_sweep_of_a_case_of_ones_own(tmp_path: Path) -> None:
     assert "Kp2" in rows[2] and (tmp_path / "results/my case_rates.svg").is_file()
 
 
+@pytest.mark.gate
 def test_a_real_robot_is_identified_from_the_default_start() -> None:
     """Base parameters near those that its makers published, and torque that it was not fitted to."""
     found = identify("examples/double_pendulum/identify.yaml")

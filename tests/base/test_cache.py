@@ -213,6 +213,7 @@ def test_the_command_cache(tmp_path: Path, root: Path, capsys: pytest.CaptureFix
     drive(load_fmu(one), ONES, H)
 
 
+@pytest.mark.gate
 def test_who_asks_at_the_same_time_never_loses_what_another_has_made(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -105,6 +105,7 @@ def test_no_code_refuses_effects_as_well(tmp_path: Path, capsys: pytest.CaptureF
     assert "must not be run" in capsys.readouterr().err
 
 
+@pytest.mark.gate
 def test_a_case_without_code_runs_all_the_same(tmp_path: Path) -> None:
     assert main(["identify", "examples/scara/identify.yaml", "--out", str(tmp_path), "--quiet", "--no-code"]) == 0
 

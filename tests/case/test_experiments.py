@@ -36,6 +36,7 @@ def own(label: str, *names: str) -> Change:
     return lambda d: d["experiments"][label].update(own=list(names))
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize(
     ("change", "words"),
     [

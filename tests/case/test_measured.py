@@ -132,6 +132,7 @@ def test_right_sensors_are_not_doubted(tmp_path: Path) -> None:
     assert [c.rms for c in shown.values()] == pytest.approx([ENCODER] * 2, rel=0.15)
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize(
     ("wrong", "words"),
     [

@@ -56,6 +56,7 @@ UNIT = {name: {"name": f"{name} [°]", "unit": "rad"} for name in ("q1", "q2")}
 TURNED = {name: {"name": name, "sign": -1} for name in ("tau1", "tau2")}
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize(
     ("build", "severity", "code"),
     [

@@ -89,6 +89,7 @@ def compared(path: Path) -> Consistency:
 # Consistency
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize(
     "options", [{}, {"interface": "model-exchange", "substeps": 8}], ids=["co-simulation", "model exchange"]
 )
@@ -102,6 +103,7 @@ def test_fmu_of_the_same_robot_agrees(tmp_path: Path, options: dict[str, Any]) -
     assert found.worst < 1e-6
 
 
+@pytest.mark.gate
 def test_python_control_plant_agrees(tmp_path: Path) -> None:
     path = scara_case(tmp_path, plant={"kind": "control", "source": "mine.py:plant"})
     (tmp_path / "mine.py").write_text(
@@ -136,6 +138,7 @@ def test_parameters_fixed_in_a_run_are_compared_by_simulating_again(tmp_path: Pa
     )
 
 
+@pytest.mark.gate
 def test_longer_link_is_told_by_parameter_and_joint(tmp_path: Path) -> None:
     found = compared(case_with(tmp_path, longer_link()))
     text = "\n".join(found.warnings())
@@ -149,11 +152,13 @@ def test_longer_link_is_told_by_parameter_and_joint(tmp_path: Path) -> None:
         assert found.columns[same].difference < 1e-6
 
 
+@pytest.mark.gate
 def test_other_gravity_is_told(tmp_path: Path) -> None:
     found = compared(case_with(tmp_path, block(gravity=(0.0, 2.0, 0.0))))
     assert found.warnings()[-1] == "gravity: (0, 2, 0) m/s2 in the plant would explain the torque"
 
 
+@pytest.mark.gate
 def test_constant_that_is_not_identified_is_told(tmp_path: Path) -> None:
     """A second mass hidden in the plant: its inertia is neither in the description nor set by it."""
     own = renamed(block(), {"Ia1": "motor"}).with_parameters({"motor": 0.7})
@@ -162,6 +167,7 @@ def test_constant_that_is_not_identified_is_told(tmp_path: Path) -> None:
     assert "Ia1: 0.7 instead of 0 would explain the torque" in text
 
 
+@pytest.mark.gate
 def test_parameter_without_effect_is_told(tmp_path: Path) -> None:
     text = "\n".join(compared(case_with(tmp_path, without_effect(block(), "Fc2"))).warnings())
     assert "Fc2: it has no effect in the plant" in text
@@ -252,6 +258,7 @@ def test_vendor_names_give_the_same_result(tmp_path: Path, estimator: str) -> No
     np.testing.assert_allclose(simulate(path).values, simulate(SCARA).values, rtol=0, atol=1e-9)
 
 
+@pytest.mark.gate
 def test_plant_without_the_names_is_refused_with_the_way_out(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"lacks parameters(.|\n)*parameter_names: \{Fv1: name in the plant"):
         load_case(case_with(tmp_path, renamed(block(), VENDOR)))
@@ -307,6 +314,7 @@ def test_start_value_of_a_state_gets_a_name(tmp_path: Path) -> None:
     instance.close()
 
 
+@pytest.mark.gate
 def test_plant_that_starts_elsewhere_is_told(tmp_path: Path) -> None:
     own = renamed(block(), {"q_start1": "phi", "dq_start2": "w"}).with_parameters({"phi": 0.1})
     warnings = start_diagnostics(model_of(case_with(tmp_path, own)))
@@ -324,6 +332,7 @@ def test_plant_that_starts_elsewhere_is_told(tmp_path: Path) -> None:
 # Parameters that do not act
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize("estimator", ["didim", "clie"])
 def test_parameter_without_effect_is_refused_before_long_work(tmp_path: Path, estimator: str) -> None:
     idle = without_effect(block(), "Fc2")

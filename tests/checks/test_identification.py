@@ -53,6 +53,7 @@ def test_another_inertia_that_the_log_does_not_exclude_is_told(outcome: Result) 
     assert (found.reasons[0].place, found.reasons[0].value) == ("Ia6", 0.0068)
 
 
+@pytest.mark.gate
 def test_what_is_neither_identified_nor_known_is_told(outcome: Result, tmp_path: Path) -> None:
     """Friction of joint 2 left out of the list: the values of the others depend on what the description has."""
     assert not any("Not identified" in remark for remark in outcome.document.remarks)

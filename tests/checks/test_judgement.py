@@ -54,6 +54,7 @@ def coloured(rng, count, rho, sigma=1.0):
     return sigma * np.sqrt(1 - rho**2) * lfilter([1], [1, -rho], rng.normal(size=count + 500))[500:]
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize("rho", [0.0, 0.9])
 @pytest.mark.parametrize(("fitted", "held"), [(2000, 2000), (100, 100), (2000, 60)])
 def test_noise_alone_is_not_worse(rho, fitted, held):

@@ -149,6 +149,7 @@ def judged(measured: np.ndarray, own: str | None = None) -> dict[str, AgreementR
     return dict(agreement(fit))
 
 
+@pytest.mark.gate
 def test_samples_that_hang_together_say_less() -> None:
     """The mean of N samples of a first-order autoregression varies by (1 + rho)/(1 - rho) / N: two logs of the same
     constant, by SciPy's filter."""

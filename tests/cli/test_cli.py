@@ -16,6 +16,7 @@ from fmu_didim.results.result import result_schema
 from fmu_didim.ssp import read_ssp
 
 
+@pytest.mark.gate
 def test_identify_writes_result_and_report(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["identify", "examples/scara/identify.yaml", "--out", str(tmp_path)]) == 0
     printed = capsys.readouterr().out
@@ -73,6 +74,7 @@ def test_export_builds_an_fmu(tmp_path: Path, capsys: pytest.CaptureFixture[str]
         assert Path(capsys.readouterr().out.strip()).is_file()
 
 
+@pytest.mark.gate
 def test_export_writes_the_loop_of_a_case(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     case, file = "examples/scara/identify.yaml", tmp_path / "new" / "loop.ssp"
     assert main(["identify", case, "--out", str(tmp_path / "out"), "--quiet"]) == 0

@@ -128,6 +128,7 @@ def test_time_counts_from_the_start_of_the_command(
         assert first_time(capsys.readouterr().out) == 2.5
 
 
+@pytest.mark.gate
 def test_json_of_all_that_has_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["identify", "examples/scara/identify.yaml", "--json", "--out", str(tmp_path / "out")]) == 0
     document = json.loads(capsys.readouterr().out)

@@ -81,6 +81,7 @@ def test_all_kinds_compute_the_same(kind: str, name: str) -> None:
     assert np.ptp(wanted, axis=0).min() > 1e-5
 
 
+@pytest.mark.gate
 @each_part
 def test_buffers_may_be_replaced_by_views(kind: str, name: str) -> None:
     wanted = drive(part(kind, name), rows(name), PERIOD)
@@ -109,6 +110,7 @@ def test_unknown_parameters_are_refused(kind: str, name: str) -> None:
     assert f"Did you mean '{known}'" in str(caught.value)
 
 
+@pytest.mark.gate
 @each_part
 def test_components_are_picklable(kind: str, name: str) -> None:
     copy = pickle.loads(pickle.dumps(part(kind, name)))
@@ -195,6 +197,7 @@ def test_outputs_follow_inputs_at_once(kind: str, name: str) -> None:
     np.testing.assert_array_equal(seen[0], seen[2])
 
 
+@pytest.mark.gate
 @each_part
 def test_the_last_inputs_of_the_initialisation_count(kind: str, name: str) -> None:
     u = rows(name)

@@ -246,6 +246,7 @@ def test_a_recorded_value_that_is_not_finite_stops_both(options: Mapping[str, An
     assert missed.applied["amplifier.y"].tolist() == [0.0, 0.0]
 
 
+@pytest.mark.gate
 def test_a_recording_keeps_its_values_while_others_are_made() -> None:
     """Its memory is used again only when nothing refers to it any more, not even a view of a column."""
     system, motion = system_of("linear"), reference(100.0)

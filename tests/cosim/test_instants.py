@@ -89,6 +89,7 @@ def test_motion_is_that_of_a_direct_integration(kind: str, delay: float) -> None
     np.testing.assert_array_equal(found.time, motion.time)
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize("kind", ["fmu 2", "fmu 3", "model", "linear"])
 @pytest.mark.parametrize("timing", TIMINGS)
 def test_both_masters_give_the_same_bits(kind: str, timing: str) -> None:

@@ -151,6 +151,7 @@ def test_integers_become_floats() -> None:
     assert got.time.dtype == float
 
 
+@pytest.mark.gate
 def test_a_table_of_very_many_columns_takes_no_longer_for_each(tmp_path: Path) -> None:
     each: dict[int, float] = {}
     for count in (2_000, 20_000):

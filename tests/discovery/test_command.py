@@ -72,6 +72,7 @@ def test_text_names_it_and_says_where_the_files_are(printed: tuple[Path, str]) -
     assert str(folder / "out" / "discovery.html") in text
 
 
+@pytest.mark.gate
 def test_progress_is_shown_unless_asked_not_to(
     printed: tuple[Path, str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -155,6 +156,7 @@ def test_plant_fmu_has_the_found_values(printed: tuple[Path, str]) -> None:
     assert start["Fq1"] == pytest.approx(document.findings[0].parameters[0].value)
 
 
+@pytest.mark.gate
 def test_augmented_case_is_the_base_of_the_next_discovery(printed: tuple[Path, str], tmp_path: Path) -> None:
     """With the effect added nothing is missing any more; the folder may lie elsewhere, seen from the case."""
     shutil.copytree(printed[0], tmp_path / "moved")
@@ -207,6 +209,7 @@ def test_a_run_that_is_killed_leaves_what_it_knew(friction_case: Path, tmp_path:
     assert not (tmp_path / "discovery.html").exists()
 
 
+@pytest.mark.gate
 def test_time_that_is_up_is_told_everywhere(
     friction_case: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -361,6 +364,7 @@ def test_unknown_effect_is_told_with_the_valid_names(friction_case: Path, option
     assert "stribeck" in str(caught.value)
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize(
     ("name", "error"),
     [

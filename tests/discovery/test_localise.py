@@ -96,6 +96,7 @@ def test_units_of_the_regions_are_those_of_the_joint() -> None:
     assert units[1, "time"] == units[2, "time"] == "s"
 
 
+@pytest.mark.gate
 def test_error_after_reversals_is_seen_over_the_distance() -> None:
     """A residual that decays over a distance after each reversal, with the sign of the velocity: told in each of 40
     draws, and mostly before all else."""

@@ -32,6 +32,7 @@ def test_coulomb_friction_of_a_drive_is_named(tmp_path: Path, known: bool) -> No
         assert abs(v.value - truth[v.name]) <= 3.5 * v.std
 
 
+@pytest.mark.gate
 def test_a_drive_without_friction_is_given_none(tmp_path: Path) -> None:
     found = discover(drive_case(tmp_path, friction=0.0), tmp_path / "out")
     assert found.findings == []

@@ -73,6 +73,7 @@ def test_reference_alone_does_not_start_most_motions(folder: Path) -> None:
     assert all("not positive definite" in problem for problem in problems)
 
 
+@pytest.mark.gate
 def test_nominal_start_stays_with_what_the_data_do_not_show(folder: Path) -> None:
     """Two seconds of a log at 10 Hz hardly show 52 parameters; those of the description hold them."""
     model = measured(folder, 1)
@@ -116,6 +117,7 @@ def test_second_minimum_is_left(folder: Path) -> None:
     assert not estimate.rivals
 
 
+@pytest.mark.gate
 def test_resonances_above_half_the_rate_of_the_log(folder: Path) -> None:
     """Joint 6, whose controller is a spring of Kp Ktau N.m/rad and whose inertia is Ia6 + ZZ6, swings at 71 Hz."""
     model = measured(folder, 2)

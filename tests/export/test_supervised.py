@@ -56,6 +56,7 @@ def test_a_compiler_ends_with_its_parent(tmp_path: Path, how: signal.Signals) ->
     assert_gone(found)
 
 
+@pytest.mark.gate
 @LINUX
 def test_a_compiler_that_does_not_end_is_ended(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     limit = patience(1.0)

@@ -126,6 +126,7 @@ def test_a_stated_noise_counts() -> None:
     assert [channel.rms for channel in joint.channels] == pytest.approx([ENCODER] * 2, rel=0.1)
 
 
+@pytest.mark.gate
 def test_a_torque_of_another_scale_disagrees_with_the_positions() -> None:
     """A drive that gives 20 % less than its log says: inertias by the torque alone are too large, motion tells."""
     model = noisy(2)

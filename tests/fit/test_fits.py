@@ -256,6 +256,7 @@ def test_a_parameter_that_is_held_is_known(arm: LoopModel, truth: np.ndarray, ex
 # ---- sensitivities ---------------------------------------------------------------------------------
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize("exact", [False, True])
 def test_sensitivities_of_a_motion_that_repeats_are_those_of_the_whole(tmp_path: Path, exact: bool) -> None:
     """Three periods, of which the first and a bit are simulated: the same columns as without noticing that."""

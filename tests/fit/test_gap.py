@@ -127,6 +127,7 @@ def test_improvement_far_below_the_noise_is_worth_nothing() -> None:
 # ---- held-out ratio --------------------------------------------------------------------------------
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize("rho", [0.0, 0.5, 0.8])
 @pytest.mark.parametrize("size", [0.3, 1.0])
 def test_interval_of_the_ratio_covers_the_truth(size: float, rho: float) -> None:
@@ -140,6 +141,7 @@ def test_interval_of_the_ratio_covers_the_truth(size: float, rho: float) -> None
     assert hits >= 90
 
 
+@pytest.mark.gate
 def test_no_improvement_is_rarely_called_one() -> None:
     """A model error of other sign is no better: the interval lies below 1 in 3 of 100, counted over 400 draws."""
     error = model_error(np.array([0.2]))

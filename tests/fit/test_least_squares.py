@@ -157,6 +157,7 @@ def test_a_small_step_that_a_rough_torque_hides_settles(
     assert (np.abs(fit.values - taken[0]) <= 0.1 * near * sigma).all()
 
 
+@pytest.mark.gate
 def test_from_an_impossible_arm_each_step_leads_to_a_machine(model: LoopModel) -> None:
     seen: list[Iteration] = []
     fit = minimise(model.with_values(FAR), NoiseOfResidual(model), stopping=SETTLE, progress=seen.append)
@@ -249,6 +250,7 @@ def test_a_search_stops_where_little_is_promised_or_too_little_can_be_had(
     assert differentiated == []
 
 
+@pytest.mark.gate
 def test_a_search_keeps_held_out_experiments_simulable(model: LoopModel, monkeypatch: pytest.MonkeyPatch) -> None:
     """One that only simulates near the start; the measured torque there plays no part."""
     real = LoopModel.torque

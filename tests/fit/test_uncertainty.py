@@ -165,6 +165,7 @@ def test_equal_weights_count_each_joint_with_its_own_noise() -> None:
     np.testing.assert_allclose(stated, scatter, rtol=0.13)
 
 
+@pytest.mark.gate
 def test_instruments_count_as_they_do() -> None:
     """The fixed point of W'(y - S x) = 0 with noise that remembers 50 ms, as of DIDIM."""
     time, seeds = grid(50.0), 100

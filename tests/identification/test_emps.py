@@ -86,6 +86,7 @@ def test_far_start_is_recovered(tmp_path: Path) -> None:
     assert (np.abs(estimate.value / PUBLISHED - 1) <= WITHIN).all()
 
 
+@pytest.mark.gate
 def test_delay_moves_the_mass_and_can_be_estimated(tmp_path: Path) -> None:
     case = emps_case(tmp_path, 100)
     assert case.model is not None
@@ -99,6 +100,7 @@ def test_delay_moves_the_mass_and_can_be_estimated(tmp_path: Path) -> None:
     assert estimate.standard_deviation[-1] < 0.1
 
 
+@pytest.mark.gate
 def test_idim_ls_gives_the_published_values() -> None:
     outcome = identify("examples/emps/identify_idim_ls.yaml")
     np.testing.assert_allclose(outcome.estimate.value, PUBLISHED, rtol=0.005)

@@ -64,6 +64,7 @@ def test_experiments_are_stacked_in_their_order(tmp_path: Path) -> None:
     assert model.theta(values, "first")[1] == model.theta(values, "held")[1] == values[1]
 
 
+@pytest.mark.gate
 def test_a_value_of_its_own_is_found(tmp_path: Path) -> None:
     path = case_with(tmp_path, own=("Fv1", "MX2"))
     truth = with_data(path, {"Fv1[second]": 1.5, "MX2[second]": 0.3})

@@ -45,6 +45,7 @@ def model_at(cases: dict[int, Case], rate: int) -> LoopModel:
     return model
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize("rate", [200, 10])
 @pytest.mark.parametrize(
     ("start", "most"),

@@ -76,6 +76,7 @@ ESTIMATED = 4 / np.sqrt(2 * 500)
 """Four standard deviations of a deviation estimated from the 500 samples of a joint, relative."""
 
 
+@pytest.mark.gate
 def test_equal_weights_are_worse_and_say_so() -> None:
     """What the second joint, 26 times quieter, knows best is decided by the first one's noise; over 12 draws."""
     found = [estimate(Didim(), coloured=False, equal=True, seed=seed) for seed in range(200, 212)]
@@ -99,6 +100,7 @@ def test_noise_that_was_stated_wrongly_is_told(stated: float, told: str | None) 
     np.testing.assert_allclose(found.standard_deviation, max(stated, 1.0) * right.standard_deviation, rtol=ESTIMATED)
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize("wrong", [{"train": {"torque": {"log_shift_s": 0.005}}}, {"loop": {"delay_samples": 1}}])
 def test_deviations_contain_what_a_wrong_model_leaves(wrong: dict[str, Any]) -> None:
     """The clock of the log 5 ms late, or a missing sample of delay, with known noise of 1 %: told, and the truth, which
@@ -116,6 +118,7 @@ def test_deviations_contain_what_a_wrong_model_leaves(wrong: dict[str, Any]) -> 
     assert (error / found.standard_deviation[: error.size]).max() < 5
 
 
+@pytest.mark.gate
 def test_the_result_says_it(tmp_path: Path) -> None:
     case = load_case(CASE).with_(train={"torque": {"rate_hz": RATE_HZ}}, torque_std=[0.05, 0.002])
     outcome = identify(case, tmp_path)

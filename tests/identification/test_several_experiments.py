@@ -189,6 +189,7 @@ def test_the_clock_of_the_log_and_the_delay_are_recovered(tmp_path: Path) -> Non
     assert late.std < 0.001
 
 
+@pytest.mark.gate
 def test_each_experiment_may_have_a_clock_of_its_own(tmp_path: Path) -> None:
     experiments = {
         "one": run(tmp_path, "one", "train", seed=1),

@@ -54,6 +54,7 @@ def test_didim_with_a_probed_regressor_gives_the_same_answer(tmp_path: Path) -> 
     np.testing.assert_allclose(outcome.estimate.standard_deviation, expected.standard_deviation, rtol=1e-3)
 
 
+@pytest.mark.gate
 def test_parameters_left_out_keep_their_values_and_torque(tmp_path: Path) -> None:
     entries = {name: entry for name, entry in ENTRIES.items() if name not in ("Fv1", "MY2")}
     outcome = identify(probed_case(tmp_path, entries))

@@ -549,6 +549,7 @@ def test_only_files_beside_the_page_are_links(tmp_path: Path) -> None:
     assert re.findall(r'href="([^#"]+)"', page) == ["./a%20b.csv"]
 
 
+@pytest.mark.gate
 def test_long_signals_do_not_swell_the_page(tmp_path: Path) -> None:
     assert write_discovery_report(saved(tmp_path, document(), count=40_000)).stat().st_size < 2e6
 

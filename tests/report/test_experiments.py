@@ -58,6 +58,7 @@ def test_parameters_stand_in_groups(outcome: Result) -> None:
     assert {shown_unit(p) for p in outcome.parameters.values()} >= {"samples", "kg·m²", "s"}
 
 
+@pytest.mark.gate
 def test_each_experiment_has_a_line(outcome: Result) -> None:
     head, *lines = block(outcome.summary(), "Experiment")
     assert head.split() == ["Experiment", "role", "samples", "Hz", "agreement", "p", "own"]

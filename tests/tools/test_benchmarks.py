@@ -91,6 +91,7 @@ def test_c_program_of_the_scara_gives_our_trajectory() -> None:
     assert relative(found, scara.program(theta).runner(ticks)()) <= 1e-12
 
 
+@pytest.mark.gate
 def test_c_program_of_the_tx40_gives_our_trajectory_and_that_of_pinocchio() -> None:
     here = by_runge_kutta(model(1.0)[0], tx40.SUBSTEPS)
     wanted, ticks = here.experiments[here.first].reference, np.arange(500)
@@ -187,6 +188,7 @@ def test_an_identification_in_a_process_of_its_own_is_measured_by_phases() -> No
     assert all(seconds > 0 for seconds in found.values())
 
 
+@pytest.mark.gate
 def test_stages_of_a_discovery_are_those_that_it_tells_of(tmp_path: Path) -> None:
     make_order(Order(("torque_offset",), 1, True, ((tmp_path / "blind", 20),), 2.0, "development"))
     case = translate(tmp_path / "blind", tmp_path / "case")

@@ -17,6 +17,7 @@ from fmu_didim.workflow import identify, simulate
 from tests.cases import scara_case
 
 
+@pytest.mark.gate
 def test_identified_robot_simulates_the_identified_torque(tmp_path: Path) -> None:
     outcome = identify("examples/scara/identify.yaml", out=tmp_path)
     robot = read_robot(tmp_path / "robot_identified.yaml")
@@ -86,6 +87,7 @@ def test_the_robot_of_a_run_with_a_payload_is_written_too(tmp_path: Path, capsys
     assert not (out / "robot_identified_empty.yaml").exists()
 
 
+@pytest.mark.gate
 def test_without_parameters_of_its_own_no_run_has_a_robot_of_its_own(tmp_path: Path) -> None:
     outcome = identify("examples/scara/identify.yaml", out=tmp_path)
     assert outcome.robots == {} and outcome.outside_robot == ()

@@ -105,6 +105,7 @@ def renamed(block: Block, name: str, names: dict[str, str], folder: Path) -> Pat
     return build_fmu(new, directory=folder)
 
 
+@pytest.mark.gate
 def test_a_controller_with_the_names_of_its_vendor_becomes_the_controller(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -68,6 +68,7 @@ def log() -> Log:
     return Log(found.time, found.select(["tau1", "tau2"]))
 
 
+@pytest.mark.gate
 def test_arrays_are_identified_as_the_files_are(case: Case, log: Log, reference: Reference) -> None:
     expected = identify(case)
     found = identify(CASE, log=log, reference=reference)
@@ -98,6 +99,7 @@ def system() -> Any:
     return to_control(read_controller(CONTROLLER))
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize(
     "controller",
     [
@@ -157,6 +159,7 @@ def test_angles_in_degrees_without_their_unit_are_reported(
     assert told.code.name == "reference-unit" and "unit='deg'" in told.advice
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize(("degrees", "code"), [(False, []), (True, ["positions-unit"])])
 def test_measured_positions_in_degrees_are_reported_in_arrays_and_in_files(
     case: Case, reference: Reference, tmp_path: Path, degrees: bool, code: list[str]
@@ -424,6 +427,7 @@ def test_start_of_another_result(case: Case, log: Log) -> None:
         assert abs(again.values[name] - parameter.value) < 0.1 * parameter.std
 
 
+@pytest.mark.gate
 def test_start_leaves_out_what_has_no_place_and_refuses_what_does_not_belong(case: Case, reference: Reference) -> None:
     three = identify(three_experiments())
     one = identify(case, start=three)  # own values of an experiment that the case does not have

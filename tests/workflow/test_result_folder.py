@@ -235,6 +235,7 @@ def test_the_verbs_look_before_they_work(
 # ---- the verbs -------------------------------------------------------------------------------------
 
 
+@pytest.mark.gate
 def test_a_refused_run_removes_what_an_earlier_one_left(tmp_path: Path) -> None:
     out = tmp_path / "out"
     shown: list[set[str]] = []

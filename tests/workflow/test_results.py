@@ -52,6 +52,7 @@ def found(tmp_path_factory: pytest.TempPathFactory) -> tuple[Discovered, Path]:
     return discover(load_case(content, folder=root, signals=signals), folder, rounds=1), folder
 
 
+@pytest.mark.gate
 def test_outcome_gives_values_and_what_judges_them(outcome: Result) -> None:
     assert outcome.converged
     assert repr(outcome) == "Result('SCARA, torque at 10 Hz', valid, 11 parameters)"

@@ -14,6 +14,7 @@ SCARA = "examples/scara/identify_200hz.yaml"
 STEP = 0.005
 
 
+@pytest.mark.gate
 def test_predicted_standard_deviations_are_those_of_the_identification() -> None:
     ahead = check(SCARA).prospect
     assert ahead is not None

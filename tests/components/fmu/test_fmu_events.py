@@ -27,6 +27,7 @@ def pi_law(u: np.ndarray, *, kp: float = 3.0, ki: float = 5.0) -> np.ndarray:
     return kp * e + ki * T * (np.cumsum(e) - e)
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize("start", [0.0, 1.7])
 @pytest.mark.parametrize("isolated", [False, True])
 def test_a_clocked_controller_is_the_plain_one(tmp_path: Path, start: float, isolated: bool) -> None:
@@ -74,6 +75,7 @@ def closed(law: Any, plant: Any) -> np.ndarray:
     return simulate(system, motion).table(["law.u", "plant.y"])
 
 
+@pytest.mark.gate
 def test_a_clocked_controller_in_the_loop(tmp_path: Path) -> None:
     plant = load_fmu(awkward_fmu(tmp_path)).with_parameters({"d": 0.0})
     found = [closed(load_fmu(clocked(tmp_path, plain=plain)), plant) for plain in (False, True)]
@@ -131,6 +133,7 @@ def test_ticks_between_communication_points_are_refused(tmp_path: Path, size: fl
         drive(load_fmu(clocked(tmp_path)), U, size)
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize("event_mode", [False, True])
 @pytest.mark.parametrize("macros", [(), ("EARLY",), ("TIMED",)])
 def test_events_and_early_returns(tmp_path: Path, event_mode: bool, macros: tuple[str, ...]) -> None:

@@ -337,6 +337,7 @@ def test_arrays_of_fmi_3_are_flattened(tmp_path: Path) -> None:
 WAVE = np.sin(7 * np.arange(40)[:, None] * PERIOD + np.arange(2)) * [1.0, 0.2]
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize("version", VERSIONS)
 def test_model_exchange_of_a_plant(version: str) -> None:
     """Both integrate with held inputs; co-simulation chooses its substeps by itself."""
@@ -353,6 +354,7 @@ def test_model_exchange_of_a_plant(version: str) -> None:
     assert cvode.describe()["solver"] == "cvode"
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize("name", ["cascade", "pd"])
 @pytest.mark.parametrize("version", VERSIONS)
 def test_model_exchange_of_a_sampled_controller(name: str, version: str) -> None:
@@ -481,6 +483,7 @@ def test_errors_of_isolated_fmus_arrive(tmp_path: Path) -> None:
         load_fmu(awkward_fmu(tmp_path, "MISSING_SYMBOL"), isolated=True).instantiate()
 
 
+@pytest.mark.gate
 @pytest.mark.skipif(sys.platform == "win32", reason="looks for processes in /proc")
 def test_a_hanging_fmu_ends_with_its_parent(tmp_path: Path) -> None:
     """Also if the parent dies without a chance to clean up."""

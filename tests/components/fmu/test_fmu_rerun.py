@@ -110,6 +110,7 @@ def test_isolated_instances_keep_their_process(tmp_path: Path, macros: tuple[str
     instance.close()
 
 
+@pytest.mark.gate
 def test_a_fresh_process_for_every_run(tmp_path: Path) -> None:
     made = load_fmu(awkward_fmu(tmp_path, "COUNTS_INSTANCES"), rerun="fresh process")
     first, found = made.instantiate(), []
@@ -199,6 +200,7 @@ def test_what_is_chosen(facts: Facts, strategy: str, isolated: bool) -> None:
     assert (found.strategy, found.isolated) == (strategy, isolated)
 
 
+@pytest.mark.gate
 def test_fmus_that_never_run_are_isolated_after_a_crash(tmp_path: Path) -> None:
     made = load_fmu(awkward_fmu(tmp_path, "CRASH_IN_STEP"))
     assert made.find_rerun().strategy == "fresh process"
@@ -355,6 +357,7 @@ def test_a_probe_of_one_instance_a_process(tmp_path: Path) -> None:
     assert lines[-1].startswith("run it again by: reset (a second instance in one process is fatal or hangs")
 
 
+@pytest.mark.gate
 def test_a_probe_within_its_time(tmp_path: Path) -> None:
     """What is left when the time is up is said, and asked the next time."""
     made, told = load_fmu(awkward_fmu(tmp_path)), []
@@ -403,6 +406,7 @@ def test_outputs_that_follow_against_the_description(tmp_path: Path, dependencie
     assert [text.endswith(": y") for text in said] == [True] * told
 
 
+@pytest.mark.gate
 def test_a_probe_is_a_trial_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     made = load_fmu(awkward_fmu(tmp_path, "RESET_KEEPS_STATE"))
     found = probe_fmu(made)

@@ -31,6 +31,7 @@ def test_types_of_fmi_2(tmp_path: Path) -> None:
     np.testing.assert_allclose(drive(made, u, H), wanted, rtol=1e-15)
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize("isolated", [False, True])
 def test_types_of_fmi_3(tmp_path: Path, isolated: bool) -> None:
     made = load_fmu(typed(tmp_path, 3), isolated=isolated)
@@ -82,6 +83,7 @@ def test_derivatives_leave_integers_alone(tmp_path: Path) -> None:
     instance.close()
 
 
+@pytest.mark.gate
 def test_probes_of_other_types(tmp_path: Path) -> None:
     found = probe_fmu(load_fmu(typed(tmp_path, 2)))
     assert not found.facts.failure

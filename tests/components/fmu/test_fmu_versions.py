@@ -81,6 +81,7 @@ def test_fmi_1_is_run_again(tmp_path: Path, macros: tuple[str, ...], strategy: s
     instance.close()
 
 
+@pytest.mark.gate
 def test_fmi_1_in_the_loop(tmp_path: Path) -> None:
     """Two slaves of FMI 1.0 in a row; the second one sees the first at the same tick. Then again with another value."""
     made = load_fmu(fmi_1(tmp_path))
@@ -100,6 +101,7 @@ def test_fmi_1_in_the_loop(tmp_path: Path) -> None:
     pool.close()
 
 
+@pytest.mark.gate
 def test_info_and_check_of_fmi_1(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = str(fmi_1(tmp_path))
     assert main(["fmu", "info", path]) == 0

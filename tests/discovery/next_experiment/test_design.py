@@ -249,6 +249,7 @@ def test_a_member_without_amplitudes_gets_those_of_its_likeness() -> None:
     np.testing.assert_allclose([*found[0], *found[1]], [0.7, expected], rtol=1e-6)
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize("seed", range(4))
 def test_limits_are_kept(seed: int) -> None:
     """Every candidate with any design: within the limits, from rest to rest at one place, derivatives that fit."""
@@ -284,6 +285,7 @@ def test_lag_and_delay_are_not_promised() -> None:
         found.save("anywhere.csv")
 
 
+@pytest.mark.gate
 def test_what_can_be_split_is_split_beside_what_cannot() -> None:
     members = [member("actuator_lag", T=0.004), member("delay", delay=0.004), member("stribeck", Fs=0.5)]
     found = design(members, motion(**SLOWER), rate_hz=100.0, evaluations=20, draws=3)
@@ -306,6 +308,7 @@ def test_members_that_no_motion_shows_are_said_to_be_so() -> None:
     assert "closed-loop simulations only" in found.description
 
 
+@pytest.mark.gate
 def test_the_same_seed_gives_the_same_experiment() -> None:
     members = [member("torque_offset", offset=2.0), member("asymmetric_coulomb", Fca=0.8)]
     first, second, other = (design(members, motion(**QUICK), seed=seed) for seed in (5, 5, 6))

@@ -93,7 +93,8 @@ def test_hidden_effect_is_named_first_on_its_joint(run: RunWithParameters, effec
     else:
         assert first_is_right(document, truth)
     assert document.answer in ("named", "named_with_remainder")
-    assert_gap_shrinks(document)
+    # The base model makes up for much of a spring; what the effect leaves of it is the same however good that is.
+    assert_gap_shrinks(document, to=0.5 if effect == "spring" else 0.4)
     first = document.findings[0]
     assert first.delta_bic > 10
     assert first.share_of_gap > 0.5

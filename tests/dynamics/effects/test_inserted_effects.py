@@ -425,6 +425,7 @@ class TestInARobotDescription:
         assert np.abs(recorded.inputs["plant.tau2"] - logged).max() > 0.01
         assert np.abs(table.values - fmu_didim.simulate(plain).values).max() > 1e-3
 
+    @pytest.mark.gate
     def test_identification_with_a_known_lag_finds_the_truth(self, tmp_path: Path) -> None:
         """Data made with the lag: with it in the description the values are the true ones, without it they are not."""
         path, described = self.lag_case(tmp_path, T=0.02)

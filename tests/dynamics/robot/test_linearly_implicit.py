@@ -75,6 +75,7 @@ def test_the_order_is_two(name: str) -> None:
     assert errors[2] <= 1e-5
 
 
+@pytest.mark.gate
 def test_the_order_holds_for_slopes_that_are_wrong(monkeypatch: pytest.MonkeyPatch) -> None:
     """A method of W type: slopes decide about stability, not about what it converges to."""
     exact = end(robot(*STEEP["coulomb"]), 25600)

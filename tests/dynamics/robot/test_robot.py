@@ -117,6 +117,7 @@ class TestModels:
             theirs = pinocchio.rnea(other, data, q[k], dq[k], ddq[k])
             assert np.linalg.norm(ours - theirs) <= 1e-10 * np.linalg.norm(theirs)
 
+    @pytest.mark.gate
     def test_mass_matrix_and_bias_make_up_the_torque(self, count: int, seed: int) -> None:
         model = RobotModel(random_robot(count, seed))
         q, dq, ddq = motion(count, seed)

@@ -294,6 +294,7 @@ def test_layout_of_a_case(tmp_path: Path) -> None:
     assert set(truth["gap_sigma_rms_per_joint"]) == {"train", "test"}
 
 
+@pytest.mark.gate
 def test_torque_rates_share_a_run_and_names_say_nothing(tmp_path: Path) -> None:
     count = make_campaign(tmp_path / "a", ["torque_offset"], seeds=[1], rates=[100, 20], level=2.0, clean=1)
     make_campaign(tmp_path / "b", ["torque_offset"], seeds=[1], rates=[100, 20], level=2.0, clean=1)
@@ -313,6 +314,7 @@ def test_torque_rates_share_a_run_and_names_say_nothing(tmp_path: Path) -> None:
 # ---- from a case to the project --------------------------------------------------------------------
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize("seed", range(4))
 def test_translated_case_is_the_plant_that_was_simulated(tmp_path: Path, seed: int) -> None:
     """Geometry, direction of rotation, gravity and control law: the project's loop gives the same torque."""

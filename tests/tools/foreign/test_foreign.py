@@ -47,11 +47,13 @@ def test_each_content_is_looked_at_once_and_other_rows_stay(checkouts: Path, tmp
         main([str(checkouts), "--only", "owner/none", "--figures", str(file)])
 
 
+@pytest.mark.gate
 def test_an_fmu_that_runs_and_one_that_is_refused(checkouts: Path) -> None:
     assert fmu(checkouts / "owner/name/law.fmu")["answer"] == "runs"
     assert fmu(checkouts / "owner/name/text.fmu")["answer"] == "refused"
 
 
+@pytest.mark.gate
 def test_a_system_that_holds_no_component_is_refused(tmp_path: Path) -> None:
     structure = tmp_path / "SystemStructure.ssd"
     structure.write_text(

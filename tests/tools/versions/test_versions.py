@@ -234,6 +234,7 @@ def test_names_of_packages_compare_in_all_spellings() -> None:
     assert normal("Types_PyYAML") == normal("types.pyyaml") == "types-pyyaml"
 
 
+@pytest.mark.gate
 def test_large_packages_are_listed_with_what_they_are_for(tmp_path: Path) -> None:
     sizes.record(tmp_path / "sizes.json")
     figures = json.loads((tmp_path / "sizes.json").read_text(encoding="utf-8"))["figures"]
