@@ -85,7 +85,7 @@ def test_without_them_the_loop_is_told() -> None:
 
 
 @pytest.mark.gate
-@pytest.mark.parametrize("kind", ["model", "control"])
+@pytest.mark.parametrize("kind", ["model", pytest.param("control", marks=pytest.mark.slow)])
 def test_other_components_give_the_same(kind: str) -> None:
     table = simulate(case(slowing(), plant={"kind": kind}, controller={**content()["controller"], "kind": kind}))
     assert np.abs(table.select(["tau1", "tau2"]) - simulate(case(slowing())).select(["tau1", "tau2"])).max() < 1e-9

@@ -102,7 +102,7 @@ def freed(estimate: Estimate) -> dict[str, tuple[float, float]]:
 
 
 @pytest.mark.gate
-@pytest.mark.parametrize("size", [0.3, 1.0])
+@pytest.mark.parametrize("size", [0.3, pytest.param(1.0, marks=pytest.mark.slow)])
 def test_values_and_deviations_hold_with_states_of_controllers_off(model: LoopModel, size: float) -> None:
     off = {name: size * value for name, value in SPREAD.items()}
     z, starts, held = [], [], []
