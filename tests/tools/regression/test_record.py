@@ -20,7 +20,7 @@ from tests.tools.regression.record import this_project
 def test_every_example_is_there() -> None:
     assert all(job.path.is_file() for job in example_jobs())
     # An example that is not listed is a case that no comparison sees.
-    verbs = ("identify", "discover", "two_payloads")
+    verbs = ("identify", "discover", "two_payloads", "prior")
     there = {path for verb in verbs for path in (ROOT / "examples").glob(f"*/{verb}*.yaml")}
     assert {job.path for job in example_jobs()} == there
 
