@@ -73,7 +73,7 @@ def test_paper_tables(capsys: pytest.CaptureFixture[str]) -> None:
         assert title in script["table"](title, estimate)  # type: ignore[operator]
 
 
-@pytest.mark.gate
+@pytest.mark.slow
 def test_rate_sweep(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "sweep.svg"
     monkeypatch.setattr(sys, "argv", ["rate_sweep.py", "--out", str(out)])

@@ -76,7 +76,7 @@ def test_robustness(tmp_path: Path) -> None:
     assert (far["ZZ1R"] - 3.43).abs().max() < 0.1
 
 
-@pytest.mark.gate
+@pytest.mark.slow
 def test_a_mis_stated_controller_is_seen_in_bias_and_verdict(tmp_path: Path) -> None:
     """What biases the answer never leaves it valid; all see the same data, which is told."""
     results = part_of("controller_swap", tmp_path / "run", vary_of("controller_swap"), 2)

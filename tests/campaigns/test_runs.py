@@ -74,7 +74,7 @@ def test_nothing_is_run_twice(done: Campaign) -> None:
     assert list((done.out / "runners").iterdir()) == []
 
 
-@pytest.mark.gate
+@pytest.mark.slow
 def test_a_larger_campaign_runs_what_is_new(done: Campaign, tmp_path: Path) -> None:
     """Rows of another plan stand by, and take no part in any table."""
     out = tmp_path / "run"
@@ -157,7 +157,7 @@ def with_mark(task: Any, mark: Path) -> Any:
     return replace(task, content=replace(task.content, options={"mark": str(mark)}))
 
 
-@pytest.mark.gate
+@pytest.mark.slow
 def test_fmus_that_crash_and_hang(tmp_path: Path) -> None:
     """Of three controllers one crashes and one hangs in a step; their runs say so, those of the third are right."""
     sources = [str(awkward_fmu(tmp_path, *macro)) for macro in ((), ("CRASH_IN_STEP",), ("HANG_IN_STEP",))]
@@ -178,7 +178,7 @@ def test_fmus_that_crash_and_hang(tmp_path: Path) -> None:
     assert (np.abs(values["value"] - 2.0) < 4 * values["std"]).all()
 
 
-@pytest.mark.gate
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform != "linux", reason="its licences are locks of Linux")
 @pytest.mark.parametrize(("instances", "statuses"), [({}, {"failed"}), ({"licences_2.fmu": 1}, set())])
 def test_few_runs_use_an_fmu_at_the_same_time(
@@ -198,7 +198,7 @@ def test_few_runs_use_an_fmu_at_the_same_time(
     assert set(rows["status"]) - {"answered"} == statuses
 
 
-@pytest.mark.gate
+@pytest.mark.slow
 def test_a_full_disk_ends_the_campaign_and_loses_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     write, written = Journal.write, []
 

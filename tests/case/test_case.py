@@ -34,7 +34,7 @@ def test_one_line_exchanges_plant_and_controller(tmp_path: Path, plant: str, con
     assert outcome.document.loop["components"]["controller"]["kind"] == controller
 
 
-@pytest.mark.gate
+@pytest.mark.slow
 def test_plant_as_python_control_gives_the_same_torque(tmp_path: Path) -> None:
     """Simulated here, since each identification takes dozens of runs at the speed of Python."""
     reference = simulate(SCARA)

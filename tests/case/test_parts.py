@@ -118,7 +118,7 @@ def three_parts(folder: Path, *, tool: str = "") -> dict[str, Any]:
     return document
 
 
-@pytest.mark.gate
+@pytest.mark.slow
 @pytest.mark.parametrize("tool", ["", pytest.param("Vendor 1.0", marks=pytest.mark.slow)])
 def test_three_parts_are_identified(tmp_path: Path, tool: str) -> None:
     """A parameter of each FMU and a gain of the controller, started 30 to 50 % off."""

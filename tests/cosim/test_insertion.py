@@ -61,7 +61,7 @@ class TestWiring:
                 assert all(np.array_equal(before.applied[name], after.applied[name]) for name in SIGNALS)
 
     @pytest.mark.gate
-    @pytest.mark.parametrize("plant", ["model", "control", "fmu"])
+    @pytest.mark.parametrize("plant", ["model", pytest.param("control", marks=pytest.mark.slow), "fmu"])
     @pytest.mark.parametrize("controller", ["model", "control", "fmu"])
     def test_every_kind_of_component_gives_the_same_motion(self, plant: str, controller: str) -> None:
         values = {"T": 0.004}

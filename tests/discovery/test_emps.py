@@ -83,7 +83,7 @@ def test_what_the_usual_model_lacks() -> None:
     assert not [f for f in found.findings if f.ratio_interval is None or (f.ratio_interval[1] or 9.0) >= 1.0]
 
 
-@pytest.mark.gate
+@pytest.mark.slow
 @needs_emps
 def test_pulses_are_found() -> None:
     fit = base_of(PULSES)

@@ -67,7 +67,7 @@ def test_report_says_that_it_is_the_whole_log(late: tuple[Path, FindingsDocument
     assert "Time shift of the torque log, joint" not in page
 
 
-@pytest.mark.gate
+@pytest.mark.slow
 def test_early_log_is_named_though_a_lag_of_the_drives_resembles_it(tmp_path: Path) -> None:
     """The command of one joint would lead by the lag of its drive; both joints lead alike."""
     assert_only_shift(discover(arm_case(tmp_path, joints=2, late_s=-0.017)), -0.017)

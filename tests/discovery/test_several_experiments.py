@@ -36,7 +36,7 @@ def found(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, FindingsDocum
     return folder, discover(arm_experiments(folder, FAST, FRICTION), folder / "out")
 
 
-@pytest.mark.gate
+@pytest.mark.slow
 def test_an_effect_that_one_of_two_experiments_shows_is_found(found: tuple[Path, FindingsDocument]) -> None:
     document = found[1]
     assert document.answer == "named"

@@ -54,7 +54,7 @@ def check(document: FindingsDocument, name: str) -> None:
     assert document.gap["validation"].after < 0.6  # type: ignore[operator]
 
 
-@pytest.mark.gate
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [pytest.param("wrist", marks=pytest.mark.slow), "load"])
 def test_effect_is_named_among_effects_of_friction(name: str) -> None:
     """The shipped data; the rest of the catalogue, whose signatures take simulations, is forbidden."""

@@ -164,9 +164,12 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return clone
 
 
-BUSY = dict.fromkeys(("campaigns", "cluster", "discovery", "modelica"), pytest.mark.slow)
+BUSY = dict.fromkeys(
+    ("campaigns", "cluster", "discovery", "modelica", "swap-controller", "low-rate", "examples"), pytest.mark.slow
+)
 """Pages that are not run at the gate: on a busy machine Dask's own processes may not come or go in time, discoveries on
-six joints take minutes, and the campaign and the Modelica example of the README are enough there."""
+six joints take minutes, and what the campaign and the Modelica example of the README and the page of foreign FMUs run
+is enough there. The examples have tests of their own."""
 
 
 def _fill_in(folder: Path) -> None:

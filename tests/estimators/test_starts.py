@@ -136,7 +136,7 @@ def test_minima_are_told_apart_at_20_hz(seed: int) -> None:
     assert found.farthest <= 4
 
 
-@pytest.mark.gate
+@pytest.mark.slow
 def test_a_minimum_that_is_nearly_as_low_is_a_rival(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """By how much another one may be worse decides, and nothing else."""
     model = measured(folder, 2)

@@ -195,7 +195,7 @@ def disturbed(seed: int) -> LoopModel:
     return model.with_experiment(label, replace(data, torque=torque, channels=tuple(channels)))
 
 
-@pytest.mark.gate
+@pytest.mark.slow
 def test_disturbances_that_feedback_shows_in_both_are_not_counted_twice() -> None:
     """As independent, torque and positions would make deviations smaller by 0.7, which the scatter would not be."""
     found = [Didim().estimate(disturbed(seed)) for seed in range(40)]

@@ -160,6 +160,7 @@ def all_verbs(machine: Machine, condition: Mapping[str, str]) -> None:
     assert list(arm.glob("results/*/findings.json"))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "name", [pytest.param("as_it_is", marks=pytest.mark.slow), *(name for name in CONDITIONS if name != "as_it_is")]
 )
@@ -199,6 +200,7 @@ def test_the_source_distribution_makes_the_same_wheel(place: Path) -> None:
     assert (source / "dist" / wheel.name).read_bytes() == wheel.read_bytes()
 
 
+@pytest.mark.slow
 def test_the_tests_of_the_source_distribution_are_complete(place: Path) -> None:
     """Every test file of it can be read, and those of what is packed pass."""
     (archive,) = (place / "dist").glob("*.tar.gz")

@@ -57,7 +57,11 @@ def full_rate_errors(estimate: Estimate, folder: Path) -> tuple[float, float]:
 
 
 @pytest.mark.gate
-@pytest.mark.parametrize("rate_hz", [None, 100, 10, 4], ids=["1 kHz", "100 Hz", "10 Hz", "4 Hz"])
+@pytest.mark.parametrize(
+    "rate_hz",
+    [None, 100, *(pytest.param(r, marks=pytest.mark.slow) for r in (10, 4))],
+    ids=["1 kHz", "100 Hz", "10 Hz", "4 Hz"],
+)
 def test_every_start_gives_the_published_values(tmp_path: Path, rate_hz: float | None) -> None:
     case = emps_case(tmp_path, rate_hz)
     assert case.model is not None

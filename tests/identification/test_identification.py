@@ -109,7 +109,7 @@ def test_sensitivity_agrees_with_central_differences(cases: dict[int, Case]) -> 
         assert np.linalg.norm(found[:, :, i] - central) <= 1e-5 * size
 
 
-@pytest.mark.gate
+@pytest.mark.slow
 def test_loose_tracking_needs_the_corrected_deviation(cases: dict[int, Case]) -> None:
     """With weak gains W is not the sensitivity: eq. (8) claims too little, the corrected formula does not."""
     model = model_at(cases, 200)

@@ -20,7 +20,7 @@ def check_coverage(summary: Summary, seeds: int, *, least: float = 93.0) -> None
         assert coverage.max() <= highest, summary.text()
 
 
-@pytest.mark.gate
+@pytest.mark.slow
 @pytest.mark.parametrize("rate_hz", [pytest.param(200, marks=pytest.mark.slow), 10])
 def test_coverage_over_200_seeds(rate_hz: int) -> None:
     summary = run(Design(rate_hz), 200)
@@ -29,7 +29,7 @@ def test_coverage_over_200_seeds(rate_hz: int) -> None:
     assert abs(np.sqrt((summary.efficiency**2).mean()) - 1) <= 0.07, summary.text()
 
 
-@pytest.mark.gate
+@pytest.mark.slow
 def test_coverage_with_coloured_noise() -> None:
     """Half of the power remembers 50 ms; with white noise in mind 75 % would be inside."""
     summary = run(Design(50, coloured=True), 60)

@@ -87,7 +87,7 @@ def test_motion_alone_shows_all_values() -> None:
     assert [channel.deviation for channel in found.joint.channels] == pytest.approx([ENCODER] * 2, rel=0.1)
 
 
-@pytest.mark.gate
+@pytest.mark.slow
 def test_intervals_of_motion_alone_hold() -> None:
     """Of 30 draws of ten values 95 % are inside, but for chance; the deviations are those of the scatter."""
     found = [estimate(seed) for seed in range(30)]

@@ -105,7 +105,7 @@ def deviations(estimate: Estimate, truth: Mapping[str, float]) -> dict[str, floa
 
 
 @pytest.mark.gate
-@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("seed", [*(pytest.param(seed, marks=pytest.mark.slow) for seed in (1, 2)), 3])
 def test_shared_and_own_parameters_of_two_experiments(tmp_path: Path, seed: int) -> None:
     outcome = identify(two_payloads(tmp_path, seed))
     truth = simulator().TRUTH | {f"{name}[payload]": loaded()[name] for name in OWN}
@@ -149,7 +149,7 @@ def test_a_payload_that_nobody_stated_is_a_disagreement(tmp_path: Path) -> None:
     assert "does not agree with the others" in outcome.summary()
 
 
-@pytest.mark.gate
+@pytest.mark.slow
 def test_experiments_that_agree_are_seldom_said_to_disagree(tmp_path: Path) -> None:
     """At a level of 0.1 %: not once in ten seeds, and the p values are spread over [0, 1]."""
     p_values = []

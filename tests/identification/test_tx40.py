@@ -101,7 +101,7 @@ def test_controller_with_the_drive_gains_is_the_published_law() -> None:
     np.testing.assert_allclose(command, expected, rtol=1e-12)
 
 
-@pytest.mark.gate
+@pytest.mark.slow
 def test_closed_loop_at_5_khz_is_that_of_pinocchio(tmp_path: Path) -> None:
     """Both FMUs in the loop for two seconds: it tracks, and torque and motion are those of another program."""
     torque, motion = by_pinocchio()

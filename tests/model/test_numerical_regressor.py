@@ -27,7 +27,7 @@ def probed_case(folder: Path, entries: dict[str, Any], kind: str = "fmu") -> Pat
 
 
 @pytest.mark.gate
-@pytest.mark.parametrize("kind", ["fmu", "model", "control"])
+@pytest.mark.parametrize("kind", ["fmu", "model", pytest.param("control", marks=pytest.mark.slow)])
 @pytest.mark.parametrize(
     "delay", [pytest.param(0.0, marks=pytest.mark.slow), 0.5, pytest.param(2.0, marks=pytest.mark.slow)]
 )

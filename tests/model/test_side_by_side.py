@@ -57,7 +57,7 @@ def test_the_error_of_a_task_is_raised() -> None:
         side_by_side([lambda: 1, broken, lambda: 2], 2)
 
 
-@pytest.mark.gate
+@pytest.mark.slow
 def test_only_compiled_loops_of_own_fmus_run_side_by_side(model: LoopModel) -> None:
     several = replace(model, workers=3)
     assert several.allowed_workers(TRUTH) == 3

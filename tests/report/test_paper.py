@@ -33,7 +33,7 @@ def test_identify_writes_each_chart_and_the_next_run_without_takes_them_away(tmp
     assert not list(tmp_path.glob("figure_*"))
 
 
-@pytest.mark.gate
+@pytest.mark.slow
 def test_a_discovery_and_a_refusal_have_theirs(tmp_path: Path) -> None:
     folder = tmp_path / "discover"
     folder.mkdir()

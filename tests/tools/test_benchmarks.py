@@ -174,7 +174,7 @@ def test_a_quick_run_writes_complete_figures(name: str, tmp_path: Path, capfd: p
         assert all(np.isfinite(value) for value in figure["medians"].values())
 
 
-@pytest.mark.gate
+@pytest.mark.slow
 def test_an_identification_in_a_process_of_its_own_is_measured_by_phases() -> None:
     done = subprocess.run(
         [sys.executable, "-m", "tests.tools.benchmarks.first_identification"], cwd=ROOT, check=True,

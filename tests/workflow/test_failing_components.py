@@ -85,7 +85,10 @@ def test_the_loop_without_faults_is_identified(folder: Path) -> None:
     assert found.value == pytest.approx(2.0, abs=3 * found.std)
 
 
-CASES = [(fault, True) for fault in FAULTS] + [("ERROR_IN_STEP", False), ("NAN_OUTPUT", False)]
+CASES = [
+    ("CRASH_IN_STEP", True), ("EXIT_IN_STEP", True), ("ERROR_IN_STEP", False), ("NAN_OUTPUT", False),
+    *(pytest.param(f, True, marks=pytest.mark.slow) for f in ("ERROR_IN_STEP", "NAN_OUTPUT", "HANG_IN_STEP")),
+]  # fmt: skip
 
 
 @pytest.mark.gate

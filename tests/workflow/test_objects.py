@@ -79,7 +79,7 @@ def test_arrays_are_identified_as_the_files_are(case: Case, log: Log, reference:
     assert alone.document.name == "case in memory"
 
 
-@pytest.mark.gate
+@pytest.mark.slow
 def test_arrays_and_objects_are_hashed_into_the_provenance(log: Log, reference: Reference) -> None:
     def files(**changes: Any) -> dict[str, str]:
         given = {"robot": read_robot(ROBOT), "controller": law, "log": log, "reference": reference, **changes}
@@ -212,7 +212,7 @@ def test_a_controller_replaces_the_former_one_with_all_that_was_said_of_it(case:
     }  # fmt: skip
 
 
-@pytest.mark.gate
+@pytest.mark.slow
 def test_gains_of_a_law_are_parameters_of_the_controller(log: Log, reference: Reference) -> None:
     def scaled(q_ref: Any, dq_ref: Any, q: Any, dq: Any, gain: float = 0.9) -> Any:
         return gain * law(q, dq, q_ref, dq_ref)

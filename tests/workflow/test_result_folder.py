@@ -262,7 +262,7 @@ sys.exit(main(sys.argv[2:]))
 
 @pytest.mark.gate
 @pytest.mark.skipif(sys.platform == "win32", reason="needs resource limits")
-@pytest.mark.parametrize("size", [4096, 100_000])
+@pytest.mark.parametrize("size", [4096, pytest.param(100_000, marks=pytest.mark.slow)])
 def test_a_full_disk_leaves_the_earlier_result_and_the_table_is_printed(tmp_path: Path, size: int) -> None:
     """Files end at 4 096 bytes, within result.json, or within the page."""
     out = tmp_path / "out"

@@ -26,11 +26,11 @@ Array = np.ndarray
 ROBOTS = ("scara", "arm", "tx40")
 SEEDS = {"scara": (1, 2, 3), "arm": (1, 2, 3), "tx40": (1,)}
 RUNS = [
-    pytest.param(robot, seed, marks=[pytest.mark.slow] if seed > 1 else [], id=f"{robot}-{seed}")
+    pytest.param(robot, seed, marks=[pytest.mark.slow] if seed > 1 or robot == "tx40" else [], id=f"{robot}-{seed}")
     for robot in ROBOTS
     for seed in SEEDS[robot]
 ]
-"""One seed a robot takes seconds, the others minutes."""
+"""One seed of the robots of two joints takes seconds, the others minutes."""
 
 
 def degrees(model: LoopModel) -> LoopModel:

@@ -216,7 +216,11 @@ def test_fmus_that_never_run_are_isolated_after_a_crash(tmp_path: Path) -> None:
     ],
 )  # fmt: skip
 @pytest.mark.parametrize(
-    ("further", "strategy"), [((), "reset"), (("RESET_KEEPS_STATE", "STATE_INCOMPLETE"), "fresh process")]
+    ("further", "strategy"),
+    [
+        ((), "reset"),
+        pytest.param(("RESET_KEEPS_STATE", "STATE_INCOMPLETE"), "fresh process", marks=pytest.mark.slow),
+    ],
 )
 def test_one_instance_a_process(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, macro: str, way: str, further: tuple[str, ...], strategy: str
@@ -302,7 +306,14 @@ def test_a_trial_that_did_not_come_to_its_end_is_not_kept(
 
 
 @pytest.mark.gate
-@pytest.mark.parametrize("question", ["side_by_side", "parameters", "tunable", "response", "saved_state"])
+@pytest.mark.parametrize(
+    "question",
+    [
+        "response",
+        "saved_state",
+        *(pytest.param(q, marks=pytest.mark.slow) for q in ("side_by_side", "parameters", "tunable")),
+    ],
+)
 def test_a_probe_that_did_not_come_to_its_end_is_not_kept(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, question: str
 ) -> None:
@@ -314,7 +325,7 @@ def test_a_probe_that_did_not_come_to_its_end_is_not_kept(
         assert kept(tmp_path) == wanted
 
 
-@pytest.mark.gate
+@pytest.mark.slow
 def test_what_does_not_run_here_is_not_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A licence or a library that is missing today may be there tomorrow."""
     monkeypatch.setattr(rerun_module, "TIME_LIMIT", 0.5)

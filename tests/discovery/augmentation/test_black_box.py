@@ -19,7 +19,7 @@ from fmu_didim.workflow import discover
 from tests.discovery.vendor import NOISE, vendor_case
 
 
-@pytest.mark.gate
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("hidden", "joint", "values", "kind"),
     [
@@ -49,7 +49,7 @@ def test_hidden_effect_is_named_and_spliced_in(
     assert [v.name for v in part.inputs] == (["u"] if hidden == "actuator_lag" else ["u", "q", "dq"])
 
 
-@pytest.mark.gate
+@pytest.mark.slow
 def test_late_log_is_named_and_told_to_the_case(tmp_path: Path) -> None:
     found = discover(vendor_case(tmp_path, late=3), tmp_path / "out")
     assert [(f.effect, f.joint) for f in found.findings] == [("log_time_shift", 1)]

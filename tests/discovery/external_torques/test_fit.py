@@ -27,7 +27,9 @@ def pushed_data(folder: Path, external_torques: tuple[ExternalTorque, ...]) -> F
 
 
 @pytest.mark.gate
-@pytest.mark.parametrize("is_logged", [False, True], ids=["on the joint", "in the command"])
+@pytest.mark.parametrize(
+    "is_logged", [False, pytest.param(True, marks=pytest.mark.slow)], ids=["on the joint", "in the command"]
+)
 def test_a_push_is_found_with_its_times_and_torque(tmp_path: Path, is_logged: bool) -> None:
     truth = (ExternalTorque(1, 2.3137, 2.9512, 6.0, is_logged), ExternalTorque(1, 7.0288, 7.4433, -4.0, is_logged))
     fitted_torques = find_external_torques(pushed_data(tmp_path, truth))

@@ -158,7 +158,7 @@ FASTER = {"speed_scale": 2.0, "acceleration_scale": 2.0}
 @pytest.mark.parametrize(
     ("truth", "values", "names", "rate_hz", "present", "scales"),
     [
-        ("asymmetric_coulomb", (("Fca", 0.8),), OFFSET, 20, QUICK, WIDER),
+        pytest.param(*("asymmetric_coulomb", (("Fca", 0.8),), OFFSET, 20, QUICK, WIDER), marks=pytest.mark.slow),
         pytest.param(*("torque_offset", (("offset", 2.0),), OFFSET, 20, QUICK, WIDER), marks=pytest.mark.slow),
         ("stribeck", (("Fs", 0.4), ("vs", 0.1)), REVERSAL, 50, QUICK, WIDER),
         pytest.param(*("presliding", (("Fd", 0.2), ("zs", 0.005)), REVERSAL, 50, QUICK, WIDER), marks=pytest.mark.slow),

@@ -70,8 +70,8 @@ def test_nothing_is_named_on_a_clean_plant(run: RunWithParameters) -> None:
     ("effect", "seed"),
     [
         ("stribeck", 13),
-        ("joint_elasticity", 6),
-        ("payload_change", 1),  # 9 s of another load, much like an external torque
+        pytest.param("joint_elasticity", 6, marks=pytest.mark.slow),
+        pytest.param("payload_change", 1, marks=pytest.mark.slow),  # 9 s of another load, much like an external torque
         pytest.param("base_tilt", 101, marks=pytest.mark.slow),
         pytest.param("asymmetric_coulomb", 101, marks=pytest.mark.slow),
         pytest.param("torque_offset", 5, marks=pytest.mark.slow),
@@ -129,7 +129,7 @@ def test_a_stiff_gear_with_little_play_is_found(cluttered: Run) -> None:
     assert gap.value == pytest.approx(0.0019, rel=0.25)
 
 
-@pytest.mark.gate
+@pytest.mark.slow
 def test_an_elastic_gear_is_told_from_that_of_the_next_joint_and_from_one_with_play(cluttered: Run) -> None:
     """Signatures at several stiffnesses: the loop cannot be run with the softest, and hardly feels the stiffest."""
     for seed in (8, 18):
@@ -146,7 +146,7 @@ def test_a_sweep_that_sounds_like_noise_is_not_called_nothing(cluttered: Run) ->
     assert "does not repeat" in document.notes[0]
 
 
-@pytest.mark.gate
+@pytest.mark.slow
 def test_a_gear_whose_play_shows_where_the_data_begin_is_found(cluttered: Run) -> None:
     """The begin is left out, and of the rest the base model absorbs most: a second look takes it in."""
     document, truth = cluttered("backlash", 4)
@@ -164,7 +164,7 @@ def test_a_limit_that_the_held_out_data_do_not_reach_is_named(cluttered: Run) ->
     assert any("hardly reaches the limit" in note for note in document.notes)
 
 
-@pytest.mark.gate
+@pytest.mark.slow
 def test_friction_that_sticks_is_no_series_of_pushes(cluttered: Run) -> None:
     """Its breakaways, one after each reversal, look like seven external torques of one size."""
     document, truth = cluttered("lugre", 3)
@@ -173,7 +173,7 @@ def test_friction_that_sticks_is_no_series_of_pushes(cluttered: Run) -> None:
     assert_gap_shrinks(document, to=0.5)
 
 
-@pytest.mark.gate
+@pytest.mark.slow
 def test_a_shape_that_serves_one_motion_only_is_held_at_what_was_screened(cluttered: Run) -> None:
     """The error of this encoder has a second harmonic, which the catalogue does not know: a free number of periods
     makes up for it where it is fitted, and fails on the held-out data."""

@@ -250,7 +250,7 @@ def test_effects_reach_the_gap_that_is_asked_for(effect: str) -> None:
     assert (size.plain >= 0.6 * size.refitted).all()
 
 
-@pytest.mark.gate
+@pytest.mark.slow
 def test_every_effect_and_pair_can_be_made() -> None:
     for i, names in enumerate([*EFFECTS, *UNKNOWN, *PAIRS]):
         plant, path, deviation = make_plant(names.split("+"), np.random.default_rng([2, i]), level=1.5)

@@ -14,7 +14,7 @@ from tests.tools.faults.runs import ROOT, Report
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="looks at processes in /proc")
 
 
-@pytest.mark.gate
+@pytest.mark.slow
 def test_a_run_that_is_killed_and_a_cache_that_is_damaged(tmp_path: Path) -> None:
     place, report = checks.Place(tmp_path), Report()
     checks.kills(place, report, 2, seed=1)
