@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from fmu_didim.base.errors import loading
+from fmu_didim.data.signals import Array
 from fmu_didim.data.tables.table import SignalTable
 
 
@@ -14,10 +16,17 @@ def read_parquet(path: Path) -> SignalTable:
     """The numeric columns of a Parquet file; units from the entry ``unit`` in the metadata of a column."""
     with loading("pyarrow"):
         from pyarrow import parquet, types  # type: ignore[import-not-found,import-untyped,unused-ignore]
-    table = parquet.read_table(path)
+    with parquet.ParquetFile(path) as file:  # ``read_table`` imports data sets, and with them pandas
+        table = file.read()
     fields = [f for f in table.schema if types.is_floating(f.type) or types.is_integer(f.type)]
     units = {f.name: (f.metadata or {}).get(b"unit", b"").decode(errors="replace") for f in fields}
     return SignalTable(
-        {f.name: np.asarray(table[f.name].to_numpy(), dtype=float) for f in fields},
+        {f.name: _values(table[f.name]) for f in fields},
         {name: unit for name, unit in units.items() if unit}, source=str(path),
     )  # fmt: skip
+
+
+def _values(column: Any) -> Array:
+    """A column as floats, nulls as NaN; without pandas, which pyarrow's own ``to_numpy`` imports (0.3 s)."""
+    numbers = column.cast("float64", safe=False).combine_chunks()
+    return np.array(np.from_dlpack(numbers.fill_null(np.nan) if numbers.null_count else numbers))
