@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from fmu_didim.base.errors import InputError
+from fmu_didim.cosim.instants import Instants
 from fmu_didim.cosim.sampling import Kind, SampleOperator, Window, decimated_times, grid_places, sample_operator
 
 STAIRS = np.cos(np.arange(8.0))
@@ -168,3 +169,12 @@ def test_instants_that_cannot_be(rate: float, phase: float, what: str) -> None:
 def test_a_way_of_sampling_that_is_not_known_is_no_average() -> None:
     with pytest.raises(AssertionError, match="median"):
         sample_operator(np.zeros(1), start=0.0, step=1.0, tick_count=4, kind="median")  # type: ignore[arg-type]
+
+
+def test_an_average_counts_each_command_for_as_long_as_it_was_held() -> None:
+    clock = Instants(np.array([0.0, 1.0, 3.0, 4.0]), 1.0)
+    found = sample_operator(
+        np.array([3.0]), start=0.0, step=1.0, tick_count=4, kind="average", window="preceding", window_s=3.0,
+        instants=clock,
+    )  # fmt: skip
+    assert found.apply(np.array([1.0, 4.0, 0.0, 0.0])[found.ticks]).tolist() == pytest.approx([(1 * 1.0 + 2 * 4.0) / 3])

@@ -2,14 +2,27 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+from typing import Any
+
 import numpy as np
 import pytest
 
+from fmu_didim.base.errors import SimulationError
 from fmu_didim.data.signals import Array
 from fmu_didim.discovery.document import values_found
-from fmu_didim.fit.gap import delta_bic, explained, joint_gaps, part_of_first, rms_ratio, total_gap
+from fmu_didim.fit.gap import (
+    bic_gain,
+    channel_gaps,
+    delta_bic,
+    explained,
+    joint_gaps,
+    part_of_first,
+    rms_ratio,
+    total_gap,
+)
 from fmu_didim.fit.statistics import confidence_interval
-from fmu_didim.model.free_parameter import FreeParameter
+from fmu_didim.model.free_parameter import PLANT, FreeParameter
 from tests.discovery.by_hand import SIGNS, TableModel, fit_of, noise, residual
 
 TWO = noise([1.0, 2.0])
@@ -134,3 +147,45 @@ def test_intervals_of_values_that_were_found(correlation: float, freedom: float)
     wanted: Array = confidence_interval(np.array([3.0]), np.array([std]), freedom)[0]
     assert one.interval == pytest.approx(tuple(wanted), rel=1e-12)
     assert (one.interval[1] - 3.0) / std == pytest.approx({0.0: 1.962939, 0.98: 2.438}[correlation], rel=2e-3)
+
+
+def with_channel(torque: float, position: float, *, free: tuple[FreeParameter, ...] = (), variance: Any = None) -> Any:
+    """A fit of one joint and one position, which leaves these mean squares; it shares what the torque says already."""
+    experiments = SimpleNamespace(
+        channels=("q1",), blocks=lambda table: [(slice(0, 1), table[:, :1]), (slice(1, 2), table[:, 1:])]
+    )
+    model = SimpleNamespace(experiments=experiments, free_parameters=free)
+    return SimpleNamespace(model=model, residual=residual(torque, position), shared_variance=variance)
+
+
+def free(name: str, *, effect: int | None, is_shape: bool = False) -> FreeParameter:
+    return FreeParameter(name, "N.m", PLANT, name, 1.0, 1.0, effect=effect, is_shape=is_shape)
+
+
+@pytest.mark.parametrize(
+    ("parameters", "once"),
+    [
+        ((free("ZZ1", effect=None), free("Fs1", effect=0), free("vs1", effect=0, is_shape=True)), 2.0),
+        ((free("ZZ1", effect=None), free("kp", effect=None), free("kd", effect=None)), 8.0),  # no effect: the largest
+    ],
+)
+def test_what_outputs_share_counts_once(parameters: tuple[FreeParameter, ...], once: float) -> None:
+    before, after = with_channel(4.0, 9.0), with_channel(2.0, 3.0, free=parameters, variance=np.array([4.0, 2.0, 8.0]))
+    wanted = 400 * (np.log(2) + np.log(3)) / once - np.log(800)
+    assert bic_gain(before, after, 1.0, noise([1.0, 1.0])) == pytest.approx(wanted)
+
+
+def test_the_gap_of_each_channel_is_in_units_of_its_own_noise() -> None:
+    measured = SimpleNamespace(name="q2", values=np.sqrt(5.0) * 0.1 * SIGNS)
+    experiment = SimpleNamespace(channels=[measured, SimpleNamespace(name="left out", values=SIGNS)])
+    run = SimpleNamespace(channels=lambda: {"q2": np.zeros(SIGNS.size)})
+    experiments: Any = {"fitted": experiment}
+    model = SimpleNamespace(joint_count=1, experiments=type("Named", (dict,), {"channels": ("q1", "q2")})(experiments))
+    fit: Any = SimpleNamespace(model=model, noise=noise([1.0, 9.0, 0.1]), simulation=lambda label: run)
+    assert channel_gaps(fit) == {"fitted": {"q2": pytest.approx(2.0)}}
+
+    def stops(label: str) -> Any:
+        raise SimulationError("It diverges.")
+
+    fit.simulation = stops
+    assert channel_gaps(fit) == {"fitted": {"q2": np.inf}}
