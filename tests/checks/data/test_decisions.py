@@ -12,9 +12,10 @@ from fmu_didim.base.diagnostics import Diagnostic
 from fmu_didim.checks.data.expected import Expected, expected
 from fmu_didim.checks.data.log import log_diagnostics, stairs, steps_in_range
 from fmu_didim.checks.data.reference import contradiction
-from fmu_didim.checks.data.runs import copied
+from fmu_didim.checks.data.runs import SAME_MOTION, copied, difference, during_log
 from fmu_didim.checks.data.torque_channel import correlations, torque_channel_diagnostics
 from fmu_didim.cosim import sample_operator
+from fmu_didim.data.signals import Trajectory, trajectory
 from fmu_didim.model.experiment import Experiment
 from tests.helpers import ROOT, model_of, reference
 
@@ -178,6 +179,47 @@ def test_part_of_a_log_that_stands_in_another() -> None:
     assert copied(log[100:200], log) == 1.0
     assert copied(np.vstack([log[:30], log[:70] + 0.5]), log) == pytest.approx(0.3)
     assert copied(np.ones((100, 2)), np.ones((100, 2))) == 0.0  # at rest: all rows are alike
+
+
+def moving(*columns: Array, begin: float = 0.0, names: tuple[str, ...] = ("q1", "q2")) -> Trajectory:
+    """A reference with these columns."""
+    return trajectory(begin + TIME[: columns[0].size], dict(zip(names, columns, strict=False)))
+
+
+SLOW, FAST, REST = np.sin(0.05 * N), np.sin(0.11 * N), np.zeros(400)
+UNEVEN = np.sqrt(2) * np.sin(1.7 * N)
+"""Of RMS 1."""
+
+
+@pytest.mark.parametrize(
+    ("held_out", "fitted", "same"),
+    [
+        (moving(SLOW, FAST), moving(SLOW, FAST), True),
+        (moving(SLOW, FAST, begin=7.0), moving(SLOW, FAST), True),  # each counts from its own first row
+        (moving(SLOW + 0.009 * SLOW.std() * UNEVEN, FAST), moving(SLOW, FAST), True),
+        (moving(SLOW + 0.011 * SLOW.std() * UNEVEN, FAST), moving(SLOW, FAST), False),
+        (moving(SLOW, SLOW), moving(SLOW, FAST), False),  # one joint moves otherwise
+        (moving(SLOW, REST), moving(SLOW, REST), True),  # a joint at rest says nothing
+        (moving(SLOW, REST), moving(SLOW, FAST), False),
+        (moving(REST, REST), moving(REST, REST), False),  # nothing moves
+        (moving(SLOW[:100], FAST[:100]), moving(SLOW, FAST), True),  # a part of the fitted motion
+        (moving(SLOW, FAST), moving(SLOW[:210], FAST[:210]), True),
+        (moving(SLOW, FAST), moving(SLOW[:190], FAST[:190]), False),  # most of it is new
+        (moving(SLOW, FAST), moving(SLOW), False),
+        (moving(SLOW, FAST, names=("q1", "pulse1")), moving(SLOW, names=("q1",)), False),  # pulses of its own
+        (moving(SLOW, names=("tau1",)), moving(SLOW, names=("tau1",)), False),  # no positions
+    ],
+)
+def test_references_of_the_same_motion(held_out: Trajectory, fitted: Trajectory, same: bool) -> None:
+    assert (difference(held_out, fitted) < SAME_MOTION) == same
+
+
+def test_two_parts_of_one_reference_are_two_motions() -> None:
+    operator = sample_operator(TIME, start=0.0, step=0.01, tick_count=400)
+    whole = Experiment(moving(SLOW, FAST), TIME, np.column_stack([SLOW, FAST]), operator)
+    first, second = replace(whole, time=TIME[:200]), replace(whole, time=TIME[200:])
+    assert difference(during_log(second), during_log(first)) > SAME_MOTION
+    assert difference(during_log(second), during_log(second)) == 0.0
 
 
 def of_log(torque: Array, **changes: Any) -> list[Diagnostic]:

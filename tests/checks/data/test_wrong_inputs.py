@@ -125,6 +125,14 @@ def validated_by_itself(model: LoopModel) -> LoopModel:
     )
 
 
+def validated_by_its_repetition(model: LoopModel) -> LoopModel:
+    """The log of the estimation with 0.1 % of noise."""
+    rng = np.random.default_rng(8)
+    return with_log(
+        validated_by_itself(model), lambda torque: torque * (1 + 1e-3 * rng.normal(size=torque.shape)), "validation"
+    )
+
+
 WRONG: list[tuple[str, Callable[[LoopModel], LoopModel], str]] = [
     ("velocity zero", velocity(np.zeros_like), "reference-derivative"),
     ("velocity in degrees", velocity(np.degrees), "reference-derivative"),
@@ -147,6 +155,7 @@ WRONG: list[tuple[str, Callable[[LoopModel], LoopModel], str]] = [
     ("a logger that slows down", slowing_logger, "log-rate-changes"),
     ("rate_hz above the log's", too_fast, "rate-above-log"),
     ("validation is the estimation", validated_by_itself, "validation-copied"),
+    ("validation is the estimation but for noise", validated_by_its_repetition, "validation-repeats-motion"),
 ]
 
 
