@@ -19,6 +19,8 @@ SAME_MOTION = 0.01
 the noise of measured positions that serve as reference, far below what two planned motions share."""
 COMPARED = 0.5
 """[1] Fraction of a held-out reference that another must cover to be compared: what lies beyond is new motion."""
+ROUNDING_S = 1e-9
+"""[s] By which two equal instants may differ."""
 
 VALIDATION_COPIED = CATALOGUE(
     "validation-copied", DOUBT, rank=12,
@@ -72,7 +74,7 @@ def run_diagnostics(model: LoopModel, without_torque: Sequence[str] = ()) -> lis
 def during_log(experiment: Experiment) -> Trajectory:
     """The reference from the first to the last sample of the torque log: one file may serve several parts of a run."""
     reference, time = experiment.reference, experiment.time
-    inside = (reference.time >= time[0] - 1e-9) & (reference.time <= time[-1] + 1e-9)
+    inside = (reference.time >= time[0] - ROUNDING_S) & (reference.time <= time[-1] + ROUNDING_S)
     return replace(reference, time=reference.time[inside], values=reference.values[inside])
 
 
@@ -84,7 +86,7 @@ def difference(reference: Trajectory, other: Trajectory) -> float:
     if not any(name.startswith("q") for name in names) or any(name not in other.names for name in names):
         return float("inf")
     time, times = reference.time - reference.time[0], other.time - other.time[0]
-    both = time <= times[-1] + 1e-9
+    both = time <= times[-1] + ROUNDING_S
     if np.count_nonzero(both) <= COMPARED * time.size:
         return float("inf")
     found = []
