@@ -116,7 +116,7 @@ def test_all_verbs_are_tried() -> None:
     assert not missing - {"example"}  # it copies bytes
 
 
-@pytest.mark.gate
+@pytest.mark.slow
 def test_every_verb_names_the_encoding_of_its_files_and_prints_in_any(folder: Path) -> None:
     """On a machine that knows the letters of ASCII alone."""
     done = run(VERBS, folder, LC_ALL="C", PYTHONUTF8="0", PYTHONCOERCECLOCALE="0")

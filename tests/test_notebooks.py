@@ -65,7 +65,7 @@ def shown(tmp_path_factory: pytest.TempPathFactory) -> dict[str, dict[str, Any]]
     return found
 
 
-@pytest.mark.gate
+@pytest.mark.slow
 def test_identify_shows_its_parameters_and_its_verdict(shown: dict[str, dict[str, Any]]) -> None:
     names = ("ZZ1R", "Fv1", "Fc1", "ZZ2", "MX2", "MY2", "Fv2", "Fc2")
     for cell in ("outcome", "outcome.to_frame()"):
@@ -77,6 +77,7 @@ def test_identify_shows_its_parameters_and_its_verdict(shown: dict[str, dict[str
     assert abs(float(inertia[1]) - 3.43) < 4 * float(inertia[2])  # the paper's value
 
 
+@pytest.mark.slow
 def test_discover_shows_what_it_has_found(shown: dict[str, dict[str, Any]]) -> None:
     for effect in ("Lag of the current loop, joint 2", "Stribeck friction, joint 1"):
         assert effect in shown["found"]["text/html"]
@@ -84,12 +85,14 @@ def test_discover_shows_what_it_has_found(shown: dict[str, dict[str, Any]]) -> N
         assert name in shown["found.to_frame()"]["text/html"]
 
 
+@pytest.mark.slow
 def test_the_study_shows_its_groups(shown: dict[str, dict[str, Any]]) -> None:
     assert "20 of 20 runs done" in shown["results"]["text/html"]
     assert all(f">{rate}<" in shown["results"]["text/html"] for rate in (100, 50, 20, 10, 5))
     assert "coverage" in shown["results.by_parameter()"]["text/html"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("cell", ["outcome.plot()", 'found.plot("validation")', "results.plot()"])
 def test_pictures(shown: dict[str, dict[str, Any]], cell: str) -> None:
     """In a notebook that never imports pyplot."""

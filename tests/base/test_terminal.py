@@ -198,7 +198,7 @@ def test_a_cache_that_cannot_be_written(environment: dict[str, str], told: str, 
     assert "Traceback" not in done.stderr.decode()
 
 
-@pytest.mark.gate
+@pytest.mark.slow
 @LINUX
 def test_a_home_that_cannot_be_written(tmp_path: Path) -> None:
     """Nobody has named its folder, so another one does as well; in one line, whatever processes are started."""

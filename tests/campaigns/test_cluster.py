@@ -73,7 +73,7 @@ def local(tmp_path_factory: pytest.TempPathFactory) -> pd.DataFrame:
     return table(out)
 
 
-@pytest.mark.gate
+@pytest.mark.slow
 def test_the_same_as_here(local: pd.DataFrame, tmp_path: Path) -> None:
     with cluster(tmp_path) as (file, _):
         campaign(CONTENT, tmp_path / "run").run(scheduler=str(file))

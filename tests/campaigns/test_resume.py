@@ -95,7 +95,7 @@ def killed_and_resumed(tmp_path: Path, kills: int, seeds: int, *, early: float) 
 
 @pytest.mark.gate
 def test_killed_and_resumed(tmp_path: Path) -> None:
-    killed_and_resumed(tmp_path, 2, 6, early=0.0)
+    killed_and_resumed(tmp_path, 1, 4, early=0.0)
 
 
 @pytest.mark.slow
@@ -103,7 +103,7 @@ def test_killed_at_twenty_moments_and_resumed(tmp_path: Path) -> None:
     killed_and_resumed(tmp_path, 20, 30, early=0.2)
 
 
-@pytest.mark.gate
+@pytest.mark.slow
 def test_two_runners_on_one_folder(tmp_path: Path) -> None:
     file = tmp_path / "campaign.yaml"
     file.write_text(yaml.safe_dump(CONTENT))

@@ -109,7 +109,7 @@ def test_another_campaign_does_not_take_the_folder(done: Campaign) -> None:
         ).run(workers=1)
 
 
-@pytest.mark.gate
+@pytest.mark.slow
 def test_each_fault_is_a_row_and_the_rest_goes_on(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -223,7 +223,7 @@ def test_a_full_disk_ends_the_campaign_and_loses_nothing(tmp_path: Path, monkeyp
     assert sorted(rows["id"].to_pylist()) == sorted(run.id for run in found.plan.runs)
 
 
-@pytest.mark.gate
+@pytest.mark.slow
 def test_the_page_of_a_campaign_file_says_what_repeats_it(tmp_path: Path) -> None:
     """A study has no file; a retry, which plans anew from what was saved, knows it still."""
     content = {"name": "one run", "case": str(CASE), "noise": {"relative": 0.05}}

@@ -45,7 +45,10 @@ def correlated(deviation: Array) -> Array:
 
 @pytest.mark.gate
 @pytest.mark.parametrize("name", ROBOTS)
-@pytest.mark.parametrize("spread", [np.diag, correlated], ids=["apart", "correlated"])
+@pytest.mark.parametrize(
+    "spread",
+    [pytest.param(np.diag, id="apart", marks=pytest.mark.slow), pytest.param(correlated, id="correlated")],
+)
 def test_true_values_with_noise_pass(name: str, spread: object) -> None:
     model, base, truth, deviation = robot(name)
     covariance = np.diag(deviation**2) if spread is np.diag else correlated(deviation)

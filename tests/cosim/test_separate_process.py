@@ -110,7 +110,9 @@ FATAL = {
 
 
 @pytest.mark.gate
-@pytest.mark.parametrize("macro", FATAL)
+@pytest.mark.parametrize(
+    "macro", [pytest.param(macro, marks=pytest.mark.slow if "HANG" in macro else ()) for macro in FATAL]
+)
 def test_what_ends_a_process_is_named_with_its_call_and_time(macro: str, tmp_path: Path) -> None:
     good = load_fmu(awkward_fmu(tmp_path), isolated=False)
     limit = patience(1.0)

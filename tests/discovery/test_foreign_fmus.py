@@ -62,7 +62,7 @@ def discovered(folder: Path, tool: str, monkeypatch: pytest.MonkeyPatch, threads
 @pytest.mark.gate
 @pytest.mark.parametrize(
     ("tool", "threads", "at_once"),
-    [("Vendor 1.0", 3, 1), ("fmu_didim 9.9", 3, 3), ("fmu_didim 9.9", 1, 1)],
+    [("Vendor 1.0", 3, 1), *(pytest.param("fmu_didim 9.9", n, n, marks=pytest.mark.slow) for n in (3, 1))],
 )
 def test_only_instances_of_own_fmus_run_at_once(
     tmp_path: Path, tool: str, threads: int, at_once: int, monkeypatch: pytest.MonkeyPatch

@@ -54,7 +54,7 @@ PLANTED = [
 
 
 @pytest.mark.gate
-@pytest.mark.parametrize("joint", [1, 2])
+@pytest.mark.parametrize("joint", [1, pytest.param(2, marks=pytest.mark.slow)])
 @pytest.mark.parametrize(("quantity", "of", "low", "high"), PLANTED, ids=[p[0] for p in PLANTED])
 def test_planted_region_is_found(quantity: str, of, low: float, high: float, joint: int) -> None:  # type: ignore[no-untyped-def]
     """A residual of twice the noise where a quantity lies in a range: the range is always told; joint, quantity and
@@ -176,7 +176,7 @@ def place(window: WindowResult) -> tuple[int, float]:
     return window.joint, window.begin_s
 
 
-@pytest.mark.gate
+@pytest.mark.slow
 @pytest.mark.parametrize("rho", [0.0, 0.5, 0.8])
 def test_no_windows_in_noise(rho: float) -> None:
     """100 logs of 20 s."""

@@ -73,7 +73,7 @@ def test_early_log_is_named_though_a_lag_of_the_drives_resembles_it(tmp_path: Pa
     assert_only_shift(discover(arm_case(tmp_path, joints=2, late_s=-0.017)), -0.017)
 
 
-@pytest.mark.gate
+@pytest.mark.slow
 def test_what_is_left_of_a_stated_shift_is_named(tmp_path: Path) -> None:
     case = arm_case(tmp_path, late_s=0.017)
     content = yaml.safe_load(case.read_text(encoding="utf-8"))
@@ -89,7 +89,7 @@ def test_what_is_left_of_a_stated_shift_is_named(tmp_path: Path) -> None:
     assert float(re.search(r"to (\S+) of its peak", note)[1]) < 2e-3  # type: ignore[index]
 
 
-@pytest.mark.gate
+@pytest.mark.slow
 def test_lag_of_a_drive_keeps_its_name(tmp_path: Path) -> None:
     document = discover(arm_case(tmp_path, {"actuator_lag": {"T": 0.008}}, joints=2))
     first = document.findings[0]

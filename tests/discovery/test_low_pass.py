@@ -12,7 +12,7 @@ from fmu_didim.workflow import discover
 from tests.discovery.helpers import arm_case
 
 
-@pytest.mark.gate
+@pytest.mark.slow
 def test_a_low_pass_changes_neither_names_nor_standard_deviations(tmp_path: Path) -> None:
     """What a filter leaves of the noise is predictable from sample to sample: as noise it would count as hardly any."""
     path = arm_case(tmp_path, {"stribeck": {"Fs": 1.5, "vs": 0.1}})

@@ -160,7 +160,7 @@ def test_loads_of_an_elastic_joint_are_those_of_a_rigid_one_along_the_same_motio
         np.testing.assert_allclose(first.links[j], second.links[j], rtol=0, atol=1e-9)
 
 
-@pytest.mark.gate
+@pytest.mark.slow
 def test_a_new_effect_of_a_drive_is_found_and_written_as_a_part_of_its_own(tmp_path: Path) -> None:
     name = "tests.discovery.test_new_effect:FadingDrive"
     document = discover(arm_case(tmp_path, {name: {"fading": 0.006}}, sigma=0.05), tmp_path / "out", effects=[name])

@@ -104,7 +104,7 @@ def test_the_ratio_of_the_held_out_data_is_that_of_all_of_them(tmp_path: Path) -
     assert ratio.value == pytest.approx(np.sqrt(squares[0] / squares[1]), rel=1e-9)
 
 
-@pytest.mark.gate
+@pytest.mark.slow
 def test_an_effect_that_fails_on_one_of_the_held_out_experiments_is_refused(tmp_path: Path) -> None:
     """The held-out run of higher speed has no such friction; without it the effect would be named."""
     runs = {"one": Run(5.0), "other": Run(4.0), "held": Run(4.4, role="validation"),
@@ -122,7 +122,7 @@ def test_an_effect_that_fails_on_one_of_the_held_out_experiments_is_refused(tmp_
 
 
 @pytest.mark.gate
-@pytest.mark.parametrize("pushed", ["one", "other"])
+@pytest.mark.parametrize("pushed", [pytest.param("one", marks=pytest.mark.slow), "other"])
 def test_a_push_is_found_in_its_experiment(tmp_path: Path, pushed: str) -> None:
     push = ExternalTorque(1, 2.3137, 2.9512, 4.0)
     runs = {

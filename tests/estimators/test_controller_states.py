@@ -101,7 +101,7 @@ def freed(estimate: Estimate) -> dict[str, tuple[float, float]]:
     return {k.key.replace("_start", ""): (float(v), float(s)) for k, v, s in found if k.is_start}
 
 
-@pytest.mark.gate
+@pytest.mark.slow
 @pytest.mark.parametrize("size", [0.3, pytest.param(1.0, marks=pytest.mark.slow)])
 def test_values_and_deviations_hold_with_states_of_controllers_off(model: LoopModel, size: float) -> None:
     off = {name: size * value for name, value in SPREAD.items()}

@@ -64,7 +64,7 @@ def judged_later(estimate: Estimate) -> list[str]:
     return [remark for remark in estimate.remarks if "the rest is judged" in remark]
 
 
-@pytest.mark.gate
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "size", [pytest.param(0.05, marks=pytest.mark.slow), 0.3, pytest.param(1.0, marks=pytest.mark.slow)]
 )

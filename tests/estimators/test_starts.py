@@ -57,7 +57,7 @@ def measured(folder: Path, seed: int) -> LoopModel:
 
 
 @pytest.mark.gate
-@pytest.mark.parametrize("seed", range(1, 9))
+@pytest.mark.parametrize("seed", [1, 2, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(3, 9))])
 def test_torque_start_is_usable_for_any_motion(folder: Path, seed: int) -> None:
     model = measured(folder, seed)
     values = start_values(model, "torque")

@@ -165,7 +165,7 @@ def covered(found: list[Estimate]) -> tuple[float, float]:
     return float(np.mean(inside)), float(np.sqrt(np.mean((scatter / stated) ** 2)))
 
 
-@pytest.mark.gate
+@pytest.mark.slow
 def test_joint_intervals_hold() -> None:
     found = [Didim().estimate(noisy(seed)) for seed in range(40)]
     inside, scatter = covered(found)

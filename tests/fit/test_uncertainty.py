@@ -70,10 +70,13 @@ def noise_at(time: np.ndarray, rate_hz: float, seed: int, *, coloured: bool) -> 
     return SIZES * (half_coloured(rng, shape, rate_hz) if coloured else rng.normal(size=shape))[places]
 
 
+FURTHER = [
+    (200.0, True, 0.0, 240), (50.0, True, 0.0, 300), (10.0, True, 0.0, 450), (4.0, True, 0.0, 450),
+    (200.0, False, 0.0, 240), (50.0, False, 0.1, 300), (4.0, False, 0.0, 450),
+]  # fmt: skip
 COUNTED = [
-    (200.0, True, 0.0, 240), (50.0, True, 0.0, 300), (20.0, True, 0.0, 450), (10.0, True, 0.0, 450),
-    (4.0, True, 0.0, 450), (50.0, True, 0.1, 300), (200.0, False, 0.0, 240), (50.0, False, 0.1, 300),
-    (10.0, False, 0.0, 450), (4.0, False, 0.0, 450),
+    (20.0, True, 0.0, 450), (50.0, True, 0.1, 300), (10.0, False, 0.0, 450),
+    *(pytest.param(*case, marks=pytest.mark.slow) for case in FURTHER),
 ]  # fmt: skip
 
 

@@ -168,6 +168,7 @@ def test_all_verbs_in_other_encodings(machine: Machine, name: str) -> None:
     all_verbs(machine, CONDITIONS[name])
 
 
+@pytest.mark.slow
 def test_all_verbs_without_rights_and_network(stranger: Machine) -> None:
     all_verbs(stranger, {})
 

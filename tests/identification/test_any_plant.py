@@ -31,7 +31,7 @@ SCARA = "examples/scara/identify.yaml"
         ("2.0", {"interface": "co-simulation"}),
         ("3.0", {"interface": "co-simulation"}),
         pytest.param("2.0", {"interface": "model-exchange", "substeps": 16}, marks=pytest.mark.slow),
-        ("3.0", {"interface": "model-exchange", "substeps": 16}),
+        pytest.param("3.0", {"interface": "model-exchange", "substeps": 16}, marks=pytest.mark.slow),
         ("2.0", {"interface": "co-simulation", "isolated": True}),
     ],
 )

@@ -69,7 +69,7 @@ def codes(estimate: Estimate) -> set[str]:
 
 
 @pytest.mark.gate
-@pytest.mark.parametrize("factor", [4.0, 15.0])
+@pytest.mark.parametrize("factor", [4.0, pytest.param(15.0, marks=pytest.mark.slow)])
 def test_intervals_hold_over_draws_of_the_prior(model: LoopModel, factor: float) -> None:
     """Robots are drawn from the prior, logs from the noise; the test of agreement is right by chance, too."""
     known, z, inside, p_values = prior(model, 0.1), [], [], []

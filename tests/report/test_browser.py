@@ -29,7 +29,10 @@ TEXT_ON_BOXES = """() => {
     return texts.filter(t => boxes.some(b => over(t.getBoundingClientRect(), b))).map(t => t.textContent);
 }"""
 """Texts of wires of the drawing of the loop that lie on a component."""
-VIEWS = [(1200, "light"), (1200, "dark"), (390, "light"), (390, "dark")]
+VIEWS = [
+    (1200, "light"), (390, "dark"),
+    *(pytest.param(*view, marks=pytest.mark.slow) for view in [(1200, "dark"), (390, "light")]),
+]  # fmt: skip
 
 
 @pytest.fixture(scope="module")

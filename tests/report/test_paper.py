@@ -12,7 +12,7 @@ from fmu_didim.workflow import identify
 from tests.report import test_discovery, test_report
 
 
-@pytest.mark.gate
+@pytest.mark.slow
 def test_identify_writes_each_chart_and_the_next_run_without_takes_them_away(tmp_path: Path) -> None:
     identify("examples/scara/identify.yaml", tmp_path, figures=True)
     names = {path.stem for path in tmp_path.glob("figure_*.svg")}

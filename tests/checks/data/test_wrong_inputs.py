@@ -275,7 +275,7 @@ def test_longer_links_without_gravity_are_nothing_wrong(seed: int) -> None:
     assert data_diagnostics(right("scara", seed, change=longer)) == []
 
 
-@pytest.mark.gate
+@pytest.mark.slow
 @pytest.mark.parametrize("robot", ["arm", pytest.param("tx40", marks=pytest.mark.slow)])
 def test_longer_links_are_reported_with_their_length(robot: str) -> None:
     """In each of three motions with their noise; the length is right in the middle one."""

@@ -69,7 +69,7 @@ def pid_of(instance: Instance) -> int:
         (("PARAMETERS_UNREADABLE",), "reset"),
     ],
 )
-@pytest.mark.parametrize("isolated", [None, True])
+@pytest.mark.parametrize("isolated", [None, pytest.param(True, marks=pytest.mark.slow)])
 def test_runs_again_are_as_new(tmp_path: Path, macros: tuple[str, ...], strategy: str, isolated: bool | None) -> None:
     """Parameters changed before, but not in the new component, are back at their start values."""
     made = load_fmu(awkward_fmu(tmp_path, *macros), isolated=isolated)

@@ -83,7 +83,7 @@ def test_a_row_in_the_table_is_enough_to_read_a_version(tmp_path: Path, kind: st
     assert Binding9.used == before + (not isolated)
 
 
-@pytest.mark.gate
+@pytest.mark.slow
 @pytest.mark.usefixtures("read_too", "elsewhere")
 def test_a_new_version_is_tried_out_and_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = stated(exported("pd", "3.0"), tmp_path / "nine.fmu", "9.0")

@@ -66,7 +66,7 @@ def test_the_command_fmu_check(folder: Path, capsys: pytest.CaptureFixture[str])
 
 
 @pytest.mark.gate
-@pytest.mark.parametrize("options", [["-P"], ["-P", "-s"]])
+@pytest.mark.parametrize("options", [["-P"], pytest.param(["-P", "-s"], marks=pytest.mark.slow)])
 def test_the_command_with_the_folder_in_nothing_but_the_current_one(folder: Path, options: list[str]) -> None:
     """The package is found by PYTHONPATH, which the process of the FMU does not read."""
     environment = os.environ | {"PYTHONPATH": str(Path(fmu_didim.__file__).parents[1])}

@@ -154,7 +154,7 @@ DRAWS = (1, 2, 3)
 FASTER = {"speed_scale": 2.0, "acceleration_scale": 2.0}
 
 
-@pytest.mark.gate
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("truth", "values", "names", "rate_hz", "present", "scales"),
     [

@@ -155,7 +155,7 @@ def test_a_gear_whose_play_shows_where_the_data_begin_is_found(cluttered: Run) -
     assert "includes them" in document.notes[0]
 
 
-@pytest.mark.gate
+@pytest.mark.slow
 def test_a_limit_that_the_held_out_data_do_not_reach_is_named(cluttered: Run) -> None:
     document, truth = cluttered("torque_saturation", 6)
     assert [(f.effect, f.joint) for f in document.findings] == truth

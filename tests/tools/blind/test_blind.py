@@ -413,7 +413,7 @@ def test_harness_writes_a_line_for_each_case(tmp_path: Path) -> None:
     assert lines[1]["verdict"] == "nothing"
 
 
-@pytest.mark.gate
+@pytest.mark.slow
 def test_harness_in_processes_and_with_failures(tmp_path: Path) -> None:
     made(tmp_path / "cases", "stribeck")
     folders = case_folders(tmp_path / "cases")

@@ -26,7 +26,7 @@ def checkouts(tmp_path: Path) -> Path:
     return tmp_path / "checkouts"
 
 
-@pytest.mark.gate
+@pytest.mark.slow
 def test_each_content_is_looked_at_once_and_other_rows_stay(checkouts: Path, tmp_path: Path) -> None:
     file = tmp_path / "foreign.json"
     assert main([str(checkouts), "--figures", str(file)]) == 0

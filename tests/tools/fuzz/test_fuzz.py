@@ -26,7 +26,10 @@ def read(kind: str, folder: Path, monkeypatch: pytest.MonkeyPatch, *, seed: int,
 
 
 @pytest.mark.gate
-@pytest.mark.parametrize("kind", [kind for kind in KINDS if kind != "ssp"])
+@pytest.mark.parametrize(
+    "kind",
+    [pytest.param(k, marks=() if k in {"case", "csv", "fmu-xml"} else pytest.mark.slow) for k in KINDS if k != "ssp"],
+)
 def test_few_inputs(kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     read(kind, tmp_path, monkeypatch, seed=1, count=20)
 
