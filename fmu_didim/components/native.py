@@ -20,7 +20,8 @@ class NativeFmu:
         kind: FMI2 or FMI3, in whose way its functions are called; self_address: the instance.
         calls: names of the functions that set, get and step, for messages.
         set_address, get_address, step_address: those functions; 0 where there is nothing to pass.
-        input_references, output_references: C arrays of value references.
+        input_references, output_references: C arrays of value references, one a variable: an array of FMI 3.0 has one
+            reference and many values.
         own_inputs, own_outputs: values in the FMU's own units; the instance's buffers where those are the units shown.
         input_scaling, output_scaling: (factor, offset), shown = factor * own + offset; None where they are alike.
         check: raises SimulationError for (name of the call, status worse than a warning).

@@ -11,6 +11,8 @@ from xml.etree import ElementTree as ET
 
 from fmu_didim.base.errors import InputError
 from fmu_didim.components.fmu import read_description
+from fmu_didim.components.fmu.description import element_names
+from fmu_didim.components.fmu.reading import MAXIMUM_ELEMENTS
 from fmu_didim.data.units import BASE_UNITS, UnitDefinition
 from fmu_didim.ssp.archive import Archive, check_root
 from fmu_didim.ssp.document import (
@@ -37,6 +39,10 @@ from fmu_didim.ssp.document import (
 from fmu_didim.ssp.transform import Affine, Unit
 
 MAXIMUM_DEPTH = 20
+LONGEST_SIZE = 10
+"""[digits] A longer size of a dimension is not read as a number."""
+End = tuple[str, str]
+"""Element of a system, empty for the system itself, and its connector."""
 PARAMETER_SET = "application/x-ssp-parameter-set"
 PARAMETER_MAPPING = "application/x-ssp-parameter-mapping"
 _TRUTH = {"true": True, "1": True, "false": False, "0": False}
@@ -119,8 +125,8 @@ class _Reader:
             if "." in name or any(name in names for names in found.values()):
                 raise InputError("The name of an element must be unique and without a dot.", where=where, got=name)
             found[kind][name] = child
-        wires = tuple(self._wire(link, path) for link in system.iterfind("{*}Connections/{*}Connection"))
-        yield path, Element(self._connectors(system, where), self._bindings(system, where), wires)
+        connectors, bindings = self._connectors(system, where), self._bindings(system, where)
+        yield path, Element(connectors, bindings, tuple(self._wires(system, path)))
         for name, child in found["Component"].items():
             yield (*path, name), self._component(child, (*path, name))
         for name, child in found["System"].items():
@@ -147,21 +153,41 @@ class _Reader:
             types = [c for c in own if _local(c) in (*NUMBERS, "Boolean", "String", "Enumeration", "Binary", "Clock")]
             unit = _named_unit(types[0], self.units) if types else None
             stated = _local(types[0]) if types else "Real"
-            if own.find("{*}Dimension") is not None:
-                raise InputError(
-                    "Connectors of arrays are not supported.", where=where, got=name, valid="scalars",
-                    next_step="Export the FMU with a scalar variable for each element.",
-                )  # fmt: skip
-            found[name] = Connector(kind, NUMBERS.get(stated, stated), unit)
+            connector = Connector(kind, NUMBERS.get(stated, stated), unit)
+            found |= dict.fromkeys(element_names(name, _shape(own, f"{where}, Connector '{name}'")), connector)
         return found
 
-    def _wire(self, element: ET.Element, path: Place) -> Wire:
-        ends = [(element.get(f"{end}Element"), element.get(f"{end}Connector", "")) for end in ("start", "end")]
-        both = " -> ".join(".".join(filter(None, end)) for end in ends)
-        inside = f"System {'.'.join(path)}, " if path else ""
-        where = self._where(f"{inside}Connection {both}")
-        start, end = (((*path, inner) if inner else path, connector) for inner, connector in ends)
-        return Wire(start, end, _transformation(element, where), _suppressed(element, where), where)
+    def _shapes(self, system: ET.Element) -> dict[End, tuple[int, ...]]:
+        """Shapes of the connectors of a system itself and of its elements."""
+        inner = system.iterfind("{*}Elements/*")
+        return {
+            (owner, own.get("name", "")): _shape(own, self._where(f"Connector '{own.get('name')}'"))
+            for owner, element in [("", system), *((child.get("name", ""), child) for child in inner)]
+            for own in element.iterfind("{*}Connectors/{*}Connector")
+        }
+
+    def _wires(self, system: ET.Element, path: Place) -> Iterator[Wire]:
+        """The connections of a system, those of arrays element by element."""
+        shapes = self._shapes(system)
+        for element in system.iterfind("{*}Connections/{*}Connection"):
+            ends = [(element.get(f"{e}Element") or "", element.get(f"{e}Connector", "")) for e in ("start", "end")]
+            both = " -> ".join(".".join(filter(None, end)) for end in ends)
+            inside = f"System {'.'.join(path)}, " if path else ""
+            where = self._where(f"{inside}Connection {both}")
+            told = {shapes[end] for end in ends if end in shapes}
+            if len(told) > 1:
+                raise InputError(
+                    "A connection joins connectors of different shapes.", where=where,
+                    got=" and ".join(" x ".join(map(str, shape)) or "a scalar" for shape in sorted(told)),
+                    next_step="Give both the same dimensions, or connect single elements by their names, such as x[1].",
+                )  # fmt: skip
+            transformation, suppressed = _transformation(element, where), _suppressed(element, where)
+            starts, stops = (
+                [((*path, inner) if inner else path, one) for one in element_names(connector, max(told, default=()))]
+                for inner, connector in ends
+            )
+            for start, end in zip(starts, stops, strict=True):
+                yield Wire(start, end, transformation, suppressed, where)
 
     def _bindings(self, element: ET.Element, where: str) -> tuple[Binding, ...]:
         own = element.iterfind("{*}ParameterBindings/{*}ParameterBinding")
@@ -242,6 +268,19 @@ class _Reader:
                 if c.get("solver")
             },
         )
+
+
+def _shape(connector: ET.Element, where: str) -> tuple[int, ...]:
+    """Sizes of the dimensions that a connector states, () for a scalar."""
+    stated = [own.get("size", "") for own in connector.iterfind("{*}Dimension")]
+    shape = tuple(int(size) if size.isdecimal() and len(size) < LONGEST_SIZE else 0 for size in stated)
+    if not 1 <= math.prod(shape) <= MAXIMUM_ELEMENTS:
+        raise InputError(
+            "An array needs the size of each dimension as a number.", where=where, got=" x ".join(stated) or "none",
+            valid=f"at least 1, and {MAXIMUM_ELEMENTS} elements at most",
+            next_step="Write the size itself, as in <Dimension size='2'/>; a size in another connector is not read.",
+        )  # fmt: skip
+    return shape
 
 
 def _local(element: ET.Element) -> str:

@@ -21,7 +21,7 @@ from fmu_didim.data.signals import Trajectory, trajectory
 from fmu_didim.dynamics.block import Block
 from fmu_didim.export import build_fmu
 from fmu_didim.export.versions import VERSIONS
-from tests.awkward.build import awkward_fmu
+from tests.awkward.build import ARRAYS, awkward_fmu, library, pack
 from tests.helpers import PERIOD, Mock, loop, on_reference, ports, reference, scara, scara_cascade, scara_pd, sledge
 
 TIMINGS: dict[str, dict[str, Any]] = {
@@ -201,6 +201,35 @@ def test_outputs_that_nobody_reads_are_recorded_all_the_same(version: str, jacob
         fast, slow = (simulate(system, ramp(90), ticks=ticks, compiled=c) for c in (True, False))
         assert_same(fast, slow)
         assert all(np.ptp(fast.applied[f"{name}.y"]) > 1.0 for name in names)
+
+
+ONE, TWO = '<Dimension start="1"/>', '<Dimension start="2"/>'
+
+
+@pytest.mark.parametrize("isolated", [False, pytest.param(True, marks=pytest.mark.gate)])
+@pytest.mark.parametrize("timing", ["plain", "jacobi", "a fraction of delay"])
+@pytest.mark.parametrize("dimensions", [TWO, ONE + TWO, TWO + ONE + ONE], ids=["2", "1x2", "2x1x1"])
+def test_arrays_of_fmi_3(tmp_path: Path, dimensions: str, timing: str, isolated: bool) -> None:
+    """The second reads the first element of the first alone; A sums and subtracts, z is the time."""
+    xml = ARRAYS.replace(f"{TWO}</Float64>\n    <", f"{dimensions}</Float64>\n    <", 2)
+    assert xml.count(dimensions) >= 2
+    made = load_fmu(pack(tmp_path / "arrays.fmu", xml, library("arrays")), isolated=isolated)
+    one = made.with_parameters({"A[1,2]": 1.0, "A[2,1]": 1.0, "A[2,2]": -1.0})
+    (a, b), (y, d, _) = [v.name for v in one.inputs], [v.name for v in one.outputs]
+    wires = (
+        Connection("reference.r", f"controller.{a}"), Connection("reference.r", f"controller.{b}", 3.0),
+        Connection(f"controller.{y}", f"plant.{a}"), Connection("reference.r", f"plant.{b}"),
+    )  # fmt: skip
+    system = System({"controller": one, "plant": one}, wires, ("controller", "plant"), PERIOD, **TIMINGS[timing])
+    motion = ramp(50)
+    fast, slow = (simulate(system, motion, compiled=c) for c in (True, False))
+    assert_same(fast, slow)
+    r = motion.values[:, 0]
+    if timing == "plain":
+        np.testing.assert_allclose(fast.applied[f"controller.{d}"], -2 * r, rtol=1e-15)
+        np.testing.assert_allclose(fast.applied[f"plant.{y}"], 5 * r, rtol=1e-15)
+        np.testing.assert_allclose(fast.applied[f"plant.{d}"], 3 * r, rtol=1e-15)
+    np.testing.assert_allclose(fast.applied["controller.z"], fast.time, atol=1e-12)
 
 
 @pytest.mark.parametrize(

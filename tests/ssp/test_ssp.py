@@ -33,7 +33,8 @@ from fmu_didim.report.numbers import loop_lines
 from fmu_didim.ssp import read_ssp, write_ssp
 from fmu_didim.ssp.transform import Unit, conversion
 from fmu_didim.workflow import export_ssp, identify
-from tests.awkward.build import awkward_fmu
+from tests.awkward.build import ARRAYS, awkward_fmu, library
+from tests.awkward.build import pack as build_awkward
 from tests.cases import scara_case
 from tests.helpers import NEAR, PERIOD, ROOT, component, drive, loop, on_reference, reference, scara, scara_pd
 
@@ -573,9 +574,13 @@ REFUSED: dict[str, tuple[dict[str, Any], type[FmuDidimError], tuple[str, ...]]] 
         bound('<ssv:Parameter name="plant.ZZ1"><ssv:String value="a"/></ssv:Parameter>'), InputError,
         ("Only numbers", "plant.ZZ1"),
     ),
-    "an array of version 2.0": (
+    "an array joined with a scalar": (
         structure(ports=connectors("q1 q2 dq1 dq2", "input").replace("/></ssd", '/><ssc:Dimension size="2"/></ssd')),
-        InputError, ("arrays", "scalar"),
+        InputError, ("different shapes", "a scalar and 2", "q1 -> law.q_ref1"),
+    ),
+    "an array whose size is elsewhere": (
+        structure(ports=connectors("q1", "input").replace("/></ssd", '/><ssc:Dimension sizeConnector="n"/></ssd')),
+        InputError, ("size of each dimension", "'q1'", "got:   none"),
     ),
     "infinite value": (bound(real("plant.ZZ1", math.inf)), InputError, ("finite", "plant.ZZ1")),
     "binding without content": (
@@ -615,6 +620,37 @@ def test_version_2_is_read_by_its_namespace(tmp_path: Path) -> None:
     assert "Float64" in text
     system = read_ssp(by_hand(tmp_path, text))
     assert_equal_torque(system, equivalent(start_values()), motion(), motion())
+
+
+def test_connectors_of_arrays(tmp_path: Path) -> None:
+    """Of version 2.0 with FMUs of FMI 3.0: whole arrays into an inner system and on, one element by its name."""
+    two = '<ssc:Dimension size="2"/>'
+
+    def array(name: str, kind: str) -> str:
+        return f'<ssd:Connector name="{name}" kind="{kind}"><ssc:Float64/>{two}</ssd:Connector>'
+
+    part = array("u", "input") + array("y", "output")
+    inner = (
+        f'<ssd:System name="box"><ssd:Connectors>{array("a", "input")}{array("b", "output")}</ssd:Connectors>'
+        f"<ssd:Elements>{element('first', 'arrays', part)}</ssd:Elements>"
+        f"<ssd:Connections>{link('a', 'first.u')}{link('first.y', 'b')}</ssd:Connections></ssd:System>"
+    )
+    text = ssd(
+        ports=array("r", "input"), elements=inner + element("second", "arrays", part),
+        links=(link("r", "box.a"), link("box.b[2]", "second.u[1]"), link("box.b[1]", "second.u[2]")),
+        bindings=inline(real("box.first.A[1,2]", 10.0)),
+    )  # fmt: skip
+    text = re.sub(r'(?<!<\?xml )version="1.0"', 'version="2.0"', text)
+    fmu = build_awkward(tmp_path / "arrays.fmu", ARRAYS, library("arrays"))
+    path = pack(tmp_path / "x.ssp", {"SystemStructure.ssd": text, "resources/arrays.fmu": fmu})
+    system = read_ssp(path, step_size=0.01)
+    wave = np.arange(20)[:, None] * [1.0, -0.3]
+    given = trajectory(np.arange(20) * 0.01, {"r[1]": wave[:, 0], "r[2]": wave[:, 1]})
+    found = simulate(system, given).applied
+    y = np.column_stack([wave[:, 0] + 10 * wave[:, 1], wave[:, 1]])
+    for j in (1, 2):
+        np.testing.assert_allclose(found[f"box_first.y[{j}]"], y[:, j - 1], atol=1e-12)
+        np.testing.assert_allclose(found[f"second.y[{j}]"], y[:, 2 - j], atol=1e-12)
 
 
 ANNOTATION = (

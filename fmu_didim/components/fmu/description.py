@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import product
@@ -21,6 +21,14 @@ PORT_TYPES = (*FLOAT_TYPES, *INTEGER_TYPES, "Boolean")
 """Types of variables whose values pass through the loop as numbers."""
 PERIODIC = ("constant", "fixed")
 """Variabilities of the interval of clocks that tick at instants known beforehand."""
+
+
+def element_names(name: str, shape: Sequence[int]) -> tuple[str, ...]:
+    """Names of the elements in the order of FMI (last index fastest): ``x[1]``, ``A[2,1]``; a scalar's own."""
+    if not shape:
+        return (name,)
+    places = product(*(range(1, n + 1) for n in shape))
+    return tuple(f"{name}[{','.join(map(str, place))}]" for place in places)
 
 
 @dataclass(frozen=True)
@@ -75,11 +83,8 @@ class FmuVariable:
         )
 
     def element_names(self) -> tuple[str, ...]:
-        """Names of the elements in the order of FMI (last index fastest): ``x[1]``, ``A[2,1]``; a scalar's own."""
-        if not self.shape:
-            return (self.name,)
-        places = product(*(range(1, n + 1) for n in self.shape))
-        return tuple(f"{self.name}[{','.join(map(str, place))}]" for place in places)
+        """Names of the elements, as :func:`element_names` makes them."""
+        return element_names(self.name, self.shape)
 
     def starts(self, path: Path | str) -> tuple[float, ...]:
         """Start values of the elements, 0 where there is no start value; raises FmuError for what is not a number."""

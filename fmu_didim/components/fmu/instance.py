@@ -259,8 +259,8 @@ class CoSimulationInstance(FmuInstance):
             set_address=address(self._set) if component.input_references else 0,
             get_address=address(self._get) if component.output_references else 0,
             step_address=address(self._do_step),
-            input_references=references(component.input_references),
-            output_references=references(component.output_references),
+            input_references=_references_of(component.fmu.of_causality("input")),
+            output_references=_references_of(component.fmu.of_causality("output")),
             own_inputs=self._in.own,
             own_outputs=self._out.own,
             input_scaling=self._in.scaling,
@@ -288,6 +288,11 @@ class CoSimulationInstance(FmuInstance):
         if result.terminate:
             raise ended(self._component, time)
         return result.time if result.early else None
+
+
+def _references_of(variables: Sequence[FmuVariable]) -> Any:
+    """Value references of those that have a value, as a C array."""
+    return references([v.reference for v in variables if v.size])
 
 
 def _not_taken(component: FmuSettings, name: str, wanted: float, found: float) -> FmuError:

@@ -48,10 +48,11 @@ class _Linear(ctypes.Structure):
 class _Part(ctypes.Structure):
     _fields_ = _members(
         kind="i", after_step="i", self="p", set="p", get="p", step="p", input_references="p", output_references="p",
-        input_count="q", output_count="q", inputs="p", outputs="p", own_inputs="p", own_outputs="p", input_factor="p",
-        input_offset="p", output_factor="p", output_offset="p", linear="p", wire_count="q", wires="p", single="q",
-        every="q", substeps="q", whole="q", part="d", line="p", line_capacity="q", line_count="q", first_input="q",
-        first_output="q", next_row="q", read_before="q", read_between="q", read_after="q", instants="p", longest="d",
+        input_reference_count="q", output_reference_count="q", input_count="q", output_count="q", inputs="p",
+        outputs="p", own_inputs="p", own_outputs="p", input_factor="p", input_offset="p", output_factor="p",
+        output_offset="p", linear="p", wire_count="q", wires="p", single="q", every="q", substeps="q", whole="q",
+        part="d", line="p", line_capacity="q", line_count="q", first_input="q", first_output="q", next_row="q",
+        read_before="q", read_between="q", read_after="q", instants="p", longest="d",
     )  # fmt: skip
 
 
@@ -171,6 +172,8 @@ def _part(run: LoopRun, index: int, native: Native, keep: list[Any]) -> _Part:
     result.kind, result.self = native.kind, native.self_address
     result.set, result.get, result.step = native.set_address, native.get_address, native.step_address
     keep += [native.input_references, native.output_references]
+    result.input_reference_count = len(native.input_references)
+    result.output_reference_count = len(native.output_references)
     result.input_references = ctypes.addressof(native.input_references)
     result.output_references = ctypes.addressof(native.output_references)
     result.own_inputs, result.own_outputs = _address(native.own_inputs, keep), _address(native.own_outputs, keep)

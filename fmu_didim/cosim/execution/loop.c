@@ -41,6 +41,7 @@ typedef struct {
     int32_t kind, after_step;
     void *self, *set, *get, *step;
     const uint32_t *input_references, *output_references;
+    int64_t input_reference_count, output_reference_count; /* of FMI 3.0: an array is one variable with many values */
     int64_t input_count, output_count;
     double *inputs, *outputs, *own_inputs, *own_outputs;
     const double *input_factor, *input_offset, *output_factor, *output_offset;
@@ -156,9 +157,9 @@ static inline int set_part(Part *p) {
     if (p->input_factor)
         for (int64_t i = 0; i < p->input_count; i++)
             p->own_inputs[i] = (p->inputs[i] - p->input_offset[i]) / p->input_factor[i];
-    size_t n = (size_t)p->input_count;
+    size_t n = (size_t)p->input_count, variables = (size_t)p->input_reference_count;
     if (p->kind == FMI2) return ((values2)p->set)(p->self, p->input_references, n, p->own_inputs);
-    return ((values3)p->set)(p->self, p->input_references, n, p->own_inputs, n);
+    return ((values3)p->set)(p->self, p->input_references, variables, p->own_inputs, n);
 }
 
 static inline int get_part(Part *p, int64_t count) {
@@ -167,9 +168,11 @@ static inline int get_part(Part *p, int64_t count) {
         return 0;
     }
     if (!p->get) return 0;
-    size_t n = (size_t)count;
+    const int arrays = p->output_reference_count != p->output_count;
+    if (arrays) count = p->output_count; /* the first elements may end within an array: all are read */
+    size_t n = (size_t)count, variables = arrays ? (size_t)p->output_reference_count : n;
     int status = p->kind == FMI2 ? ((values2)p->get)(p->self, p->output_references, n, p->own_outputs)
-                                 : ((values3)p->get)(p->self, p->output_references, n, p->own_outputs, n);
+                                 : ((values3)p->get)(p->self, p->output_references, variables, p->own_outputs, n);
     if (p->output_factor)
         for (int64_t i = 0; i < count; i++)
             p->outputs[i] = p->own_outputs[i] * p->output_factor[i] + p->output_offset[i];
