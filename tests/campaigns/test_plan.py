@@ -12,7 +12,7 @@ import yaml
 
 from fmu_didim.base.errors import InputError
 from fmu_didim.campaigns.planning import identity
-from fmu_didim.campaigns.planning.fields import label, with_value
+from fmu_didim.campaigns.planning.fields import labels, with_value
 from fmu_didim.campaigns.planning.plan import Plan
 from tests.campaigns.helpers import CASE, LAWS, plan_of
 from tests.cases import scara_case
@@ -58,7 +58,38 @@ def test_a_path_that_leads_nowhere(path: str) -> None:
     ],
 )
 def test_labels(value: Any, expected: Any) -> None:
-    assert label(value) == expected
+    assert labels([value]) == [expected]
+
+
+LONG = {f"key{k}": k for k in range(20)}
+
+
+@pytest.mark.parametrize(
+    ("values", "expected"),
+    [
+        (["va/controller.yaml", "vb/controller.yaml"], ["va/controller", "vb/controller"]),
+        (["x/va/c.yaml", "y/va/c.yaml", "d.yaml"], ["x/va/c", "y/va/c", "d"]),
+        (["low/1", "high/1"], ["low/1", "high/1"]),
+        (["a/m.fmu", "a/m.yaml"], ["a/m.fmu", "a/m.yaml"]),
+        (["c.yaml", "./c.yaml"], ["c.yaml", "./c"]),
+        (["c.yaml", "c.yaml"], ["c", "c"]),
+        (["c.yaml", "c"], ["c.yaml", "c"]),
+    ],
+)
+def test_unlike_values_have_unlike_labels(values: list[Any], expected: list[Any]) -> None:
+    assert labels(values) == expected
+
+
+def test_what_begins_alike_is_written_in_full() -> None:
+    first, second = labels([LONG, {**LONG, "key19": 0}])
+    assert first != second
+    assert labels([LONG]) != [first]
+
+
+def test_labels_are_distinct_over_all_blocks_and_kinds_of_them() -> None:
+    vary = [{"list": [{"controller": "va/c.yaml"}, {"controller": "vb/c.yaml"}]}, {"grid": {"a": ["low/1", "high/1"]}}]
+    found = {tuple(s.label for s in settings) for settings in plan_of(vary=vary).combinations()}
+    assert found == {("va/c", "low/1"), ("va/c", "high/1"), ("vb/c", "low/1"), ("vb/c", "high/1")}
 
 
 @pytest.mark.parametrize(

@@ -23,6 +23,11 @@ from fmu_didim.dynamics.robot import RobotDescription, RobotModel
 
 DESCRIPTIONS = (("robot",), ("plant", "source"), ("controller", "source"))
 """Entries of a case that name the file of a description."""
+Label = str | float | int | bool
+FILE_SUFFIXES = (".yaml", ".yml", ".fmu", ".csv")
+"""Of names of files, which labels show without their folders."""
+SHORT = 60
+"""[characters] A label as YAML is cut there: a column of a table."""
 
 
 def plain(content: Any, memory: Memory, place: str = "campaign") -> Any:
@@ -121,12 +126,35 @@ def with_written_descriptions(content: Mapping[str, Any], folder: Path) -> dict[
     return result
 
 
-def label(value: Any) -> str | float | int | bool:
-    """A value as tables show it: numbers and booleans unchanged, files by name, all else as short YAML."""
+def labels(values: Sequence[Any]) -> list[Label]:
+    """Values as tables show them; unlike values have unlike labels.
+
+    Numbers and booleans are unchanged; of the name of a file stands as much, from its end, as tells it from the others;
+    all else is short YAML, in full where others begin alike.
+    """
+    candidates = [_candidates(value) for value in values]
+    chosen = [0] * len(values)
+    while True:
+        found = [names[i] for names, i in zip(candidates, chosen, strict=True)]
+        owners: dict[Label, set[str]] = {}
+        for name, value in zip(found, values, strict=True):
+            owners.setdefault(name, set()).add(repr(value))
+        longer = [k for k, name in enumerate(found) if len(owners[name]) > 1 and chosen[k] + 1 < len(candidates[k])]
+        if not longer:
+            return found
+        for k in longer:
+            chosen[k] += 1
+
+
+def _candidates(value: Any) -> list[Label]:
+    """Labels of a value from the shortest to one that tells all."""
     if isinstance(value, bool | int | float):
-        return value
+        return [value]
+    if isinstance(value, str) and value.endswith(FILE_SUFFIXES):
+        parts = value.split("/")
+        tails = ["/".join(parts[-n:]) for n in range(1, len(parts) + 1)]
+        return [*(tail.rpartition(".")[0] or tail for tail in tails), value]
     if isinstance(value, str):
-        tail = value.rpartition("/")[2]
-        return tail.rpartition(".")[0] if tail.endswith((".yaml", ".yml", ".fmu", ".csv")) else tail or value
+        return [value]
     text = yaml.safe_dump(value, default_flow_style=True, width=1000).strip().removesuffix("\n...")
-    return text if len(text) <= 60 else text[:57] + "..."
+    return [text] if len(text) <= SHORT else [text[: SHORT - 3] + "...", text]

@@ -16,7 +16,7 @@ from scipy.stats import qmc
 from fmu_didim.base.documents import load_yaml
 from fmu_didim.base.errors import InputError
 from fmu_didim.campaigns.planning.document import Block, CampaignDocument, Span
-from fmu_didim.campaigns.planning.fields import label, with_value
+from fmu_didim.campaigns.planning.fields import Label, labels, with_value
 from fmu_didim.campaigns.planning.identity import References, code_digest, digest
 from fmu_didim.case.changes import merged
 from fmu_didim.data.signals import Array
@@ -146,7 +146,8 @@ class Plan:
     @cached_property
     def blocks(self) -> list[list[tuple[Setting, ...]]]:
         """The combinations of each block."""
-        return [list(_combinations(block)) for block in self.document.vary]
+        shown = _labels_of(self.document.vary)
+        return [list(_combinations(block, shown)) for block in self.document.vary]
 
     def variants(self) -> Iterator[tuple[Setting, ...]]:
         """Cases in which each value of each block occurs, the other blocks at their first combination."""
@@ -286,28 +287,48 @@ def _without_logs(value: Any, root: str) -> Any:
     return result
 
 
-def _combinations(block: Block) -> Iterator[tuple[Setting, ...]]:
+Labels = Mapping[tuple[str, str], Label]
+"""(Path, value as Python writes it) -> its label."""
+
+
+def _labels_of(blocks: Sequence[Block]) -> Labels:
+    """Labels of all values that the document does not name itself: those of a field are distinct over all blocks."""
+    values: dict[str, list[Any]] = {}
+    for block in blocks:
+        for entry in block.list_ or ():
+            for path, value in entry.items():
+                values.setdefault(path, []).append(value)
+        for path, some in (block.of(block.kind) if block.list_ is None else {}).items():
+            if not isinstance(some, Mapping | Span):
+                values.setdefault(path, []).extend(some)
+    return {
+        (path, repr(value)): shown
+        for path, some in values.items()
+        for value, shown in zip(some, labels(some), strict=True)
+    }
+
+
+def _combinations(block: Block, shown: Labels) -> Iterator[tuple[Setting, ...]]:
     """The settings of a block, one tuple a combination."""
     if block.list_ is not None:
         for entry in block.list_:
-            yield tuple(Setting(path, value, label(value)) for path, value in entry.items())
+            yield tuple(Setting(path, value, shown[path, repr(value)]) for path, value in entry.items())
     elif block.kind == "grid":
-        yield from product(*(_axis(path, values) for path, values in (block.grid or {}).items()))
+        yield from product(*(_axis(path, values, shown) for path, values in (block.grid or {}).items()))
     elif block.kind == "zip":
-        yield from zip(*(_axis(path, values) for path, values in (block.zip or {}).items()), strict=True)
+        yield from zip(*(_axis(path, values, shown) for path, values in (block.zip or {}).items()), strict=True)
     else:
-        yield from _drawn(block)
+        yield from _drawn(block, shown)
 
 
-def _axis(path: str, values: Any) -> list[Setting]:
-    """The values of one field; labels that would be equal are written in full."""
-    named = isinstance(values, Mapping)
-    pairs = list(values.items()) if named else [(label(value), value) for value in values]
-    shown = [name for name, _ in pairs]
-    return [Setting(path, value, name if shown.count(name) == 1 else str(value)) for name, value in pairs]
+def _axis(path: str, values: Any, shown: Labels) -> list[Setting]:
+    """The values of one field, by the names that the document gives them or by their labels."""
+    if isinstance(values, Mapping):
+        return [Setting(path, value, name) for name, value in values.items()]
+    return [Setting(path, value, shown[path, repr(value)]) for value in values]
 
 
-def _drawn(block: Block) -> Iterator[tuple[Setting, ...]]:
+def _drawn(block: Block, shown: Labels) -> Iterator[tuple[Setting, ...]]:
     """Samples of ranges and choices; a Latin hypercube fills the range of each field evenly."""
     fields = block.of(block.kind)
     assert block.count is not None
@@ -315,7 +336,7 @@ def _drawn(block: Block) -> Iterator[tuple[Setting, ...]]:
         unit: Array = np.random.default_rng(block.seed).random((block.count, len(fields)))
     else:
         unit = qmc.LatinHypercube(d=len(fields), rng=block.seed).random(block.count)
-    choices = {path: _axis(path, values) for path, values in fields.items() if not isinstance(values, Span)}
+    choices = {path: _axis(path, values, shown) for path, values in fields.items() if not isinstance(values, Span)}
     for row in unit.tolist():
         settings = []
         for (path, values), u in zip(fields.items(), row, strict=True):
