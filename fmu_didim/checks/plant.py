@@ -121,12 +121,12 @@ def _silent(model: LoopModel, theta: Array, count: int) -> list[int]:
 
 
 def start_diagnostics(model: LoopModel) -> list[Diagnostic]:
-    """Joints whose plant starts elsewhere than the reference.
+    """Joints whose plant starts elsewhere than the reference, where nobody says that they do (``initial_state:``).
 
     Outputs after the step (``outputs_after_step``) are those at the end of the first step of the plant: its positions
     are compared with the reference there; its velocities, which a step at wrong values changes, are not.
     """
-    reference = model.experiments[model.first].reference
+    reference, given = model.experiments[model.first].reference, model.experiments[model.first].initial_state.values
     plant, system = model.loop.plant_name, model.loop.systems[model.first]
     first_row = system.every.get(plant, 1) if plant in system.after_step else 0
     try:
@@ -137,7 +137,7 @@ def start_diagnostics(model: LoopModel) -> list[Diagnostic]:
     compared = [("q", "q_start")] if first_row else [("q", "q_start"), ("dq", "dq_start")]
     for name, what in compared:
         for j, signal in enumerate(model.loop.joint_signals(name), start=1):
-            if signal not in first.applied or f"{name}{j}" not in reference.names:
+            if signal not in first.applied or f"{name}{j}" not in reference.names or f"{name}{j}" in given:
                 continue
             column = reference.select([f"{name}{j}"])
             at_start, wanted = float(first.applied[signal][0]), float(column[min(first_row, len(column) - 1), 0])

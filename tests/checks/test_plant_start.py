@@ -57,3 +57,13 @@ def test_start(tmp_path: Path, plant: Path, named: list[str], after_step: bool, 
     found = start_diagnostics(load_case(path).model)
     assert [d.text.partition(" = ")[0].rpartition(" ")[2] for d in found] == expected
     assert {d.code.name for d in found} <= {"plant-start"}
+
+
+def test_a_given_start_is_no_mistake(tmp_path: Path, plant: Path) -> None:
+    path = scara_case(tmp_path, plant={"kind": "fmu", "source": str(plant), "parameter_names": OWN_NAMES})
+    content = yaml.safe_load(path.read_text(encoding="utf-8"))
+    content["train"]["initial_state"] = {"q1": 0.8}
+    path.write_text(yaml.safe_dump(content), encoding="utf-8")
+    model = load_case(path).model
+    assert start_diagnostics(model) == []
+    assert model.simulation(model.start).record().applied["plant.q1"][0] == 0.8
