@@ -43,6 +43,8 @@ _REPR.maxstring = _REPR.maxother = LONGEST
 _REPR.maxlevel = 3
 Model = TypeVar("Model", bound=BaseModel)
 Positive = Annotated[float, Field(gt=0)]
+Count = Annotated[int, Field(ge=1)]
+NotNegative = Annotated[int, Field(ge=0)]
 
 
 class Strict(BaseModel):

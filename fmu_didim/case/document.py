@@ -216,14 +216,20 @@ def make_estimator(options: Mapping[str, Any]) -> Estimator:
     names = [f.name for f in fields(form)]  # type: ignore[arg-type]
     given = {name: value for name, value in options.items() if name != "kind"}
     problems = [f"unknown option '{name}' of {kind}; valid: {', '.join(names)}" for name in given if name not in names]
-    endless = [name for name, value in given.items() if isinstance(value, float) and not math.isfinite(value)]
-    problems += [f"{name} must be a finite number" for name in endless]
+    problems += [f"{name} must be a finite number" for name in _endless(given)]
     if not problems:
         try:
             return TypeAdapter(form).validate_python(given)
         except ValidationError as error:
             problems = [f"{'.'.join(map(str, d['loc']))}: {d['msg']} (got {d['input']!r})" for d in error.errors()]
     raise ValueError("; ".join(problems))
+
+
+def _endless(values: Mapping[str, Any]) -> list[str]:
+    """Names of the numbers that are not finite, ``start.ZZ1R`` inside a mapping."""
+    found = [name for name, value in values.items() if isinstance(value, float) and not math.isfinite(value)]
+    inner = {name: value for name, value in values.items() if isinstance(value, Mapping)}
+    return found + [f"{name}.{one}" for name, value in inner.items() for one in _endless(value)]
 
 
 def read_case(path: Path | str) -> CaseDocument:

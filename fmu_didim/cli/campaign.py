@@ -9,6 +9,8 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from fmu_didim.cli.numbers import at_least_one
+
 if TYPE_CHECKING:
     from fmu_didim.campaigns.campaign import Campaign
     from fmu_didim.campaigns.running.runner import Progress
@@ -48,7 +50,9 @@ def add_campaign(commands: Any, say: Say) -> None:
     two = task("retry", _retry, "run again what has failed, or the runs named by --only")
     for each in (one, two):
         each.add_argument("--only", nargs="+", default=[], metavar="ID", help="only these runs, again if need be")
-        each.add_argument("--workers", type=int, metavar="N", help="processes on this machine (as many as cores)")
+        each.add_argument(
+            "--workers", type=at_least_one, metavar="N", help="processes on this machine (as many as cores)"
+        )
         each.add_argument("--scheduler", metavar="ADDRESS", help="of a Dask cluster: tcp://..., or its scheduler file")
         each.add_argument("--quiet", action="store_true", help="print the end only")
     three = task("status", _status, "how many runs are done, failed and open")

@@ -23,6 +23,7 @@ from fmu_didim.base.terminal import json_shown, printable, quoted, unforeseen
 from fmu_didim.base.version import __version__
 from fmu_didim.cli.campaign import add_campaign
 from fmu_didim.cli.console import CurrentStderr, Display, begin, is_terminal, show, since_start
+from fmu_didim.cli.numbers import not_negative, positive
 from fmu_didim.cli.prepare import add_prepare_verbs
 
 if TYPE_CHECKING:
@@ -180,10 +181,13 @@ def _add_case_verbs(commands: _Commands) -> None:
     found.add_argument("--forbid", action="append", default=[], metavar="EFFECT", help="never propose this effect")
     found.add_argument("--prefer", action="append", default=[], metavar="EFFECT", help="take it first where it fits")
     found.add_argument("--effect", action="append", default=[], metavar="MODULE:NAME", help="also this: my.py:MyEffect")
-    found.add_argument("--rounds", type=int, default=5, metavar="N", help="largest number of effects (5)")
-    found.add_argument("--seed", type=int, default=0, metavar="N", help="of the bootstrap (0)")
+    found.add_argument("--rounds", type=not_negative, default=5, metavar="N", help="largest number of effects (5)")
+    found.add_argument("--seed", type=not_negative, default=0, metavar="N", help="of the bootstrap (0)")
     found.add_argument(
-        "--time-limit", type=float, metavar="SECONDS", help="end with the best answer so far; the exit code is 3 then"
+        "--time-limit",
+        type=positive,
+        metavar="SECONDS",
+        help="end with the best answer so far; the exit code is 3 then",
     )
     found.add_argument("--figures", action="store_true", help=FIGURES)
     _add_output(found, "the findings")
@@ -275,9 +279,9 @@ def _add_fmu(commands: _Commands) -> None:
         task.add_argument("file", type=Path, metavar="FILE.fmu", help="the FMU")
         if name == "check":
             task.add_argument("--interface", choices=("co-simulation", "model-exchange"), help="how it is run")
-            task.add_argument("--step", type=float, metavar="SECONDS", help="communication step")
+            task.add_argument("--step", type=positive, metavar="SECONDS", help="communication step")
             task.add_argument(
-                "--time-limit", type=float, default=120.0, metavar="SECONDS", help="for all questions (120)"
+                "--time-limit", type=positive, default=120.0, metavar="SECONDS", help="for all questions (120)"
             )
 
 

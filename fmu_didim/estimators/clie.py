@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from fmu_didim.base.documents import Count, Positive
 from fmu_didim.base.errors import SimulationError
 from fmu_didim.estimators.base import Estimator, Progress, no_progress
 from fmu_didim.estimators.finish import Minimum, finish_by_colour, torque_estimate
@@ -51,8 +52,8 @@ class Clie(Estimator):
     needs_positions = False
 
     start: Any = "description"
-    tolerance: float = 1e-6
-    maximum_iterations: int = 40
+    tolerance: Positive = 1e-6
+    maximum_iterations: Count = 40
     estimate_delay: bool = False
 
     @property

@@ -20,6 +20,7 @@ from typing import Any
 
 import numpy as np
 
+from fmu_didim.base.documents import Count, Positive
 from fmu_didim.base.errors import IdentificationError, InputError, SimulationError
 from fmu_didim.data.signals import Array
 from fmu_didim.estimators.base import Estimator, Progress, no_progress
@@ -81,10 +82,10 @@ class Didim(Estimator):
     probes = True
 
     start: Any = "torque"
-    tolerance: float = 0.025
-    maximum_iterations: int = 20
+    tolerance: Positive = 0.025
+    maximum_iterations: Count = 20
     finish: bool = True
-    finish_tolerance: float | None = None
+    finish_tolerance: Positive | None = None
     estimate_delay: bool = False
 
     @property

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import signal
 
+from fmu_didim.base.documents import Count, NotNegative, Positive
 from fmu_didim.base.errors import InputError
 from fmu_didim.data.signals import Array
 from fmu_didim.estimators.base import Estimator, Progress, no_progress
@@ -43,10 +44,10 @@ class IdimLs(Estimator):
     name = "idim_ls"
     needs_positions = True
 
-    cutoff_hz: float = 100.0
-    order: int = 4
-    decimation: int = 10
-    skip: int = 50
+    cutoff_hz: Positive = 100.0
+    order: Count = 4
+    decimation: Count = 10
+    skip: NotNegative = 50
     sharp_coulomb: bool = True
 
     def estimate(self, model: LoopModel, *, progress: Progress = no_progress) -> Estimate:

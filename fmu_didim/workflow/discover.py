@@ -68,6 +68,8 @@ def discover(
         InputError, UnknownNameError: the case or a name is wrong, or the results could not be written to ``out``;
             SimulationError: the base model cannot be simulated.
     """
+    if rounds < 0:
+        raise InputError("The number of rounds must not be negative.", where="rounds", got=rounds, valid="0, 1, 2, ...")
     search = Progress.limited(progress or (lambda text: None), time_limit)
     folder = None if out is None else result_folder(out, figures=figures)
     case = checked_case(case, folder, objects)

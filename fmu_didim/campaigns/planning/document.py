@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, field_validator, model_validator
 
-from fmu_didim.base.documents import AlsoWritten, Positive, Strict
+from fmu_didim.base.documents import AlsoWritten, Count, NotNegative, Positive, Strict
 
 TIME_LIMIT_S = 3600.0
 """[s] Limit of one run where the campaign states none: three times the longest known discovery."""
@@ -74,8 +74,8 @@ class Block(Strict):
     list_: tuple[Mapping[str, Any], ...] | None = Field(default=None, alias="list")
     random: Mapping[str, Drawn] | None = None
     latin_hypercube: Mapping[str, Drawn] | None = None
-    count: Annotated[int, Field(ge=1)] | None = None
-    seed: Annotated[int, Field(ge=0)] = 0
+    count: Count | None = None
+    seed: NotNegative = 0
 
     @model_validator(mode="after")
     def _one_kind(self) -> Block:
@@ -159,7 +159,7 @@ class Options(Strict):
     forbid: tuple[str, ...] = ()
     prefer: tuple[str, ...] = ()
     effects: tuple[str, ...] = ()
-    rounds: Annotated[int, Field(ge=1)] = 5
+    rounds: Count = 5
 
 
 class CampaignDocument(Strict):
