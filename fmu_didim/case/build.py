@@ -34,7 +34,7 @@ from fmu_didim.case.parts import component_of, controller_block, identified, pla
 from fmu_didim.components import Component
 from fmu_didim.cosim import System
 from fmu_didim.cosim.system import REFERENCE
-from fmu_didim.data.low_pass import LowPass
+from fmu_didim.data.filters import LowPass
 from fmu_didim.data.signals import Trajectory
 from fmu_didim.dynamics.robot import RobotDescription, RobotModel, read_robot
 from fmu_didim.estimators import Estimator

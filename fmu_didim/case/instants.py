@@ -14,7 +14,6 @@ from pathlib import Path
 
 import numpy as np
 from scipy.interpolate import CubicSpline
-from scipy.ndimage import median_filter
 
 from fmu_didim.base.diagnostics import CATALOGUE, DOUBT, PROBLEM, REMARK, DiagnosedError, Diagnostic
 from fmu_didim.base.errors import InputError
@@ -32,6 +31,7 @@ from fmu_didim.case.reference import (
 from fmu_didim.case.sources import ExperimentSource, InstantsFile
 from fmu_didim.checks.data.log import REFERENCE_STEP
 from fmu_didim.data.excitation import Excitation
+from fmu_didim.data.filters import running_median
 from fmu_didim.data.signals import Array, Trajectory
 from fmu_didim.data.tables import Selected
 
@@ -128,7 +128,7 @@ def read_instants(
             next_step="Sort the rows by time and remove duplicates.",
         )  # fmt: skip
     _check_rate(periods, step, source.file)
-    long = np.flatnonzero(periods > LONG * median_filter(periods, NEAR, mode="nearest"))
+    long = np.flatnonzero(periods > LONG * running_median(periods, NEAR))
     text = (
         f"The controller ran at {time.size} instants, {1000 * np.percentile(periods, 1):.4g} to "
         f"{1000 * np.percentile(periods, 99):.4g} ms apart (99 % of them; nominally {1000 * step:.4g} ms)."

@@ -9,7 +9,6 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import median_filter
 
 from fmu_didim.base.diagnostics import CATALOGUE, PROBLEM, DiagnosedError, Diagnostic
 from fmu_didim.base.errors import InputError
@@ -18,6 +17,7 @@ from fmu_didim.case.instants import LONG, NEAR
 from fmu_didim.case.reference import SMALLER_UNITS, TIME_UNIT, at_least_two_rows
 from fmu_didim.case.sources import ExperimentSource, ReferenceFile, TorqueFile
 from fmu_didim.cosim import Indices, Instants, decimated_times, grid_places, period_change, sample_operator
+from fmu_didim.data.filters import running_median
 from fmu_didim.data.signals import Array, Trajectory
 
 COMMAND_WITHOUT_GAIN = CATALOGUE(
@@ -127,7 +127,7 @@ def _torque_at(log: Trajectory, torque: Array, source: TorqueFile, *, changes: b
 def _places(times: Array) -> Indices:
     """(N,) places of rows whose period changes: a step counts as many as periods that are usual near it fit into it."""
     steps = np.diff(times)
-    usual = median_filter(steps, NEAR, mode="nearest")
+    usual = running_median(steps, NEAR)
     counts = np.where(steps > LONG * usual, np.rint(steps / usual), 1).astype(np.int64)
     return np.concatenate([[0], np.cumsum(counts)])
 

@@ -21,8 +21,8 @@ from collections.abc import Mapping
 
 import numpy as np
 from pydantic import Field
-from scipy import stats
 
+from fmu_didim.base.distributions import chi2_sf
 from fmu_didim.base.documents import Saved
 from fmu_didim.data.signals import Array
 from fmu_didim.fit.confounding import shown_directions
@@ -114,7 +114,7 @@ def _judged(names: tuple[str, ...], score: Array, slope: Array, covariance: Arra
         return AgreementResult(p_value=1.0, agrees=True, differs_most="", change_in_std=0.0)
     root = vectors[:, kept] / np.sqrt(values[kept])
     along, noise = root.T @ score, root.T @ covariance @ root
-    p_value = float(stats.chi2.sf(float(along @ np.linalg.pinv(noise, hermitian=True) @ along), int(kept.sum())))
+    p_value = float(chi2_sf(float(along @ np.linalg.pinv(noise, hermitian=True) @ along), int(kept.sum())))
     change = root @ along
     spread = np.sqrt(np.maximum(np.einsum("pi,ij,pj->p", root, noise, root), TINY))
     most = int(np.argmax(np.abs(change) / spread))

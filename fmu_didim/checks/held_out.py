@@ -17,9 +17,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
 
 from fmu_didim.base.diagnostics import CATALOGUE, DOUBT, REMARK, Diagnostic
+from fmu_didim.base.distributions import f_sf
 from fmu_didim.base.errors import SimulationError
 from fmu_didim.data.signals import Array
 from fmu_didim.fit.derivatives.sensitivity import sensitivity
@@ -115,7 +115,7 @@ def worse_than_fitted(
     ratio = held.variance / (before * size**2)
     first = np.maximum(left * _independent_squares(fitted.values), 1.0)
     second = np.maximum(held.values.shape[0] * _independent_squares(held.values), 1.0)
-    chance = stats.f.sf(ratio, second, first)
+    chance = f_sf(ratio, second, first)
     return np.flatnonzero((chance < HELD_OUT_CHANCE / (among or n)) & (ratio > HELD_OUT_RATIO**2))
 
 

@@ -17,9 +17,10 @@ from dataclasses import dataclass, replace
 from types import MappingProxyType
 
 import numpy as np
-from scipy import linalg, stats
+from scipy import linalg
 
 from fmu_didim.base.diagnostics import CATALOGUE, DOUBT, Diagnostic
+from fmu_didim.base.distributions import f_sf, t_sf
 from fmu_didim.base.errors import SimulationError
 from fmu_didim.checks.data.timing import CLOCK_EARLY, CLOCK_LATE
 from fmu_didim.cosim import Indices
@@ -231,7 +232,7 @@ def dependence(residual: Array, nuisance: Array, motion: Array, names: Sequence[
     deviation = float(np.sqrt(max(total - explained, 0.0) / second / power[most]))
     largest, freedom = float(product[most] ** 2 / power[most]), second + first - 1
     student = np.sqrt(largest / (max(total - largest, TINY) / freedom))
-    both = (stats.f.sf(ratio, first, second), power.size * 2 * stats.t.sf(student, freedom))
+    both = (f_sf(ratio, first, second), power.size * 2 * t_sf(student, freedom))
     return Dependence(
         joint, float(min(2 * min(both), 1.0)), explained / total, left[most], largest / max(explained, TINY),
         slope=float(product[most] / power[most]), deviation=deviation,

@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import stats
 from scipy.optimize import differential_evolution
 
 from fmu_didim.base.diagnostics import CATALOGUE, DOUBT, Diagnostic
+from fmu_didim.base.distributions import chi2_isf, normal_isf
 from fmu_didim.base.errors import IdentificationError
 from fmu_didim.data.signals import Array
 from fmu_didim.dynamics.base_parameters import BaseParameters
@@ -109,10 +109,10 @@ def far_from_physical(robot: RobotModel, base: BaseParameters, theta: Array, cov
     """
     try:
         near = nearest_physical(robot, base, theta, covariance)
-        bound = float(np.sqrt(stats.chi2.isf(FALSE_UNPHYSICAL, max(near.constraints, 1))))
+        bound = float(np.sqrt(chi2_isf(FALSE_UNPHYSICAL, max(near.constraints, 1))))
         if near.distance > bound:
             return [_not_physical(base, theta, near, bound)]
-        bound = float(stats.norm.isf(FALSE_UNPHYSICAL / base.count))
+        bound = float(normal_isf(FALSE_UNPHYSICAL / base.count))
         # Physical values stay so when all are multiplied: only a sign can be wrong of one alone.
         suspects = np.flatnonzero(theta < -bound * np.sqrt(np.diag(covariance)))
         single = [nearest_physical(robot, base, theta, covariance, alone=int(i)) for i in suspects]
@@ -163,7 +163,7 @@ def worst_position(parameters: RobotParameters, theta: Array, low: Array, high: 
     robot, chi = parameters.model, parameters.base.expand(theta)
     found = differential_evolution(
         lambda positions: robot.inertia_along(positions.T, chi), list(zip(low, high, strict=True)), vectorized=True,
-        updating="deferred", init="sobol", popsize=POPULATION, maxiter=GENERATIONS, polish=False, seed=0,
+        updating="deferred", init="latinhypercube", popsize=POPULATION, maxiter=GENERATIONS, polish=False, seed=0,
         tol=0.0, atol=EIGENVALUE_TOLERANCE,
     )  # fmt: skip
     return Worst(np.asarray(found.x), float(found.fun))

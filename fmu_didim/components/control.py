@@ -20,14 +20,27 @@ DEFAULT_SUBSTEPS = 10
 
 
 @dataclass(frozen=True)
+class Matrices:
+    """A linear system by its matrices alone, named as in python-control, whose import takes longer than most loops:
+
+    dx/dt = A x + B u, or x[k+1] = A x + B u if it is sampled; y = C x + D u.
+    """
+
+    A: Array
+    B: Array
+    C: Array
+    D: Array
+
+
+@dataclass(frozen=True)
 class ControlComponent(Component):
-    """A ``StateSpace``, ``TransferFunction`` or ``NonlinearIOSystem`` as a component.
+    """A ``StateSpace``, ``TransferFunction``, ``NonlinearIOSystem`` or :class:`Matrices` as a component.
 
     A discrete system is sampled at its ``dt``; a continuous one advances by equal substeps with inputs held, of RK4
     unless it is a block whose stiff part is known.
 
     Attributes:
-        system: the python-control system.
+        system: the python-control system, or the matrices of a linear one.
         inputs, outputs, parameters: its variables, in the order of the system's signals.
         initial_state: (nx,) start value of the state; that of a block follows from the first inputs.
         state_parameters: names of the parameters that are ``initial_state``, of a system that offers it.
@@ -63,7 +76,7 @@ class ControlComponent(Component):
 
     def __getstate__(self) -> dict[str, Any]:
         state = dict(self.__dict__)
-        if isinstance(self.system, _state_space()):  # python-control's own holds a function that cannot be pickled
+        if _is_linear(self.system) and not isinstance(self.system, Matrices):  # python-control's cannot be pickled
             s = self.system
             names = {"inputs": s.input_labels, "outputs": s.output_labels, "states": s.state_labels, "name": s.name}
             state["system"] = (s.A, s.B, s.C, s.D), {**names, "dt": s.dt}
@@ -94,12 +107,12 @@ class ControlComponent(Component):
         return replace(self.block, inputs=self.inputs, outputs=self.outputs), self.substeps
 
     def response_key(self) -> Hashable | None:
-        return SameObject(self) if self.block is not None or isinstance(self.system, _state_space()) else None
+        return SameObject(self) if self.block is not None or _is_linear(self.system) else None
 
     def feedthrough(self) -> frozenset[tuple[str, str]] | None:
         if self.block is not None:
             return block_feedthrough(self.block)
-        if not hasattr(self.system, "D"):
+        if not _is_linear(self.system):
             return None
         direct = np.asarray(self.system.D)
         return frozenset((self.outputs[i].name, self.inputs[j].name) for i, j in np.argwhere(direct != 0.0))
@@ -114,10 +127,9 @@ class ControlComponent(Component):
         }
 
 
-def _state_space() -> Any:
-    import control
-
-    return control.StateSpace
+def _is_linear(system: Any) -> bool:
+    """Whether a system has matrices; of python-control's it is a ``StateSpace``, which need not be imported to tell."""
+    return hasattr(system, "A")
 
 
 class _ControlInstance(Instance):
@@ -233,7 +245,7 @@ class _ControlInstance(Instance):
         system, period = self._component.system, self._component.sample_time
         if self._component.block is not None and self._component.block.parameters:
             system = to_control(self._component.block.with_parameters(self._parameters))
-        if not hasattr(system, "A"):
+        if not _is_linear(system):
             return None
         a, b, c, d = (np.ascontiguousarray(m, dtype=float) for m in (system.A, system.B, system.C, system.D))
         start = self._clock.start if self._clock else 0.0
@@ -263,7 +275,7 @@ def product(matrix: Array, vector: Array) -> Array:
 
 def _functions(system: Any, parameters: dict[str, float]) -> tuple[Callable[..., Array], Callable[..., Array]]:
     """(t, x, u) -> next state or derivative, and (t, x, u) -> outputs, of a python-control system."""
-    if hasattr(system, "A"):
+    if _is_linear(system):
         a, b, c, d = (np.asarray(m, dtype=float) for m in (system.A, system.B, system.C, system.D))
         return lambda t, x, u: product(a, x) + product(b, u), lambda t, x, u: product(c, x) + product(d, u)
     return (

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
-from scipy import stats
 
+from fmu_didim.base.distributions import normal_isf
 from fmu_didim.data.signals import Array
 from fmu_didim.discovery.augmentation.builder import LoopModelBuilder
 from fmu_didim.dynamics.effects import UNITS, Surroundings
@@ -57,7 +57,7 @@ def friction_curves(builder: LoopModelBuilder, base: Fit, final: Fit) -> list[Fr
             FrictionResult(
                 joint=j, unit=UNITS[joint.type].velocity, velocity=velocity.tolist(),
                 base=former.at(velocity, _named(before, base.model, base.values)).tolist(), final=torque.tolist(),
-                half_width=(float(stats.norm.isf((1 - CONFIDENCE) / 2)) * deviation).tolist(),
+                half_width=(float(normal_isf((1 - CONFIDENCE) / 2)) * deviation).tolist(),
             )
         )  # fmt: skip
     return found

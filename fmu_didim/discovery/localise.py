@@ -11,8 +11,8 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
 
+from fmu_didim.base.distributions import normal_isf, normal_sf
 from fmu_didim.data.signals import Array
 from fmu_didim.dynamics.robot import RobotDescription
 from fmu_didim.fit.fit import Fit
@@ -20,6 +20,8 @@ from fmu_didim.fit.noise.noise import TINY, Noise, effective_fraction
 from fmu_didim.model.motion import Motion, simulated_motion
 from fmu_didim.results.findings import RegionResult, WindowResult
 
+QUARTER = 0.25
+"""[1] Part of normal noise beyond the median of its absolute values, on either side."""
 BINS = 12
 """[bins] Of each quantity, with the same number of samples: enough to see where."""
 FEWEST_EDGES = 3
@@ -87,7 +89,7 @@ def regions(
             counts = np.bincount(place, minlength=edges.size - 1)
             means = np.bincount(place, r, minlength=edges.size - 1) / np.maximum(counts, 1)
             deviation = noise.deviation[j] / np.sqrt(np.maximum(counts * factor[j], 1.0))
-            p = 2 * stats.norm.sf(np.abs(means) / deviation)
+            p = 2 * normal_sf(np.abs(means) / deviation)
             noise_part = float(np.sum(counts * deviation**2)) / r.size
             share = float(np.clip((np.sum(counts * means**2) / r.size - noise_part) / error, 0.0, 1.0))
             found += [
@@ -98,8 +100,9 @@ def regions(
                 for i in range(edges.size - 1)
                 if counts[i] > 0
             ]  # fmt: skip
-    adjusted = stats.false_discovery_control([region.p_value for region in found]) if found else []
-    kept = (r for r, p in zip(found, adjusted, strict=True) if p <= FALSE_DISCOVERIES)
+    chances = np.sort([region.p_value for region in found])
+    small = chances[chances <= FALSE_DISCOVERIES * np.arange(1, chances.size + 1) / max(chances.size, 1)]
+    kept = (region for region in found if region.p_value <= max(small, default=-1.0))
     return sorted(kept, key=lambda r: (-r.share_of_gap, r.p_value))
 
 
@@ -134,7 +137,7 @@ def force_windows(residual: Array, time: Array, noise: Noise, label: str) -> lis
     factor = effective_fraction(residual)
     for j in range(residual.shape[1]):
         r = residual[:, j] - np.median(residual[:, j])
-        spread = max(float(stats.median_abs_deviation(r, scale="normal")), float(noise.deviation[j]))
+        spread = max(float(np.median(np.abs(r)) / normal_isf(QUARTER)), float(noise.deviation[j]))
         rest = r.copy()
         for _ in range(MAXIMUM_WINDOWS):
             a, b = _best_window(rest)

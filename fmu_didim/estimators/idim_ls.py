@@ -12,10 +12,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import signal
 
 from fmu_didim.base.documents import Count, NotNegative, Positive
 from fmu_didim.base.errors import InputError
+from fmu_didim.data.filters import LowPass, thinned
 from fmu_didim.data.signals import Array
 from fmu_didim.estimators.base import Estimator, Progress, no_progress
 from fmu_didim.estimators.reference_start import observed_on
@@ -112,8 +112,7 @@ class IdimLs(Estimator):
         """Time (M,), regressor (M, n, b), target (M, n) and known torque (M, n) of the rows of an experiment."""
         experiment = model.experiments[label]
         q, rate = self._positions(model, label)
-        sections = signal.butter(self.order, self.cutoff_hz, fs=rate, output="sos")
-        q = np.asarray(signal.sosfiltfilt(sections, q, axis=0))
+        q = LowPass(self.cutoff_hz, self.order).apply(q, rate)
         dq = np.gradient(q, 1 / rate, axis=0)
         motion = q, dq, np.gradient(dq, 1 / rate, axis=0)
 
@@ -147,6 +146,4 @@ class IdimLs(Estimator):
         return positions.select([f"q{j}" for j in range(1, model.joint_count + 1)]), float(rate)
 
     def _decimate(self, values: Array) -> Array:
-        if self.decimation == 1:
-            return values
-        return np.asarray(signal.decimate(values, self.decimation, n=8, ftype="iir", axis=0, zero_phase=True))
+        return values if self.decimation == 1 else thinned(values, self.decimation)

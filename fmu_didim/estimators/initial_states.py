@@ -21,8 +21,8 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from scipy import stats
 
+from fmu_didim.base.distributions import chi2_sf
 from fmu_didim.base.errors import IdentificationError, SimulationError
 from fmu_didim.data.signals import Array
 from fmu_didim.estimators.finish import Minimum
@@ -128,7 +128,7 @@ def _off_reference(minimum: Minimum, starts: Sequence[FreeParameter]) -> set[str
         on = _on(model, label)
         off = minimum.fit.values[places] - [on[_name(start)] for start in own]
         distance = float(off @ np.linalg.solve(minimum.known.covariance[np.ix_(places, places)], off))
-        if is_asked(minimum.fit, label) or stats.chi2.sf(distance, len(own)) < CHANCE:
+        if is_asked(minimum.fit, label) or chi2_sf(distance, len(own)) < CHANCE:
             found.add(label)
     return found
 
@@ -260,7 +260,7 @@ def unknown_states(fit: Fit) -> list[str]:
         ratio = _first_over_later(squares, max(int(FIRST_PART * squares.size), 1))
         joints = fit.model.joint_count
         reason = ""
-        if ratio > STANDS_OUT**2 and stats.chi2.sf(joints * ratio, joints) < CHANCE:  # as if all were one sample
+        if ratio > STANDS_OUT**2 and chi2_sf(joints * ratio, joints) < CHANCE:  # as if all were one sample
             reason = f"its first samples stand out, {np.sqrt(ratio):.3g} times the later residual"
         elif label in free:
             reason = f"the start that was found may stand for states of {' and '.join(unknown)}"
@@ -436,7 +436,7 @@ def _chance(fit: Fit, start: _Start) -> float:
     change = np.linalg.lstsq(table, residual, rcond=None)[0]
     known = fit_uncertainty(replace(fit, outputs=fit.torque + fit.jacobian @ change))
     off, covariance = change[-start.count :] + start.off, known.covariance[-start.count :, -start.count :]
-    return float(stats.chi2.sf(off @ np.linalg.solve(covariance, off), start.count))
+    return float(chi2_sf(off @ np.linalg.solve(covariance, off), start.count))
 
 
 def _chance_alone(fit: Fit, label: str, start: _Start) -> float:

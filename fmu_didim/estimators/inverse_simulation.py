@@ -18,7 +18,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from fmu_didim.base.errors import DivergedError, SimulationError
-from fmu_didim.components.control import ControlComponent
+from fmu_didim.components.control import ControlComponent, Matrices
 from fmu_didim.cosim import Connection, Recording, simulate
 from fmu_didim.cosim.system import REFERENCE
 from fmu_didim.data.signals import Array, Variable, trajectory
@@ -176,22 +176,16 @@ def light_plant(step: float | None, inverse_mass: Array, rate: Array, start: Arr
         step: in s; None where it changes, for a continuous plant that RK4 integrates.
         inverse_mass: (n,) 1/m; rate: (n,) 1/s; start: (2 n,) q and dq.
     """
-    import control
-
     n = rate.size
     motion, torque = _continuous(rate) if step is None else _held(step, rate)
     unit, nothing = np.eye(n), np.zeros((n, n))
     b = torque @ np.hstack([np.diag(inverse_mass), unit])
     c = np.vstack([np.eye(2 * n), np.hstack([nothing, -np.diag(rate)])])
     d = np.vstack([np.zeros((2 * n, 2 * n)), np.hstack([np.diag(inverse_mass), unit])])
-    names = {s: [f"{s}{j}" for j in range(1, n + 1)] for s in ("tau", DRIVE, "q", "dq", "ddq", "x_q", "x_dq")}
+    names = {s: [f"{s}{j}" for j in range(1, n + 1)] for s in ("tau", DRIVE, "q", "dq", "ddq")}
     inputs, outputs = names["tau"] + names[DRIVE], names["q"] + names["dq"] + names["ddq"]
-    states = names["x_q"] + names["x_dq"]
-    system = control.ss(
-        motion, b, c, d, step or 0, inputs=inputs, outputs=outputs, states=states, name="light_plant"
-    )  # fmt: skip
     return ControlComponent(
-        system=system,
+        system=Matrices(motion, b, c, d),
         inputs=tuple(Variable(v, "", "input") for v in inputs),
         outputs=tuple(Variable(v) for v in outputs),
         initial_state=tuple(float(v) for v in start),

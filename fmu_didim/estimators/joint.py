@@ -18,8 +18,8 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
-from scipy.stats import chi2
 
+from fmu_didim.base.distributions import chi2_sf
 from fmu_didim.estimators.finish import FINISH_ITERATIONS, NEXT_STEP, Minimum, finish_by_colour
 from fmu_didim.fit.estimate import ChannelNoise, JointFit
 from fmu_didim.fit.fit import point
@@ -104,7 +104,7 @@ def _compared(alone: Minimum, joint: Minimum) -> JointFit:
         alone=alone.fit.values,
         alone_deviation=deviation,
         apart=np.asarray(moved / np.sqrt(np.diag(covariance))),
-        p_value=float(chi2.sf(distance, moved.size)),
+        p_value=float(chi2_sf(distance, moved.size)),
     )
 
 

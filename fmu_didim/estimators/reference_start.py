@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from scipy import signal
 
+from fmu_didim.data.filters import LowPass
 from fmu_didim.data.signals import Array, Trajectory, derivative, white_noise
 from fmu_didim.fit.statistics import least_squares
 from fmu_didim.model.loop_model import LoopModel, Simulation
@@ -70,8 +70,7 @@ def _smoothed(time: Array, motion: Motion, has_velocity: bool) -> Motion:
     for part in SMOOTHED:
         cutoff = part * rate
         if cutoff < rate / 2:
-            filtered = signal.butter(SMOOTHED_ORDER, cutoff, fs=rate, output="sos")
-            smooth = signal.sosfiltfilt(filtered, given, axis=0)
+            smooth = LowPass(cutoff, SMOOTHED_ORDER).apply(given, rate)
             q, dq = (q, smooth) if has_velocity else (smooth, derivative(time, smooth))
             ddq = derivative(time, dq)
         size = noise * (2 * np.pi * cutoff) ** order * np.sqrt(2 * part / (2 * order + 1))

@@ -19,8 +19,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import chi2
 
+from fmu_didim.base.distributions import chi2_sf
 from fmu_didim.data.signals import Array
 from fmu_didim.fit.confounding import shown_directions
 from fmu_didim.fit.fit import Fit, prior_rows
@@ -89,7 +89,7 @@ def prior_fit(fit: Fit, known: Uncertainty) -> PriorFit | None:
         alone=alone,
         alone_deviation=alone_deviation,
         apart=_apart(values - mean, rows, psi, known.by_data, np.isfinite(deviation)),
-        p_value=float(chi2.sf(distance, int(tested.sum()))) if tested.any() else 1.0,
+        p_value=float(chi2_sf(distance, int(tested.sum()))) if tested.any() else 1.0,
         tested=int(tested.sum()),
         open=dict(prior.open),
     )

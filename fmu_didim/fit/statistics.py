@@ -18,8 +18,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import stats
 
+from fmu_didim.base.distributions import t_ppf, t_sf
 from fmu_didim.base.errors import IdentificationError
 from fmu_didim.data.signals import Array
 
@@ -131,7 +131,7 @@ def relative_deviation_percent(value: Array, deviation: Array) -> Array:
 
 def confidence_interval(value: Array, deviation: Array, freedom: float, level: float = CONFIDENCE) -> Array:
     """(p, 2) interval by Student's t with ``freedom`` degrees of freedom."""
-    half = stats.t.ppf(0.5 + level / 2, max(freedom, 1.0)) * deviation
+    half = t_ppf(0.5 + level / 2, max(freedom, 1.0)) * deviation
     return np.column_stack([value - half, value + half])
 
 
@@ -139,8 +139,9 @@ def bounded_interval(value: float, deviation: float, freedom: float, limit: floa
     """The other end of the interval of a parameter that is known to lie above a limit, below which the data alone have
     its value: where Student's t with ``freedom`` degrees of freedom, cut off at the limit, has the probability
     ``level``."""
-    t = stats.t(max(freedom, 1.0), loc=value, scale=deviation)
-    return float(t.isf((1 - level) * t.sf(limit)))
+    freedom = max(freedom, 1.0)
+    above = t_sf((limit - value) / deviation, freedom)
+    return float(value - deviation * t_ppf((1 - level) * above, freedom))
 
 
 def correlation(covariance: Array) -> Array:

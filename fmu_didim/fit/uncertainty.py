@@ -21,8 +21,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
 
+from fmu_didim.base.distributions import chi2_isf, chi2_ppf, f_ppf
 from fmu_didim.cosim import Indices, grid_places
 from fmu_didim.data.signals import Array
 from fmu_didim.fit.noise.autoregression import autocorrelation, innovations, portmanteau, portmanteau_p
@@ -135,10 +135,8 @@ def chi_square_bounds(samples: float, known_from: float = np.inf) -> tuple[float
             two variances.
     """
     if np.isinf(known_from):
-        law, size = stats.chi2(samples), samples
-    else:
-        law, size = stats.f(samples, known_from), 1.0
-    return float(law.ppf(EXCESS)) / size, float(law.isf(EXCESS)) / size
+        return float(chi2_ppf(EXCESS, samples)) / samples, float(chi2_isf(EXCESS, samples)) / samples
+    return float(f_ppf(EXCESS, samples, known_from)), float(f_ppf(1 - EXCESS, samples, known_from))
 
 
 def _counted(noise: JointNoise, own: float, usual: float, samples: float, *, stated: bool) -> JointNoise:

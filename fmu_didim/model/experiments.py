@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 
 from fmu_didim.cosim import Indices
-from fmu_didim.data.low_pass import LowPass
+from fmu_didim.data.filters import LowPass
 from fmu_didim.data.signals import Array
 from fmu_didim.model.experiment import Experiment
 

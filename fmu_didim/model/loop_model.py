@@ -34,7 +34,7 @@ from fmu_didim.cosim import (
     response_key,
     simulate,
 )  # fmt: skip
-from fmu_didim.data.low_pass import LowPass
+from fmu_didim.data.filters import LowPass
 from fmu_didim.data.signals import Array
 from fmu_didim.dynamics.prior import Prior
 from fmu_didim.model.channel import Channel

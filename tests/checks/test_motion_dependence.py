@@ -21,7 +21,7 @@ from fmu_didim.checks.motion_dependence import (
     motion_dependence,
     motion_diagnostics,
 )
-from fmu_didim.data.low_pass import LowPass
+from fmu_didim.data.filters import LowPass
 from fmu_didim.fit.fit import point
 from fmu_didim.fit.noise.weighting import NoiseOfResidual
 from fmu_didim.model.loop_model import Simulation

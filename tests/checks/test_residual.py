@@ -10,7 +10,7 @@ from scipy import stats
 
 from fmu_didim.base.diagnostics import Severity
 from fmu_didim.checks.residual import NoiseResult, lack_of_fit, residual_diagnostics, slow_diagnostics
-from fmu_didim.data.low_pass import LowPass
+from fmu_didim.data.filters import LowPass
 from fmu_didim.fit.log_noise import known_noise
 from fmu_didim.fit.uncertainty import Colour
 from tests.checks.data.right import right

@@ -157,3 +157,24 @@ def test_help_needs_no_heavy_import(arguments: list[str]) -> None:
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     assert "fmu-didim" in done.stdout
+
+
+SLOW_TO_IMPORT = {"control", "matplotlib", "pandas", "scipy.ndimage", "scipy.signal", "scipy.stats"}
+"""They take from 0.1 s to a second, each; all of them together as long as an identification."""
+
+
+def run_without_slow_imports(code: str) -> None:
+    code += f"\nimport sys\nslow = {SLOW_TO_IMPORT} & set(sys.modules)\nsys.exit(f'imported: {{slow}}' if slow else 0)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+
+
+def test_the_verbs_import_nothing_that_few_cases_need() -> None:
+    run_without_slow_imports("import fmu_didim.case, fmu_didim.workflow")
+
+
+@pytest.mark.gate
+def test_an_identification_imports_nothing_that_it_does_not_need(tmp_path: Path) -> None:
+    arguments = ["identify", "examples/double_pendulum/identify.yaml", "--out", str(tmp_path)]
+    run_without_slow_imports(f"from fmu_didim.cli.main import main; main({arguments})")
+    assert (tmp_path / "report.html").is_file()

@@ -12,7 +12,7 @@ from fmu_didim.base.errors import InputError, UnknownNameError
 from fmu_didim.case import Case, load_case
 from fmu_didim.components import ModelComponent
 from fmu_didim.controllers import read_controller
-from fmu_didim.data.low_pass import LowPass
+from fmu_didim.data.filters import LowPass
 from fmu_didim.estimators import Didim
 from fmu_didim.fit.derivatives.sensitivity import sensitivity
 from fmu_didim.fit.estimate import Estimate, RefusedError, Status

@@ -31,7 +31,7 @@ from scipy import optimize, stats
 from fmu_didim.campaigns.campaign import study
 from fmu_didim.campaigns.planning.truth import unit_noise
 from fmu_didim.case import load_case
-from fmu_didim.data.low_pass import LowPass
+from fmu_didim.data.filters import LowPass
 from fmu_didim.estimators import Didim
 from fmu_didim.fit.fit import point
 from fmu_didim.fit.noise.weighting import NoiseOfResidual

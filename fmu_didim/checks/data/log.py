@@ -6,13 +6,12 @@ from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import maximum_filter1d
-from scipy.signal import medfilt
 
 from fmu_didim.base.diagnostics import CATALOGUE, DOUBT, PROBLEM, REMARK, Diagnostic, by_weight
 from fmu_didim.checks.data.expected import Expected
 from fmu_didim.cosim import Indices, grid_places, period_change
 from fmu_didim.cosim.instants import PeriodChange
+from fmu_didim.data.filters import running_maximum, running_median
 from fmu_didim.data.signals import Array
 from fmu_didim.fit.base_projection import BaseProjection
 from fmu_didim.fit.noise.noise import TINY, effective_fraction
@@ -302,12 +301,12 @@ def _outliers(j: int, place: str, given: Expected, *, held_out: bool) -> Iterato
     if values.size < NEIGHBOURS:
         return
     spread = float(np.ptp(np.percentile(values, QUANTILES)))
-    rests = [signal - medfilt(signal, NEIGHBOURS) for signal in (values, values - best[:, j])]
+    rests = [signal - running_median(signal, NEIGHBOURS, outside=0.0) for signal in (values, values - best[:, j])]
     deviation = np.min(np.abs(rests), axis=0)
     if given.nominal is not None:  # a loop that swings in leaves its neighbours, too, a sample earlier or later
         simulated = given.nominal[:, j]
-        swings = np.abs(simulated - medfilt(simulated, NEIGHBOURS))
-        deviation = np.maximum(deviation - maximum_filter1d(swings, NEIGHBOURS), 0.0)
+        swings = np.abs(simulated - running_median(simulated, NEIGHBOURS, outside=0.0))
+        deviation = np.maximum(deviation - running_maximum(swings, NEIGHBOURS), 0.0)
     lowest = _lone(deviation, spread)
     spikes = np.flatnonzero(deviation > np.where(_is_inside(values.size), lowest, SPIKE * spread))
     if 0 < spikes.size <= MOST_SPIKES * values.size:
@@ -353,7 +352,7 @@ def _moved(j: int, spikes: Indices, given: Expected) -> float:
         return np.inf
     residual = given.measured - given.fitted
     wrong = np.zeros_like(residual)
-    wrong[spikes, j] = (residual[:, j] - medfilt(residual[:, j], NEIGHBOURS))[spikes]
+    wrong[spikes, j] = (residual[:, j] - running_median(residual[:, j], NEIGHBOURS, outside=0.0))[spikes]
     residual = residual - wrong
     size = np.maximum(residual.std(axis=0), TINY)
     base = BaseProjection.of(given.columns, np.sqrt(effective_fraction(residual)) / size)

@@ -18,11 +18,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import signal
 
 from fmu_didim.base.errors import SimulationError
 from fmu_didim.cosim import SampleOperator
 from fmu_didim.data.signals import Array
+from fmu_didim.data.spectrum import lagged_products
 from fmu_didim.discovery.localise import MAXIMUM_WINDOWS
 from fmu_didim.fit.base_projection import DEPENDENT, BaseProjection
 from fmu_didim.fit.fit import Fit
@@ -214,7 +214,7 @@ def _correlation(values: Array, response: Array, shifted: _Shifted, ticks: int) 
     """sum_n values_n response(place_n - tick) for every tick, by one transform."""
     line = np.bincount(shifted.places, values, minlength=ticks)
     # The response has one row for each tick and those ahead of the step, whose own is row ``ahead``.
-    return np.asarray(signal.correlate(line, response, method="fft")[ticks - 1 : 2 * ticks - 1])
+    return lagged_products(line, response, np.arange(ticks) - shifted.ahead)
 
 
 def _solved(table: Array, target: Array) -> Array:

@@ -12,8 +12,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-from scipy import stats
 
+from fmu_didim.base.distributions import chi2_sf
 from fmu_didim.data.signals import Array
 from fmu_didim.dynamics.effects import Effect
 from fmu_didim.fit.fit import Fit
@@ -59,4 +59,4 @@ def chance_of_none(values: Array, covariance: Array, neutral: Array) -> float:
     if not free.any():
         return 0.0
     part = covariance[np.ix_(free, free)]
-    return float(stats.chi2.sf(off[free] @ np.linalg.pinv(part, hermitian=True) @ off[free], int(free.sum())))
+    return float(chi2_sf(off[free] @ np.linalg.pinv(part, hermitian=True) @ off[free], int(free.sum())))

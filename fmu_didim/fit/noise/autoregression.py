@@ -9,8 +9,9 @@ Sources: Brockwell, Davis, Time Series: Theory and Methods, 2nd ed., 1991, 5.2, 
 from __future__ import annotations
 
 import numpy as np
-from scipy import linalg, signal, stats
+from scipy import linalg
 
+from fmu_didim.base.distributions import chi2_sf
 from fmu_didim.data.signals import Array
 
 ORDERS = 10.0
@@ -62,9 +63,10 @@ def autocorrelation(coefficients: Array, count: int) -> Array:
     np.add.at(table, (np.arange(order)[:, None], lags), coefficients)
     first = np.append(1.0, linalg.solve(np.eye(order) - table[:, 1:], table[:, 0]))
     whitening = np.append(1.0, -coefficients)
-    state = signal.lfiltic([1.0], whitening, first[:0:-1])
-    rest = signal.lfilter([1.0], whitening, np.zeros(max(count - first.size, 0)), zi=state)[0]
-    return np.asarray(np.concatenate([first, rest])[:count])
+    right = np.zeros(max(count, first.size))
+    right[: first.size] = np.convolve(whitening, first)[: first.size]
+    band = np.repeat(whitening[:, None], right.size, axis=1)  # of the table that whitens: one below the other, a column
+    return np.asarray(linalg.lapack.dtbtrs(band, right[:, None], uplo="L", diag="U")[0][:count, 0])
 
 
 def innovations(covariance: Array, coefficients: Array, lags: int) -> Array:
@@ -89,4 +91,4 @@ def portmanteau(covariance: Array, pairs: Array, lags: int) -> float:
 
 def portmanteau_p(sum_of_squares: float, freedom: int) -> float:
     """Probability that white noise gives more."""
-    return float(stats.chi2.sf(sum_of_squares, freedom)) if freedom > 0 else 1.0
+    return float(chi2_sf(sum_of_squares, freedom)) if freedom > 0 else 1.0

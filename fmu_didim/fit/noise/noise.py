@@ -12,9 +12,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import signal
 
 from fmu_didim.data.signals import Array, Trajectory
+from fmu_didim.data.spectrum import lagged_products, power_density
 
 REPEATS_WITHIN = 1e-6
 """[1] Two periods of a reference are the same when they differ by less than this fraction of its range: what a file
@@ -115,7 +115,7 @@ def period_in_ticks(reference: Trajectory) -> int | None:
     values = (reference.values[:, moving] - reference.values[:, moving].mean(axis=0)) / spread[moving]
     count = values.shape[0]
     # Mean squared difference at every lag by one transform; lags where it nearly vanishes are then looked at exactly.
-    products = sum(signal.correlate(v, v, method="fft")[count - 1 :] for v in values.T)
+    products = sum(lagged_products(v, v, np.arange(count)) for v in values.T)
     squares = np.concatenate([[0.0], np.cumsum((values**2).sum(axis=1))])
     lags = np.arange(SHORTEST_PERIOD, math.ceil(LONGEST_PERIOD * count))
     both = squares[count - lags] + squares[count] - squares[lags]
@@ -230,7 +230,7 @@ def noise_from_residual(residual: Array, *, rate_hz: float, motion_hz: float) ->
     segment = min(int(np.clip(residual.shape[0] // SEGMENTS, *SEGMENT)), residual.shape[0])
     deviation, correlation = np.zeros(n), np.zeros(n)
     for j in range(n):
-        frequency, power = signal.welch(residual[:, j], fs=rate_hz, nperseg=segment, average="median")
+        frequency, power = power_density(residual[:, j], rate_hz, segment, median=True)
         upper = frequency >= cut
         if upper.sum() < FEWEST_FREQUENCIES:
             upper = frequency >= UPPER_HALF * frequency[-1]

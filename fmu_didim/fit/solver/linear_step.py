@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import chi2
 
+from fmu_didim.base.distributions import chi2_isf
 from fmu_didim.data.signals import Array
 from fmu_didim.dynamics.prior import Prior
 from fmu_didim.fit.equations import Equations
@@ -81,7 +81,7 @@ class LinearStep:
         if not jitter:
             return 0.0
         blurred = min(self.blur(jitter), LEFT_BY_JITTER)
-        return max(jitter**2 * float(chi2.isf(EXCESS, self.change.size)), blurred)
+        return max(jitter**2 * float(chi2_isf(EXCESS, self.change.size)), blurred)
 
     def blur(self, jitter: float) -> float:
         """2 J |r| sqrt(2 p), standard deviation of the difference of two costs |r|^2 by jitter J of p parameters."""

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.stats import chi2
 
+from fmu_didim.base.distributions import chi2_isf
 from fmu_didim.base.errors import SimulationError
 from fmu_didim.data.signals import Array
 from fmu_didim.fit.derivatives.differences import Steps, jitter_in
@@ -118,7 +118,7 @@ class Search:
         if not self.settles or not at.fresh:
             return False
         blur = step.blur(jitter_in(self.differences, step.deviation))
-        hidden = min(DRAWN_BY_JITTER * blur, float(chi2.isf(EXCESS, step.change.size)))
+        hidden = min(DRAWN_BY_JITTER * blur, float(chi2_isf(EXCESS, step.change.size)))
         return reached <= step.cost - step.promised + hidden
 
     def _shortened(self, at: State, step: LinearStep, found: Trial) -> Trial:

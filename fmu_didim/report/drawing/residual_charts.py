@@ -10,9 +10,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import signal, stats
 
+from fmu_didim.base.distributions import chi2_isf, chi2_ppf, normal_isf
 from fmu_didim.data.signals import Array
+from fmu_didim.data.spectrum import power_density
 from fmu_didim.report.drawing.charts import Chart, Panel, Series
 from fmu_didim.report.drawing.residual import Residual
 from fmu_didim.report.numbers import pretty_unit
@@ -118,13 +119,12 @@ def spectrum(values: Array, rate_hz: float) -> tuple[Array, Array, tuple[float, 
     The bounds hold CONFIDENCE of the densities of white noise as strong as the values.
     """
     length = min(max(2 * values.size // (SEGMENTS + 1), SHORTEST_SEGMENT), values.size)
-    frequency, density = signal.welch(values, rate_hz, nperseg=length)
+    frequency, density = power_density(values, rate_hz, length)
     segments = max((values.size - length) // (length - length // 2) + 1, 1)
     freedom = 36 * segments**2 / (19 * segments - 1)  # of Hann windows that overlap by half: Welch, 1967
-    law = stats.chi2(freedom)
     level = 2 * float(values.var()) / rate_hz / freedom
     tail = (1 - CONFIDENCE) / 2
-    return frequency[1:], density[1:], (level * float(law.ppf(tail)), level * float(law.isf(tail)))
+    return frequency[1:], density[1:], (level * float(chi2_ppf(tail, freedom)), level * float(chi2_isf(tail, freedom)))
 
 
 def autocorrelation(values: Array, lags: int) -> Array:
@@ -146,7 +146,7 @@ def whiteness_charts(residual: Residual) -> list[Chart]:
         return []
     rate = (count - 1) / float(time[even.stop - 1] - time[even.start])
     lags = np.arange(1, min(LAGS, count // 4) + 1)
-    white = float(stats.norm.isf((1 - CONFIDENCE) / 2)) / np.sqrt(count)
+    white = float(normal_isf((1 - CONFIDENCE) / 2)) / np.sqrt(count)
     spectra, correlations = [], []
     for j, (unit, models) in enumerate(zip(residual.units, residual.of_joints, strict=True), start=1):
         densities, stems, bounds = [], [], None

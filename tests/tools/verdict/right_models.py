@@ -20,7 +20,7 @@ from dataclasses import asdict, dataclass
 from itertools import product
 from pathlib import Path
 
-from fmu_didim.data.low_pass import LowPass
+from fmu_didim.data.filters import LowPass
 from tests.checks.data.right import CASES, loaded
 from tests.tools.verdict.__main__ import VALID
 from tests.tools.verdict.catalogue import right

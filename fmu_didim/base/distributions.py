@@ -1,0 +1,61 @@
+"""Tails and quantiles of the distributions that decide, by the functions of ``scipy.special``.
+
+``scipy.stats`` computes them by the same functions, but importing it takes longer than a fit. As there, ``sf`` is the
+probability of more, ``ppf`` the value that is exceeded with the probability 1 - p, ``isf`` the one exceeded with the
+probability p. All take numbers and arrays.
+"""
+
+from __future__ import annotations
+
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import special
+
+Numbers: TypeAlias = float | NDArray[np.float64]
+
+
+def normal_sf(x: Numbers) -> Numbers:
+    """Probability of more than x deviations."""
+    return special.ndtr(-x)  # type: ignore[no-any-return]
+
+
+def normal_isf(p: Numbers) -> Numbers:
+    """The deviations that are exceeded with the probability p."""
+    return -special.ndtri(p)  # type: ignore[no-any-return]
+
+
+def chi2_sf(x: Numbers, freedom: float) -> Numbers:
+    """Probability of a larger chi-square; one below zero, which a sum of squares may be by rounding, counts as zero."""
+    return special.chdtrc(freedom, np.maximum(x, 0.0))  # type: ignore[no-any-return]
+
+
+def chi2_isf(p: Numbers, freedom: float) -> Numbers:
+    """The chi-square that is exceeded with the probability p."""
+    return special.chdtri(freedom, p)  # type: ignore[no-any-return]
+
+
+def chi2_ppf(p: Numbers, freedom: float) -> Numbers:
+    """The chi-square that is exceeded with the probability 1 - p."""
+    return 2 * special.gammaincinv(freedom / 2, p)  # type: ignore[no-any-return]
+
+
+def f_sf(x: Numbers, first: Numbers, second: Numbers) -> Numbers:
+    """Probability of a larger ratio of two variances with ``first`` and ``second`` degrees of freedom."""
+    return special.fdtrc(first, second, np.maximum(x, 0.0))  # type: ignore[no-any-return]
+
+
+def f_ppf(p: Numbers, first: float, second: float) -> Numbers:
+    """The ratio of two variances that is exceeded with the probability 1 - p."""
+    return special.fdtri(first, second, p)  # type: ignore[no-any-return]
+
+
+def t_sf(x: Numbers, freedom: float) -> Numbers:
+    """Probability of a larger value of Student's t."""
+    return special.stdtr(freedom, -x)  # type: ignore[no-any-return]
+
+
+def t_ppf(p: Numbers, freedom: float) -> Numbers:
+    """The value of Student's t that is exceeded with the probability 1 - p."""
+    return special.stdtrit(freedom, p)  # type: ignore[no-any-return]

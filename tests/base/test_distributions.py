@@ -1,0 +1,38 @@
+"""Tails and quantiles, against those of ``scipy.stats``."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from fmu_didim.base import distributions as given
+
+X = np.concatenate([[0.0, 1e-9], np.linspace(0.01, 60, 40)])
+P = np.concatenate([[1e-9], np.linspace(0.001, 0.999, 40)])
+FREEDOM = [1, 2.5, 40, 1700]
+
+
+@pytest.mark.parametrize(
+    ("own", "law", "name", "at"),
+    [
+        (given.normal_sf, lambda: stats.norm, "sf", X - 20),
+        (given.normal_isf, lambda: stats.norm, "isf", P),
+        *((lambda x, n=n: given.chi2_sf(x, n), lambda n=n: stats.chi2(n), "sf", X) for n in FREEDOM),
+        *((lambda p, n=n: given.chi2_isf(p, n), lambda n=n: stats.chi2(n), "isf", P) for n in FREEDOM),
+        *((lambda p, n=n: given.chi2_ppf(p, n), lambda n=n: stats.chi2(n), "ppf", P) for n in FREEDOM),
+        *((lambda x, n=n: given.f_sf(x, n, 30), lambda n=n: stats.f(n, 30), "sf", X) for n in FREEDOM),
+        *((lambda p, n=n: given.f_ppf(p, n, 30), lambda n=n: stats.f(n, 30), "ppf", P) for n in FREEDOM),
+        *((lambda x, n=n: given.t_sf(x, n), lambda n=n: stats.t(n), "sf", X - 20) for n in FREEDOM),
+        *((lambda p, n=n: given.t_ppf(p, n), lambda n=n: stats.t(n), "ppf", P) for n in FREEDOM),
+    ],
+)
+def test_it_is_that_of_scipy(own: Callable[[Any], Any], law: Callable[[], Any], name: str, at: np.ndarray) -> None:
+    np.testing.assert_allclose(own(at), getattr(law(), name)(at), rtol=1e-12, atol=1e-300)
+
+
+def test_a_sum_of_squares_below_zero_by_rounding_counts_as_zero() -> None:
+    assert given.chi2_sf(-1e-18, 3) == given.f_sf(-1e-18, 2, 3) == 1.0

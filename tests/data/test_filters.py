@@ -1,0 +1,53 @@
+"""Filters, power density and products of signals, against those of SciPy."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy import ndimage, signal
+
+from fmu_didim.base.errors import InputError
+from fmu_didim.data import filters
+from fmu_didim.data.filters import LowPass, running_maximum, running_median, thinned
+from fmu_didim.data.spectrum import lagged_products, power_density
+
+VALUES = np.random.default_rng(2).normal(size=777)
+
+
+@pytest.mark.parametrize("width", [1, 5, 21])
+@pytest.mark.parametrize("at_once", [100, 100_000])
+def test_running_median_and_maximum(width: int, at_once: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(filters, "AT_ONCE", at_once)
+    expected = ndimage.median_filter(VALUES, width, mode="nearest")
+    np.testing.assert_array_equal(running_median(VALUES, width), expected)
+    np.testing.assert_array_equal(running_median(VALUES, width, outside=0.0), signal.medfilt(VALUES, width))
+    np.testing.assert_array_equal(running_maximum(VALUES, width), ndimage.maximum_filter1d(VALUES, width))
+
+
+def test_low_pass_and_thinning_out() -> None:
+    table = VALUES[:700].reshape(350, 2)
+    sections = signal.butter(4, 10.0, fs=100.0, output="sos")
+    np.testing.assert_array_equal(LowPass(10.0).apply(table, 100.0), signal.sosfiltfilt(sections, table, axis=0))
+    with pytest.raises(InputError, match="below half the torque rate"):
+        LowPass(10.0).apply(table, 20.0)
+    slow, fast = np.sin(np.linspace(0, 6, 601)), np.sin(2.5 * np.arange(601))
+    ripple = 1 - 10 ** (-2 * 0.05 / 20)  # 0.05 dB, there and back
+    found = thinned(slow + fast, 4)
+    np.testing.assert_allclose(found[20:-20], slow[::4][20:-20], atol=ripple + 0.001)  # and 0.1 % of the fast one
+
+
+@pytest.mark.parametrize("segment", [32, 101, 256, 777])
+@pytest.mark.parametrize("median", [False, True])
+def test_power_density_is_that_of_welch(segment: int, median: bool) -> None:
+    frequency, power = power_density(VALUES, 50.0, segment, median=median)
+    average = "median" if median else "mean"
+    expected = signal.welch(VALUES, fs=50.0, nperseg=segment, average=average)
+    np.testing.assert_allclose(frequency, expected[0], rtol=1e-12)
+    np.testing.assert_allclose(power, expected[1], rtol=1e-9, atol=1e-15)
+
+
+def test_lagged_products_are_sums_of_products() -> None:
+    a, b = VALUES[:50], VALUES[100:170]
+    lags = np.arange(-69, 50)
+    expected = [sum(a[t] * b[t - lag] for t in range(50) if 0 <= t - lag < 70) for lag in lags]
+    np.testing.assert_allclose(lagged_products(a, b, lags), expected, atol=1e-12)
