@@ -111,6 +111,10 @@ class Experiment:
             channels=tuple(channel.after(begin) for channel in self.channels),
         )  # fmt: skip
 
+    def at(self, rows: Indices) -> Experiment:
+        """The same with these samples of the torque alone."""
+        return replace(self, time=self.time[rows], torque=self.torque[rows], operator=self.operator.at(rows))
+
     def before(self, count: int) -> Experiment:
         """The first samples of the torque alone."""
         return replace(

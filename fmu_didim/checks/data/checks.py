@@ -11,6 +11,7 @@ from fmu_didim.base.errors import SimulationError
 from fmu_didim.checks.data.expected import Expected, expected
 from fmu_didim.checks.data.linear_fit import FittedMotion, fitted_motion, motion_with_regressor
 from fmu_didim.checks.data.log import PERIOD_CHANGES, log_diagnostics
+from fmu_didim.checks.data.outliers import outlier_diagnostics, outliers, without
 from fmu_didim.checks.data.plant import plant_diagnostics
 from fmu_didim.checks.data.reference import reference_diagnostics
 from fmu_didim.checks.data.robot import LINK_LENGTH, TORQUE_SCALE, another_robot, length_unit_diagnostics
@@ -67,6 +68,10 @@ def data_diagnostics(model: LoopModel, *, without_torque: Sequence[str] = (), ca
             continue
         if not causes or of_log or (held_out and explained) or (fitted := fitted_motion(model.on(label))) is None:
             continue
+        if wrong := outliers(fitted):
+            told = outlier_diagnostics(fitted, wrong)
+            found = [d for d in found if (d.code, d.place) not in [(t.code, t.place) for t in told]] + told
+            fitted = without(fitted, wrong.values())  # they would look like another clock or another scale
         explained += _explained(fitted, held_out=held_out)
     return by_weight([*found, *explained])
 

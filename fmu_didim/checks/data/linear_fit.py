@@ -29,8 +29,8 @@ from fmu_didim.model.loop_model import LoopModel, Simulation
 from fmu_didim.model.prediction import predict
 
 DIDIM_STEPS = 20
-"""[simulations] Towards the measured motion at most: DIDIM takes two or three, along fast motions of six joints that are
-logged at 20 Hz up to sixteen."""
+"""[simulations] Towards the measured motion at most: DIDIM takes two or three, along fast motions of six joints
+that are logged at 20 Hz up to sixteen."""
 NEAR = 0.7
 """[1] Error, of the deviation of the log, from which a motion is near enough to judge by it."""
 HELPS = 0.98
@@ -146,6 +146,10 @@ class FittedMotion:
         ]
         deviation = both[0][1] * np.sqrt(measured.size / self.samples)
         return np.asarray(np.abs(both[1][0] - both[0][0]) / np.maximum(deviation, TINY))
+
+    def sampled(self, values: Array) -> Array:
+        """(N, ...) values (K, ...) at the ticks as the log samples them, not filtered."""
+        return self.experiment.operator.apply(values[self.experiment.operator.ticks])
 
     def _sampled(self, values: Array, operator: SampleOperator) -> Array:
         return self.run.model.experiments.filtered(operator.apply(values[operator.ticks]), self.run.label)
