@@ -56,6 +56,7 @@ class Experiment:
         told: diagnostics of reading its files.
         initial_state: where its motion starts.
         channels: what else was measured and is fitted beside the torque.
+        leaves_out_outliers: whether samples that are outliers are left out before a fit.
     """
 
     reference: Trajectory
@@ -70,6 +71,7 @@ class Experiment:
     told: tuple[Diagnostic, ...] = ()
     initial_state: InitialState = field(default_factory=InitialState)
     channels: tuple[Channel, ...] = ()
+    leaves_out_outliers: bool = False
 
     @property
     def rate_hz(self) -> float:

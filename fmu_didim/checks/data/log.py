@@ -96,12 +96,19 @@ LOG_OUTLIERS = CATALOGUE(
     "log-outliers", DOUBT, rank=17,
     meaning="Single samples differ from their neighbours, or from the model, by more than motion and noise explain: "
     "errors of the logger, or pushes from outside that last for some samples.",
-    next_step="Remove wrong samples from the log (gaps are allowed); for pushes: fmu-didim discover CASE.yaml.",
+    next_step="Remove wrong samples from the log (gaps are allowed), or leave them out: torque: {outliers: "
+    "leave_out}; for pushes: fmu-didim discover CASE.yaml.",
 )  # fmt: skip
 FEW_OUTLIERS = CATALOGUE(
     "few-outliers", REMARK, rank=17,
     meaning="Single samples differ from their neighbours, or from the model, by more than motion and noise explain, "
     "but by too little, or too few of them, to move the values. In a held-out log they raise the error that is judged.",
+    next_step="",
+)  # fmt: skip
+OUTLIERS_LEFT_OUT = CATALOGUE(
+    "outliers-left-out", REMARK, rank=17,
+    meaning="Outliers of the log were left out, as the case asks for: values and standard deviations come from the "
+    "other samples. If they were pushes from outside, the model lacks those.",
     next_step="",
 )  # fmt: skip
 LOG_COARSE = CATALOGUE(
