@@ -52,6 +52,7 @@ def read_experiment(
     return Experiment(
         reference, log.times, log.torque, operator, positions, label, source.role, stamps=log.stamps,
         told=tuple(dict.fromkeys(told)), initial_state=_initial_state(source),
+        leaves_out_outliers=source.torque.outliers == "leave_out",
     )  # fmt: skip
 
 

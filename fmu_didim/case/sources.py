@@ -193,6 +193,8 @@ class TorqueFile(SignalFile):
         offset_s: added to the time of the log, to bring it on the clock of the reference.
         log_shift_s: how late the log is stamped, at most a second either way: the samples at t show the torque at
             t - log_shift_s, interpolated between ticks; what lies before the reference or after it counts as its end.
+        outliers: ``keep``, or ``leave_out``: ``identify`` and ``discover`` fit and judge without the samples that a
+            robust fit before finds to be off, and say how many.
     """
 
     quantity: Literal["torque", "command"] = "torque"
@@ -203,6 +205,7 @@ class TorqueFile(SignalFile):
     window_s: Positive | None = None
     offset_s: float = 0.0
     log_shift_s: Annotated[float, Field(ge=-1.0, le=1.0)] = 0.0
+    outliers: Literal["keep", "leave_out"] = "keep"
 
 
 class MeasuredFile(SignalFile):

@@ -55,11 +55,15 @@ class SampleOperator:
 
     def after(self, first: int) -> SampleOperator:
         """The operator for the samples from ``first`` on."""
+        return self.at(np.arange(first, self.count))
+
+    def at(self, rows: Indices) -> SampleOperator:
+        """The operator for these samples alone."""
         return replace(
             self,
-            matrix=sparse.csr_array(self.matrix[first:]),
-            positions=None if self.positions is None else self.positions[first:],
-            origin=None if self.origin is None else self.origin.after(first),
+            matrix=sparse.csr_array(self.matrix[rows]),
+            positions=None if self.positions is None else self.positions[rows],
+            origin=None if self.origin is None else self.origin.at(rows),
         )
 
     def before(self, count: int) -> SampleOperator:

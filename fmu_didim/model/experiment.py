@@ -56,6 +56,7 @@ class Experiment:
         told: diagnostics of reading its files.
         initial_state: where its motion starts.
         channels: what else was measured and is fitted beside the torque.
+        leaves_out_outliers: whether samples that are outliers are left out before a fit.
     """
 
     reference: Trajectory
@@ -70,6 +71,7 @@ class Experiment:
     told: tuple[Diagnostic, ...] = ()
     initial_state: InitialState = field(default_factory=InitialState)
     channels: tuple[Channel, ...] = ()
+    leaves_out_outliers: bool = False
 
     @property
     def rate_hz(self) -> float:
@@ -110,6 +112,10 @@ class Experiment:
             self, time=self.time[first:], torque=self.torque[first:], operator=self.operator.after(first),
             channels=tuple(channel.after(begin) for channel in self.channels),
         )  # fmt: skip
+
+    def at(self, rows: Indices) -> Experiment:
+        """The same with these samples of the torque alone."""
+        return replace(self, time=self.time[rows], torque=self.torque[rows], operator=self.operator.at(rows))
 
     def before(self, count: int) -> Experiment:
         """The first samples of the torque alone."""

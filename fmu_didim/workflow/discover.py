@@ -10,6 +10,7 @@ from typing import Any, Unpack
 from fmu_didim.base.diagnostics import refuse_problems
 from fmu_didim.base.errors import InputError, UnknownNameError
 from fmu_didim.case import Case, CaseObjects, with_objects
+from fmu_didim.checks.data.checks import without_outliers
 from fmu_didim.discovery.constants import DECIDING
 from fmu_didim.discovery.progress import Progress
 from fmu_didim.discovery.request import Request
@@ -91,7 +92,7 @@ def discover(
     if all(isinstance(effect, str) for effect in (*forbid, *prefer, *effects)):
         chosen = dict(forbid=forbid, prefer=prefer, effect=effects, rounds=rounds, seed=seed, time_limit=time_limit)
         record |= repeating("discover", case, None if out is None else Path(out), chosen)
-    of_data = refuse_problems(case_diagnostics(case, causes=False))
+    model, of_data = without_outliers(model, refuse_problems(case_diagnostics(case, causes=False)))
     request = Request(
         name=case.name,
         description=_description(case),

@@ -11,6 +11,7 @@ from typing import Any, Unpack
 from fmu_didim.base.diagnostics import REMARK, DiagnosedError, Diagnostic, by_weight, refuse_problems
 from fmu_didim.base.errors import FmuDidimError, IdentificationError, InputError, SimulationError
 from fmu_didim.case import Case, CaseObjects, with_objects
+from fmu_didim.checks.data.checks import without_outliers
 from fmu_didim.checks.identification import checked
 from fmu_didim.checks.validation import validate
 from fmu_didim.estimators import Progress, no_progress
@@ -81,7 +82,7 @@ def identify(
         record["parameter_names"] = dict(case.document.plant.parameter_names)
     refusal = _Refusal(case, folder, record)
     try:
-        of_data = refuse_problems(case_diagnostics(case))
+        model, of_data = without_outliers(model, refuse_problems(case_diagnostics(case)))
         consistency, of_plant = check_plant(case, model)
         of_plant = refuse_problems(of_plant)
     except DiagnosedError as error:

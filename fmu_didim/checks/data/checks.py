@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -10,7 +11,14 @@ from fmu_didim.base.diagnostics import Diagnostic, by_weight
 from fmu_didim.base.errors import SimulationError
 from fmu_didim.checks.data.expected import Expected, expected
 from fmu_didim.checks.data.linear_fit import FittedMotion, fitted_motion, motion_with_regressor
-from fmu_didim.checks.data.log import PERIOD_CHANGES, log_diagnostics
+from fmu_didim.checks.data.log import (
+    FEW_OUTLIERS,
+    LOG_OUTLIERS,
+    OUTLIERS_LEFT_OUT,
+    PERIOD_CHANGES,
+    log_diagnostics,
+)
+from fmu_didim.checks.data.outliers import outlier_diagnostics, outliers, without
 from fmu_didim.checks.data.plant import plant_diagnostics
 from fmu_didim.checks.data.reference import reference_diagnostics
 from fmu_didim.checks.data.robot import LINK_LENGTH, TORQUE_SCALE, another_robot, length_unit_diagnostics
@@ -46,8 +54,7 @@ def data_diagnostics(model: LoopModel, *, without_torque: Sequence[str] = (), ca
         causes: whether to test other timings, scales and lengths of links, with some steps of DIDIM; discovery names
             such causes itself.
     """
-    if model.loop.chooses_substeps and model.loop.substeps is None:
-        model = model.with_loop(substeps=SUBSTEPS)
+    model = _quick(model)
     found = [*length_unit_diagnostics(model), *run_diagnostics(model, without_torque)]
     found += plant_diagnostics(model.simulation(model.start, model.first))
     gains, explained = drive_gains(model), list[Diagnostic]()
@@ -67,8 +74,41 @@ def data_diagnostics(model: LoopModel, *, without_torque: Sequence[str] = (), ca
             continue
         if not causes or of_log or (held_out and explained) or (fitted := fitted_motion(model.on(label))) is None:
             continue
+        if wrong := outliers(fitted):
+            told = outlier_diagnostics(fitted, wrong)
+            found = [d for d in found if (d.code, d.place) not in [(t.code, t.place) for t in told]] + told
+            fitted = without(fitted, wrong.values())  # they would look like another clock or another scale
         explained += _explained(fitted, held_out=held_out)
     return by_weight([*found, *explained])
+
+
+def without_outliers(model: LoopModel, found: Iterable[Diagnostic] = ()) -> tuple[LoopModel, list[Diagnostic]]:
+    """A model without the outliers of those logs that are to be fitted without, and what is said of them then.
+
+    Args:
+        found: of the data as they are; what this makes needless is left out.
+    """
+    told = list[Diagnostic]()
+    for label, experiment in model.experiments.items():
+        if not experiment.leaves_out_outliers or model.loop.torque_is_given:
+            continue
+        fitted = fitted_motion(_quick(model).on(label))
+        if fitted is None:
+            text = "Outliers were not looked for, and none is left out: no simulated motion comes near to the log."
+            told.append(Diagnostic(OUTLIERS_LEFT_OUT, text, label))
+        elif wrong := outliers(fitted):
+            found_here = outlier_diagnostics(fitted, wrong)
+            told += [replace(d, code=OUTLIERS_LEFT_OUT, text=f"{d.text} They are left out.") for d in found_here]
+            model = model.with_experiment(label, without(fitted, wrong.values()).experiment)
+    places = {d.place for d in told}
+    return model, [*(d for d in found if not (d.code in (LOG_OUTLIERS, FEW_OUTLIERS) and d.place in places)), *told]
+
+
+def _quick(model: LoopModel) -> LoopModel:
+    """A model with as many substeps as checks need."""
+    if model.loop.chooses_substeps and model.loop.substeps is None:
+        return model.with_loop(substeps=SUBSTEPS)
+    return model
 
 
 def confirmed(model: LoopModel, found: Iterable[Diagnostic]) -> list[Diagnostic]:

@@ -73,13 +73,19 @@ class Expected:
 def fitted_by(columns: Array, measured: Array, known: Array | None, size: Array) -> Array:
     """(N, n) least squares fit of a torque (N, n) by columns (N, n, b), each joint divided by its size (n,)."""
     offset = np.zeros_like(measured) if known is None else known
+    return np.asarray(columns @ solved_by(columns, measured - offset, size)[0] + offset)
+
+
+def solved_by(columns: Array, torque: Array, size: Array) -> tuple[Array, Array]:
+    """The values (b,) of that fit, the smallest where columns depend on each other, and their deviation (b,) where
+    each joint has as much white noise as its size."""
     flat = (columns / size[:, None]).reshape(-1, columns.shape[2])
     length = np.maximum(np.linalg.norm(flat, axis=0), TINY)
-    target = ((measured - offset) / size).reshape(-1)
     flat = flat / length
     # By the normal equations: many fits of long logs, of which three digits are enough.
-    solution = np.linalg.lstsq(flat.T @ flat, flat.T @ target, rcond=DEPENDENT)[0] / length
-    return np.asarray(columns @ solution + offset)
+    inverse = np.linalg.pinv(flat.T @ flat, rcond=DEPENDENT, hermitian=True)
+    solution = inverse @ (flat.T @ (torque / size).reshape(-1))
+    return solution / length, np.sqrt(np.maximum(np.diag(inverse), 0.0)) / length
 
 
 def expected(run: Simulation) -> Expected:

@@ -57,6 +57,10 @@ OTHERS = 0.01
 """[1] this part of the samples, two at least, leaves them: those at reversals and in noise."""
 NEIGHBOURS = 5
 """[samples] Of that median: one or two of them may be spikes."""
+FAR_FROM_NOISE = 6.0
+"""[standard deviations] Of the noise about the median of the neighbours, from which a sample may be wrong, and"""
+NORMAL = 1.4826
+"""[1] what they are over the median size of normal noise."""
 QUANTILES = (5.0, 95.0)
 """[%] Between which the range of a column is taken, free of outliers."""
 MOST_SPIKES = 0.1
@@ -89,14 +93,21 @@ LOG_SATURATED = CATALOGUE(
 )  # fmt: skip
 LOG_OUTLIERS = CATALOGUE(
     "log-outliers", DOUBT, rank=17,
-    meaning="Single samples differ from their neighbours by more than the motion explains: errors of the logger, or "
-    "pushes from outside that last for a sample or two.",
-    next_step="Remove wrong samples from the log (gaps are allowed); for pushes: fmu-didim discover CASE.yaml.",
+    meaning="Single samples differ from their neighbours, or from the model, by more than motion and noise explain: "
+    "errors of the logger, or pushes from outside that last for some samples.",
+    next_step="Remove wrong samples from the log (gaps are allowed), or leave them out: torque: {outliers: "
+    "leave_out}; for pushes: fmu-didim discover CASE.yaml.",
 )  # fmt: skip
 FEW_OUTLIERS = CATALOGUE(
     "few-outliers", REMARK, rank=17,
-    meaning="Single samples differ from their neighbours by more than the motion explains, but by too little, or too "
-    "few of them, to move the values. In a held-out log they raise the error that is judged.",
+    meaning="Single samples differ from their neighbours, or from the model, by more than motion and noise explain, "
+    "but by too little, or too few of them, to move the values. In a held-out log they raise the error that is judged.",
+    next_step="",
+)  # fmt: skip
+OUTLIERS_LEFT_OUT = CATALOGUE(
+    "outliers-left-out", REMARK, rank=17,
+    meaning="Outliers of the log were left out, as the case asks for: values and standard deviations come from the "
+    "other samples. If they were pushes from outside, the model lacks those.",
     next_step="",
 )  # fmt: skip
 LOG_COARSE = CATALOGUE(
@@ -307,8 +318,9 @@ def _outliers(j: int, place: str, given: Expected, *, held_out: bool) -> Iterato
         simulated = given.nominal[:, j]
         swings = np.abs(simulated - running_median(simulated, NEIGHBOURS, outside=0.0))
         deviation = np.maximum(deviation - running_maximum(swings, NEIGHBOURS), 0.0)
-    lowest = _lone(deviation, spread)
-    spikes = np.flatnonzero(deviation > np.where(_is_inside(values.size), lowest, SPIKE * spread))
+    noise = FAR_FROM_NOISE * NORMAL * float(np.median(np.abs(rests[1])))
+    lowest = max(_lone(deviation, spread), noise)
+    spikes = np.flatnonzero(deviation > np.where(_is_inside(values.size), lowest, max(SPIKE * spread, noise)))
     if 0 < spikes.size <= MOST_SPIKES * values.size:
         text = (
             f"{spikes.size} of {values.size} samples differ from their neighbours by up to {deviation.max():.4g}; "

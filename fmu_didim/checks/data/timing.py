@@ -15,7 +15,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.optimize import minimize_scalar
 
-from fmu_didim.base.diagnostics import CATALOGUE, DOUBT, Diagnostic
+from fmu_didim.base.diagnostics import CATALOGUE, DOUBT, REMARK, Diagnostic
 from fmu_didim.base.errors import SimulationError
 from fmu_didim.checks.data.linear_fit import WORTH_IT, Explanation, FittedMotion, fitted_motion, motion_with_regressor
 from fmu_didim.checks.sampling_kind import other_ways, way_text
@@ -32,7 +32,10 @@ CURVATURE = 0.5
 SHIFT_SIGMAS = 4.0
 """[standard deviations] Of a shift from which it is reported,"""
 LEAST_SHIFT = 0.3
-"""[control periods] and its size: less is how a command is held."""
+"""[control periods] and its size: less is how a command is held,"""
+MOVED = 0.3
+"""[standard deviations] and what it moves a value by: a 95 % interval that is off by less still holds the truth 94
+times of 100."""
 
 CLOCK_LATE = CATALOGUE(
     "clock-late", DOUBT, rank=21,
@@ -43,6 +46,11 @@ CLOCK_EARLY = CATALOGUE(
     "clock-early", DOUBT, rank=21,
     meaning="The log is stamped earlier than the torque that it shows.",
     next_step="Align the clocks, or give torque: {log_shift_s: ...}; to estimate it: identify: {clock: {of: log}}.",
+)  # fmt: skip
+CLOCK_SLIGHTLY_OFF = CATALOGUE(
+    "clock-slightly-off", REMARK, rank=21,
+    meaning="The log is stamped later or earlier than the torque that it shows, by too little to move the values.",
+    next_step="",
 )  # fmt: skip
 COMMAND_DELAY = CATALOGUE(
     "command-delay", DOUBT, rank=21,
@@ -80,18 +88,28 @@ def _clock(fitted: FittedMotion) -> Iterator[Explanation]:
             return
         shifted = aligned
     if abs(late) > bound:
-        least = fitted.misfit_of(shifted)
-        code, way = (CLOCK_LATE, "late") if late > 0 else (CLOCK_EARLY, "early")
-        text = (
-            f"The log seems to be stamped {1000 * abs(late):.3g} ± {1000 * deviation:.2g} ms {way}: aligned, the "
-            f"residual of the base parameters falls to {100 * np.sqrt(least):.0f} %."
-        )
-        advice = f"Align the clocks, or give torque: {{log_shift_s: {experiment.operator.lag * step + late:.4g}}}; "
-        advice += "to estimate it: identify: {clock: {of: log}}."
-        diagnostic = Diagnostic(
-            code, text, fitted.run.label, 1000 * late, float(np.copysign(1000 * bound, late)), "ms", advice
-        )
-        yield Explanation(least, fitted.gain(least), diagnostic)
+        yield _of_clock(fitted, shifted, late, deviation, bound)
+
+
+def _of_clock(fitted: FittedMotion, aligned: FittedMotion, late: float, deviation: float, bound: float) -> Explanation:
+    """The explanation by a log that is so late in s, with the motion that is fitted once it is aligned."""
+    operator, least = fitted.experiment.operator, fitted.misfit_of(aligned)
+    moved = float(aligned.moved_by(operator).max(initial=0.0))
+    again = fitted_motion(fitted.run.model, aligned.run.values)
+    # What a motion gains that is fitted once more is not the merit of the clock.
+    gain = fitted.gain(least / (1.0 if again is None else min(fitted.misfit_of(again), 1.0)))
+    text = (
+        f"The log seems to be stamped {1000 * abs(late):.3g} ± {1000 * deviation:.2g} ms "
+        f"{'late' if late > 0 else 'early'}: aligned, the residual of the base parameters falls to "
+        f"{100 * np.sqrt(least):.0f} %."
+    )
+    if moved <= MOVED:
+        text += f" That moves no value by more than {moved:.2g} standard deviations."
+        return Explanation(least, gain, Diagnostic(CLOCK_SLIGHTLY_OFF, text, fitted.run.label, moved, MOVED, "1"))
+    advice = f"Align the clocks, or give torque: {{log_shift_s: {operator.lag * fitted.run.step_size + late:.4g}}}; "
+    advice += "to estimate it: identify: {clock: {of: log}}."
+    limit, code = float(np.copysign(1000 * bound, late)), CLOCK_LATE if late > 0 else CLOCK_EARLY
+    return Explanation(least, gain, Diagnostic(code, text, fitted.run.label, 1000 * late, limit, "ms", advice))
 
 
 def _least_misfit(fitted: FittedMotion) -> tuple[float, float]:

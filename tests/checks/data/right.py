@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 
 from fmu_didim.campaigns.planning.truth import unit_noise
-from fmu_didim.case import load_case
+from fmu_didim.case import Case, load_case
 from fmu_didim.cosim import sample_operator
 from fmu_didim.data.excitation import Fourier
 from fmu_didim.data.signals import Array, Trajectory
@@ -21,10 +22,13 @@ CASES = {
     "scara": "examples/scara/identify.yaml",
     "arm": "examples/arm2r/discover.yaml",
     "tx40": "examples/tx40/discover_load.yaml",
+    "tx40_5khz": "examples/tx40/discover_load.yaml",
     "puma560": "tests/tools/verdict/robots/puma560_case.yaml",
     "rv2sq": "tests/tools/verdict/robots/rv2sq_case.yaml",
 }
-RATES = {"scara": 50.0, "arm": 100.0, "tx40": 100.0, "puma560": 100.0, "rv2sq": 100.0}
+CONTROLLERS = {"tx40_5khz": "controllers/tx40_pd.yaml"}
+"""Of cases that have another one."""
+RATES = {"scara": 50.0, "arm": 100.0, "tx40": 100.0, "tx40_5khz": 100.0, "puma560": 100.0, "rv2sq": 100.0}
 OFF = 2.5
 """Largest factor by which start values are wrong, up or down."""
 NOISE = 0.03
@@ -36,13 +40,22 @@ MEMORY_S = 0.05
 @cache
 def loaded(robot: str) -> LoopModel:
     """The loop of a robot along the motions of its example, with the true values."""
-    return load_case(CASES[robot]).model
+    return case_of(robot).model
+
+
+@cache
+def case_of(robot: str) -> Case:
+    """The case of a robot."""
+    case = load_case(CASES[robot])
+    if robot not in CONTROLLERS:
+        return case
+    return case.with_(controller={"kind": "model", "source": str(Path(CONTROLLERS[robot]).resolve())})
 
 
 def motion(robot: str, seed: int, label: str = "estimation") -> Trajectory:
     """The Fourier series of the example with other phases: as wide and as fast, and within the range of the robot."""
     rng = np.random.default_rng([seed, len(label)])
-    case = load_case(CASES[robot])
+    case = case_of(robot)
     source = case.document.runs[label].reference
     assert isinstance(source, Fourier)
     joints = []

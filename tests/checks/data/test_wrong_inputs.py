@@ -12,10 +12,14 @@ import pytest
 
 from fmu_didim.base.diagnostics import REMARK, Code
 from fmu_didim.checks import data
+from fmu_didim.checks.data import linear_fit
 from fmu_didim.checks.data.checks import data_diagnostics, drive_gains
+from fmu_didim.checks.data.linear_fit import fitted_motion
 from fmu_didim.checks.data.robot import length_unit_diagnostics
+from fmu_didim.checks.data.timing import MOVED, _clock, _of_clock
 from fmu_didim.checks.sampling_kind import sampled_as
 from fmu_didim.components import ModelComponent
+from fmu_didim.cosim import SampleOperator
 from fmu_didim.dynamics.robot import RobotModel
 from fmu_didim.model.loop_model import LoopModel
 from fmu_didim.model.parameters import RobotParameters
@@ -213,6 +217,8 @@ ELSEWHERE = {
     "resonance-above-log", "parameters-not-significant",  # test_expected_accuracy.py, tests/workflow/test_check.py
     "validation-without-torque",  # tests/case/test_file_checks.py
     "positions-unit",  # tests/workflow/test_objects.py
+    "outliers-left-out",  # tests/workflow/test_outliers.py
+    "clock-slightly-off",  # below
     "drive-gain", "length-unit", "link-length", "reference-unit-doubtful", "torque-scale",  # below
 }  # fmt: skip
 """Codes that are provoked in other tests."""
@@ -246,6 +252,29 @@ def test_right_data_give_nothing(robot: str, seed: int) -> None:
 def test_right_data_at_other_rates_give_nothing(rate_hz: float) -> None:
     for robot in ("scara", "arm"):
         assert codes(right(robot, 1, rate_hz=rate_hz)) == []
+
+
+@pytest.mark.gate
+@pytest.mark.parametrize(
+    ("seed", "rate_hz", "noise"),
+    [
+        (1, 20.0, 0.002),
+        (4, 20.0, 0.01),
+        *(pytest.param(s, r, 0.002, marks=pytest.mark.slow) for s in (2, 4) for r in (20.0, 100.0)),
+    ],
+)
+def test_a_motion_that_needs_many_steps_gives_nothing(seed: int, rate_hz: float, noise: float) -> None:
+    """Here a clock that is off by less than a tick, or another scale, would take the credit for steps it lacks."""
+    assert codes(right("tx40_5khz", seed, rate_hz=rate_hz, noise=noise)) == []
+
+
+@pytest.mark.gate
+def test_a_clock_gains_nothing_by_steps_that_the_motion_lacks(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(linear_fit, "DIDIM_STEPS", 5)
+    fitted = fitted_motion(right("tx40_5khz", 4, rate_hz=20.0, noise=0.01).on("estimation"))
+    assert fitted is not None
+    (found,) = _clock(fitted)
+    assert found.misfit < 1 and found.gain < 0
 
 
 @pytest.mark.gate
@@ -313,6 +342,35 @@ def test_interval_of_the_clock_holds_the_truth(late_s: float) -> None:
         clock = next(d for d in found if d.code.name.startswith("clock"))
         assert clock.value is not None and clock.bound is not None
         assert abs(clock.value - 1000 * late_s) < abs(clock.bound) < abs(1000 * late_s)
+
+
+@pytest.mark.parametrize(
+    ("robot", "late_s", "told"), [("scara", 2e-5, "clock-slightly-off"), ("arm", 2e-3, "clock-late")]
+)
+def test_a_clock_that_moves_no_value_is_no_doubt(robot: str, late_s: float, told: str) -> None:
+    """What it moves the values by, in their deviations, is that of two fits by least squares."""
+    model = right(robot, 1)
+    fitted = fitted_motion(model.on("estimation"))
+    assert fitted is not None
+    own = fitted.experiment
+    shifted = own.operator.stamped_later(late_s / fitted.run.step_size, own.reference.time.size, between=True)
+    aligned = replace(fitted, run=fitted.run.on(replace(own, operator=shifted)))
+    found = _of_clock(fitted, aligned, late_s, 1e-6, 4e-6).diagnostic
+    assert found.code.name == told
+    scale = np.repeat(1 / aligned.size[None], own.time.size, axis=0).ravel()
+
+    def fit(operator: SampleOperator) -> tuple[Array, Array]:
+        columns, known = (operator.apply(values[operator.ticks]) for values in (fitted.columns, fitted.known))
+        flat = columns.reshape(scale.size, -1) * scale[:, None]
+        values = np.linalg.lstsq(flat, (own.torque - known).ravel() * scale, rcond=None)[0]
+        return values, np.sqrt(np.diag(np.linalg.inv(flat.T @ flat)) * scale.size / aligned.samples)
+
+    (values, deviation), (others, _) = fit(shifted), fit(own.operator)
+    moved = np.abs(others - values) / deviation
+    np.testing.assert_allclose(aligned.moved_by(own.operator), moved, rtol=1e-3)
+    assert (moved.max() > MOVED) == (told == "clock-late")
+    if told == "clock-slightly-off":
+        assert found.value == pytest.approx(moved.max(), rel=1e-3)
 
 
 @pytest.mark.parametrize("change", [lambda y, g: y / g, lambda y, g: y * g], ids=["current", "twice"])
