@@ -89,7 +89,7 @@ def regions(
             counts = np.bincount(place, minlength=edges.size - 1)
             means = np.bincount(place, r, minlength=edges.size - 1) / np.maximum(counts, 1)
             deviation = noise.deviation[j] / np.sqrt(np.maximum(counts * factor[j], 1.0))
-            p = 2 * normal_sf(np.abs(means) / deviation)
+            p = 2 * np.asarray(normal_sf(np.abs(means) / deviation))
             noise_part = float(np.sum(counts * deviation**2)) / r.size
             share = float(np.clip((np.sum(counts * means**2) / r.size - noise_part) / error, 0.0, 1.0))
             found += [

@@ -59,6 +59,11 @@ UNFILTERED = (
     "the noise of the unfiltered log."
 )
 
+WITHOUT_PRIOR = (
+    "The prior of the case was not applied: what pulls the values from where the data have them would look like an "
+    "effect that the model lacks, and the other way round."
+)
+
 
 @dataclass(frozen=True)
 class Found:
@@ -78,7 +83,8 @@ def discover(model: LoopModel, request: Request) -> Found:
     """Find the effects that a model lacks.
 
     Args:
-        model: the loop with its experiments, taken without a low pass; those for the validation are the held-out data.
+        model: the loop with its experiments, taken without a low pass and without a prior; those for the
+            validation are the held-out data.
 
     Raises:
         InputError: the data are too few; SimulationError: the base model cannot be simulated.
@@ -92,6 +98,8 @@ def discover(model: LoopModel, request: Request) -> Found:
         request = replace(request, keep=lambda document: keep(timed(document)))
     if model.experiments.low_pass is not None:
         model, request = model.with_low_pass(None), replace(request, notes=[*request.notes, UNFILTERED])
+    if model.prior is not None:
+        model, request = replace(model, prior=None), replace(request, notes=[*request.notes, WITHOUT_PRIOR])
     later = model
     for label, experiment in model.experiments.items():
         later = later.with_experiment(label, experiment.after(FIRST_S))

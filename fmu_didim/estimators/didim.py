@@ -54,6 +54,7 @@ SAME_MINIMUM = 2
 Joint = Callable[[Minimum], Minimum]
 """From the minimum of the torque error to that of all outputs."""
 BEST = "the best point goes on to the finish"
+NO_FINISH = "the finish could not be simulated"
 ASTRAY = "neither the iterations nor the finish settled"
 ADVICE = (
     "Run fmu-didim check, and check the sign, unit and clock of the torque, "
@@ -142,6 +143,7 @@ class Didim(Estimator):
             if unsettled is None and further is not None and _is_astray(estimate):
                 unsettled = estimate
                 failures.append(f"from {start_text(start)}: {ASTRAY}")
+                history.restart()
                 continue
             return estimate if unsettled is None or _error(estimate) < _error(unsettled) else unsettled
         if unsettled is not None:
@@ -245,7 +247,13 @@ class Didim(Estimator):
         stages = {self.name: self._stage(fit, known)}
         if self.finish or fit.values.size > fit.model.linear_count:
             finish = partial(finish_by_colour, tolerance=self.finish_tolerance, progress=history.progress)
-            minimum = with_starts(fit, starts, lambda at: joint(lowest(nearer_to_prior(finish(at), finish), finish)))
+            try:
+                minimum = with_starts(
+                    fit, starts, lambda at: joint(lowest(nearer_to_prior(finish(at), finish), finish))
+                )  # fmt: skip
+            except SimulationError as failed:
+                reason = f"{NO_FINISH}: {failed.what} {failed.got or ''}".strip()
+                raise _NonPhysicalError(fit.values, reason, deviation=known.deviation) from failed
             history.iterations.extend(minimum.iterations)
             fit, settled = minimum.fit, minimum.fit.settled  # at a minimum, however it was reached
             known = minimum.known

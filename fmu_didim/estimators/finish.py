@@ -82,10 +82,11 @@ class Minimum:
     rivals: tuple[tuple[str, float], ...] = ()
     joint: JointFit | None = None
 
-    def after(self, earlier: Minimum) -> Minimum:
-        """This minimum with the iterations and remarks that led to it from an earlier one."""
+    def after(self, earlier: Minimum, *why: str) -> Minimum:
+        """This minimum with the iterations and remarks that led to it from an earlier one, and why that was left."""
         told = (remark for remark in self.remarks if remark not in earlier.remarks)
-        return replace(self, iterations=(*earlier.iterations, *self.iterations), remarks=(*earlier.remarks, *told))
+        remarks = (*earlier.remarks, *told, *why)
+        return replace(self, iterations=(*earlier.iterations, *self.iterations), remarks=remarks)
 
 
 def finish_by_colour(

@@ -95,8 +95,7 @@ def lowest(minimum: Minimum, finish: Callable[[Fit], Minimum]) -> Minimum:
             f"The torque error has several minima along {name}: {here:.4g} was left for {there:.4g}, where it is "
             "smaller. A log at a higher rate would show one alone."
         )
-        other = other.after(minimum)
-        minimum = replace(other, remarks=(*other.remarks, text))
+        minimum = other.after(minimum, text)
     return minimum
 
 
@@ -119,8 +118,7 @@ def nearer_to_prior(minimum: Minimum, finish: Callable[[Fit], Minimum]) -> Minim
     here, there = (_weighted_cost(one, fit.deviation) for one in (fit, other.fit))
     if there >= here:
         return minimum
-    other = other.after(minimum)
-    return replace(other, remarks=(*other.remarks, "The minimum was found from the values of the prior."))
+    return other.after(minimum, "The minimum was found from the values of the prior.")
 
 
 def _weighted_cost(fit: Fit, deviation: Array) -> float:

@@ -15,7 +15,7 @@ from fmu_didim.fit.ending import Ending
 from fmu_didim.fit.equations import Equations
 from fmu_didim.fit.iteration import Iteration
 from fmu_didim.fit.noise.noise import Noise
-from fmu_didim.fit.noise.shared import parts_of_outputs, shared_variance
+from fmu_didim.fit.noise.shared import counted_once, variance_by_sharing
 from fmu_didim.fit.noise.weighting import Weighting
 from fmu_didim.model.loop_model import LoopModel, Simulation
 from fmu_didim.model.prediction import Prediction, predict
@@ -115,11 +115,7 @@ class Fit:
     def covariance(self) -> Array:
         """(p, p) covariance of the values by the Cramer-Rao bound, with the effective number of samples; what outputs
         share is counted once."""
-        alone = self._independent_covariance
-        if not self.model.experiments.channels:
-            return alone
-        factor = np.sqrt(self.shared_variance)
-        return np.asarray(alone * np.outer(factor, factor))
+        return counted_once(self._independent_covariance, self.shared_variance)
 
     @cached_property
     def shared_variance(self) -> Array:
@@ -127,10 +123,9 @@ class Fit:
         output into another is no second sample."""
         weight = self.noise.weight[:, None]
         influence = (self.jacobian * weight**2) @ self._independent_covariance
-        found = shared_variance(influence, self.residual, parts_of_outputs(self.model.experiments))
-        return np.maximum(found, 1.0)
+        return variance_by_sharing(influence, self.residual, self.model.experiments)
 
-    @property
+    @cached_property
     def _independent_covariance(self) -> Array:
         weighted = (self.jacobian * self.noise.weight[:, None]).reshape(-1, self.jacobian.shape[2])
         scale = np.linalg.norm(weighted, axis=0)

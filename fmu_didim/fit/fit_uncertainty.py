@@ -10,7 +10,7 @@ import numpy as np
 from fmu_didim.data.signals import Array
 from fmu_didim.fit.confounding import shown_directions
 from fmu_didim.fit.fit import Fit
-from fmu_didim.fit.noise.shared import parts_of_outputs, shared_variance
+from fmu_didim.fit.noise.shared import counted_once, variance_by_sharing
 from fmu_didim.fit.noise.weighting import noise_floor, whitened
 from fmu_didim.fit.statistics import deviation_of_sums, influence_efficient, influence_of_instruments
 from fmu_didim.fit.uncertainty import Colour, Uncertainty, covariance_of, stretches_of_outputs, uncertainty
@@ -67,7 +67,8 @@ def data_covariance(fit: Fit, influence: Array, colours: Sequence[Colour], resid
     experiments = fit.model.experiments
     if experiments.low_pass is not None:
         influence = filtered_torque(fit, influence)
-    return _shared(fit, influence, residual, covariance_of(influence, colours, stretches_of_outputs(experiments)))
+    covariance = covariance_of(influence, colours, stretches_of_outputs(experiments))
+    return counted_once(covariance, variance_by_sharing(influence, residual, experiments))
 
 
 def _influences(fit: Fit, sensitivity: Array, instruments: Array | None) -> tuple[Array, Array]:
@@ -102,16 +103,8 @@ def _by_residual(fit: Fit, residual: Array, sensitivity: Array, influence: Array
         residual, sensitivity, influence, deviation, stretches_of_outputs(experiments),
         stated=stated, floor=floor, usual=usual if is_filtered else None,
     )  # fmt: skip
-    return replace(found, covariance=_shared(fit, influence, residual, found.covariance))
-
-
-def _shared(fit: Fit, influence: Array, residual: Array, covariance: Array) -> Array:
-    """A covariance (p, p) without what outputs share by chance, which makes no value better known."""
-    experiments = fit.model.experiments
-    if not experiments.channels:
-        return covariance
-    factor = np.sqrt(np.maximum(shared_variance(influence, residual, parts_of_outputs(experiments)), 1.0))
-    return np.asarray(covariance * np.outer(factor, factor))
+    by_sharing = variance_by_sharing(influence, residual, experiments)
+    return replace(found, covariance=counted_once(found.covariance, by_sharing))
 
 
 def filtered_torque(fit: Fit, table: Array) -> Array:

@@ -315,22 +315,30 @@ def result_schema() -> dict[str, Any]:
     return ResultDocument.model_json_schema()
 
 
-def save_result(document: ResultDocument, validations: Sequence[Validation], directory: Path) -> Path:
-    """Write ``result.json`` and one torque table a validation; returns the path of the former."""
-    directory.mkdir(parents=True, exist_ok=True)
+def saved_tables(document: ResultDocument, validations: Sequence[Validation]) -> dict[str, Trajectory]:
+    """The tables that stand beside ``result.json``, by the names of their files."""
+    found: dict[str, Trajectory] = {}
     for v in validations:
         if v.label in document.signals:
             joints = range(1, v.measured.shape[1] + 1)
             columns = {f"tau_measured{j}": v.measured[:, j - 1] for j in joints}
             columns |= {f"tau_simulated{j}": v.simulated[:, j - 1] for j in joints}
             columns |= v.motion
-            write_csv(trajectory(np.asarray(v.time), columns), directory / document.signals[v.label], digits=ALL_DIGITS)
+            found[document.signals[v.label]] = trajectory(np.asarray(v.time), columns)
         if v.label in document.simulated and v.every is not None:
-            write_csv(v.every, directory / document.simulated[v.label], digits=ALL_DIGITS)
+            found[document.simulated[v.label]] = v.every
         for name, saved in document.experiments[v.label].channels.items() if v.channels else ():
             channel = v.channels[name]
             columns = {"measured": channel.measured, "simulated": channel.simulated}
-            write_csv(trajectory(np.asarray(channel.time), columns), directory / saved.file, digits=ALL_DIGITS)
+            found[saved.file] = trajectory(np.asarray(channel.time), columns)
+    return found
+
+
+def save_result(document: ResultDocument, validations: Sequence[Validation], directory: Path) -> Path:
+    """Write ``result.json`` and its tables; returns the path of the former."""
+    directory.mkdir(parents=True, exist_ok=True)
+    for file, table in saved_tables(document, validations).items():
+        write_csv(table, directory / file, digits=ALL_DIGITS)
     path = directory / RESULT_FILE
     path.write_text(document.model_dump_json(indent=2) + "\n", encoding="utf-8")
     return path

@@ -18,7 +18,6 @@ from fmu_didim.discovery.run import discover as discover_in
 from fmu_didim.discovery.selection.decide import Options
 from fmu_didim.dynamics.effects import Effect, effect_catalogue, effect_name
 from fmu_didim.dynamics.robot import RobotDescription, RobotModel
-from fmu_didim.model.loop_model import LoopModel
 from fmu_didim.model.workers import one_blas_thread
 from fmu_didim.results.findings import FindingsDocument, save_findings
 from fmu_didim.results.provenance import provenance
@@ -74,7 +73,7 @@ def discover(
     search = Progress.limited(progress or (lambda text: None), time_limit)
     folder = None if out is None else result_folder(out, figures=figures)
     case = checked_case(case, folder, objects)
-    model = _without_prior(case)
+    model = case.model
     if model.loop.torque_is_given:
         raise InputError(
             "The loop is open: the torque is given, so that it shows nothing of what the model lacks.",
@@ -110,18 +109,6 @@ def discover(
     if show is not None:
         show(answer)
     return answer
-
-
-def _without_prior(case: Case) -> LoopModel:
-    """The model of a case; raises InputError where it has a prior."""
-    if case.document.prior is not None:
-        raise InputError(
-            "discover takes no prior: what pulls the values from where the data have them would look like an effect "
-            "that the model lacks, and the other way round.", where="prior",
-            next_step="Take prior: out of the case (case.with_(prior=None)); identify with it afterwards, on the "
-            "augmented robot.",
-        )  # fmt: skip
-    return case.model
 
 
 def _description(case: Case) -> RobotDescription | None:

@@ -8,12 +8,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from fmu_didim.case import load_case
 from fmu_didim.cosim import sample_operator
 from fmu_didim.data.signals import Array
 from fmu_didim.estimators import Clie, Didim
 from fmu_didim.fit.derivatives.sensitivity import sensitivity
 from fmu_didim.fit.estimate import Estimate
-from fmu_didim.fit.noise.shared import Part, remembered_s, shared_variance
+from fmu_didim.fit.noise.shared import Part, counted_once, remembered_s, shared_variance, variance_by_sharing
 from fmu_didim.model.channel import Channel
 from fmu_didim.model.loop_model import LoopModel
 from tests.helpers import with_torque
@@ -237,3 +238,12 @@ def test_time_that_noise_remembers() -> None:
     times = 0.02 * np.arange(noise.size)
     assert remembered_s(noise, times) == pytest.approx(0.02 * 19, rel=0.15)
     assert remembered_s(rng.normal(size=noise.size), times) == pytest.approx(0.02, rel=0.1)
+
+
+def test_the_covariance_counts_what_outputs_share_once() -> None:
+    """Without channels nothing is shared; with them a covariance grows by the root of both variances."""
+    model = load_case("examples/scara/identify.yaml").model
+    residual, influence = np.ones((10, 2)), np.ones((10, 2, 3))
+    assert variance_by_sharing(influence, residual, model.experiments).tolist() == [1.0] * 3
+    found = counted_once(np.array([[1.0, 0.5], [0.5, 2.0]]), np.array([1.0, 4.0]))
+    assert found.tolist() == [[1.0, 1.0], [1.0, 8.0]]

@@ -16,6 +16,7 @@ from fmu_didim.base.errors import IdentificationError, InputError
 from fmu_didim.case import load_case
 from fmu_didim.checks.agreement import agreement
 from fmu_didim.checks.identification import checked
+from fmu_didim.discovery.run import WITHOUT_PRIOR
 from fmu_didim.dynamics.prior import Prior, prior_of
 from fmu_didim.estimators import Estimator
 from fmu_didim.estimators.clie import Clie
@@ -309,6 +310,24 @@ def test_what_is_left_open_is_told() -> None:
     assert dict(model.prior.open) == {"ZZ1R": ("Ia1",)}
 
 
-def test_discovery_refuses_it_by_name() -> None:
-    with pytest.raises(InputError, match="discover takes no prior"):
-        discover(load_case(CASE).with_(prior=PUBLISHED))
+@pytest.mark.gate
+def test_discovery_leaves_it_out_and_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As the advice of a result says, the case can be given to discover as it is: the data alone decide there."""
+    asked: list[LoopModel] = []
+
+    def base_model(model: LoopModel) -> None:
+        asked.append(model)
+        raise InputError("asked")
+
+    case = load_case(CASE).with_(prior=PUBLISHED)
+    monkeypatch.setattr("fmu_didim.discovery.run.prepare", base_model)
+    with pytest.raises(InputError, match="asked"):
+        discover(case)
+    assert case.model.prior is not None
+    assert asked[0].prior is None
+    monkeypatch.undo()
+    found = discover(case, rounds=0).document
+    assert WITHOUT_PRIOR in found.notes
+    plain = discover(case.with_(prior=None), rounds=0).document
+    assert WITHOUT_PRIOR not in plain.notes
+    assert found.gap == plain.gap

@@ -12,9 +12,11 @@ import pytest
 from fmu_didim.campaigns.reporting.page import write_campaign_report
 from fmu_didim.report import write_report
 from fmu_didim.report.discovery.sections import write_discovery_report
+from fmu_didim.workflow import identify
 from tests.campaigns import test_quality
 from tests.campaigns.helpers import LAWS
 from tests.conftest import package
+from tests.helpers import ROOT
 from tests.report import test_discovery, test_report
 from tests.report.test_charts import LOOP
 
@@ -101,6 +103,16 @@ def check_view(browser: Any, file: Path, width: int, scheme: str) -> None:
     found = page.evaluate("axe.run(document, {resultTypes: ['violations']})")["violations"]
     assert not [(v["id"], v["nodes"][0]["html"][:200]) for v in found]
     assert not told
+
+
+@pytest.mark.gate
+def test_tables_of_values_beside_a_prior_fit_into_the_window(browser: Any, tmp_path: Path) -> None:
+    """They have the most columns; at 1200 px none of them scrolls sideways."""
+    identify(ROOT / "examples/double_pendulum/prior.yaml", out=tmp_path)
+    page, _ = opened(browser, tmp_path / "report.html")
+    widths = page.evaluate("[...document.querySelectorAll('.scroll')].map(e => [e.scrollWidth, e.clientWidth])")
+    assert len(widths) > 5
+    assert [needed for needed, there in widths if needed > there] == []
 
 
 @pytest.mark.gate

@@ -212,7 +212,7 @@ def _merged(ticks: list[int], sizes: Array, near: int) -> list[int]:
 
 def _correlation(values: Array, response: Array, shifted: _Shifted, ticks: int) -> Array:
     """sum_n values_n response(place_n - tick) for every tick, by one transform."""
-    line = np.bincount(shifted.places, values, minlength=ticks)
+    line = np.bincount(shifted.places, values, minlength=ticks).astype(float)
     # The response has one row for each tick and those ahead of the step, whose own is row ``ahead``.
     return lagged_products(line, response, np.arange(ticks) - shifted.ahead)
 

@@ -115,7 +115,7 @@ def period_in_ticks(reference: Trajectory) -> int | None:
     values = (reference.values[:, moving] - reference.values[:, moving].mean(axis=0)) / spread[moving]
     count = values.shape[0]
     # Mean squared difference at every lag by one transform; lags where it nearly vanishes are then looked at exactly.
-    products = sum(lagged_products(v, v, np.arange(count)) for v in values.T)
+    products = np.sum([lagged_products(v, v, np.arange(count)) for v in values.T], axis=0)
     squares = np.concatenate([[0.0], np.cumsum((values**2).sum(axis=1))])
     lags = np.arange(SHORTEST_PERIOD, math.ceil(LONGEST_PERIOD * count))
     both = squares[count - lags] + squares[count] - squares[lags]

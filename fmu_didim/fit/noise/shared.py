@@ -82,6 +82,20 @@ def shared_variance(influence: Array, residual: Array, parts: Sequence[Part]) ->
     return np.maximum(1 + together / np.where(independent > 0, independent, 1.0), LEAST_SHARED)
 
 
+def variance_by_sharing(influence: Array, residual: Array, experiments: Experiments) -> Array:
+    """(p,) the same of the outputs of experiments, at least 1: what outputs share by chance makes no value better
+    known. 1 where there is nothing beside the torque."""
+    if not experiments.channels:
+        return np.ones(influence.shape[2])
+    return np.maximum(shared_variance(influence, residual, parts_of_outputs(experiments)), 1.0)
+
+
+def counted_once(covariance: Array, by_sharing: Array) -> Array:
+    """A covariance (p, p) with variances that are larger by what outputs share (p,)."""
+    factor = np.sqrt(by_sharing)
+    return np.asarray(covariance * np.outer(factor, factor))
+
+
 def _blocks(residual: Array, parts: Sequence[Part]) -> Array:
     """Edges of the blocks of an experiment, s."""
     first, last = min(part.time[0] for part in parts), max(part.time[-1] for part in parts)

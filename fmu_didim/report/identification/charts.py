@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -19,32 +20,42 @@ DRAWN_OVER = ("velocity", "position")
 """Quantities over which the residual is drawn."""
 
 
-def saved_charts(document: ResultDocument, directory: Path) -> list[ExperimentCharts]:
+def saved_charts(
+    document: ResultDocument, directory: Path, tables: Mapping[str, Trajectory] | None = None
+) -> list[ExperimentCharts]:
     """The charts of each experiment.
+
+    Args:
+        tables: that need not be read, by their files.
 
     Raises:
         InputError: a table of torques that the result names is missing.
     """
+    known = tables or {}
+
+    def table(file: str) -> Trajectory:
+        return known[file] if file in known else read_trajectory(directory / file)
+
     found = []
     for number, (label, file) in enumerate(document.signals.items(), start=1):
-        signals = read_trajectory(directory / file)
+        signals = table(file)
         every = document.simulated.get(label)
-        dense = read_trajectory(directory / every) if every is not None else None
+        dense = table(every) if every is not None else None
         drawn = _experiment(document, label, number, signals, dense)
-        found.append(replace(drawn, channels=_channels(document, label, number, directory)))
+        found.append(replace(drawn, channels=_channels(document, label, number, table)))
     return found
 
 
-def _channels(document: ResultDocument, label: str, number: int, directory: Path) -> Chart | None:
+def _channels(document: ResultDocument, label: str, number: int, table: Callable[[str], Trajectory]) -> Chart | None:
     """The signals that were measured beside the torque in an experiment; None where there are none."""
     fitted = document.joint.channels if document.joint is not None else {}
     drawn = []
     for name, error in document.experiments[label].channels.items():
-        table = read_trajectory(directory / error.file)
+        signal = table(error.file)
         noise = fitted[name].noise_std if name in fitted else error.std
         drawn.append(
             DrawnChannel(
-                name, error.unit, table.time, table.column("measured"), table.column("simulated"),
+                name, error.unit, signal.time, signal.column("measured"), signal.column("simulated"),
                 error.relative_error_percent, noise,
             )
         )  # fmt: skip

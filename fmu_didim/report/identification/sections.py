@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from pathlib import Path
 
+from fmu_didim.checks.validation import Validation
 from fmu_didim.report import experiments
 from fmu_didim.report.drawing.diagram import loop_diagram
 from fmu_didim.report.drawing.torque_charts import history_chart
@@ -52,7 +53,7 @@ from fmu_didim.report.sections import (
 )
 from fmu_didim.report.terminal import report_text
 from fmu_didim.report.verdict import verdict
-from fmu_didim.results.result import ParameterResult, ResultDocument, read_result
+from fmu_didim.results.result import ParameterResult, ResultDocument, read_result, saved_tables
 
 REPORT_FILE = "report.html"
 SHOWN_CORRELATIONS = 5
@@ -75,14 +76,20 @@ def result_html(document: ResultDocument) -> str:
     return notebook_html(result_report(document))
 
 
-def write_report(directory: Path) -> Path:
+def write_report(directory: Path, validations: Sequence[Validation] = ()) -> Path:
     """Write ``report.html`` beside the ``result.json`` of a directory and return its path.
+
+    Args:
+        validations: whose tables need not be read, because they were saved there just now.
 
     Raises:
         InputError: there is no result, or a table of torques that it names is missing.
     """
     document = read_result(directory)
-    return write_page(result_report(document, saved_charts(document, directory)), directory / REPORT_FILE)
+    return write_page(
+        result_report(document, saved_charts(document, directory, saved_tables(document, validations))),
+        directory / REPORT_FILE,
+    )
 
 
 def result_report(document: ResultDocument, parts: Sequence[ExperimentCharts] = ()) -> Report:

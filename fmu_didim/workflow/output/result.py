@@ -132,7 +132,7 @@ class Result:
             self.validation(label)
         with folder.written() as new:
             save_result(self.document, self.validations, new)
-            write_report(new)
+            write_report(new, self.validations)
             for label, robot in ((SHARED, self.robot), *self.robots.items()):
                 if robot is not None:
                     write_robot(robot, new / (OWN_ROBOT_FILE.format(label=label) if label else ROBOT_FILE))
