@@ -19,7 +19,7 @@ from fmu_didim.checks.motion_dependence import dependence_of_fit, motion_diagnos
 from fmu_didim.checks.physical import physical_diagnostics
 from fmu_didim.checks.prior import prior_diagnostics
 from fmu_didim.checks.residual import NoiseResult, lack_of_fit, residual_diagnostics, slow_diagnostics
-from fmu_didim.checks.validation import Validation
+from fmu_didim.checks.validation import Validation, error_diagnostics
 from fmu_didim.fit.estimate import Estimate, Status
 from fmu_didim.fit.noise.noise import motion_frequency
 from fmu_didim.fit.solver.numerical_noise import Roughness, smoother_after_step
@@ -130,7 +130,8 @@ def checked(estimate: Estimate, validations: Sequence[Validation], *, before: It
     found += residual_diagnostics(tests)
     if estimate.fit is not None:
         found += motion_diagnostics(dependence_of_fit(estimate.fit, estimate.colours))
-    found += slow_diagnostics(tests, *_bands(model))
+    motion_hz, cutoff_hz = _bands(model)
+    found += [*slow_diagnostics(tests, motion_hz, cutoff_hz), *error_diagnostics(validations, motion_hz)]
     found += of_any_output(estimate)
     found += [
         Diagnostic(OTHER_MINIMUM, f"{name} = {value:.4g} explains the log nearly as well.", name, value)

@@ -1,18 +1,42 @@
-"""Direct and cross validation: simulated against measured torque, relative error per joint."""
+"""Direct and cross validation: simulated against measured torque, relative error per joint, and of what a large one is
+made.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
 
+from fmu_didim.base.diagnostics import CATALOGUE, REMARK, Diagnostic
 from fmu_didim.base.errors import SimulationError
 from fmu_didim.data.signals import Array, Trajectory
+from fmu_didim.fit.noise.noise import TINY
 from fmu_didim.fit.statistics import relative_error_percent
 from fmu_didim.model.experiment import Role
 from fmu_didim.model.loop_model import LoopModel, Simulation
 from fmu_didim.model.simulated_table import motion_at_samples, simulated_table
+
+LARGE_PERCENT = 15.0
+"""[%] Torque error of a joint from which it is said of what it is made: noise of usual sensors is a third of it."""
+SLOWLY = 0.05
+"""[1] Of the largest speed of a joint, below which it stands still or turns round."""
+QUARTER = (25.0, 75.0)
+"""[%] Of the sizes of the torque, below and above which errors are compared."""
+ABOVE_BAND = 2.0
+"""[1] Times the highest frequency of the motion, from which a residual is fast."""
+FEWEST = 20
+"""[samples] In each part that is compared."""
+
+TORQUE_ERROR_LARGE = CATALOGUE(
+    "torque-error-large", REMARK, rank=63,
+    meaning="The torque error of a fitted joint is large. What it is made of tells where it may come from: near "
+    "standstill and reversals: backlash, friction that sticks; fast: noise of the encoder, a rattle in the loop, "
+    "resolution; growing with the torque: noise of the drive, its gain. White noise is spread evenly. The intervals "
+    "treat it all as noise.",
+    next_step="Look at the residual in the report; if it should be smaller: fmu-didim discover CASE.yaml.",
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -93,6 +117,54 @@ def validate(model: LoopModel, values: Array, label: str) -> Validation:
         label, run.experiment.role, run.experiment.time, measured, simulated, total, per_joint, failure, every, motion,
         channels,
     )  # fmt: skip
+
+
+def error_diagnostics(validations: Iterable[Validation], motion_hz: float) -> list[Diagnostic]:
+    """Of what the torque error of each fitted joint is made where it is large.
+
+    Args:
+        motion_hz: highest frequency of the motion.
+    """
+    return [
+        Diagnostic(
+            TORQUE_ERROR_LARGE,
+            f"The torque error is {v.per_joint_percent[j]:.0f} %: {'; '.join(parts_of_error(v, j, motion_hz))}.",
+            f"{v.label}: joint {j + 1}", float(v.per_joint_percent[j]), LARGE_PERCENT, "%",
+        )
+        for v in validations if v.role == "estimation" and not v.failure
+        for j in range(v.measured.shape[1]) if v.per_joint_percent[j] > LARGE_PERCENT
+    ]  # fmt: skip
+
+
+def parts_of_error(found: Validation, j: int, motion_hz: float) -> list[str]:
+    """What share of the squared residual of joint ``j`` (from 0) lies where: by the speed of the joint, the size of the
+    torque and the frequency, as far as the samples tell."""
+    residual = found.measured[:, j] - found.simulated[:, j]
+    squares, told = residual**2 / max(float(residual @ residual), TINY), []
+    speed = np.abs(found.motion.get(f"dq{j + 1}", np.zeros(0)))
+    slow = speed < SLOWLY * speed.max(initial=0.0)
+    if FEWEST <= slow.sum() <= residual.size - FEWEST:
+        told.append(
+            f"{100 * squares[slow].sum():.0f} % of its square at the {100 * slow.mean():.0f} % of the samples near "
+            "standstill and reversals"
+        )
+    size = np.abs(found.simulated[:, j])
+    low, high = np.percentile(size, QUARTER)
+    if high > low and min((size <= low).sum(), (size >= high).sum()) >= FEWEST:
+        ratio = np.sqrt(squares[size >= high].mean() / max(float(squares[size <= low].mean()), TINY))
+        told.append(f"{ratio:.2g} times as large at the largest quarter of the torque as at the smallest")
+    steps = np.diff(found.time)
+    cut = ABOVE_BAND * motion_hz * float(np.median(steps))
+    if residual.size >= FEWEST and np.isfinite(cut) and np.ptp(steps) < SLOWLY * steps.mean():
+        frequency, power = np.fft.rfftfreq(residual.size), np.abs(np.fft.rfft(residual)) ** 2
+        fast = frequency > cut
+        if fast.any() and not fast.all():
+            share = 100 * power[fast].sum() / max(float(power.sum()), TINY)
+            told.append(
+                f"{share:.0f} % of its square above {ABOVE_BAND * motion_hz:.3g} Hz, beyond the motion, where even "
+                f"noise has {100 * fast.mean():.0f} %"
+            )
+    return told or ["too few samples to tell of what it is made"]
 
 
 def validated_channels(run: Simulation) -> dict[str, ChannelValidation]:
