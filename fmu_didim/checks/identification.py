@@ -15,7 +15,7 @@ from fmu_didim.checks.data.checks import confirmed
 from fmu_didim.checks.held_out import Residual, held_out_diagnostics, not_simulated
 from fmu_didim.checks.held_out_channels import held_out_channel_diagnostics
 from fmu_didim.checks.judgement import Judgement, judgement
-from fmu_didim.checks.motion_dependence import dependence_of_fit, motion_diagnostics
+from fmu_didim.checks.motion.dependence import dependence_of_fit, motion_diagnostics
 from fmu_didim.checks.physical import physical_diagnostics
 from fmu_didim.checks.prior import prior_diagnostics
 from fmu_didim.checks.residual import NoiseResult, lack_of_fit, residual_diagnostics, slow_diagnostics
@@ -129,7 +129,7 @@ def checked(estimate: Estimate, validations: Sequence[Validation], *, before: It
     ]  # fmt: skip
     found += residual_diagnostics(tests)
     if estimate.fit is not None:
-        found += motion_diagnostics(dependence_of_fit(estimate.fit, estimate.colours))
+        found += motion_diagnostics(dependence_of_fit(estimate.fit))
     motion_hz, cutoff_hz = _bands(model)
     found += [*slow_diagnostics(tests, motion_hz, cutoff_hz), *error_diagnostics(validations, motion_hz)]
     found += of_any_output(estimate)

@@ -14,13 +14,13 @@ from fmu_didim.checks import (
     held_out,
     held_out_channels,
     identification,
-    motion_dependence,
     physical,
     prior,
     residual,
     sampling_kind,
 )
 from fmu_didim.checks.data import log, timing, torque_channel
+from fmu_didim.checks.motion import dependence
 from fmu_didim.data.tables import clock
 from fmu_didim.estimators import finish, initial_states, local_minima, reference_start
 from fmu_didim.fit import confounding, equations, log_noise, statistics, uncertainty
@@ -60,7 +60,7 @@ DECIDING = (
     (initial_states, ("MOVING", "CHANCE", "STANDS_OUT", "FIRST_PART", "FORGOTTEN", "DETERMINED")),
     (identification, ("NEAR_LIMIT", "VISIBLE_SHIFT", "SECOND_STEP", "JITTER")),
     (residual, ("STILL_NOT_WHITE",)),
-    (motion_dependence, ("MOTION_CHANCE", "SIGNIFICANT")),
+    (dependence, ("MOTION_CHANCE", "SIGNIFICANT", "FUNCTIONS", "SAMPLES_A_FUNCTION")),
     (sampling_kind, ("NEARLY",)),
     (held_out, ("HELD_OUT_RATIO", "HELD_OUT_CHANCE")),
     (held_out_channels, ("ROUNDING_PERCENT",)),

@@ -93,6 +93,11 @@ def _lagged(a: Array, b: Array, lags: int) -> Array:
     """(lags + 1, n) sums over t of a_t b_(t + lag) of tables (M, n) or (M, n, p)."""
     count, axes = a.shape[0], "mjp"[: a.ndim]
     found = np.zeros((lags + 1, a.shape[1]))
+    if a.shape[1] == 1:  # as products of vectors, which is several times faster
+        width, first, second = a[0].size, a.ravel(), b.ravel()
+        for lag in range(min(lags, count - 1) + 1):
+            found[lag] = first[: (count - lag) * width] @ second[lag * width :]
+        return found
     for lag in range(min(lags, count - 1) + 1):
         found[lag] = np.einsum(f"{axes},{axes}->j", a[: count - lag], b[lag:])
     return found

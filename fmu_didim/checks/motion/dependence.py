@@ -1,0 +1,329 @@
+"""Whether the residual torque still depends on the motion: then it is not noise, whatever its size.
+
+The residual r of a joint is compared with functions f of the simulated motion that the model does not have, beside its
+sensitivities S, which the fit has used up:
+
+    r = S a + f_1 b_1 + ... + f_k b_k + e,      all filtered by the autoregression of the noise, so that e is white.
+
+Fisher's F asks whether noise alone explains b: for the function that explains most, for it and the one that then
+explains most, and for all m functions. Each p value is multiplied by the number of ways to choose k of the m functions,
+the smallest one by the number of k that are tried (Bonferroni, which for the smallest is Holm's correction). Neither a
+known noise nor periods that repeat are needed. Noise that is loud in places is allowed for: what the functions explain
+is compared with the variance of the noise where they are large, too (White, Econometrica 48 (1980)).
+
+The colour of the noise must not be learnt from what follows the motion, else a misfit widens its own bound: it is that
+of what S and the functions in question leave of r. All m functions together would leave none of the frequencies of the
+motion in a log of some periods, and what noise has there could not be known: all together are tested with the colour of
+what S alone leaves.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from math import comb
+from types import MappingProxyType
+
+import numpy as np
+from scipy import linalg
+
+from fmu_didim.base.diagnostics import CATALOGUE, DOUBT, Diagnostic
+from fmu_didim.base.distributions import f_sf
+from fmu_didim.base.errors import SimulationError
+from fmu_didim.checks.data.timing import CLOCK_EARLY, CLOCK_LATE
+from fmu_didim.checks.motion.colour import LogNoise, orthonormal, rest_of
+from fmu_didim.checks.motion.functions import TORQUE_RATE, functions_of_motion, looks_like
+from fmu_didim.cosim import Indices
+from fmu_didim.data.signals import Array
+from fmu_didim.fit.fit import Fit
+from fmu_didim.fit.noise.noise import TINY
+from fmu_didim.fit.uncertainty import stretches
+from fmu_didim.model.loop_model import LoopModel
+
+MOTION_CHANCE = 1e-3
+"""[1] Probability, for all joints together, with which noise alone may be said to depend on the motion."""
+BAND = 1.8
+"""[samples] Of filtered data in a period of the cut-off frequency that are tested: the output of a Butterworth filter
+of order 4, forwards and backwards, is white at that rate, to a tenth."""
+ENDS = 1
+"""[samples] Of those at each end of a log that are left out: there the filter extrapolates."""
+FUNCTIONS = 2
+"""[functions] Of the motion at most that a residual is compared with at a time: what a model
+lacks looks like one or two of them, and a third one tells of nothing more."""
+SAMPLES_A_FUNCTION = 8.0
+"""[samples] At least, beside what the fit has used up, for each function that is tried: of a short log only the most
+significant ones, so that their number does not hide them."""
+AS_WELL = 0.8
+"""[1] Of the squares that one function explains, from which another one explains them as well."""
+CLOCK_ALONE = 0.8
+"""[1] Share in the explained part of a residual from which the rate of the torque is the only cause: a clock 5 ms late
+gives 0.9 and more, steeper friction or other gains less than 0.6."""
+SIGNIFICANT = 2.0
+"""[standard deviations] From which a value is different from zero."""
+OWN_PART = 1e-6
+"""[1] Least fraction of a column that is independent of the others."""
+
+DEPENDS_ON_MOTION = CATALOGUE(
+    "residual-depends-on-motion", DOUBT, rank=60,
+    meaning="The residual torque depends on the motion, which noise does not: some physics, the controller's gains or "
+    "the clock of the log differ from the model. The identified values absorb a part of it.",
+    next_step="Run fmu-didim discover CASE.yaml, which names what is missing; check the controller and the delay.",
+)  # fmt: skip
+
+UNTESTED = CATALOGUE(
+    "motion-untested", DOUBT, rank=62,
+    meaning="There are too few samples to test whether the residual torque depends on the motion: missing physics, a "
+    "wrong clock or a wrong controller would go unnoticed.",
+    next_step="Measure for longer or log at a higher rate; with low_pass, raise its cut-off frequency.",
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Dependence:
+    """How the residual of a joint depends on the motion.
+
+    Attributes:
+        joint: from 1; p_value: of as much by noise alone; share: of the sum of squares that the motion explains.
+        most: the function of the motion that explains most by itself; most_share: its share in the explained part.
+        slope, deviation: of the residual over that function, with its standard deviation.
+        as_well: other functions that explain nearly as much.
+        samples: their number where they are too few for a test.
+    """
+
+    joint: int
+    p_value: float
+    share: float
+    most: str
+    most_share: float
+    slope: float = 0.0
+    deviation: float = 0.0
+    as_well: tuple[str, ...] = ()
+    samples: int | None = None
+
+    @staticmethod
+    def untested(joint: int, samples: int) -> Dependence:
+        return Dependence(joint, 1.0, 0.0, "", 0.0, samples=samples)
+
+    @property
+    def looks(self) -> str:
+        """What a model may lack that would look like it, in words."""
+        return " or ".join(dict.fromkeys(looks_like(name) for name in (self.most, *self.as_well)))
+
+
+def motion_diagnostics(found: Sequence[Dependence]) -> list[Diagnostic]:
+    """The joints whose residual depends on the motion beyond chance, by another clock or otherwise, or is untested."""
+    level = MOTION_CHANCE / max(len(found), 1)
+    clock = [d for d in found if d.p_value < level and d.most == TORQUE_RATE and d.most_share > CLOCK_ALONE]
+    return [_clock(d) for d in clock] + [
+        Diagnostic(
+            DEPENDS_ON_MOTION,
+            f"{100 * d.share:.2g} % of the squared residual follows the motion (p = {max(d.p_value, TINY):.1e}), most "
+            f"with the {d.most}, as {d.looks} would.",
+            place=f"joint {d.joint}", value=d.p_value, bound=level, unit="1",
+        )
+        for d in found
+        if d.p_value < level and d not in clock
+    ] + [
+        Diagnostic(UNTESTED, f"{d.samples} sample{' is' if d.samples == 1 else 's are'} too few.", f"joint {d.joint}")
+        for d in found if d.samples is not None
+    ]  # fmt: skip
+
+
+def _clock(found: Dependence) -> Diagnostic:
+    late, deviation = -1000 * found.slope, 1000 * found.deviation  # r = tau(t - late) - tau(t)
+    text = f"The log is {abs(late):.3g} ± {deviation:.1g} ms {'late' if late > 0 else 'early'}, or the loop is."
+    bound = SIGNIFICANT * deviation
+    return Diagnostic(CLOCK_LATE if late > 0 else CLOCK_EARLY, text, f"joint {found.joint}", late, bound, "ms")
+
+
+def motion_dependence(
+    model: LoopModel,
+    values: Array,
+    residuals: Mapping[str, Array],
+    sensitivities: Mapping[str, Array],
+    rows: Mapping[str, Indices] = MappingProxyType({}),
+) -> list[Dependence]:
+    """How the residual of each joint depends on the simulated motion; nothing where the simulation fails.
+
+    Args:
+        residuals, sensitivities: label of each fitted experiment -> (N, n) and (N, n, p).
+        rows: label -> those samples of the log, where residuals and sensitivities are of some of them.
+    """
+    try:
+        tables = {label: functions_of_motion(model.simulation(values, label)) for label in residuals}
+    except SimulationError:  # after the last sample of a log
+        return []
+    times = [model.experiments[label].time[rows.get(label, slice(None))] for label in residuals]
+    logs, found = LogNoise(tuple(stretches(times))), []
+    for j in range(model.joint_count):
+        names = [name for name in tables[next(iter(tables))][j] if all(name in one[j] for one in tables.values())]
+        motion = [
+            np.column_stack([tables[label][j][name][rows.get(label, slice(None))] for name in names])
+            for label in residuals
+        ]
+        residual = np.concatenate([one[:, j] for one in residuals.values()])
+        nuisance = np.concatenate([sensitivities[label][:, j] for label in residuals])
+        found.append(dependence(residual, nuisance, np.concatenate(motion), names, joint=j + 1, noise=logs))
+    return found
+
+
+def dependence_of_fit(fit: Fit) -> list[Dependence]:
+    """How the residual of each joint depends on the motion at a point of the closed loop.
+
+    A filtered log is tested at as many samples as its band holds, without its ends.
+    """
+    if fit.model.experiments.low_pass is not None:
+        return _dependence_in_band(fit, fit.model.experiments.low_pass.cutoff_hz)
+    rows, residual = fit.model.experiments.rows, fit.residual
+    return motion_dependence(
+        fit.model, fit.values, {label: residual[part] for label, part in rows.items()},
+        {label: fit.jacobian[part] for label, part in rows.items()},
+    )  # fmt: skip
+
+
+def _dependence_in_band(fit: Fit, cutoff_hz: float) -> list[Dependence]:
+    """How the residual of a filtered fit depends on the motion."""
+    model, chosen, residuals, sensitivities = fit.model, {}, {}, {}
+    for label, part in model.experiments.rows.items():
+        experiment = model.experiments[label]
+        every = max(round(experiment.rate_hz / (BAND * cutoff_hz)), 1)
+        rows = np.flatnonzero(experiment.places % every == 0)[ENDS:-ENDS]
+        if rows.size * model.joint_count < 2 * fit.values.size:
+            return [Dependence.untested(j + 1, rows.size) for j in range(model.joint_count)]
+        chosen[label] = rows
+        residuals[label], sensitivities[label] = fit.residual[part][rows], fit.jacobian[part][rows]
+    return motion_dependence(model, fit.values, residuals, sensitivities, chosen)
+
+
+def dependence(
+    residual: Array, nuisance: Array, motion: Array, names: Sequence[str], *, joint: int, noise: LogNoise | None = None
+) -> Dependence:
+    """How a residual (N,) depends on functions (N, m) of the motion, beside nuisances (N, p).
+
+    As many of the first functions are used as the samples allow.
+
+    Args:
+        noise: of its logs, whose colour is learnt; None: it is white.
+    """
+    used = independent(nuisance)
+    left = residual.size - used.shape[1]
+    room = int(left / SAMPLES_A_FUNCTION)
+    if room < 1:
+        return Dependence.untested(joint, max(left, 0))
+    motion, tried = motion[:, :room], min(FUNCTIONS, room)
+    basis, chosen, steps = orthonormal(used), list[int](), list[_Step]()
+    if float(np.linalg.norm(rest_of(residual, basis))) <= TINY:
+        return Dependence(joint, 1.0, 0.0, "", 0.0)
+    whitened = _Whitened.by(noise, residual, basis, (used, motion))
+    if whitened.power.any():
+        steps.append(whitened.step(np.flatnonzero(whitened.power).tolist()))
+    for _ in range(tried):
+        best = whitened.next_to(chosen)
+        if best is None:
+            break
+        chosen = [*chosen, best]
+        whitened = _Whitened.by(whitened.noise, residual, orthonormal(motion[:, chosen], basis), (used, motion))
+        steps.append(whitened.step(chosen))
+    if not steps:
+        return Dependence(joint, 1.0, 0.0, "", 0.0)
+    return _told(min(steps, key=lambda step: step.p_value), len(steps), names, joint)
+
+
+@dataclass(frozen=True)
+class _Step:
+    """Some functions beside the sensitivities: the p value of what they explain, corrected for the ways to choose
+    them; squares that are left without them, and that they explain; variance of the noise; and of each function alone
+    (m,): its slope, and the squares of its independent part and those it explains."""
+
+    p_value: float
+    total: float
+    explained: float
+    variance: float
+    slope: Array
+    power: Array
+    squares: Array
+    functions: int
+
+
+@dataclass(frozen=True)
+class _Whitened:
+    """What the sensitivities leave of the residual (M,) and of functions (M, m) of the motion, all whitened by a noise;
+    those functions of which something is left; and how many columns the sensitivities are."""
+
+    noise: LogNoise | None
+    rest: Array
+    own: Array
+    power: Array
+    used: int
+
+    @classmethod
+    def by(cls, noise: LogNoise | None, residual: Array, basis: Array, columns: tuple[Array, Array]) -> _Whitened:
+        """By the noise beside columns with this basis, whose colour is learnt from the one before; ``columns``: of the
+        sensitivities, and the functions."""
+        used, motion = columns
+        table = np.column_stack([used, residual, motion])
+        if noise is not None:
+            noise = noise.learnt(rest_of(residual, basis), basis)
+            table = noise.whitened(table)
+        count = used.shape[1]
+        left = rest_of(table[:, count:], orthonormal(table[:, :count]))
+        power = np.sum(left[:, 1:] ** 2, axis=0)
+        kept = power > OWN_PART**2 * np.sum(table[:, count + 1 :] ** 2, axis=0)
+        return cls(noise, left[:, 0], left[:, 1:], np.where(kept, power, 0.0), count)
+
+    def next_to(self, chosen: Sequence[int]) -> int | None:
+        """The function that explains most beside those that are chosen; None where nothing is left of any."""
+        rest, own, power = self.rest, self.own, self.power
+        if chosen:
+            basis = orthonormal(own[:, chosen])
+            rest, own = rest_of(rest, basis), rest_of(own, basis)
+            left = np.sum(own**2, axis=0)
+            power = np.where(left > OWN_PART**2 * power, left, 0.0)
+            power[list(chosen)] = 0.0
+        return int(np.argmax(_squares(own.T @ rest, power))) if power.any() else None
+
+    def step(self, chosen: Sequence[int]) -> _Step:
+        """What the chosen functions explain together."""
+        basis, product = orthonormal(independent(self.own[:, chosen])), self.own.T @ self.rest
+        along = basis.T @ self.rest
+        total, explained = float(self.rest @ self.rest), float(along @ along)
+        first, count = basis.shape[1], int(np.count_nonzero(self.power))
+        second = max(self.rest.size - self.used - first, 1)
+        variance = max(total - explained, TINY) / second
+        own = basis * (self.rest - basis @ along)[:, None]  # where the noise is loud the functions may be large
+        loud = float(along @ np.linalg.lstsq(own.T @ own, along, rcond=None)[0]) * second / self.rest.size
+        by_chance = f_sf(min(explained / variance, loud) / first, first, second)
+        return _Step(
+            float(by_chance * comb(count, len(chosen))), total, explained, variance,
+            np.divide(product, self.power, out=np.zeros_like(product), where=self.power > 0), self.power,
+            _squares(product, self.power), first,
+        )  # fmt: skip
+
+
+def _squares(product: Array, power: Array) -> Array:
+    """(m,) squares that functions explain; none of those with no power."""
+    return np.divide(product**2, power, out=np.zeros_like(product), where=power > 0)
+
+
+def _told(step: _Step, tried: int, names: Sequence[str], joint: int) -> Dependence:
+    """What the step with the smallest p value says, out of so many."""
+    most = int(np.argmax(step.squares))
+    beyond = max(step.explained - step.functions * step.variance, step.variance)
+    as_well = np.flatnonzero(step.squares > AS_WELL * step.squares[most])
+    return Dependence(
+        joint, min(tried * step.p_value, 1.0), beyond / step.total, names[most],
+        most_share=float(min(max(step.squares[most] - step.variance, 0.0) / beyond, 1.0)),
+        slope=float(step.slope[most]), deviation=float(np.sqrt(step.variance / step.power[most])),
+        as_well=tuple(names[int(i)] for i in as_well if i != most),
+    )  # fmt: skip
+
+
+def independent(columns: Array) -> Array:
+    """(N, r) of the columns (N, m) those that do not depend on others, of length one."""
+    length = np.linalg.norm(columns, axis=0)
+    scaled = columns[:, length > TINY] / length[length > TINY]
+    if not scaled.size:
+        return np.asarray(scaled)
+    r, order = linalg.qr(scaled, mode="r", pivoting=True)
+    size = np.abs(np.diag(r[: scaled.shape[1]]))
+    return np.asarray(scaled[:, order[: int(np.sum(size > OWN_PART * size[0]))]])

@@ -1,0 +1,160 @@
+"""Functions of the motion of a joint that a residual torque may follow, each with what a model may lack where it does.
+
+They are the direction of motion and of the torque, powers of velocity and position, sines and cosines of the angles of
+the links, products of these with time, and what changes in the course of a log.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from fmu_didim.cosim import Recording
+from fmu_didim.data.signals import Array
+from fmu_didim.fit.log_noise import STANDSTILL
+from fmu_didim.fit.noise.noise import TINY
+from fmu_didim.model.loop_model import Simulation
+
+TURNING = 0.05
+"""[1] Fraction of the largest speed of a joint, or of its largest torque, over which its direction changes."""
+CREEPING = 0.005
+"""[1] The same near standstill, for steeper friction."""
+STEPS = (0.25, 0.5, 0.75)
+"""[1] Of a log, after which functions change: two of them follow a change at any time to two thirds and more."""
+
+TORQUE_RATE = "rate of the torque"
+"""The function of the motion by which a shifted clock of the log shows."""
+LOOKS_LIKE: Mapping[str, str] = {
+    TORQUE_RATE: "a wrong clock or a lag of the drive",
+    "direction of motion": "other Coulomb friction",
+    "square of the velocity": "friction that is quadratic in the velocity",
+    "acceleration": "another inertia of the rotor",
+    "velocity": "other viscous friction",
+    "offset": "an offset of the torque",
+    "torque": "another scale of the torque",
+    "size of the torque": "a drive with another gain in one direction",
+    "direction of the torque": "a dead zone of the drive",
+    "friction by load": "friction that grows with the load",
+    "velocity near standstill": "steeper friction at standstill",
+    "time in the direction of motion": "friction that grows or falls with time",
+    "time and velocity": "viscous friction that grows or falls with time",
+    "size of the velocity": "friction that differs between the directions",
+    "cube of the velocity": "friction that is cubic in the velocity",
+    "kinetic energy": "the coupling of the links",
+    "jerk": "an elastic joint or a wrong clock",
+    "position": "a spring",
+    "square of the position": "a spring that is not linear",
+    "cube of the position": "a spring that is not linear",
+    "time": "an offset that drifts",
+    "cube of the torque": "a drive that saturates",
+    "curvature of the torque": "averages of the torque, or a lag",
+}
+"""Function of the motion -> what a model may lack that would look like it."""
+LIKE_GRAVITY = "a tilted base or other gravity"
+"""The same of the sine or cosine of the angle of a link."""
+LIKE_PAYLOAD = "a payload that changes on the way"
+"""The same of torque and acceleration that change in the course."""
+
+
+def looks_like(name: str) -> str:
+    """What a model may lack where its residual follows this function."""
+    return LOOKS_LIKE.get(name, LIKE_PAYLOAD if "which changes" in name else LIKE_GRAVITY)
+
+
+def functions_of_motion(run: Simulation) -> list[dict[str, Array]]:
+    """Functions (N,) of the simulated motion of each joint at the samples, by name, the most significant ones first.
+
+    Velocities and positions are included as far as the plant gives them; raises SimulationError.
+    """
+    motion = _Motion.of(run, run.record(all_ticks=True))
+    found = []
+    for j in range(run.model.joint_count):
+        named = dict(motion.functions(j))
+        table = run.sampled(np.column_stack(list(named.values()))[run.operator.ticks])
+        found.append(dict(zip(named, np.ascontiguousarray(table.T), strict=True)))
+    return found
+
+
+@dataclass(frozen=True)
+class _Motion:
+    """A recorded motion.
+
+    Attributes:
+        time: (K,) from the middle of the log, in halves of its length; torque: (K, n); rate: of it.
+        step: s between ticks, or their instants where it changes.
+        velocity, acceleration, position: joint, from 0, -> (K,), as far as the plant gives them.
+        angle: the same of the link behind a joint, the sum of those up to it; empty where a joint slides.
+    """
+
+    time: Array
+    torque: Array
+    rate: Array
+    step: float | Array
+    velocity: Mapping[int, Array]
+    acceleration: Mapping[int, Array]
+    position: Mapping[int, Array]
+    angle: Mapping[int, Array]
+
+    @classmethod
+    def of(cls, run: Simulation, recording: Recording) -> _Motion:
+        model, step = run.model, recording.spacing
+        offered, n, plant = {v.name for v in model.loop.plant.outputs}, model.joint_count, model.loop.plant_name
+        velocity, position = (
+            {j: recording.table([f"{plant}.{s}{j + 1}"])[:, 0] for j in range(n) if f"{s}{j + 1}" in offered}
+            for s in ("dq", "q")
+        )
+        turning = len(position) == n and all(unit == "N.m" for unit in model.parameters.torque_units)
+        torque = run.logged_torque(recording)
+        time = 2 * (recording.time - recording.time[0]) / np.ptp(recording.time) - 1
+        return cls(
+            time=time, torque=torque, rate=np.gradient(torque, step, axis=0), step=step, velocity=velocity,
+            acceleration={j: np.gradient(dq, step) for j, dq in velocity.items()}, position=position,
+            angle=dict(enumerate(np.cumsum([position[j] for j in range(n)], axis=0))) if turning else {},
+        )  # fmt: skip
+
+    def direction(self, j: int, over: float = TURNING) -> Array:
+        """(K,) of the motion of a joint."""
+        dq = self.velocity[j]
+        return np.asarray(np.tanh(dq / (over * max(float(np.abs(dq).max()), STANDSTILL))))
+
+    def functions(self, j: int) -> Iterator[tuple[str, Array]]:
+        """Name and values (K,) of the functions of a joint, from 0."""
+        torque, moves = self.torque[:, j], j in self.velocity
+        size = np.abs(torque)
+        yield TORQUE_RATE, self.rate[:, j]
+        if moves:
+            dq, ddq, way = self.velocity[j], self.acceleration[j], self.direction(j)
+            yield "direction of motion", way
+            yield "square of the velocity", dq * np.abs(dq)
+            yield "acceleration", ddq
+            yield "velocity", dq
+        yield "offset", np.ones(torque.size)
+        yield "torque", torque
+        yield "size of the torque", size
+        yield "direction of the torque", np.tanh(torque / (TURNING * max(float(size.max()), TINY)))
+        if moves:
+            yield "friction by load", size * way
+            yield "velocity near standstill", self.direction(j, CREEPING)
+            yield "time in the direction of motion", self.time * way
+            yield "time and velocity", self.time * dq
+            yield "size of the velocity", np.abs(dq)
+            yield "cube of the velocity", dq**3
+            yield "kinetic energy", dq**2
+            yield "jerk", np.gradient(ddq, self.step)
+        for link in range(j, min(j + 2, len(self.angle))):
+            yield f"sine of the angle of link {link + 1}", np.sin(self.angle[link])
+            yield f"cosine of the angle of link {link + 1}", np.cos(self.angle[link])
+        if j in self.position:
+            q = self.position[j] - self.position[j].mean()
+            yield from (("position", q), ("square of the position", q**2), ("cube of the position", q**3))
+        yield "time", self.time
+        yield "cube of the torque", torque**3
+        yield "curvature of the torque", np.gradient(self.rate[:, j], self.step)
+        for at in STEPS:
+            later = np.where(self.time > 2 * at - 1, 1.0, -1.0)
+            when = f", which changes after {100 * at:.0f} % of the log"
+            yield f"torque{when}", later * torque
+            if moves:
+                yield f"acceleration{when}", later * ddq
