@@ -65,7 +65,7 @@ def test_data_that_are_not_shipped_are_told(data: Path) -> None:
         assert re.search(rf"the file .*{name} does not exist\. Set {DATA_VARIABLE} to .*nonlinearbenchmark\.org", text)
 
 
-@pytest.mark.gate
+@pytest.mark.slow
 def test_robustness(tmp_path: Path) -> None:
     """From a start far away and at a tenth of the paper's noise: the right answer, or none."""
     vary = vary_of("scara_robustness") | {"train.torque.rate_hz": [10], "noise.relative": [0.05]}

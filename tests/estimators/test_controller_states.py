@@ -119,7 +119,7 @@ def test_values_and_deviations_hold_with_states_of_controllers_off(model: LoopMo
     assert np.mean(["integral1" in values for values in held]) >= 0.9
 
 
-@pytest.mark.gate
+@pytest.mark.slow
 def test_a_load_that_a_controller_holds_at_rest_is_found_and_nothing_else_is_freed(model: LoopModel) -> None:
     rest = at_rest(model)
     for seed in SEEDS:

@@ -259,7 +259,7 @@ def test_right_data_at_other_rates_give_nothing(rate_hz: float) -> None:
     ("seed", "rate_hz", "noise"),
     [
         (1, 20.0, 0.002),
-        (4, 20.0, 0.01),
+        pytest.param(4, 20.0, 0.01, marks=pytest.mark.slow),
         *(pytest.param(s, r, 0.002, marks=pytest.mark.slow) for s in (2, 4) for r in (20.0, 100.0)),
     ],
 )
@@ -268,7 +268,7 @@ def test_a_motion_that_needs_many_steps_gives_nothing(seed: int, rate_hz: float,
     assert codes(right("tx40_5khz", seed, rate_hz=rate_hz, noise=noise)) == []
 
 
-@pytest.mark.gate
+@pytest.mark.slow
 def test_a_clock_gains_nothing_by_steps_that_the_motion_lacks(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(linear_fit, "DIDIM_STEPS", 5)
     fitted = fitted_motion(right("tx40_5khz", 4, rate_hz=20.0, noise=0.01).on("estimation"))
