@@ -65,25 +65,17 @@ class PhysicalSet:
     friction: tuple[int, ...]
 
     @staticmethod
-    def of(model: RobotModel, base: BaseParameters, values: Array) -> PhysicalSet:
-        """The set of a robot; the base parameters ``values`` (b,) give the sizes of the unknowns.
+    def of(model: RobotModel, base: BaseParameters, mass: float) -> PhysicalSet:
+        """The set of a robot, whose :func:`mass_of` gives the sizes of the unknowns.
 
         What acts and is not identified keeps its value, unless that is zero, as where nobody has stated it.
         """
         joints = model.description.joints
-        split = [_NAME.fullmatch(name).groups() for name in base.standard_names]  # type: ignore[union-attr]
-        stems, places = [stem for stem, _ in split], np.array([int(number) for _, number in split])
-        inertial = np.array([stem in ENTRIES or stem == MOTOR_INERTIA for stem in stems])
-        whole = np.zeros((base.count, len(stems)))
-        whole[np.arange(base.count), base.index] = 1.0
-        whole[:, base.dependent] = base.regrouping
-        rows = np.flatnonzero((whole[:, inertial] != 0).any(axis=1))
+        stems, places = _split(base)
+        inertial, whole, rows = _inertial(base, stems)
         free = (whole[rows] != 0).any(axis=0) | inertial & (base.known == 0)
         free |= inertial & ~np.isin(np.arange(len(stems)), model.active)
-        lengths = [abs(length) for joint in joints for length in (joint.a, joint.d) if length]
-        length = float(np.median(lengths)) if lengths else 1.0
-        power = np.array([_power(stem, joints[j - 1].type) for stem, j in zip(stems, places, strict=True)])
-        mass = float(np.max(np.abs(values[rows]) / length ** power[base.index[rows]], initial=0.0)) or 1.0
+        length, power = _length(model), _powers(model, stems, places)
         scale = np.where(inertial, mass * length**power, 1.0)
         motors = np.flatnonzero(free & np.array([stem == MOTOR_INERTIA for stem in stems]))
         table = np.zeros((motors.size + len(TRIANGLE) * len(joints), len(stems)))
@@ -146,6 +138,43 @@ class PhysicalSet:
         for joint, part in zip(self.motors, parts[:first], strict=True):
             by_link[joint - 1] += part
         return int(np.argmax(by_link)) + 1
+
+
+def mass_of(model: RobotModel, base: BaseParameters, values: Array) -> float:
+    """About the mass of a robot with base parameters (b,): the largest that one of inertia has at the usual length of a
+    link; 1 where all are zero."""
+    stems, places = _split(base)
+    rows = _inertial(base, stems)[2]
+    power = _powers(model, stems, places)[base.index[rows]]
+    return float(np.max(np.abs(values[rows]) / _length(model) ** power, initial=0.0)) or 1.0
+
+
+def _split(base: BaseParameters) -> tuple[list[str], NDArray[np.int64]]:
+    """Stems of the standard parameters, and the numbers of their joints."""
+    split = [_NAME.fullmatch(name).groups() for name in base.standard_names]  # type: ignore[union-attr]
+    return [stem for stem, _ in split], np.array([int(number) for _, number in split])
+
+
+def _inertial(base: BaseParameters, stems: list[str]) -> tuple[NDArray[np.bool_], Array, NDArray[np.int64]]:
+    """(s,) which standard parameters are of inertia, the table (b, s) of the base parameters over them, and the places
+    of the base parameters of inertia."""
+    inertial = np.array([stem in ENTRIES or stem == MOTOR_INERTIA for stem in stems])
+    whole = np.zeros((base.count, len(stems)))
+    whole[np.arange(base.count), base.index] = 1.0
+    whole[:, base.dependent] = base.regrouping
+    return inertial, whole, np.flatnonzero((whole[:, inertial] != 0).any(axis=1))
+
+
+def _length(model: RobotModel) -> float:
+    """The usual length of a link."""
+    lengths = [abs(length) for joint in model.description.joints for length in (joint.a, joint.d) if length]
+    return float(np.median(lengths)) if lengths else 1.0
+
+
+def _powers(model: RobotModel, stems: list[str], places: NDArray[np.int64]) -> NDArray[np.int64]:
+    """(s,) powers of length in the standard parameters."""
+    joints = model.description.joints
+    return np.array([_power(stem, joints[j - 1].type) for stem, j in zip(stems, places, strict=True)])
 
 
 def _power(stem: str, joint_type: str) -> int:

@@ -119,13 +119,14 @@ class Didim(Estimator):
         lost: list[IdentificationError] = []
         last: _NonPhysicalError | None = None
         unsettled: Estimate | None = None
-        settled, starts = 0, start_sequence(model, self.start)
+        settled, looked, starts = 0, False, start_sequence(model, self.start)
         for start, further in zip(starts, (*starts[1:], None), strict=True):
             then = "" if further is None else f"; restarted from {start_text(further)}"
             try:
                 estimate = self._from(model, start, then, joint, history)
             except _NonPhysicalError as caught:
-                model = model if failures else with_likely_starts(model)
+                if not looked and isinstance(start, str):  # values of one's own may be impossible by themselves
+                    model, looked = with_likely_starts(model), True
                 last = caught if caught.settled or last is None or not last.settled else last
                 failures.append(f"from {start_text(start)}: {caught.reason}")
                 settled += caught.settled

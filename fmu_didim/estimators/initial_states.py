@@ -32,6 +32,7 @@ from fmu_didim.fit.fit import Fit, point, prior_rows
 from fmu_didim.fit.fit_uncertainty import fit_uncertainty
 from fmu_didim.fit.noise.noise import Noise
 from fmu_didim.fit.noise.weighting import NoiseOfResidual, noise_floor, whitened
+from fmu_didim.fit.solver.accuracy import with_fitting_substeps
 from fmu_didim.fit.solver.least_squares import minimise
 from fmu_didim.fit.solver.termination import Stopping
 from fmu_didim.model.experiment import InitialState
@@ -161,13 +162,15 @@ def with_likely_starts(model: LoopModel) -> LoopModel:
     none. Iterations need them whose first samples are far off.
     """
     labels = [label for label in model.estimation_labels if _may_be_off(model, label)]
+    if not labels:
+        return model
     cut = model
     for label in labels:
         seconds = FIRST_PART * float(np.ptp(model.experiments[label].time))
         cut = _with_state(cut, label, acts_s=seconds)
     try:
         values, _ = simulatable(cut, start_values(cut, "reference"))
-        torque = model.torque(values) if labels else model.measured
+        torque = with_fitting_substeps(model, values).torque(values)
     except (SimulationError, IdentificationError):
         return model
     late = np.concatenate([cut.experiments[label].has_settled for label in model.estimation_labels])

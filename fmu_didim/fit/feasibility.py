@@ -12,7 +12,7 @@ import numpy as np
 
 from fmu_didim.data.signals import Array
 from fmu_didim.dynamics.base_parameters import BaseParameters
-from fmu_didim.dynamics.physical_set import PhysicalSet
+from fmu_didim.dynamics.physical_set import PhysicalSet, mass_of
 from fmu_didim.dynamics.robot import RobotModel
 from fmu_didim.fit.region import Machine, Region
 
@@ -53,7 +53,7 @@ def nearest_physical(
     Raises:
         IdentificationError: no physical links have what is known of the robot, or the solver fails.
     """
-    physical = PhysicalSet.of(model, base, values)
+    physical = PhysicalSet.of(model, base, mass_of(model, base, values))
     if alone is not None:
         physical = physical.only(alone)
     rows = physical.rows

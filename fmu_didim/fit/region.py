@@ -11,8 +11,10 @@ arXiv:2405.12762, 2024).
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from itertools import pairwise
 
 import clarabel
@@ -21,8 +23,9 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from fmu_didim.base.errors import IdentificationError
+from fmu_didim.components import SameObject
 from fmu_didim.data.signals import Array
-from fmu_didim.dynamics.physical_set import TRIANGLE, PhysicalSet
+from fmu_didim.dynamics.physical_set import TRIANGLE, PhysicalSet, mass_of
 from fmu_didim.dynamics.robot.inertia import scaled_eigenvalues
 from fmu_didim.model.loop_model import LoopModel
 from fmu_didim.model.parameters import RobotParameters
@@ -42,6 +45,8 @@ SOLVED = 1e-7
 """[1] What the solver leaves, as a fraction of the value with which a parameter makes up all data alone."""
 POSITIONS = 16
 """[positions] Along the reference of an experiment, at which the inertia matrix is bounded."""
+KEPT = 32
+"""[machines] Kept with their last links: every stage of an estimation asks for the same ones."""
 
 
 @dataclass(frozen=True)
@@ -67,12 +72,14 @@ class Machine:
         place: (b,) of the base parameters among all values; physical: the set that they belong to.
         columns: (K, n, n, b) and known: (K, n, n) of the inertia matrices at K positions, each joint divided by the
             root of its size.
+        links: the unknowns (v,) of the last solution, if there was one.
     """
 
     place: NDArray[np.int64]
     physical: PhysicalSet
     columns: Array
     known: Array
+    links: list[Array] = field(default_factory=list, compare=False, repr=False)
 
     def triangles(self, smallest: float) -> tuple[Array, Array]:
         """Upper triangles (K t, b) and (K t,) of M - smallest diag M, what is not on the diagonal times sqrt(2)."""
@@ -82,11 +89,13 @@ class Machine:
         fixed = np.stack([factor * self.known[:, i, j] for i, j, factor in cells], axis=1)
         return table.reshape(-1, table.shape[2]), fixed.reshape(-1)
 
-    def holds(self, values: Array, unknowns: Array, margin: float, smallest: float) -> bool:
-        """Whether base parameters (b,) are those of links with the unknowns (v,), its carriers moved."""
-        physical, moved = self.physical, unknowns.copy()
+    def surely_holds(self, values: Array, margin: float, smallest: float) -> bool:
+        """Whether base parameters (b,) are those of the last links, the parameters that carry them moved."""
+        if not self.links:
+            return False
+        physical, moved = self.physical, self.links[-1].copy()
         rows = physical.rows
-        moved[physical.carriers] += (values[rows] - physical.map @ unknowns) / physical.row_scale
+        moved[physical.carriers] += (values[rows] - physical.map @ moved) / physical.row_scale
         slack = physical.fixed + physical.table @ moved
         if (slack[: len(physical.motors)] < 0).any() or np.linalg.eigvalsh(physical.matrices(slack)).min() < margin:
             return False
@@ -111,7 +120,6 @@ class Region:
     base: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, dtype=np.bool_))
     margin: float = MARGIN
     smallest: float = SMALLEST
-    _known: list[Array] = field(default_factory=list, compare=False, repr=False)  # unknowns of the last solution
 
     @staticmethod
     def of(model: LoopModel) -> Region:
@@ -125,7 +133,7 @@ class Region:
         for label in model.experiments:
             labels.setdefault(tuple(model.theta(numbers, label).astype(np.int64)), []).append(label)
         for place, together in labels.items():
-            machine = _machine(model, np.array(place), together)
+            machine = _machine(model, place, together)
             friction = machine.place[list(machine.physical.friction)]
             low[friction] = np.maximum(low[friction], 0.0)
             machines.append(machine)
@@ -150,14 +158,10 @@ class Region:
         return bool(((values >= low) & (values <= high)).all())
 
     def surely_holds(self, values: Array) -> bool:
-        """Whether values (p,) are found to lie in the region without solving anything: by the links of the machine
-        that the last solution has, their parameters that carry base parameters moved."""
-        if not self.limits_hold(values) or (self.machines and not self._known):
-            return False
-        ends = np.cumsum([0, *(machine.physical.map.shape[1] for machine in self.machines)])
-        return all(
-            machine.holds(values[machine.place], self._known[-1][first:last], self.margin, self.smallest)
-            for machine, first, last in zip(self.machines, ends[:-1], ends[1:], strict=True)
+        """Whether values (p,) are found to lie in the region without solving anything: by the links of each machine in
+        the last solution that it had."""
+        return self.limits_hold(values) and all(
+            machine.surely_holds(values[machine.place], self.margin, self.smallest) for machine in self.machines
         )
 
     def least_squares(self, table: Array, right: Array) -> Constrained:
@@ -179,7 +183,9 @@ class Region:
                 next_step="Check the values of the robot description that are not identified.",
             )  # fmt: skip
         unknowns, dual, slack = (np.array(part) for part in (found.x, found.z, found.s))
-        self._known[:] = [unknowns[unit.size : -right.size]]
+        ends = unit.size + np.cumsum([0, *(machine.physical.map.shape[1] for machine in self.machines)])
+        for machine, first, last in zip(self.machines, ends[:-1], ends[1:], strict=True):
+            machine.links[:] = [unknowns[first:last]]
         values = unknowns[: unit.size] * unit
         for limit in self.limits:
             touched = np.abs(values - limit) <= SOLVED * unit  # at a limit is on it
@@ -251,18 +257,30 @@ class Region:
         return tuple(np.concatenate(pair) for pair in zip(pieces[: len(motors)], pieces[len(motors) :], strict=True))
 
 
-def _machine(model: LoopModel, place: NDArray[np.int64], labels: Sequence[str]) -> Machine:
-    """The machine of some experiments."""
-    assert isinstance(model.parameters, RobotParameters)
-    robot, base, values = model.parameters.model, model.parameters.base, model.start[place]
-    matrices = robot.inertia_columns(np.concatenate([positions_along(model, label, POSITIONS) for label in labels]))
+def _machine(model: LoopModel, place: tuple[int, ...], labels: Sequence[str]) -> Machine:
+    """The machine of some experiments, at the power of two that is nearest to its mass."""
+    parameters = model.parameters
+    assert isinstance(parameters, RobotParameters)
+    positions = np.concatenate([positions_along(model, label, POSITIONS) for label in labels])
+    mass = mass_of(parameters.model, parameters.base, model.start[list(place)])
+    return _machine_along(SameObject(parameters), place, positions.tobytes(), 2.0 ** round(math.log2(mass)))
+
+
+@lru_cache(maxsize=KEPT)
+def _machine_along(parameters: SameObject, place: tuple[int, ...], positions: bytes, mass: float) -> Machine:
+    """The machine whose base parameters have these places among all values, along positions (K, n)."""
+    of = parameters.value
+    assert isinstance(of, RobotParameters)
+    robot, base = of.model, of.base
+    physical = PhysicalSet.of(robot, base, mass)
+    matrices = robot.inertia_columns(np.frombuffer(positions).reshape(-1, robot.joint_count))
     columns = matrices[..., base.index]
-    size = np.sqrt(np.einsum("kiib,b->i", np.abs(columns), np.abs(values)) / len(columns))
+    unit = np.zeros(base.count)
+    unit[physical.rows] = physical.row_scale
+    size = np.sqrt(np.einsum("kiib,b->i", np.abs(columns), unit) / len(columns))
     size[size == 0] = 1.0
     scale = 1 / np.outer(size, size)
-    return Machine(
-        place, PhysicalSet.of(robot, base, values), columns * scale[..., None], (matrices @ base.known) * scale
-    )
+    return Machine(np.array(place), physical, columns * scale[..., None], (matrices @ base.known) * scale)
 
 
 def positions_along(model: LoopModel, label: str, count: int) -> Array:
