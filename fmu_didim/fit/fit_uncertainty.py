@@ -89,7 +89,8 @@ def _by_residual(fit: Fit, residual: Array, sensitivity: Array, influence: Array
     model, experiments = fit.model, fit.model.experiments
     stated = ~np.isnan(model.stated_deviations)
     deviation = fit.noise.deviation
-    usual = np.einsum("mjp,mjp->jp", influence, influence) * deviation[:, None] ** 2
+    weighted = influence * deviation[:, None]
+    usual = np.einsum("mjp,mjp->jp", weighted, weighted)
     is_filtered = experiments.low_pass is not None
     if is_filtered:
         influence = filtered_torque(fit, influence)

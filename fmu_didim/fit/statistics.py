@@ -151,7 +151,9 @@ def correlation(covariance: Array) -> Array:
 
 
 def relative_error_percent(measured: Array, simulated: Array) -> tuple[float, Array]:
-    """100 |y - y_s| / |y|: in total, and of each joint (n,)."""
-    difference = measured - simulated
-    per_joint = 100 * np.linalg.norm(difference, axis=0) / np.linalg.norm(measured, axis=0)
-    return float(100 * np.linalg.norm(difference) / np.linalg.norm(measured)), per_joint
+    """100 |y - y_s| / |y|: in total, and of each joint (n,); 0 where both are zero."""
+    error = np.linalg.norm(measured - simulated, axis=0)
+    size = np.where(error > 0, np.linalg.norm(measured, axis=0), 1.0)
+    with np.errstate(divide="ignore"):
+        per_joint = 100 * error / size
+    return float(100 * np.linalg.norm(measured - simulated) / np.linalg.norm(measured)), per_joint

@@ -109,6 +109,12 @@ def test_relative_numbers() -> None:
     assert total == pytest.approx(100 * np.sqrt(10 / 29)) and joints.tolist() == pytest.approx([60.0, 50.0])
 
 
+def test_a_joint_without_torque_has_no_relative_error_unless_the_simulation_has_torque() -> None:
+    measured = np.array([[3.0, 0.0, 0.0], [4.0, 0.0, 0.0]])
+    simulated = measured + np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 2.0]])
+    assert relative_error_percent(measured, simulated)[1].tolist() == [20.0, 0.0, np.inf]
+
+
 @pytest.mark.parametrize(
     ("freedom", "limit", "quantile"),
     [
