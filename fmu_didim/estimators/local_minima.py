@@ -10,9 +10,10 @@ at f and a log at the rate R, minima lie apart by
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import pairwise
 
 import numpy as np
 
@@ -22,7 +23,7 @@ from fmu_didim.estimators.finish import Minimum
 from fmu_didim.estimators.inverse_simulation import stiffness
 from fmu_didim.estimators.start import simulatable
 from fmu_didim.fit.fit import Fit, point, prior_squares, sum_of_squares
-from fmu_didim.fit.noise.weighting import NoiseOfResidual
+from fmu_didim.fit.noise.weighting import NoiseOfResidual, whitened
 from fmu_didim.fit.prior_fit import prior_fit
 from fmu_didim.fit.solver.admissible import mass_matrix_problem
 from fmu_didim.model.loop_model import LoopModel
@@ -45,6 +46,11 @@ SCAN_STEP = 0.15
 """[1] Largest step of that search: half of the width of the valleys of a TX40's last joint at 100 Hz."""
 SCAN_PART = 0.125
 """[1] Step of it over the distance of two minima: each has four points on its slopes."""
+FAR = 2.0
+"""[1] Ratio of the squares that another minimum and this one leave of the first samples, above which the other does not
+count, whatever it makes of the later ones."""
+HASTE = 1.5
+"""[1] By which a residual may change faster than it is seen to change at the ends of a part of the grid."""
 VALLEYS = 3
 """[minima] Compared on the whole log, the lowest ones."""
 HARDLY_WORSE = 10.8
@@ -137,13 +143,68 @@ def valleys(fit: Fit) -> list[Valley]:
     for place, distance in folded.items():
         step = min(SCAN_STEP, SCAN_PART * distance)
         count = math.ceil(math.log(FARTHEST_FACTOR) / step)
-        factors = np.exp(step * np.arange(-count, count + 1))
-        trials = [Valley(place, float(factor), np.inf).values(fit.values) for factor in factors]
-        costs = np.array(side_by_side([partial(_cost, begin, trial, fit.deviation) for trial in trials], workers))
-        lower = np.flatnonzero((costs[1:-1] < costs[:-2]) & (costs[1:-1] <= costs[2:])) + 1
-        best = [i for i in lower[np.argsort(costs[lower])] if i != count][:VALLEYS]
-        found += [Valley(place, float(factors[i]), _cost(model, trials[i], fit.deviation)) for i in best]
+        trials = [Valley(place, math.exp(step * k), np.inf) for k in range(-count, count + 1)]
+        sizes = partial(_sizes, begin, fit, trials, workers)
+        speed = _speed(fit, place)
+        scanned = scan(sizes, count, lambda k: speed * math.exp(step * max(k, 0)) * step)  # noqa: B023
+        found += [
+            Valley(place, trials[count + k].factor, _cost(model, trials[count + k].values(fit.values), fit.deviation))
+            for k in scanned[:VALLEYS]
+        ]
     return found
+
+
+def scan(sizes: Callable[[Sequence[int]], Array], count: int, speed: Callable[[int], float]) -> list[int]:
+    """Places k on a grid from -count to count at which the size of a residual has a minimum that counts, the lowest
+    first; the one at 0, whence the scan begins, is left out.
+
+    Between two places the residual r cannot become smaller than
+
+        |r| >= (|r_a| + |r_b| - (b - a) v) / 2
+
+    where v is the speed at which it changes. Only where that is small is looked at closely.
+
+    Args:
+        sizes: |r| at some places; speed: change of r from one place to the next, near a place.
+    """
+    begin = sorted({-count, 0, count})
+    known = dict(zip(begin, sizes(begin), strict=True))
+    limit, gaps = math.sqrt(FAR * known[0] ** 2 + HARDLY_WORSE), list(pairwise(begin))
+    while gaps := [gap for gap in gaps if gap[1] - gap[0] > 1 and _may_hide(known, *gap, speed) <= limit]:
+        middles = [(a + b) // 2 for a, b in gaps]
+        known |= dict(zip(middles, sizes(middles), strict=True))
+        gaps = [part for (a, b), k in zip(gaps, middles, strict=True) for part in ((a, k), (k, b))]
+    places = sorted(known)
+    lower = [
+        k for before, k, after in zip(places, places[1:], places[2:], strict=False)
+        if known[k] < known[before] and known[k] <= known[after] and known[k] <= limit and k != 0
+    ]  # fmt: skip
+    return sorted(lower, key=lambda k: known[k])
+
+
+def _may_hide(known: Mapping[int, float], a: int, b: int, speed: Callable[[int], float]) -> float:
+    """The smallest size that a residual may have between two places; nothing is known beside one that failed."""
+    if not math.isfinite(known[a] + known[b]):
+        return 0.0
+    fastest = HASTE * max(speed(b), abs(known[b] - known[a]) / (b - a))
+    return 0.5 * (known[a] + known[b] - (b - a) * fastest)
+
+
+def _speed(fit: Fit, place: int) -> float:
+    """Change of the weighted residual of the first samples, and of a prior's, with the logarithm of an inertia, at the
+    values of a fit."""
+    first = np.concatenate(
+        [np.arange(rows.stop - rows.start) < SCANNED for rows in fit.model.experiments.rows.values()]
+    )
+    table = fit.model.beside_prior(whitened(fit.jacobian[first], fit.deviation))
+    return float(np.linalg.norm(table[:, place]) * abs(fit.values[place]))
+
+
+def _sizes(model: LoopModel, fit: Fit, trials: Sequence[Valley], workers: int, places: Sequence[int]) -> Array:
+    """(K,) size of the weighted residual of the first samples, with that of a prior, at places on a grid around 0."""
+    middle = len(trials) // 2
+    costs = [partial(_cost, model, trials[middle + k].values(fit.values), fit.deviation) for k in places]
+    return np.sqrt(side_by_side(costs, workers))
 
 
 def folded_inertias(model: LoopModel, values: Array) -> dict[int, float]:
