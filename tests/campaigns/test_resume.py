@@ -93,7 +93,7 @@ def killed_and_resumed(tmp_path: Path, kills: int, seeds: int, *, early: float) 
     pd.testing.assert_frame_equal(table(out), table(tmp_path / "undisturbed"))
 
 
-@pytest.mark.gate
+@pytest.mark.slow
 def test_killed_and_resumed(tmp_path: Path) -> None:
     killed_and_resumed(tmp_path, 1, 4, early=0.0)
 

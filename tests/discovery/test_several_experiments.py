@@ -50,7 +50,7 @@ def test_an_effect_that_one_of_two_experiments_shows_is_found(found: tuple[Path,
         assert p.value == pytest.approx(TRUTH[0][name], abs=4 * p.std), name  # type: ignore[operator]
 
 
-@pytest.mark.gate
+@pytest.mark.slow
 def test_each_experiment_is_told_with_its_role_and_its_gap(found: tuple[Path, FindingsDocument]) -> None:
     document = found[1]
     assert document.roles == {label: run.role for label, run in FAST.items()}

@@ -104,7 +104,7 @@ def test_other_starts_follow(folder: Path, start: object, expected: tuple[object
     assert start_sequence(empty(folder), start) == expected
 
 
-@pytest.mark.gate
+@pytest.mark.slow
 def test_second_minimum_is_left(folder: Path) -> None:
     """The loop of joint 6 resonates at 71 Hz, seen at 100 Hz: from a third of its motor inertia back to the truth."""
     model = measured(folder, 2)

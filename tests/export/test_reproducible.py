@@ -33,7 +33,7 @@ def content(path: Path) -> dict[str, bytes]:
         return {name: archive.read(name) for name in archive.namelist()}
 
 
-@pytest.mark.gate
+@pytest.mark.slow
 @pytest.mark.parametrize("version", [pytest.param("2.0", marks=pytest.mark.slow), "3.0"])
 def test_twice_the_same_for_all_platforms(version: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """From folders of other names and depths, by a compiler that has kept nothing, hours apart and in another zone."""

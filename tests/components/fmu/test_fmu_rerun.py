@@ -58,15 +58,15 @@ def pid_of(instance: Instance) -> int:
     [
         ((), "reset"),
         (("RESET_KEEPS_STATE",), "state"),
-        (("RESET_KEEPS_PARAMETERS",), "state"),
+        pytest.param(("RESET_KEEPS_PARAMETERS",), "state", marks=pytest.mark.slow),
         (("RESET_KEEPS_STATE", "STATE_INCOMPLETE"), "re-instantiate"),
         (("COUNTS_INSTANCES",), "fresh process"),
         (("CRASH_IN_RESET",), "state"),
         (("CRASH_IN_NEW_STATE",), "reset"),
         (("SETUP_OVERWRITES",), "reset"),
-        (("SETUP_OVERWRITES", "RESET_KEEPS_PARAMETERS"), "reset"),
-        (("SETUP_OVERWRITES", "CRASH_IN_RESET"), "state"),
-        (("PARAMETERS_UNREADABLE",), "reset"),
+        pytest.param(("SETUP_OVERWRITES", "RESET_KEEPS_PARAMETERS"), "reset", marks=pytest.mark.slow),
+        pytest.param(("SETUP_OVERWRITES", "CRASH_IN_RESET"), "state", marks=pytest.mark.slow),
+        pytest.param(("PARAMETERS_UNREADABLE",), "reset", marks=pytest.mark.slow),
     ],
 )
 @pytest.mark.parametrize("isolated", [None, pytest.param(True, marks=pytest.mark.slow)])
@@ -96,7 +96,7 @@ def test_runs_again_are_as_new(tmp_path: Path, macros: tuple[str, ...], strategy
     assert len(told["reset_reason"]) > 10
 
 
-@pytest.mark.gate
+@pytest.mark.slow
 @pytest.mark.parametrize("macros", [(), ("RESET_KEEPS_STATE",), ("RESET_KEEPS_STATE", "STATE_INCOMPLETE")])
 def test_isolated_instances_keep_their_process(tmp_path: Path, macros: tuple[str, ...]) -> None:
     made = load_fmu(awkward_fmu(tmp_path, *macros), isolated=True)
@@ -491,8 +491,8 @@ def _resident() -> float:
 @pytest.mark.parametrize(
     ("interface", "solver", "strategy"),
     [
-        ("co-simulation", "rk4", "auto"), ("model-exchange", "rk4", "auto"), ("model-exchange", "cvode", "auto"),
-        ("co-simulation", "rk4", "state"),
+        ("co-simulation", "rk4", "auto"), ("model-exchange", "cvode", "auto"), ("co-simulation", "rk4", "state"),
+        pytest.param("model-exchange", "rk4", "auto", marks=pytest.mark.slow),
     ],
 )  # fmt: skip
 def test_a_thousand_runs_leave_nothing(
