@@ -185,7 +185,10 @@ def _check(signal: str, unit: str, definition: UnitDefinition, column: Column, w
     if column.torque_constant is not None:
         names, valid = ("A",), ({"A": 1},)
     if definition.offset:
-        raise InputError("A unit with an offset cannot be the unit of this signal.", where=where, got=unit)
+        raise InputError(
+            "A unit with an offset cannot be the unit of this signal.", where=where, got=unit,
+            next_step="Convert the signal before, or give the unit of differences, such as K for degC.",
+        )  # fmt: skip
     if not valid or powers in valid:
         return
     raise InputError(

@@ -134,11 +134,15 @@ def inventory(files: Sequence[Path], said: Mapping[Path, FmuRole], *, has_law: b
             elif "joints" in content:
                 found.robot = path, read_robot(path)
             else:
-                raise InputError("This YAML is neither a robot (joints:) nor a controller (law:).", where=str(path))
+                raise InputError(
+                    "This YAML is neither a robot (joints:) nor a controller (law:).", where=str(path),
+                    next_step="Leave it out: init writes a case, and needs data, a plant and a controller.",
+                )  # fmt: skip
         else:
             raise InputError(
                 "This file is of no kind that is known.", where=str(path),
                 valid=(*READER_OF, ".fmu", ".mo", ".ssp", ".yaml"),
+                next_step="Leave it out, or export it as one of these.",
             )  # fmt: skip
     if not [d for d in found.data if not d.is_loop_log]:
         raise InputError(

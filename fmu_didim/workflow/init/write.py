@@ -101,7 +101,10 @@ def _said(plant: Path | str | None, controller: Path | str | None) -> dict[Path,
                 valid=(".fmu", ".mo"), next_step="Give any other file without the option.",
             )  # fmt: skip
         if Path(file).resolve() in said:
-            raise InputError("One FMU cannot be the plant and the controller.", where=f"--{role}", got=str(file))
+            raise InputError(
+                "One FMU cannot be the plant and the controller.", where=f"--{role}", got=str(file),
+                next_step="Give the other one its own file.",
+            )  # fmt: skip
         said[Path(file).resolve()] = role
     return said
 
