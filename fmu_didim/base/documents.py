@@ -377,9 +377,10 @@ class Lines:
         """Place of each value that is still to be filled in, and the comment in its line."""
         if not re.search(rf"\b{TO_FILL_IN}\b", self._text):
             return []
-        rows, found = self._text.splitlines(), []
+        rows, found, seen = self._text.splitlines(), [], set[int]()
         for path, node in _scalars(self._root, ""):
-            if node.value == TO_FILL_IN:
+            if node.value == TO_FILL_IN and id(node) not in seen:
+                seen.add(id(node))  # once where it stands, not for each alias
                 line = node.start_mark.line
                 _, sign, note = rows[line].partition(" # ")
                 found.append((f"line {line + 1}, {path}", f" ({note.strip()})" if sign else ""))
