@@ -24,6 +24,7 @@ from yaml.resolver import Resolver
 from yaml.scanner import Scanner
 
 from fmu_didim.base.docstrings import about, key_texts
+from fmu_didim.base.entry_words import KEY, details_of, in_words
 from fmu_didim.base.errors import InputError
 from fmu_didim.base.files import is_file
 
@@ -34,10 +35,10 @@ MAXIMUM_DEPTH = 50
 has. What is beyond them is not read to its end."""
 MOST_PROBLEMS = 20
 """Problems of one file that are reported at most."""
+LONGEST_REASON = 500
+"""Characters of the reason why a saved document cannot be read."""
 LONGEST = 60
 """Characters of a value or a key that are shown."""
-LONGEST_MESSAGE = 4000
-"""Characters of the message about an entry: our messages end with the advice, after the valid names."""
 _REPR = reprlib.Repr()
 _REPR.maxstring = _REPR.maxother = LONGEST
 _REPR.maxlevel = 3
@@ -127,7 +128,10 @@ def load_yaml(path: Path | str) -> dict[str, Any]:
         size = path.stat().st_size
         raw = path.read_bytes() if size <= MAXIMUM_BYTES else b""
     except OSError as error:
-        raise InputError("The file cannot be read.", where=str(path), got=str(error)) from error
+        raise InputError(
+            "The file cannot be read.", where=str(path), got=str(error),
+            next_step="Make it readable for you, or give another path.",
+        ) from error  # fmt: skip
     if size > MAXIMUM_BYTES:
         raise InputError(
             "The file is too large for a description.", where=str(path), got=f"{size} bytes",
@@ -142,9 +146,15 @@ def load_yaml(path: Path | str) -> dict[str, Any]:
             next_step="Save it as UTF-8.",
         ) from error  # fmt: skip
     except yaml.YAMLError as error:
-        raise InputError("The file is not valid YAML.", where=str(path), got=str(error)[:1000]) from error
+        raise InputError(
+            "The file is not valid YAML.", where=str(path), got=str(error)[:1000],
+            next_step="Mend that line: indent with spaces, a space after each colon, quotes and brackets closed.",
+        ) from error  # fmt: skip
     if not isinstance(content, dict):
-        raise InputError("The file holds no mapping.", where=str(path), got=type(content).__name__, valid="key: value")
+        raise InputError(
+            "The file holds no mapping.", where=str(path), got=type(content).__name__, valid="key: value",
+            next_step="Write it as keys with values; fmu-didim init writes a case to start from.",
+        )  # fmt: skip
     return content
 
 
@@ -218,8 +228,9 @@ class _Loader(Composer, SafeConstructor, Resolver):
             if isinstance(found, str):
                 found.encode("utf-8")  # half of a character, written as an escape, is invalid
             return found
-        except (ValueError, OverflowError) as error:  # such as the 30th of February, or five thousand digits
-            raise ConstructorError(None, None, str(error), node.start_mark) from error
+        except (ValueError, OverflowError, LookupError, TypeError, AttributeError) as error:
+            # Such as the 30th of February, five thousand digits, or a tag that its text does not fit: !!int ''.
+            raise ConstructorError(None, None, f"{_short(node.value)}: {error}", node.start_mark) from error
 
 
 class PythonLoader(_Loader, Reader, Scanner, Parser):
@@ -300,15 +311,24 @@ def _other_kind(content: dict[str, Any], model: type[BaseModel]) -> str:
 
 def problems(error: ValidationError, model: type[BaseModel], lines: Lines | None = None) -> list[str]:
     """The problems of a document, each with its line, path and valid names, without those that are to be filled in."""
-    details = [d for d in error.errors(include_url=False) if lines is None or d.get("input") != TO_FILL_IN]
+    details = [d for d in details_of(error) if lines is None or d.get("input") != TO_FILL_IN]
     return [("" if lines is None else lines.of(d["loc"])) + _problem(d, model) for d in details]
+
+
+def why_unread(error: Exception, model: type[BaseModel]) -> str:
+    """Why a saved document could not be read, in a line."""
+    found = problems(error, model) if isinstance(error, ValidationError) else [str(error)]
+    return "; ".join(found)[:LONGEST_REASON]
 
 
 def problems_error(found: Sequence[str], *, where: str) -> InputError:
     """The error that lists problems of a file."""
     count = "a problem" if len(found) == 1 else f"{len(found)} problems"
     listed = [*found[:MOST_PROBLEMS], *(["and others"] if len(found) > MOST_PROBLEMS else [])]
-    return InputError(f"{Path(where).name} has {count}:\n" + "\n".join(f"  - {p}" for p in listed), where=where)
+    return InputError(
+        f"{Path(where).name} has {count}:\n" + "\n".join(f"  - {p}" for p in listed), where=where,
+        next_step="Mend these entries in the file; fmu-didim validate FILE checks it again.",
+    )  # fmt: skip
 
 
 def read_document(model: type[Model], path: Path | str) -> Model:
@@ -357,9 +377,10 @@ class Lines:
         """Place of each value that is still to be filled in, and the comment in its line."""
         if not re.search(rf"\b{TO_FILL_IN}\b", self._text):
             return []
-        rows, found = self._text.splitlines(), []
+        rows, found, seen = self._text.splitlines(), [], set[int]()
         for path, node in _scalars(self._root, ""):
-            if node.value == TO_FILL_IN:
+            if node.value == TO_FILL_IN and id(node) not in seen:
+                seen.add(id(node))  # once where it stands, not for each alias
                 line = node.start_mark.line
                 _, sign, note = rows[line].partition(" # ")
                 found.append((f"line {line + 1}, {path}", f" ({note.strip()})" if sign else ""))
@@ -378,16 +399,16 @@ def _scalars(node: yaml.Node | None, path: str) -> Iterator[tuple[str, yaml.Node
 
 
 def _problem(detail: Any, model: type[BaseModel]) -> str:
-    location = [part for part in detail["loc"] if not (isinstance(part, str) and part.startswith("function-"))]
+    location = [part for part in detail["loc"] if part != KEY and not str(part).startswith("function-")]
     path = ".".join(str(part)[:LONGEST] for part in location)
     if detail["type"] == "extra_forbidden":
         names = _fields_at(model, location[:-1])
         near = difflib.get_close_matches(str(location[-1])[:LONGEST], names, n=1)
         hint = f" Did you mean '{near[0]}'?" if near else ""
         return f"{path}: unknown key.{hint} Valid keys: {', '.join(names)}"
+    message = in_words(detail)
     if detail["type"] == "missing":
-        return f"{path}: this key is required"
-    message = str(detail["msg"])[:LONGEST_MESSAGE].removeprefix("Value error, ")
+        return f"{path}: {message}"
     if not path:  # of the document as a whole
         return message
     return f"{path}: {message} (got {_short(detail.get('input'))})"

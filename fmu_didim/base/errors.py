@@ -17,6 +17,7 @@ MOST_NAMES = 60
 """Names that a message lists at most: nobody reads thousands of columns."""
 LONGEST_NAME = 200
 """Characters of a name that is compared with others; those of machines and models have some tens."""
+NOTHING_TO_NAME = "Leave it out: there is none that could be named."
 
 
 def _restored(kind: type[FmuDidimError], text: str, state: Mapping[str, Any]) -> FmuDidimError:
@@ -30,13 +31,14 @@ class FmuDidimError(Exception):
     """Root of all errors raised by the framework.
 
     Attributes:
+        next_step: what to do about it, which every error has to say.
         component: the component of the loop that failed by itself; "" if there is no such component.
     """
 
     component = ""
 
     def __init__(
-        self, what: str, *, where: str = "", got: object = None, valid: Iterable[str] | str = (), next_step: str = ""
+        self, what: str, *, next_step: str, where: str = "", got: object = None, valid: Iterable[str] | str = ()
     ) -> None:
         self.what = what
         self.where = where
@@ -73,8 +75,7 @@ class FmuDidimError(Exception):
             lines.append(f"  got:   {self.got}")
         if self.valid:
             lines.append(f"  valid: {self.valid}")
-        if self.next_step:
-            lines.append(f"  next:  {self.next_step}")
+        lines.append(f"  next:  {self.next_step}")
         return "\n".join(lines)
 
 
@@ -94,7 +95,7 @@ class UnknownNameError(InputError):
     def __init__(self, kind: str, name: str, valid: Iterable[str], *, where: str = "") -> None:
         names = list(valid)
         near = difflib.get_close_matches(name[:LONGEST_NAME], [n for n in names if len(n) <= LONGEST_NAME], n=1)
-        step = f"Did you mean '{near[0]}'?" if near else ""
+        step = f"Did you mean '{near[0]}'?" if near else "Take one of the valid names." if names else NOTHING_TO_NAME
         super().__init__(f"There is no {kind} named '{name}'.", where=where, got=name, valid=names, next_step=step)
 
 
@@ -117,7 +118,7 @@ class DivergedError(SimulationError):
         time: s; is_finite: whether the value that was out of range is a number.
     """
 
-    def __init__(self, what: str, *, time: float, where: str = "", next_step: str = "", is_finite: bool = True) -> None:
+    def __init__(self, what: str, *, time: float, next_step: str, where: str = "", is_finite: bool = True) -> None:
         self.time, self.is_finite = time, is_finite
         super().__init__(what, where=where, got=f"t = {time:.6g} s", next_step=next_step)
 

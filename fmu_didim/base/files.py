@@ -2,21 +2,25 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 import re
 import secrets
 import shutil
+import socket
 import stat
+import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from functools import cache
 from pathlib import Path
 from typing import TypeVar
 
 PARTIAL = ".partial-"
 """How the names of files and folders begin that are being written."""
 STALE = 2 * 3600.0
-"""Seconds after which they are given up: four times as long as a compilation may take."""
+"""Seconds after which those of other machines are given up: four times as long as a compilation may take."""
 HELD = (5, 32, 33)
 """Windows' errors where another program has a file open: access denied, sharing violation, lock violation.
 
@@ -131,9 +135,33 @@ def advice(error: OSError, otherwise: str, *, place: str = "another folder") -> 
     return f"The path is too long for Windows (260 characters): name {place} with a short path, such as C:\\fmu."
 
 
+def _partial_name() -> str:
+    """A name that says on which machine which process is writing, so that what a killed one left is known."""
+    return f"{PARTIAL}{_machine()}-{os.getpid()}-{secrets.token_hex(4)}"
+
+
+@cache
+def _machine() -> str:
+    """A short name of this machine that any file system takes."""
+    return hashlib.sha256(socket.gethostname().encode()).hexdigest()[:6]
+
+
+def is_running(process: int) -> bool:
+    """Whether a process of this machine runs; True where the system does not tell."""
+    if sys.platform == "win32":
+        return True  # where asking for it as below would end it
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    except OSError:
+        pass  # of another user
+    return True
+
+
 def partial_folder(parent: Path) -> Path:
     """A new folder to fill; the umask and the folder it lies in decide who may read it."""
-    path = parent / f"{PARTIAL}{secrets.token_hex(8)}"
+    path = parent / _partial_name()
     path.mkdir()
     return path
 
@@ -144,7 +172,7 @@ def whole_file(path: Path) -> Iterator[Path]:
 
     The umask and the folder decide who may read it.
     """
-    temporary = path.with_name(f"{PARTIAL}{secrets.token_hex(8)}{path.suffix}")
+    temporary = path.with_name(f"{_partial_name()}{path.suffix}")
     temporary.touch(exist_ok=False)
     try:
         yield temporary
@@ -153,6 +181,13 @@ def whole_file(path: Path) -> Iterator[Path]:
     finally:
         with suppress(PermissionError):  # held by another program: stale one day
             temporary.unlink(missing_ok=True)
+
+
+def _is_given_up(path: Path) -> bool:
+    """Whether a process of this machine was writing it that runs no more."""
+    machine, _, rest = path.name.removeprefix(PARTIAL).partition("-")
+    process = rest.partition("-")[0]
+    return machine == _machine() and process.isdecimal() and not is_running(int(process))
 
 
 def sync(path: Path) -> None:
@@ -173,10 +208,10 @@ def _sync(path: Path, flags: int) -> None:
 
 
 def remove_stale(folder: Path) -> None:
-    """Remove files in a folder that killed processes left half written."""
+    """Remove what killed processes left half written in a folder: of this machine at once, of others when it is old."""
     for path in folder.glob(f"{PARTIAL}*"):
         with suppress(OSError):
-            if time.time() - path.stat().st_mtime < STALE:
+            if not _is_given_up(path) and time.time() - path.stat().st_mtime < STALE:
                 continue
             if path.is_dir():
                 shutil.rmtree(path)

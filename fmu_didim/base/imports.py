@@ -95,7 +95,7 @@ def import_object(reference: str, *, folder: Path | None = None, where: str = ""
     if not is_reference(reference):
         raise InputError(
             "This does not name a Python object.", where=where, got=reference,
-            valid="package.module:name, path/to/file.py:name",
+            valid="package.module:name, path/to/file.py:name", next_step="Name the object with its module or file.",
         )  # fmt: skip
     check_allowed(reference, where=where)
     module_name, _, name = located(reference, folder or Path()).rpartition(":")
@@ -167,7 +167,10 @@ def _module(name: str, folder: Path, where: str) -> Any:
             "working folder.",
         )  # fmt: skip
     if not is_file(path):
-        raise InputError("The Python file does not exist.", where=where, got=name)
+        raise InputError(
+            "The Python file does not exist.", where=where, got=name,
+            next_step="Check the path; it is relative to the file that names it.",
+        )  # fmt: skip
     return _run(path)
 
 

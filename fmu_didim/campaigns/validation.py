@@ -13,6 +13,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from fmu_didim.base.documents import problems
+from fmu_didim.base.entry_words import details_of
 from fmu_didim.base.errors import InputError
 from fmu_didim.campaigns.planning.document import CampaignDocument, Noise, Options
 from fmu_didim.campaigns.planning.fields import with_written_descriptions
@@ -50,7 +51,7 @@ def read_campaign(content: Mapping[str, Any], folder: Path) -> tuple[Plan | None
                 messages = [text.replace("vary.0.grid.", "vary.") for text in messages]
             found += [text for text in messages if text not in found]
             before = dict(left)
-            for detail, text in zip(error.errors(include_url=False), messages, strict=True):
+            for detail, text in zip(details_of(error), messages, strict=True):
                 _leave_out(left, [str(part) for part in detail["loc"]] or [text.partition(":")[0]])
             if left == before:
                 return None, found

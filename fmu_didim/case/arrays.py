@@ -86,7 +86,10 @@ class Reference:
 def _signals(kind: str, time: Any, parts: Mapping[str, tuple[str, Any]]) -> Trajectory:
     stamps = _numbers(time, f"{kind}: time")
     if stamps.ndim != 1:
-        raise InputError("The time is one column.", where=f"{kind}: time", got=stamps.shape, valid="(N,) in s")
+        raise InputError(
+            "The time is one column.", where=f"{kind}: time", got=stamps.shape, valid="(N,) in s",
+            next_step="Give time.ravel(), or one column of it.",
+        )  # fmt: skip
     columns: dict[str, Array] = {}
     widths = {}
     for stem, (name, values) in parts.items():
@@ -105,6 +108,7 @@ def _signals(kind: str, time: Any, parts: Mapping[str, tuple[str, Any]]) -> Traj
         raise InputError(
             "The arrays have different numbers of joints.", where=kind,
             got=", ".join(f"{name}: {count}" for name, count in widths.items()),
+            next_step="Give each array one column a joint, from the base to the tip.",
         )  # fmt: skip
     return Trajectory(stamps, np.column_stack(list(columns.values())), tuple(map(Variable, columns)), source=kind)
 
@@ -117,7 +121,10 @@ def _numbers(values: Any, where: str) -> Array:
             next_step="Give seconds on the clock of the reference: (t - t[0]) / np.timedelta64(1, 's').",
         )  # fmt: skip
     if found.dtype.kind not in "iuf":
-        raise InputError("This is no array of real numbers.", where=where, got=f"dtype {found.dtype}", valid="float")
+        raise InputError(
+            "This is no array of real numbers.", where=where, got=f"dtype {found.dtype}", valid="float",
+            next_step="Convert it first, such as with numpy.asarray(values, dtype=float).",
+        )  # fmt: skip
     return np.asarray(found, dtype=float)
 
 
@@ -127,7 +134,7 @@ def _with_units(signals: Trajectory, unit: str | Sequence[str], per: Mapping[str
     if len(units) != count:
         raise InputError(
             "One unit is needed for all joints, or one for each.", where=f"{signals.source}: unit", got=units,
-            valid=f"{count} units",
+            valid=f"{count} units", next_step="Give a single unit such as 'N m', or a list with one for each column.",
         )  # fmt: skip
     found = {}
     for name in signals.names:

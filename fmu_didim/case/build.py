@@ -369,7 +369,10 @@ def _check(document: CaseDocument, model: LoopModel, estimator: Estimator) -> No
         for name in experiment.initial_state.values:
             model.loop.start_named(name, where=f"{label}.initial_state")
     if model.torque_deviation is not None and model.torque_deviation.size != n:
-        raise InputError("torque_std needs one value for each joint.", got=model.torque_deviation.size, valid=str(n))
+        raise InputError(
+            "torque_std needs one value for each joint.", got=model.torque_deviation.size, valid=str(n),
+            next_step="Give one number for all joints, or a list of that length.",
+        )  # fmt: skip
     if (
         model.loop.torque_is_given
         and not estimator.needs_positions

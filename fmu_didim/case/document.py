@@ -12,6 +12,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, TypeAdapter, ValidationError, field_validator, model_validator
 
 from fmu_didim.base.documents import AlsoWritten, Positive, Strict, read_document
+from fmu_didim.base.entry_words import details_of, in_words
 from fmu_didim.case.sources import (
     ComponentSource,
     DataFile,
@@ -221,7 +222,9 @@ def make_estimator(options: Mapping[str, Any]) -> Estimator:
         try:
             return TypeAdapter(form).validate_python(given)
         except ValidationError as error:
-            problems = [f"{'.'.join(map(str, d['loc']))}: {d['msg']} (got {d['input']!r})" for d in error.errors()]
+            problems = [
+                f"{'.'.join(map(str, d['loc']))}: {in_words(d)} (got {d['input']!r})" for d in details_of(error)
+            ]
     raise ValueError("; ".join(problems))
 
 

@@ -187,6 +187,9 @@ def brought_to(found: Trajectory, time: Array) -> tuple[Trajectory, list[Diagnos
     if own.size == time.size and np.abs(own - time).max() <= REFERENCE_STEP * float(np.median(np.diff(time))):
         return replace(found, time=time), []
     if own.size < FEWEST_ROWS:
-        raise InputError("The reference is too short to be evaluated at instants.", where=found.source, got=own.size)
+        raise InputError(
+            "The reference is too short to be evaluated at instants.", where=found.source, got=own.size,
+            next_step="Record or compute a longer reference.",
+        )  # fmt: skip
     values = CubicSpline(own, found.values)(np.clip(time, own[0], own[-1]))
     return replace(found, time=time, values=np.asarray(values)), told_of_rows(found)

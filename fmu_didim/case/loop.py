@@ -196,6 +196,7 @@ def _terms(text: str, where: str) -> list[tuple[float, str]]:
             raise InputError(
                 "This connection cannot be read.", where=where, got=text,
                 valid="component.output, reference.column, and sums of them with gains: reference.q1 - 0.5 * load.q",
+                next_step="Write both ends with their component; fmu-didim fmu info lists the variables of an FMU.",
             )  # fmt: skip
         negative = (sign == "-") != (match["sign"] == "-")
         found.append(((-1.0 if negative else 1.0) * float(match["gain"] or 1.0), match["name"].strip()))
@@ -270,7 +271,7 @@ def with_drive_gains(system: System, document: CaseDocument, robot: RobotDescrip
         if robot is not None and entry.joint > len(robot.joints):
             raise InputError(
                 "The robot has no such joint.", where=f"identify.{name}.joint", got=entry.joint,
-                valid=f"1 to {len(robot.joints)}",
+                valid=f"1 to {len(robot.joints)}", next_step="Take the number of a joint, from the base to the tip.",
             )  # fmt: skip
         kind = robot.joints[entry.joint - 1].type if robot is not None else "revolute"
         effect = EFFECTS[DriveGain.name]

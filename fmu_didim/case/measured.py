@@ -105,6 +105,7 @@ def _channel(
     if times.size < FEWEST:
         raise InputError(
             "There are too few samples.", where=where, got=f"{times.size} of {name}", valid=f"{FEWEST} or more",
+            next_step="Give a log with more samples, or more of its time by from_s and to_s.",
         )  # fmt: skip
     # A sample in the last period follows from the last tick.
     inside = np.clip(times, start, end)

@@ -85,6 +85,7 @@ class Memory:
                 raise InputError(
                     "The arrays have another number of columns than the plant has joints.", where=name,
                     got=f"{width} columns", valid=f"{count} columns, one a joint from the base to the tip",
+                    next_step="Give the columns of all joints and no others; transpose it if its rows are the joints.",
                 )  # fmt: skip
 
     def digests(self) -> dict[str, str]:
@@ -169,7 +170,10 @@ class _Named:
             return value
         time = np.asarray(time, dtype=float)
         if time.ndim != 1:
-            raise InputError("Instants are an array of one dimension.", where=what, got=f"shape {time.shape}")
+            raise InputError(
+                "Instants are an array of one dimension.", where=what, got=f"shape {time.shape}",
+                next_step="Give instants.ravel(), or one column of it.",
+            )  # fmt: skip
         self.signals[f"<{what}>"] = Trajectory(time, np.zeros((time.size, 0)), (), source=f"<{what}>")
         return InMemory({"file": f"<{what}>"})
 
@@ -187,6 +191,7 @@ class _Named:
             raise InputError(
                 f"This is no {what.partition(' ')[0]}.", where=what, got=type(source).__name__,
                 valid=f"{kind.__name__}({', '.join(('t', 'tau' if kind is Log else 'q'))}), a Trajectory or a path",
+                next_step="Make one from your arrays, or give the path of a file.",
             )  # fmt: skip
         name = f"<{what}>"
         columns: Mapping[str, Any] = {}
@@ -208,6 +213,7 @@ def pair(values: Sequence[Any], label: str) -> dict[str, Any]:
         raise InputError(
             "An experiment is a log and a reference.", where=label,
             got=", ".join(type(value).__name__ for value in values), valid="(Log(t, tau), Reference(t, q))",
+            next_step="Give both for each experiment, in this order.",
         )  # fmt: skip
     return found
 

@@ -81,7 +81,10 @@ def plant_block(model: RobotModel | None, path: Path | None) -> Block:
 def controller_block(path: Path | None) -> Block:
     """The block of a controller description; raises InputError without a path."""
     if path is None:
-        raise InputError("The controller needs a source.", where="controller", valid=".yaml, .fmu, package.module:name")
+        raise InputError(
+            "The controller needs a source.", where="controller", valid=".yaml, .fmu, package.module:name",
+            next_step="Add source: with the file of the controller, relative to the case.",
+        )  # fmt: skip
     return read_controller(path)
 
 
@@ -107,16 +110,25 @@ def component_of(
         component: Component = _of_object(objects[named], named, source, joint_count)
     elif named is not None and named.endswith(".fmu"):
         if source.kind != "fmu":
-            raise InputError("An .fmu file is of the kind fmu.", got=source.kind, where=named)
+            raise InputError(
+                "An .fmu file is of the kind fmu.", got=source.kind, where=named,
+                next_step="Leave kind: out, or give kind: fmu.",
+            )  # fmt: skip
         component = _fmu(folder / named, source)
     elif named is not None and named.endswith(".mo"):
         if source.kind != "fmu":
-            raise InputError("A Modelica file becomes an FMU.", got=source.kind, where=named, valid="kind: fmu")
+            raise InputError(
+                "A Modelica file becomes an FMU.", got=source.kind, where=named, valid="kind: fmu",
+                next_step="Leave kind: out, or give kind: fmu.",
+            )  # fmt: skip
         in_exchange = source.model_copy(update={"interface": source.interface or MODEL_EXCHANGE})
         component = _fmu(build_modelica(folder / named, model=source.model), in_exchange)
     elif named is not None and ":" in named:
         if source.kind != "control":
-            raise InputError("A Python object is of the kind control.", got=source.kind, where=named)
+            raise InputError(
+                "A Python object is of the kind control.", got=source.kind, where=named,
+                next_step="Leave kind: out, or give kind: control.",
+            )  # fmt: skip
         component = _of_object(import_object(named, folder=folder, where="case"), named, source, joint_count)
     else:
         check_at_hand(named or "")

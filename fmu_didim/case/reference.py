@@ -125,6 +125,7 @@ def check_joints(source: Excitation, joint_count: int) -> None:
         raise InputError(
             "The reference has another number of joints than the robot.", where="reference", got=source.joint_count,
             valid=str(joint_count),
+            next_step="Name the columns of all joints: q: [column of joint 1, ...]; fmu-didim data FILE lists them.",
         )  # fmt: skip
 
 
@@ -144,6 +145,7 @@ def _with_warm_up(found: Trajectory, step: float, period_s: float, warm_up_s: fl
         raise InputError(
             "The reference is shorter than its period.", where=found.source,
             got=f"{found.time[-1] - found.time[0]:g} s", valid=f">= {period_s:g} s",
+            next_step="Give a whole period, or the period_s that the file has.",
         )  # fmt: skip
     before = found.values[period - count : period].copy()
     # Test signals added to the command are not part of the periodic motion.
@@ -241,8 +243,9 @@ def resampled(found: Trajectory, step: float) -> tuple[Trajectory, list[Diagnost
     """
     if found.time.size < FEWEST_ROWS:
         raise InputError(
-            "The reference is too short to be resampled.", where=found.source, got=f"{found.time.size} rows"
-        )
+            "The reference is too short to be resampled.", where=found.source, got=f"{found.time.size} rows",
+            next_step="Record or compute a longer reference.",
+        )  # fmt: skip
     start, count = float(found.time[0]), int((found.time[-1] - found.time[0]) / step + 1e-6) + 1
     time = start + np.arange(count, dtype=np.float64) * step
     values = CubicSpline(found.time, found.values)(np.minimum(time, found.time[-1]))

@@ -97,6 +97,7 @@ def _part(times: Array, source: ExperimentSource) -> NDArray[np.bool_]:
         raise InputError(
             "The log has no samples in the part of the run that is to be used.", where="from_s, to_s",
             got=f"{first:g} to {last:g} s", valid=f"within {times[0]:g} to {times[-1]:g} s",
+            next_step="Choose from_s and to_s within the log, in its own time.",
         )  # fmt: skip
     return np.asarray(kept)
 
@@ -168,6 +169,6 @@ def torque_of_command(command: Array, drive_gains: tuple[float, ...] | None, lab
     if len(drive_gains) != command.shape[1]:
         raise InputError(
             "One drive gain is needed for each joint.", where="loop.drive_gains", got=list(drive_gains),
-            valid=f"{command.shape[1]} numbers",
+            valid=f"{command.shape[1]} numbers", next_step="Give a list with a number for each joint.",
         )  # fmt: skip
     return np.asarray(command * np.array(drive_gains))

@@ -453,7 +453,10 @@ def _assignments(texts: list[str]) -> dict[str, float]:
         except ValueError:
             separator = ""
         if not separator:
-            raise InputError("This is not an assignment.", where="--set", got=text, valid="NAME=VALUE, such as Fc1=0.8")
+            raise InputError(
+                "This is not an assignment.", where="--set", got=text, valid="NAME=VALUE, such as Fc1=0.8",
+                next_step="Write name and value with = between them and no spaces.",
+            )  # fmt: skip
     return values
 
 

@@ -75,7 +75,10 @@ class Instance(ABC):
 
     def set_parameters(self, values: Mapping[str, float]) -> None:
         """Change tunable parameters now; raises SimulationError where that is not possible."""
-        raise SimulationError("The parameters of this component cannot be changed while it runs.")
+        raise SimulationError(
+            "The parameters of this component cannot be changed while it runs.",
+            next_step="Set them before the simulation, in the component.",
+        )  # fmt: skip
 
     def derivatives(
         self, outputs: Sequence[int], inputs: Sequence[int], parameters: Mapping[str, float]

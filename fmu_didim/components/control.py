@@ -202,10 +202,10 @@ class _ControlInstance(Instance):
         count = self._count or self._choose(size)
         if count > MAXIMUM_SUBSTEPS:
             raise SimulationError(
-                "The equations of the python-control system are too stiff to integrate.",
-                where=self._component.origin,
+                "The equations of the python-control system are too stiff to integrate.", where=self._component.origin,
                 got=f"t = {time:.6g} s",
-            )
+                next_step="Check the units of its parameters and its gains, or give it as a discrete system.",
+            )  # fmt: skip
         h, x, u, update = size / count, self._x, self._held, self._update
         for i in range(count):
             if self._implicit is not None:

@@ -134,8 +134,9 @@ class _VariationalInstance(Instance):
     def _check(self, call: str, status: int) -> None:
         if status > 1:
             raise SimulationError(
-                "A state is not finite, or its equations are too stiff.", where=self._component.block.name, got=call
-            )
+                "A state is not finite, or its equations are too stiff.", where=self._component.block.name, got=call,
+                next_step="Check the values of the parameters, or shorten the step of the loop.",
+            )  # fmt: skip
 
     def native(self) -> Native:
         none = (ctypes.c_uint32 * 1)()

@@ -57,7 +57,7 @@ def name_parameters(component: Component, names: Mapping[str, str]) -> Component
         return replace(component, system=system, parameters=renamed, state_parameters=starts)
     raise InputError(
         "The parameters of this component cannot be renamed.", where=WHERE, got=component.describe().get("kind"),
-        valid="fmu, model, control",
+        valid="fmu, model, control", next_step="Take the names that the component has.",
     )  # fmt: skip
 
 
@@ -68,7 +68,10 @@ def _new_names(own: Iterable[str], names: Mapping[str, str]) -> dict[str, str]:
     back = {name: role for role, name in names.items()}
     if len(back) < len(names):
         doubled = [name for name, count in Counter(names.values()).items() if count > 1]
-        raise InputError("A parameter is named twice.", where=WHERE, got=", ".join(doubled))
+        raise InputError(
+            "A parameter is named twice.", where=WHERE, got=", ".join(doubled),
+            next_step="Give each parameter a name of its own.",
+        )  # fmt: skip
     new = {name: back.get(name, name) for name in own}
     clashes = [name for name, count in Counter(new.values()).items() if count > 1]
     if clashes:

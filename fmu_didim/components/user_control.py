@@ -37,7 +37,10 @@ def wrap_control(
     system = _with_states(system, origin)
     state = tuple(float(v) for v in initial_state or (0.0,) * int(system.nstates))
     if len(state) != system.nstates:
-        raise InputError("The initial state has another size.", where=origin, got=len(state), valid=str(system.nstates))
+        raise InputError(
+            "The initial state has another size.", where=origin, got=len(state), valid=str(system.nstates),
+            next_step="Give one number for each state.",
+        )  # fmt: skip
     own = {name: float(cast(float, v)) for name, v in getattr(system, "params", {}).items() if np.isscalar(v)}
     starts = {f"x_start{i}": value for i, value in enumerate(state, start=1)}
     starts = {} if set(starts) & set(own) else starts
@@ -76,11 +79,10 @@ def _with_states(system: Any, origin: str) -> Any:
             ) from error
     if not isinstance(system, control.StateSpace | control.NonlinearIOSystem):
         raise InputError(
-            "This is not a python-control system that can be simulated.",
-            where=origin,
-            got=type(system).__name__,
+            "This is not a python-control system that can be simulated.", where=origin, got=type(system).__name__,
             valid="StateSpace, TransferFunction, NonlinearIOSystem",
-        )
+            next_step="Build it with python-control: control.ss, control.tf or control.nlsys.",
+        )  # fmt: skip
     if None in (system.nstates, system.ninputs, system.noutputs):
         raise InputError(
             "The sizes of the python-control system are unknown.",
@@ -96,8 +98,9 @@ def _sample_time(system: Any, origin: str) -> float | None:
         return None
     if system.dt is True or not system.dt > 0:
         raise InputError(
-            "A discrete system needs its sample time.", where=origin, got=f"dt = {system.dt}", valid="dt in seconds"
-        )
+            "A discrete system needs its sample time.", where=origin, got=f"dt = {system.dt}", valid="dt in seconds",
+            next_step="Build the system with its sample time, such as control.ss(A, B, C, D, 0.001).",
+        )  # fmt: skip
     return float(system.dt)
 
 
@@ -181,6 +184,7 @@ def _try(command: Callable[[Array], Array], stems: int, joint_count: int, origin
         raise InputError(
             "A control law gives one command for each joint.", where=origin, got=f"{found[0].size} numbers",
             valid=f"{joint_count} numbers",
+            next_step="Return an array with one command for each joint, from the base to the tip.",
         )  # fmt: skip
     if not np.array_equal(found[0], found[2], equal_nan=True):
         raise InputError(

@@ -37,7 +37,10 @@ def read_law(path: Path | str) -> ControlLaw:
     content = load_yaml(path)
     law = str(content.get("law", ""))
     if law == TO_FILL_IN:
-        raise InputError("The control law is still to be filled in.", where=f"{path}, law", valid=LAWS)
+        raise InputError(
+            "The control law is still to be filled in.", where=f"{path}, law", valid=LAWS,
+            next_step="Replace EDIT with one of these.",
+        )  # fmt: skip
     if law not in LAWS:
         raise UnknownNameError("control law", law, LAWS, where=str(path))
     return validate(LAWS[law], content, where=str(path), lines=Lines(Path(path)))

@@ -34,10 +34,9 @@ class ComputedTorque(ControlLaw):
         if types != self.joints:
             raise InputError(
                 "The robot of the controller has other joints than the controller.",
-                where=f"controller '{self.name}', robot {self.robot}",
-                got=", ".join(types),
-                valid=", ".join(self.joints),
-            )
+                where=f"controller '{self.name}', robot {self.robot}", got=", ".join(types),
+                valid=", ".join(self.joints), next_step="Give the controller the joints of its robot, in their order.",
+            )  # fmt: skip
         if model.extra:
             raise InputError(
                 "A controller cannot know the states of friction or the time of the plant.",

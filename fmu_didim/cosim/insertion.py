@@ -38,7 +38,10 @@ def insert_before_input(system: System, name: str, component: Component, *, at: 
     target, _, variable = at.partition(".")
     _check_place(system, target, variable, kind="input")
     if not any(c.target == at for c in system.connections):
-        raise InputError("Nothing is connected to this input.", where=f"insertion of '{name}'", got=at)
+        raise InputError(
+            "Nothing is connected to this input.", where=f"insertion of '{name}'", got=at,
+            next_step="Insert it at an input that a connection ends in.",
+        )  # fmt: skip
     moved = tuple(replace(c, target=inside) if c.target == at else c for c in system.connections)
     return _with_component(system, name, component, (*moved, Connection(outside, at)), before=target)
 
@@ -57,7 +60,10 @@ def insert_after_output(system: System, name: str, component: Component, *, of: 
     _check_place(system, source, variable, kind="output")
     takers = [c.target.partition(".")[0] for c in system.connections if c.source == of]
     if not takers:
-        raise InputError("Nothing is connected to this output.", where=f"insertion of '{name}'", got=of)
+        raise InputError(
+            "Nothing is connected to this output.", where=f"insertion of '{name}'", got=of,
+            next_step="Insert it behind an output that a connection begins at.",
+        )  # fmt: skip
     moved = tuple(replace(c, source=outside) if c.source == of else c for c in system.connections)
     first = next(each for each in system.order if each in takers)
     return _with_component(system, name, component, (*moved, Connection(of, inside)), before=first)
@@ -67,12 +73,14 @@ def _ports(system: System, name: str, component: Component) -> tuple[str, str]:
     where = f"insertion of '{name}'"
     if len(component.inputs) != 1 or len(component.outputs) != 1:
         raise InputError(
-            "Only a component with one input and one output can be inserted into a connection.",
-            where=where,
+            "Only a component with one input and one output can be inserted into a connection.", where=where,
             got=f"{len(component.inputs)} inputs, {len(component.outputs)} outputs",
-        )
+            next_step="Insert a component for each connection, or connect this one in components: and connections:.",
+        )  # fmt: skip
     if name in system.components or name == REFERENCE:
-        raise InputError("The system has a component of this name.", where=where, got=name)
+        raise InputError(
+            "The system has a component of this name.", where=where, got=name, next_step="Give it another name."
+        )
     if system.jacobi:
         raise InputError(
             "A component cannot be inserted into a loop that runs in parallel: it would add a sample of delay.",

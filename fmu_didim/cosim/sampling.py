@@ -177,6 +177,7 @@ def sample_operator(
                 raise InputError(
                     "The window of the averages is longer than the reference.", where="torque.window_s",
                     got=f"{length * step:g} s", valid=f"at most {longest * step:g} s",
+                    next_step="Shorten the window, or give a longer reference.",
                 )  # fmt: skip
             rows, columns, weights = _average(position, last, window, length, instants)
         case _:
@@ -232,9 +233,15 @@ def grid_places(times: Array) -> Indices:
 def decimated_times(time: Array, rate_hz: float, phase_s: float = 0.0) -> Array:
     """Instants phase + i / rate inside a log, whether or not the rate divides that of the log."""
     if not rate_hz > 0:
-        raise InputError("The sample rate must be positive.", got=rate_hz, valid="Hz > 0")
+        raise InputError(
+            "The sample rate must be positive.", got=rate_hz, valid="Hz > 0",
+            next_step="Give the rate of the log in Hz.",
+        )  # fmt: skip
     if phase_s < 0:
-        raise InputError("The phase of the samples must not be negative.", got=f"{phase_s} s", valid="phase_s >= 0")
+        raise InputError(
+            "The phase of the samples must not be negative.", got=f"{phase_s} s", valid="phase_s >= 0",
+            next_step="Give the time of the first sample after the start of the log.",
+        )  # fmt: skip
     period = 1.0 / rate_hz
     first = time[0] + phase_s
     wanted = float(np.floor((time[-1] - first) / period + 1e-6)) + 1
@@ -245,5 +252,8 @@ def decimated_times(time: Array, rate_hz: float, phase_s: float = 0.0) -> Array:
         )  # fmt: skip
     count = int(wanted)
     if count < 1:
-        raise InputError("No sample of that rate and phase falls into the log.", got=f"{rate_hz} Hz, phase {phase_s} s")
+        raise InputError(
+            "No sample of that rate and phase falls into the log.", got=f"{rate_hz} Hz, phase {phase_s} s",
+            next_step="Check both against the duration of the log.",
+        )  # fmt: skip
     return np.asarray(first + np.arange(count) * period)

@@ -80,22 +80,32 @@ class System:
 
     def __post_init__(self) -> None:
         if not self.step_size > 0:
-            raise InputError("The communication step must be positive.", got=self.step_size)
+            raise InputError(
+                "The communication step must be positive.", got=self.step_size,
+                next_step="Give the step of the loop in s, such as 0.001.",
+            )  # fmt: skip
         if sorted(self.order) != sorted(self.components):
-            raise InputError("The order must name each component once.", got=self.order, valid=self.components)
+            raise InputError(
+                "The order must name each component once.", got=self.order, valid=self.components,
+                next_step="List all components, each one time.",
+            )  # fmt: skip
         named = {"delays": self.delays, "every": self.every, "substeps": self.substeps, "after_step": self.after_step}
         for what, owners in named.items():
             for name in owners:
                 self._check_name(name, what)
         for name, delay in self.delays.items():
             if not 0 <= delay <= 1000:
-                raise InputError("A delay must be between 0 and 1000 samples.", where=name, got=delay)
+                raise InputError(
+                    "A delay must be between 0 and 1000 samples.", where=name, got=delay,
+                    next_step="Give the delay in samples of the loop.",
+                )  # fmt: skip
         for what, counts in (("every", self.every), ("substeps", self.substeps)):
             for name, count in counts.items():
                 if not (isinstance(count, int) and 1 <= count <= 100_000):
                     raise InputError(
-                        f"'{what}' must be a whole number of steps.", where=name, got=count, valid="1 to 100000"
-                    )
+                        f"'{what}' must be a whole number of steps.", where=name, got=count, valid="1 to 100000",
+                        next_step="Choose steps whose ratio is a whole number.",
+                    )  # fmt: skip
         names = {
             name: (dict.fromkeys(v.name for v in c.inputs), dict.fromkeys(v.name for v in c.outputs))
             for name, c in self.components.items()
@@ -196,7 +206,10 @@ def closed_loop(
         )
     gains = list(drive_gains) if drive_gains is not None else [1.0] * joint_count
     if len(gains) != joint_count:
-        raise InputError("One drive gain is needed for each joint.", got=gains, valid=f"{joint_count} numbers")
+        raise InputError(
+            "One drive gain is needed for each joint.", got=gains, valid=f"{joint_count} numbers",
+            next_step="Give a list with a number for each joint.",
+        )  # fmt: skip
     commands = [f"command{j}" for j in range(1, joint_count + 1)]
     for name in injections or {}:
         if name not in commands:

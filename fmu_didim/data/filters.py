@@ -32,7 +32,8 @@ class LowPass:
             raise InputError(
                 "The cut-off frequency of the filter must lie below half the torque rate.",
                 got=f"{self.cutoff_hz:g} Hz at {rate_hz:g} Hz",
-            )
+                next_step="Lower the cut-off frequency, or log at a higher rate.",
+            )  # fmt: skip
         sections = signal.butter(self.order, self.cutoff_hz, fs=rate_hz, output="sos")
         return np.asarray(signal.sosfiltfilt(sections, values, axis=0))
 

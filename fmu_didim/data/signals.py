@@ -71,6 +71,7 @@ class Trajectory:
                 "The table of a trajectory does not fit its time and its names.", where=where,
                 got=f"time {time.shape}, values {values.shape}, {len(self.variables)} names",
                 valid="time (N,), values (N, m), m names",
+                next_step="Give one row for each instant and one name for each column.",
             )  # fmt: skip
         if time.size and not (np.isfinite(time).all() and np.isfinite(values).all()):
             bad = np.flatnonzero(~np.isfinite(np.column_stack([time, values])).all(axis=1))

@@ -214,9 +214,9 @@ def _from_start(model: LoopModel) -> Prepared:
     if samples < FEWEST_SAMPLES * count:
         raise InputError(
             "The torque log is too short to look for more than the base parameters.",
-            where=", ".join(model.estimation_labels),
-            got=f"{samples} samples for {count} parameters",
-        )
+            where=", ".join(model.estimation_labels), got=f"{samples} samples for {count} parameters",
+            next_step="Record longer, or log at a higher rate.",
+        )  # fmt: skip
     model = with_nuisances(model)
     repeated, notes = repeated_noise(model)
     spread = np.maximum(np.std(model.measured, axis=0), FIRST_NOISE)

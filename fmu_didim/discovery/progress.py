@@ -45,7 +45,10 @@ class Progress:
         if limit_s is None:
             return Progress(say)
         if not limit_s > 0:
-            raise InputError("The time limit is not valid.", where="time_limit", got=f"{limit_s:g}", valid="> 0 s")
+            raise InputError(
+                "The time limit is not valid.", where="time_limit", got=f"{limit_s:g}", valid="> 0 s",
+                next_step="Give minutes above 0, or leave the limit out.",
+            )  # fmt: skip
         return Progress(say, limit_s, clock.perf_counter() + limit_s)
 
     @property

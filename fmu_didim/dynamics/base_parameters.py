@@ -103,7 +103,10 @@ def base_parameters(model: RobotModel) -> BaseParameters:
         _check_independent(rows, kept, list(shown))
         dependent = [i for i in active if i not in kept and i not in known and _depends(rows, kept, i)]
     if not kept:
-        raise InputError("No parameter is left to identify.", where=f"robot '{description.name}'")
+        raise InputError(
+            "No parameter is left to identify.", where=f"robot '{description.name}'",
+            next_step="Take a parameter out of known:, or name one in identify:.",
+        )  # fmt: skip
     regrouping = _solve(rows, kept, dependent)
     values = model.parameter_values
     fixed = values.copy()

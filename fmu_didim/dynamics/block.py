@@ -95,11 +95,15 @@ class Block:
                 raise InputError(
                     f"Function '{function.name()}' does not fit the variables of block '{self.name}'.",
                     got=f"inputs {got}, output {function.numel_out(0)}", valid=f"inputs {sizes}, output {result}",
+                    next_step="Give the function these arguments in this order.",
                 )  # fmt: skip
         names = [v.name for v in (*self.inputs, *self.outputs, *self.states, *self.parameters)]
         doubled = sorted({name for name in names if names.count(name) > 1})
         if doubled:
-            raise InputError(f"Block '{self.name}' has variables of the same name.", got=", ".join(doubled))
+            raise InputError(
+                f"Block '{self.name}' has variables of the same name.", got=", ".join(doubled),
+                next_step="Give each variable a name of its own.",
+            )  # fmt: skip
 
     @property
     def step_rate(self) -> ca.Function | None:

@@ -65,7 +65,10 @@ def implied_motion(run: Simulation) -> Motion:
         if left <= NOT_FOLLOWED:
             return found
         reason = f"{100 * left:.0f} % of the measured torque are left"
-    raise SimulationError("No motion was found in which the controller gives the measured torque.", got=reason)
+    raise SimulationError(
+        "No motion was found in which the controller gives the measured torque.", got=reason,
+        next_step="Start from the description or from a result instead: estimator: {start: ...}.",
+    )  # fmt: skip
 
 
 def stiffness(run: Simulation, frequency: float) -> Array:
@@ -90,8 +93,9 @@ class _Loop:
         for connection in self._system.connections:
             if connection.source.startswith(f"{loop.plant_name}.") and connection.source not in offered:
                 raise SimulationError(
-                    "The torque of the loop does not follow from the motion of the joints.", got=connection.source
-                )
+                    "The torque of the loop does not follow from the motion of the joints.", got=connection.source,
+                    next_step="Start from the description or from a result instead: estimator: {start: ...}.",
+                )  # fmt: skip
         # The reference is delayed like the inputs of the plant.
         late = self._system.delays.get(loop.plant_name, 0.0) * self._step
         motion = reference_motion(reference, loop.joint_count)
@@ -108,7 +112,10 @@ class _Loop:
         """
         response = self.response(bandwidth)
         if not (np.abs(response) > 0).all():
-            raise SimulationError("The torque of the loop does not follow from the motion of the joints.")
+            raise SimulationError(
+                "The torque of the loop does not follow from the motion of the joints.",
+                next_step="Start from the description or from a result instead: estimator: {start: ...}.",
+            )  # fmt: skip
         mass = np.abs(response) / bandwidth**2
         damping = np.maximum(2 * DAMPING_RATIO * np.abs(response) - response.imag, 0.0) / bandwidth
         drive = self._ddq + (damping * self._dq - self._target()) / mass

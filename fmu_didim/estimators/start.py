@@ -79,7 +79,10 @@ def start_values(model: LoopModel, start: Start) -> Array:
         sure = replace(model.prior, rows=SURE * model.prior.rows, target=SURE * model.prior.target)
         return _fitted(replace(model, prior=sure), whole_reference, held=False)
     if isinstance(start, str) and start not in KINDS:
-        raise InputError("This start is not known.", where="start", got=start, valid=(*KINDS, "values by name"))
+        raise InputError(
+            "This start is not known.", where="start", got=start, valid=(*KINDS, "values by name"),
+            next_step="Take one of these, or give values by name.",
+        )  # fmt: skip
     if start == "description" or (isinstance(start, str) and not model.parameters.has_regressor):
         return model.start
     if isinstance(start, str):

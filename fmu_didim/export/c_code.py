@@ -31,12 +31,14 @@ def check_exportable(block: Block, *, own_names: Iterable[str] = ()) -> None:
     where = f"block '{block.name}'"
     if not (block.name.isascii() and block.name.isidentifier()):
         raise InputError(
-            "The name of the block is not a legal C name, so it cannot name an FMU.",
-            where=where,
-            valid="letters, digits and underscores, not beginning with a digit",
-        )
+            "The name of the block is not a legal C name, so it cannot name an FMU.", where=where,
+            valid="letters, digits and underscores, not beginning with a digit", next_step="Rename it.",
+        )  # fmt: skip
     if block.sample_time is not None and not (math.isfinite(block.sample_time) and block.sample_time > 0):
-        raise InputError("The sample time is not a positive number.", where=where, got=f"{block.sample_time} s")
+        raise InputError(
+            "The sample time is not a positive number.", where=where, got=f"{block.sample_time} s",
+            next_step="Give the sample time in s, such as 0.001.",
+        )  # fmt: skip
     _check_texts(block)
     names = [v.own.name for v in exported_variables(block)]
     names += [*([SUBSTEPS_NAME, TOLERANCE_NAME] if block.sample_time is None else []), *own_names]
@@ -51,11 +53,15 @@ def check_exportable(block: Block, *, own_names: Iterable[str] = ()) -> None:
     for variable in (*block.inputs, *block.parameters):
         if not math.isfinite(variable.start):
             raise InputError(
-                "A start value is not a finite number.", where=where, got=f"{variable.name} = {variable.start}"
-            )
+                "A start value is not a finite number.", where=where, got=f"{variable.name} = {variable.start}",
+                next_step="Give it a finite start value.",
+            )  # fmt: skip
     unknown = sorted(block.fixed - {v.name for v in block.parameters})
     if unknown:
-        raise InputError("Names in 'fixed' are not parameters.", where=where, got=", ".join(unknown))
+        raise InputError(
+            "Names in 'fixed' are not parameters.", where=where, got=", ".join(unknown),
+            next_step="Take names of its parameters.",
+        )  # fmt: skip
 
 
 def _check_texts(block: Block) -> None:
@@ -65,21 +71,21 @@ def _check_texts(block: Block) -> None:
         for kind, text in (("name", variable.name), ("unit", variable.unit)):
             if not is_text(text) or any(c in text for c in "\t\n\r") or (kind == "name" and not text):
                 raise InputError(
-                    f"The {kind} of a variable is not legal in an FMU.",
-                    where=where,
-                    got=repr(text),
+                    f"The {kind} of a variable is not legal in an FMU.", where=where, got=repr(text),
                     valid=f"any characters but control characters{', at least one' if kind == 'name' else ''}",
-                )
+                    next_step="Change it in the block.",
+                )  # fmt: skip
         if not is_text(variable.description):
             raise InputError(
                 "The description of a variable holds characters that XML cannot.",
-                where=f"{where}, variable '{variable.name}'",
-                got=repr(variable.description),
-            )
+                where=f"{where}, variable '{variable.name}'", got=repr(variable.description),
+                next_step="Take control characters out of it.",
+            )  # fmt: skip
     if not is_text(block.description):
         raise InputError(
-            "The description of the block holds characters that XML cannot.", where=where, got=repr(block.description)
-        )
+            "The description of the block holds characters that XML cannot.", where=where, got=repr(block.description),
+            next_step="Take control characters out of it.",
+        )  # fmt: skip
 
 
 def generate_c(block: Block) -> str:

@@ -88,5 +88,8 @@ def select_platforms(names: Sequence[str] | None) -> tuple[Platform, ...]:
         if name not in available:
             raise UnknownNameError("platform", name, available, where="platforms of the FMU")
     if not wanted:
-        raise InputError("The FMU has no platform.", where="platforms of the FMU", got="[]", valid=available)
+        raise InputError(
+            "The FMU has no platform.", where="platforms of the FMU", got="[]", valid=available,
+            next_step="Name one at least, or leave the option out for that of this machine.",
+        )  # fmt: skip
     return tuple(p for name, p in available.items() if name in wanted)

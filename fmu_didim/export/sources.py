@@ -62,4 +62,7 @@ def compile_sources(
         if not output.is_file():
             run_compiler([*link, *chosen.libraries], cwd=folder, what=what)
     if not output.is_file():
-        raise BuildError("The C compiler wrote no file.", where=str(output))
+        raise BuildError(
+            "The C compiler wrote no file.", where=str(output),
+            next_step="Check that its folder is writable and the disk is not full.",
+        )  # fmt: skip

@@ -224,8 +224,8 @@ class RefusedError(IdentificationError):
         what: str,
         *,
         iterations: Sequence[Iteration],
+        next_step: str,
         got: object = None,
-        next_step: str = "",
         values: Array | None = None,
         deviation: Array | None = None,
         where: str = "",
@@ -239,10 +239,8 @@ class RefusedError(IdentificationError):
         if failure is None or self.deviation is not None or failure.what == self.what:
             return self
         told = (failure.got, f"so that there is no answer: {self.what}", self.got)
-        look = failure.next_step or f"Find out why the {failure.component} fails there."
-        values = f"If the values that it was given are to blame: {self.next_step}" if self.next_step else ""
+        look, values = failure.next_step, f"If the values that it was given are to blame: {self.next_step}"
         return RefusedError(
             failure.what, iterations=self.iterations, got="; ".join(str(part) for part in told if part),
-            next_step=f"{look} {values}".strip(),
-            values=self.values, where=failure.where,
+            next_step=f"{look} {values}", values=self.values, where=failure.where,
         )  # fmt: skip

@@ -65,7 +65,10 @@ def least_squares(matrix: Array, target: Array, *, names: tuple[str, ...] = ()) 
         )  # fmt: skip
     norms = np.linalg.norm(matrix, axis=0)
     if not (np.isfinite(norms).all() and np.isfinite(target).all()):
-        raise IdentificationError("The least squares problem holds values that are not finite.")
+        raise IdentificationError(
+            "The least squares problem holds values that are not finite.",
+            next_step="Check log and reference for gaps and values out of range: fmu-didim check CASE.",
+        )  # fmt: skip
     if (norms == 0).any():
         unexcited = [names[i] if names else str(i) for i in np.flatnonzero(norms == 0)]
         raise IdentificationError(

@@ -424,7 +424,10 @@ class Simulation:
         """(N, ...) samples by an operator of values (K, ...) at ``output_ticks``; raises DivergedError."""
         found = operator.apply(values[np.searchsorted(self.output_ticks, operator.ticks)])
         if not np.isfinite(found).all():
-            raise DivergedError("A simulated output is not finite.", time=float(recording.time[-1]))
+            raise DivergedError(
+                "A simulated output is not finite.", time=float(recording.time[-1]),
+                next_step="Check the start values and the gains, signs and units of the loop.",
+            )  # fmt: skip
         return found
 
     @property
@@ -452,7 +455,10 @@ class Simulation:
         """(N, n) what the log shows of a recording at its ticks; raises DivergedError."""
         torque = self.operator.apply(self.logged_torque(recording))
         if not np.isfinite(torque).all():
-            raise DivergedError("The simulated torque is not finite.", time=float(recording.time[-1]))
+            raise DivergedError(
+                "The simulated torque is not finite.", time=float(recording.time[-1]),
+                next_step="Check the start values and the gains, signs and units of the loop.",
+            )  # fmt: skip
         return self.model.experiments.filtered(torque, self.label)
 
     def logged_torque(self, recording: Recording) -> Array:

@@ -52,7 +52,7 @@ def default_workers() -> int:
         if not (stated.isascii() and stated.isdigit() and int(stated) > 0):
             raise InputError(
                 "The number of threads is not valid.", where=f"environment variable {VARIABLE}", got=stated,
-                valid="1, 2, 3, ...",
+                valid="1, 2, 3, ...", next_step="Unset the variable, or give it a whole number.",
             )  # fmt: skip
         return int(stated)
     if multiprocessing.parent_process() is not None:

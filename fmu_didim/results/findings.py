@@ -8,7 +8,7 @@ from typing import Any, Literal
 
 from pydantic import ConfigDict, Field, ValidationError
 
-from fmu_didim.base.documents import Number, Saved
+from fmu_didim.base.documents import Number, Saved, why_unread
 from fmu_didim.base.errors import InputError
 from fmu_didim.base.files import whole_file
 from fmu_didim.checks.judgement import DiagnosticResult, Verdict
@@ -284,4 +284,7 @@ def load_findings(path: Path | str) -> FindingsDocument:
     try:
         return FindingsDocument.model_validate(json.loads(path.read_text(encoding="utf-8")))
     except (OSError, ValueError, ValidationError) as error:
-        raise InputError("This is no saved discovery.", where=str(path), got=str(error)[:500]) from error
+        raise InputError(
+            "This is no saved discovery.", where=str(path), got=why_unread(error, FindingsDocument),
+            next_step="Give the folder that fmu-didim discover wrote; if its file is damaged, run the discovery again.",
+        ) from error  # fmt: skip

@@ -13,7 +13,7 @@ from typing import Any, Literal
 import numpy as np
 from pydantic import Field, ValidationError
 
-from fmu_didim.base.documents import Number, Saved
+from fmu_didim.base.documents import Number, Saved, why_unread
 from fmu_didim.base.errors import InputError
 from fmu_didim.base.files import is_file
 from fmu_didim.checks.agreement import AgreementResult
@@ -359,8 +359,8 @@ def read_result(path: Path | str) -> ResultDocument:
         return ResultDocument.model_validate_json(path.read_text(encoding="utf-8"))
     except (ValidationError, UnicodeDecodeError) as error:
         raise InputError(
-            "The result does not follow the schema of this version.", where=str(path), got=str(error)[:300],
-            next_step="Run fmu-didim identify again.",
+            "The result does not follow the schema of this version.", where=str(path),
+            got=why_unread(error, ResultDocument), next_step="Run fmu-didim identify again.",
         ) from error  # fmt: skip
 
 
@@ -408,5 +408,8 @@ def _table(path: Path) -> Trajectory:
     """A table as :func:`write_csv` writes it, to the last bit."""
     columns = dict(read_table(path).columns)
     if "t" not in columns or len(columns) == 1:
-        raise InputError("This is no table of torques.", where=str(path), got=", ".join(columns), valid="t, ...")
+        raise InputError(
+            "This is no table of torques.", where=str(path), got=", ".join(columns), valid="t, ...",
+            next_step="Give the folder of a run; if its files were changed, run it again.",
+        )  # fmt: skip
     return trajectory(columns.pop("t"), columns)

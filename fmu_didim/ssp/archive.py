@@ -46,7 +46,7 @@ class Archive:
         if parts.scheme or parts.netloc or parts.query or parts.fragment or not _is_safe(name):
             raise InputError(
                 "The source is not a relative path inside the archive.", where=where, got=source,
-                valid="resources/<file>",
+                valid="resources/<file>", next_step="Put the file into the archive, and name it relative to its top.",
             )  # fmt: skip
         if name not in self.names:
             raise InputError(
@@ -71,7 +71,7 @@ def open_archive(path: Path) -> Archive:
             outside it, occur twice, are links or are encrypted.
     """
     if not is_file(path):
-        raise InputError("The SSP archive does not exist.", where=str(path))
+        raise InputError("The SSP archive does not exist.", where=str(path), next_step="Check the path.")
     try:
         with zipfile.ZipFile(path) as archive:
             entries = _check_entries(archive.infolist(), path)
@@ -84,7 +84,10 @@ def open_archive(path: Path) -> Archive:
             unpack = partial(archive.extractall, members=entries.values())
             folder = cached_folder("ssp", file_digest(path), unpack)
     except (zipfile.BadZipFile, zlib.error, NotImplementedError, RuntimeError, EOFError, OSError) as error:
-        raise InputError("The file is not a readable zip archive.", where=str(path), got=str(error)) from error
+        raise InputError(
+            "The file is not a readable zip archive.", where=str(path), got=str(error),
+            next_step="Export or download it again.",
+        ) from error  # fmt: skip
     return Archive(path, folder, frozenset(entries))
 
 
@@ -121,6 +124,7 @@ def _check_size(infos: list[zipfile.ZipInfo], path: Path) -> None:
             "The archive is too large.", where=str(path),
             got=f"{total} bytes in {len(infos)} entries, packed into {own}",
             valid=f"at most {MAXIMUM_BYTES} bytes in {MAXIMUM_ENTRIES} entries, {MAXIMUM_RATIO} times what is packed",
+            next_step="Take what the system does not need out of the archive.",
         )  # fmt: skip
 
 
@@ -132,18 +136,29 @@ def _is_safe(name: str) -> bool:
 def parse_xml(data: bytes, *, where: str) -> ET.Element:
     """The root element; a document type declaration, in which entities could multiply, is refused."""
     if len(data) > MAXIMUM_XML_BYTES:
-        raise InputError("The XML file is too large.", where=where, valid=f"at most {MAXIMUM_XML_BYTES} bytes")
+        raise InputError(
+            "The XML file is too large.", where=where, valid=f"at most {MAXIMUM_XML_BYTES} bytes",
+            next_step="Shorten it, or split the system.",
+        )  # fmt: skip
     declared = _ENCODING.match(data)
     encoding = declared[1].decode("ascii").lower() if declared else "utf-8"
     if encoding not in _ENCODINGS:
-        raise InputError("This encoding of XML is not read.", where=where, got=encoding, valid=_ENCODINGS)
+        raise InputError(
+            "This encoding of XML is not read.", where=where, got=encoding, valid=_ENCODINGS,
+            next_step="Save it as UTF-8.",
+        )  # fmt: skip
     try:
         text = data.decode(_ENCODINGS[encoding])
         if "<!DOCTYPE" in text:
-            raise InputError("A document type declaration is not accepted.", where=where, got="<!DOCTYPE")
+            raise InputError(
+                "A document type declaration is not accepted.", where=where, got="<!DOCTYPE",
+                next_step="Remove the declaration; SSP does not need it.",
+            )  # fmt: skip
         return ET.fromstring(_with_prefixes(text, where))
     except (UnicodeDecodeError, ET.ParseError) as error:
-        raise InputError("The file is not well-formed XML.", where=where, got=str(error)) from error
+        raise InputError(
+            "The file is not well-formed XML.", where=where, got=str(error), next_step="Export the system again."
+        ) from error
 
 
 def _with_prefixes(text: str, where: str) -> str:
@@ -161,7 +176,13 @@ def _with_prefixes(text: str, where: str) -> str:
 def check_root(element: ET.Element, tag: str, *, where: str) -> None:
     """Refuse another root element, or a version that is not read."""
     if element.tag != tag:
-        raise InputError("This is not the expected kind of file.", where=where, got=element.tag, valid=tag)
+        raise InputError(
+            "This is not the expected kind of file.", where=where, got=element.tag, valid=tag,
+            next_step="Export the system again, as SSP 1.0 or 2.0.",
+        )  # fmt: skip
     version = element.get("version", "")
     if version.partition(".")[0] not in {known.partition(".")[0] for known in VERSIONS}:
-        raise InputError("This version of SSP is not supported.", where=where, got=version, valid=VERSIONS)
+        raise InputError(
+            "This version of SSP is not supported.", where=where, got=version, valid=VERSIONS,
+            next_step="Export the system as one of these.",
+        )  # fmt: skip

@@ -78,7 +78,10 @@ def parts(system: System) -> dict[str, Part]:
                 where=f"write_ssp: {component.path}", next_step="Load it with load_fmu(path, si_units=False).",
             )  # fmt: skip
         if own.digest != component.digest:
-            raise InputError("The file of the FMU has changed since it was loaded.", where=f"{name}: {component.path}")
+            raise InputError(
+                "The file of the FMU has changed since it was loaded.", where=f"{name}: {component.path}",
+                next_step="Load the FMU again.",
+            )  # fmt: skip
         found[name] = _part(own, component)
     return found
 

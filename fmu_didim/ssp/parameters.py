@@ -94,7 +94,10 @@ def _number(entry: MappingEntry, bound: Value, unit: Unit | None, where: str) ->
     where = f"{where}, parameter '{bound.name}'"
     if bound.type not in ("Real", "Integer"):
         valid = "Real, Integer"
-        raise InputError("Only numbers can be bound to a parameter.", where=where, got=bound.type, valid=valid)
+        raise InputError(
+            "Only numbers can be bound to a parameter.", where=where, got=bound.type, valid=valid,
+            next_step="Bind a number, or give the value to the FMU itself.",
+        )  # fmt: skip
     value = number(bound.text, where=where)
     if not entry.suppress:
         value = conversion(bound.unit, unit, where=where)(value)

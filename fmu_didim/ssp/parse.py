@@ -54,7 +54,10 @@ def parse_structure(archive: Archive) -> Structure:
     units = read_units(root, where=f"{archive.path}: {STRUCTURE}")
     system = root.find("{*}System")
     if system is None:
-        raise InputError("The description holds no System.", where=f"{archive.path}: {STRUCTURE}")
+        raise InputError(
+            "The description holds no System.", where=f"{archive.path}: {STRUCTURE}",
+            next_step="Export the system again; SystemStructure.ssd needs a System element.",
+        )  # fmt: skip
     reader = _Reader(archive, units)
     return Structure(dict(reader.elements(system, ())), units, reader.loop(system), _noted_step(root, archive))
 
@@ -78,7 +81,10 @@ def read_units(root: ET.Element, *, where: str) -> dict[str, Unit]:
         try:
             exponents = tuple(int(base.get(symbol, "0")) for symbol in BASE_UNITS)
         except ValueError as error:
-            raise InputError("An exponent of a unit is not an integer.", where=place, got=str(error)) from error
+            raise InputError(
+                "An exponent of a unit is not an integer.", where=place, got=str(error),
+                next_step="Write a whole number.",
+            ) from error  # fmt: skip
         factor, offset = _number(base, "factor", 1.0, where=place), _number(base, "offset", 0.0, where=place)
         units[name] = _unit(name, UnitDefinition(exponents, factor, offset), place)
     return units
@@ -94,7 +100,9 @@ def fmu_facts(path: Path) -> tuple[dict[str, Unit], float | None]:
 
 def _unit(name: str, definition: UnitDefinition, where: str) -> Unit:
     if definition.factor == 0:
-        raise InputError("The factor of a unit must not be 0.", where=where)
+        raise InputError(
+            "The factor of a unit must not be 0.", where=where, next_step="Give the unit its factor to SI."
+        )
     return Unit(name, definition.exponents, definition.factor, definition.offset)
 
 
@@ -115,15 +123,24 @@ class _Reader:
         """A system, its components, and its inner systems with all that is in them, each with its place."""
         where = self._where(f"System {'.'.join(path) or system.get('name', '')}")
         if len(path) > MAXIMUM_DEPTH:
-            raise InputError("The systems are nested too deeply.", where=where, valid=f"{MAXIMUM_DEPTH} levels")
+            raise InputError(
+                "The systems are nested too deeply.", where=where, valid=f"{MAXIMUM_DEPTH} levels",
+                next_step="Flatten the system where it was made.",
+            )  # fmt: skip
         found: dict[str, dict[str, ET.Element]] = {"Component": {}, "System": {}}
         for child in system.iterfind("{*}Elements/*"):
             kind = _local(child)
             if kind not in found:
-                raise InputError(f"A {kind} is not supported.", where=where, got=child.get("name"))
+                raise InputError(
+                    f"A {kind} is not supported.", where=where, got=child.get("name"),
+                    next_step="Leave it out, or replace it with a Component.",
+                )  # fmt: skip
             name = _required(child, "name", where=where)
             if "." in name or any(name in names for names in found.values()):
-                raise InputError("The name of an element must be unique and without a dot.", where=where, got=name)
+                raise InputError(
+                    "The name of an element must be unique and without a dot.", where=where, got=name,
+                    next_step="Rename it.",
+                )  # fmt: skip
             found[kind][name] = child
         connectors, bindings = self._connectors(system, where), self._bindings(system, where)
         yield path, Element(connectors, bindings, tuple(self._wires(system, path)))
@@ -137,7 +154,10 @@ class _Reader:
         _check_type(element, FMU_TYPE, "Only FMUs are supported as components.", where)
         implementation = element.get("implementation", "any")
         if implementation not in INTERFACES:
-            raise InputError("This implementation is not known.", where=where, got=implementation, valid=INTERFACES)
+            raise InputError(
+                "This implementation is not known.", where=where, got=implementation, valid=INTERFACES,
+                next_step="Take one of these.",
+            )  # fmt: skip
         return Element(
             self._connectors(element, where), self._bindings(element, where),
             source=_required(element, "source", where=where), interface=INTERFACES[implementation],
@@ -148,7 +168,9 @@ class _Reader:
         for own in element.iterfind("{*}Connectors/{*}Connector"):
             name = _required(own, "name", where=f"{where}, Connector")
             if name in found:
-                raise InputError("Two connectors have the same name.", where=where, got=name)
+                raise InputError(
+                    "Two connectors have the same name.", where=where, got=name, next_step="Rename one of them."
+                )
             kind = _required(own, "kind", where=f"{where}, Connector '{name}'")
             types = [c for c in own if _local(c) in (*NUMBERS, "Boolean", "String", "Enumeration", "Binary", "Clock")]
             unit = _named_unit(types[0], self.units) if types else None
@@ -196,11 +218,17 @@ class _Reader:
     def _content(self, holder: ET.Element | None, element: ET.Element, tag: str, where: str) -> ET.Element:
         """The root of what an element gives inline (in ``holder``) or names as its source."""
         if element.get("sourceBase", "SSD") != "SSD":
-            raise InputError("A source inside a component is not supported.", where=where, valid="sourceBase SSD")
+            raise InputError(
+                "A source inside a component is not supported.", where=where, valid="sourceBase SSD",
+                next_step="Name the source relative to the system structure, without sourceBase.",
+            )  # fmt: skip
         source = element.get("source")
         inline = list(holder) if holder is not None else []
         if (source is not None) == bool(inline) or len(inline) > 1:
-            raise InputError("Give either a source or the content itself.", where=where, got=source)
+            raise InputError(
+                "Give either a source or the content itself.", where=where, got=source,
+                next_step="Leave one of the two out.",
+            )  # fmt: skip
         if source is not None:
             return self.archive.xml(source, tag, where=where)
         check_root(inline[0], tag, where=where)
@@ -217,13 +245,19 @@ class _Reader:
             name = _required(own, "name", where=where)
             content = [child for child in own if _local(child) != "Annotations"]
             if len(content) != 1:
-                raise InputError("A parameter needs exactly one value.", where=where, got=name)
+                raise InputError(
+                    "A parameter needs exactly one value.", where=where, got=name,
+                    next_step="Give it one element with its value, such as <ssv:Real value=\"1\"/>.",
+                )  # fmt: skip
             text = _required(content[0], "value", where=f"{where}, Parameter '{name}'")
             stated = _local(content[0])
             values.append(Value(name, NUMBERS.get(stated, stated), text, _named_unit(content[0], units)))
         doubled = sorted(name for name, count in Counter(v.name for v in values).items() if count > 1)
         if doubled:
-            raise InputError("A parameter set gives values twice.", where=where, got=", ".join(doubled))
+            raise InputError(
+                "A parameter set gives values twice.", where=where, got=", ".join(doubled),
+                next_step="Leave one of the two out.",
+            )  # fmt: skip
         return Binding(where, element.get("prefix", ""), tuple(values), self._mapping(element, where))
 
     def _mapping(self, element: ET.Element, where: str) -> tuple[MappingEntry, ...] | None:
@@ -237,7 +271,10 @@ class _Reader:
             place = f"{where}, MappingEntry {own.get('source')} -> {own.get('target')}"
             source, target = (_required(own, key, where=place) for key in ("source", "target"))
             if any(target == entry.target for entry in entries):
-                raise InputError("Two entries of the mapping have the same target.", where=place, got=target)
+                raise InputError(
+                    "Two entries of the mapping have the same target.", where=place, got=target,
+                    next_step="Leave one of the two out.",
+                )  # fmt: skip
             entries.append(MappingEntry(source, target, _transformation(own, place), _suppressed(own, place)))
         return tuple(entries)
 
@@ -290,13 +327,19 @@ def _local(element: ET.Element) -> str:
 def _check_type(element: ET.Element, valid: str, what: str, where: str) -> None:
     kind = element.get("type", valid)
     if kind != valid:
-        raise InputError(what, where=where, got=kind, valid=valid)
+        raise InputError(
+            what, where=where, got=kind, valid=valid,
+            next_step="Mend the element in the archive, or export the system again with it.",
+        )  # fmt: skip
 
 
 def _required(element: ET.Element, key: str, *, where: str) -> str:
     value = element.get(key)
     if not value:
-        raise InputError(f"A {_local(element)} lacks the attribute '{key}'.", where=where)
+        raise InputError(
+            f"A {_local(element)} lacks the attribute '{key}'.", where=where,
+            next_step="Add it to the element in the archive, or export the system again.",
+        )  # fmt: skip
     return value
 
 
@@ -304,7 +347,10 @@ def _counts(parts: Mapping[str, ET.Element], key: str, where: str) -> dict[str, 
     found = {name: _number(c, key, 1.0, where=where) for name, c in parts.items() if c.get(key)}
     for name, value in found.items():
         if value != int(value):
-            raise InputError("This must be a whole number.", where=f"{where}, {name}, {key}", got=value)
+            raise InputError(
+                "This must be a whole number.", where=f"{where}, {name}, {key}", got=value,
+                next_step="Write it without a fraction.",
+            )  # fmt: skip
     return {name: int(value) for name, value in found.items()}
 
 
@@ -320,14 +366,19 @@ def number(text: str, *, where: str) -> float:
     except ValueError:
         value = math.nan
     if not math.isfinite(value):
-        raise InputError("This is not a finite number.", where=where, got=text)
+        raise InputError(
+            "This is not a finite number.", where=where, got=text, next_step="Write a number with a decimal point."
+        )
     return value
 
 
 def _suppressed(element: ET.Element, where: str) -> bool:
     text = element.get("suppressUnitConversion", "false")
     if text not in _TRUTH:
-        raise InputError("This is neither true nor false.", where=f"{where}, suppressUnitConversion", got=text)
+        raise InputError(
+            "This is neither true nor false.", where=f"{where}, suppressUnitConversion", got=text,
+            next_step="Write true or false.",
+        )  # fmt: skip
     return _TRUTH[text]
 
 
@@ -339,6 +390,7 @@ def _transformation(element: ET.Element, where: str) -> Affine:
             return Affine(_number(child, "factor", 1.0, where=where), _number(child, "offset", 0.0, where=where))
         if kind.endswith("Transformation"):
             raise InputError(
-                "This transformation is not supported.", where=where, got=kind, valid="LinearTransformation"
-            )
+                "This transformation is not supported.", where=where, got=kind, valid="LinearTransformation",
+                next_step="Replace it with a factor and an offset.",
+            )  # fmt: skip
     return Affine()

@@ -62,7 +62,10 @@ def read_ssp(path: Path | str, *, step_size: float | None = None, strict: bool =
             continue
         name = flat_name(own)
         if name == REFERENCE or name in map(flat_name, fmus):
-            raise InputError("This name of a component is taken.", where=where, got=f"{'.'.join(own)} as {name}")
+            raise InputError(
+                "This name of a component is taken.", where=where, got=f"{'.'.join(own)} as {name}",
+                next_step="Rename one of them: dots and underscores are alike here.",
+            )  # fmt: skip
         fmus[own] = _load(archive, own, element.source, element.interface, *solvers.get(name, ("rk4", None)))
         known, step = fmu_facts(fmus[own].path)
         scope = {**structure.units, **known}
@@ -71,7 +74,9 @@ def read_ssp(path: Path | str, *, step_size: float | None = None, strict: bool =
         if step is not None:
             steps[name] = step
     if not fmus:
-        raise InputError("The system has no components.", where=where)
+        raise InputError(
+            "The system has no components.", where=where, next_step="Add a component to it, or name another archive."
+        )
     net = build_net(structure, units, where=where)
     _check_connectors(net, fmus)
     values = Bindings(net, fmus, units, strict).values()
@@ -105,7 +110,10 @@ def _check_connectors(net: Net, fmus: Mapping[Place, FmuComponent]) -> None:
                 valid = groups[port.kind]
                 raise UnknownNameError(f"{port.kind} of the FMU", name, valid, where=f"{where}, Connector '{name}'")
             if port.kind == "inout":
-                raise InputError("A component has no connectors of kind inout.", where=where, got=name)
+                raise InputError(
+                    "A component has no connectors of kind inout.", where=where, got=name,
+                    next_step="Make it an input or an output.",
+                )  # fmt: skip
 
 
 def _with_values(fmu: FmuComponent, values: Mapping[str, float], net: Net) -> FmuComponent:
@@ -118,8 +126,9 @@ def _with_values(fmu: FmuComponent, values: Mapping[str, float], net: Net) -> Fm
     for name, value in options.items():
         if value != int(value):
             raise InputError(
-                f"The parameter '{name}' takes integers.", where=f"{net.where}, {fmu.path.name}", got=value
-            )
+                f"The parameter '{name}' takes integers.", where=f"{net.where}, {fmu.path.name}", got=value,
+                next_step="Give it a whole number.",
+            )  # fmt: skip
     if options:
         fmu = replace(fmu, options={**fmu.options, **{name: int(value) for name, value in options.items()}})
     return fmu
@@ -145,7 +154,10 @@ def _system(
         chain = net.upstream(end)
         origin, variable = chain[0].start
         if origin in names and net.ports[end].kind != "input":
-            raise InputError("A parameter cannot follow an output.", where=chain[-1].where)
+            raise InputError(
+                "A parameter cannot follow an output.", where=chain[-1].where,
+                next_step="Connect the output to an input, or bind a value to the parameter.",
+            )  # fmt: skip
         if origin not in names and (origin or net.ports[origin, variable].kind != "input"):
             continue  # what was bound there is a value or a start value of the component already
         if origin not in names:
@@ -187,6 +199,7 @@ def _check_loop(loop: Loop, components: Mapping[str, Component], where: str) -> 
         raise InputError(
             "The annotation of the loop treats algebraic loops in an unknown way.", where=where,
             got=loop.algebraic_loops, valid=get_args(LoopTreatment),
+            next_step="Take one of these, or leave the annotation out.",
         )  # fmt: skip
 
 

@@ -79,7 +79,10 @@ class Net:
 
 def _check_circle(wire: Wire, others: list[Wire] | tuple[Wire, ...]) -> None:
     if wire in others:
-        raise InputError("Connections run in a circle without a component.", where=wire.where)
+        raise InputError(
+            "Connections run in a circle without a component.", where=wire.where,
+            next_step="Take one of the connections of this circle out.",
+        )  # fmt: skip
 
 
 def flat_name(path: Place) -> str:
@@ -115,6 +118,7 @@ def build_net(structure: Structure, own_units: Mapping[Node, Unit | None], *, wh
                 raise InputError(
                     "Two connections end in the same connector.", where=wire.where, got=f"{both}; also {other}",
                     valid="one connection to each input",
+                    next_step="Take one of them out, or add their signals in a component.",
                 )  # fmt: skip
             inbound[wire.end] = wire
             outbound[wire.start] = (*outbound.get(wire.start, ()), wire)
@@ -145,4 +149,7 @@ def _check_direction(path: Place, wire: Wire, ports: Mapping[Node, Connector]) -
             )  # fmt: skip
         if port.type != "Real":
             got = f"'{node[1]}' of type {port.type}"
-            raise InputError("Only Real signals are connected.", where=wire.where, got=got)
+            raise InputError(
+                "Only Real signals are connected.", where=wire.where, got=got,
+                next_step="Make the connector Real, or take the connection out.",
+            )  # fmt: skip

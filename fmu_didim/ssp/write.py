@@ -87,7 +87,9 @@ def _safe(name: str) -> str:
 
 def _write(path: Path, files: Mapping[str, bytes | Path]) -> None:
     if not path.parent.is_dir():
-        raise InputError("The folder does not exist.", where=str(path.parent))
+        raise InputError(
+            "The folder does not exist.", where=str(path.parent), next_step="Make it first, or choose another path."
+        )
     with whole_file(path) as temporary, zipfile.ZipFile(temporary, "w") as archive:
         for name, content in files.items():
             entry = zipfile.ZipInfo(name, date_time=_ZIP_TIME)

@@ -168,7 +168,7 @@ def _at_the_start(case: Case, model: LoopModel, found: Checked) -> Checked:
             values = model.free_parameters.limited(start_values(model, start))
             reason = mass_matrix_problem(model, values)
             if reason:
-                raise SimulationError(reason)
+                raise SimulationError(reason, next_step="Start from other values.")
             torque = {label: model.torque(values, label) for label in model.experiments}
         except FmuDidimError as error:
             reasons.append(f"{place}: {error.what}" + (f" ({error.got})" if error.got else ""))

@@ -69,7 +69,10 @@ def discover(
             SimulationError: the base model cannot be simulated.
     """
     if rounds < 0:
-        raise InputError("The number of rounds must not be negative.", where="rounds", got=rounds, valid="0, 1, 2, ...")
+        raise InputError(
+            "The number of rounds must not be negative.", where="rounds", got=rounds, valid="0, 1, 2, ...",
+            next_step="Give one of these.",
+        )  # fmt: skip
     search = Progress.limited(progress or (lambda text: None), time_limit)
     folder = None if out is None else result_folder(out, figures=figures)
     case = checked_case(case, folder, objects)

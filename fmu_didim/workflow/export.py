@@ -75,7 +75,10 @@ def export_ssp(
         document = result.document if isinstance(result, Result) else read_result(result)
         values = {name: p.value for name, p in document.parameters.items()}
         if not values:
-            raise InputError("The result holds no values.", where=str(result), got=document.status)
+            raise InputError(
+                "The result holds no values.", where=str(result), got=document.status,
+                next_step="Take the result of a run that ended with values.",
+            )  # fmt: skip
         if "delay" in values and "delay" not in model.names:
             model = with_free_delay(model)
     system = model.system(named_values(model, values))

@@ -48,8 +48,9 @@ def simulate(
     reason = mass_matrix_problem(model, values)
     if reason:
         raise InputError(
-            f"These parameters cannot be simulated: {reason}.", where="parameters", got=dict(parameters or {})
-        )
+            f"These parameters cannot be simulated: {reason}.", where="parameters", got=dict(parameters or {}),
+            next_step="Give values for which every mass and inertia is positive.",
+        )  # fmt: skip
     return simulated_table(model.simulation(values), motion=("q", "dq", "ddq"))
 
 

@@ -29,7 +29,10 @@ def started_from(case: Case, result: Result) -> Case:
         )  # fmt: skip
     model, name = case.model, result.document.name
     if not result.parameters:
-        raise InputError("The result to start from holds no values.", where="start", got=f"{name}: {result.verdict}")
+        raise InputError(
+            "The result to start from holds no values.", where="start", got=f"{name}: {result.verdict}",
+            next_step="Take a result that ended with values, or leave start out.",
+        )  # fmt: skip
     others = [n for n in result.parameters if n not in model.names]
     unknown = [n for n in others if result.parameters[n].of != "delay" and result.parameters[n].experiment is None]
     if unknown:
@@ -39,7 +42,10 @@ def started_from(case: Case, result: Result) -> Case:
             next_step="Start from a result of the same robot with the same free parameters.",
         )  # fmt: skip
     if not hasattr(case.estimator, "start"):
-        raise InputError("This estimator takes no start values.", where="start", got=case.estimator.name)
+        raise InputError(
+            "This estimator takes no start values.", where="start", got=case.estimator.name,
+            next_step="Take one that does, such as didim, or leave start out.",
+        )  # fmt: skip
     shared = [p.name for p in model.free_parameters if p.experiment is None]
     described = dict(zip(model.names, map(float, model.start), strict=True))
     values = {n: described[n] for n in shared} | {n: v for n, v in result.values.items() if n in model.names}

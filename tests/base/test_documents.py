@@ -188,9 +188,9 @@ def case_text(**changes: object) -> str:
 @pytest.mark.parametrize(
     ("text", "told"),
     [
-        (case_text(duration_s=float("inf")), "duration_s: Input should be a finite number"),
-        (case_text(start_hz=float("nan")), "start_hz: Input should be a finite number"),
-        (case_text() + "loop: {rate_hz: .inf}\n", "rate_hz: Input should be a finite number"),
+        (case_text(duration_s=float("inf")), "duration_s: a finite number is needed here"),
+        (case_text(start_hz=float("nan")), "start_hz: a finite number is needed here"),
+        (case_text() + "loop: {rate_hz: .inf}\n", "rate_hz: a finite number is needed here"),
         (case_text() + "loop: {drive_gains: [1.0, 0.0]}\n", "a drive with the gain 0 moves nothing"),
         (case_text() + "estimator: {kind: didim, tolerance: .nan}\n", "tolerance must be a finite number"),
     ],
@@ -206,7 +206,7 @@ def test_gravity_that_is_no_number_is_refused(tmp_path: Path) -> None:
     assert "gravity" in robot
     changed = re.sub(r"gravity: .*", "gravity: [.nan, 0, 0]", robot)
     (tmp_path / "robot.yaml").write_text(changed, encoding="utf-8")
-    with pytest.raises(InputError, match=r"gravity\.0: Input should be a finite number"):
+    with pytest.raises(InputError, match=r"gravity\.0: a finite number is needed here"):
         read_robot(tmp_path / "robot.yaml")
 
 

@@ -79,7 +79,7 @@ def test_a_library_that_is_absent_is_named_with_its_extra(
 
 def test_what_a_library_lacks_itself_is_its_own_fault() -> None:
     """An absent part of an installed library is not the absence of the library."""
-    absent = InputError("absent")
+    absent = InputError("absent", next_step="Change it.")
     with pytest.raises(LibraryError, match=r"No module named 'numpy\.core'"), loading("h5py", absent=absent):
         raise ModuleNotFoundError("No module named 'numpy.core'", name="numpy.core")
 

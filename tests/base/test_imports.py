@@ -218,7 +218,7 @@ def test_discover_takes_a_module_or_a_file(
 
     def search(model: object, request: Any) -> None:
         taken.update(effects=request.effects, options=request.options)
-        raise InputError("seen")
+        raise InputError("seen", next_step="Change it.")
 
     here, there = tmp_path / "here ü", tmp_path / "there"
     here.mkdir()

@@ -81,7 +81,7 @@ def test_outputs_after_the_step_and_loops_are_declared(tmp_path: Path) -> None:
     [
         ("rate_hz", 130.0, "whole multiple or divisor"),
         ("rate_hz", 0.0, "greater than 0"),
-        ("outputs_after_step", "perhaps", "bool"),
+        ("outputs_after_step", "perhaps", "true or false"),
     ],
 )
 def test_wrong_timing_is_refused(tmp_path: Path, key: str, value: Any, problem: str) -> None:

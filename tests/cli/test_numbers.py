@@ -38,9 +38,9 @@ def test_of_the_command_line(command: str, told: str, capsys: pytest.CaptureFixt
 @pytest.mark.parametrize(
     ("options", "told"),
     [
-        ({"tolerance": -1.0}, "tolerance: Input should be greater than 0 (got -1.0)"),
-        ({"tolerance": 0}, "tolerance: Input should be greater than 0"),
-        ({"maximum_iterations": 0}, "maximum_iterations: Input should be greater than or equal to 1"),
+        ({"tolerance": -1.0}, "tolerance: must be greater than 0 (got -1.0)"),
+        ({"tolerance": 0}, "tolerance: must be greater than 0"),
+        ({"maximum_iterations": 0}, "maximum_iterations: must be 1 or more"),
         ({"maximum_iterations": -3}, "maximum_iterations"),
         ({"finish_tolerance": 0.0}, "finish_tolerance"),
         ({"kind": "clie", "tolerance": -1.0}, "tolerance"),

@@ -79,7 +79,7 @@ class TableModel:
     def residual(self, values: Array, label: str | None = None) -> Array:
         table = self.own if label in (None, "fitted") else self.held_out[label]
         if table is None:
-            raise SimulationError("It diverges.")
+            raise SimulationError("It diverges.", next_step="Change it.")
         return table
 
 

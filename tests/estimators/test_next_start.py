@@ -50,13 +50,13 @@ def told(estimate: Estimate, reason: str) -> None:
 
 
 def test_rank_that_is_lost_at_one_start(monkeypatch: pytest.MonkeyPatch) -> None:
-    lost = IdentificationError("The data cannot tell some parameters apart.", got="ZZ1R, ZZ2")
+    lost = IdentificationError("The data cannot tell some parameters apart.", got="ZZ1R, ZZ2", next_step="Change it.")
     monkeypatch.setattr(Didim, "_iterate", failing(Didim._iterate, lost))
     told(Didim().estimate(model()), "The data cannot tell some parameters apart. (ZZ1R, ZZ2)")
 
 
 def test_rank_that_is_lost_at_all_starts(monkeypatch: pytest.MonkeyPatch) -> None:
-    lost = IdentificationError("The data cannot tell some parameters apart.", got="ZZ1R, ZZ2")
+    lost = IdentificationError("The data cannot tell some parameters apart.", got="ZZ1R, ZZ2", next_step="Change it.")
     monkeypatch.setattr(Didim, "_iterate", failing(Didim._iterate, lost, np.inf))
     with pytest.raises(IdentificationError) as caught:
         Didim().estimate(model())
@@ -64,7 +64,7 @@ def test_rank_that_is_lost_at_all_starts(monkeypatch: pytest.MonkeyPatch) -> Non
 
 
 def test_a_finish_that_cannot_be_simulated(monkeypatch: pytest.MonkeyPatch) -> None:
-    broken = SimulationError("The component stopped.", got="t = 1 s")
+    broken = SimulationError("The component stopped.", got="t = 1 s", next_step="Change it.")
     monkeypatch.setattr(didim, "finish_by_colour", failing(didim.finish_by_colour, broken))
     estimate = Didim().estimate(model())
     told(estimate, f"{NO_FINISH}: The component stopped. t = 1 s")
@@ -73,7 +73,7 @@ def test_a_finish_that_cannot_be_simulated(monkeypatch: pytest.MonkeyPatch) -> N
 
 
 def test_no_finish_that_can_be_simulated(monkeypatch: pytest.MonkeyPatch) -> None:
-    broken = SimulationError("The component stopped.")
+    broken = SimulationError("The component stopped.", next_step="Change it.")
     monkeypatch.setattr(didim, "finish_by_colour", failing(didim.finish_by_colour, broken, np.inf))
     with pytest.raises(RefusedError, match=f"{NO_FINISH}: The component stopped"):
         Didim().estimate(model())

@@ -197,7 +197,7 @@ def test_an_idle_parameter_has_a_column_of_zeros() -> None:
 def test_steps_that_cannot_be_simulated_are_left_out() -> None:
     def law(a: float) -> Array:
         if abs(a - 1) > 2e-6:
-            raise SimulationError("It diverges.")
+            raise SimulationError("It diverges.", next_step="Change it.")
         return np.asarray(a**2 * np.cos(T))
 
     found = ladder(law).best(1e-3)
@@ -207,7 +207,7 @@ def test_steps_that_cannot_be_simulated_are_left_out() -> None:
 def test_a_parameter_that_cannot_be_varied_is_named() -> None:
     def law(a: float) -> Array:
         if a != 1:
-            raise SimulationError("It diverges.")
+            raise SimulationError("It diverges.", next_step="Change it.")
         return np.cos(T)
 
     with pytest.raises(SimulationError, match="parameter 'a' cannot be varied"):

@@ -185,7 +185,7 @@ def test_the_gap_of_each_channel_is_in_units_of_its_own_noise() -> None:
     assert channel_gaps(fit) == {"fitted": {"q2": pytest.approx(2.0)}}
 
     def stops(label: str) -> Any:
-        raise SimulationError("It diverges.")
+        raise SimulationError("It diverges.", next_step="Change it.")
 
     fit.simulation = stops
     assert channel_gaps(fit) == {"fitted": {"q2": np.inf}}

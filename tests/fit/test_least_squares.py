@@ -257,7 +257,7 @@ def test_a_search_keeps_held_out_experiments_simulable(model: LoopModel, monkeyp
 
     def torque(self: LoopModel, values: np.ndarray, label: str | None = None) -> np.ndarray:
         if label == "validation" and values[0] < 1.15 * NEAR[0]:
-            raise DivergedError("The simulation diverged.", time=0.0)
+            raise DivergedError("The simulation diverged.", time=0.0, next_step="Change it.")
         return real(self, values, label)
 
     monkeypatch.setattr(LoopModel, "torque", torque)

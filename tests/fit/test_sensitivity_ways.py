@@ -120,7 +120,7 @@ def test_a_plant_of_known_equations_is_smooth(monkeypatch: pytest.MonkeyPatch) -
 def test_forward_differences_at_limits_and_edges(low: float, high: float, broken: float, tried: list[float]) -> None:
     def law(values: Mapping[str, float], label: str) -> Array:
         if values["a"] > broken:
-            raise SimulationError("It diverges.")
+            raise SimulationError("It diverges.", next_step="Change it.")
         return cubes({**values, "b": 3.0}, label)
 
     one = model(law=law, parameters=(free("a", 2.0, low, high, scale=10.0),))

@@ -391,7 +391,7 @@ def test_a_step_whose_gain_jitter_hides_is_made_in_full(jitter: float, value: fl
 def test_near_what_cannot_be_simulated_one_more_damping_is_tried() -> None:
     def change(a: float) -> float:
         if a > 0.95:
-            raise SimulationError("It diverges.")
+            raise SimulationError("It diverges.", next_step="Change it.")
         return a
 
     found = search(bent(change))
@@ -403,7 +403,7 @@ def test_near_what_cannot_be_simulated_one_more_damping_is_tried() -> None:
 def test_the_first_step_that_runs_is_kept_where_the_next_one_is_worse() -> None:
     def change(a: float) -> float:
         if a > 0.6:
-            raise SimulationError("It diverges.")
+            raise SimulationError("It diverges.", next_step="Change it.")
         return a if a > 0.4 else -9.0 * (a > 0)
 
     found = search(bent(change))
@@ -422,7 +422,7 @@ def test_what_the_guard_refuses_is_not_simulated() -> None:
 def test_held_out_experiments_must_run_too(check_all: bool, value: float) -> None:
     def law(values: Mapping[str, float], label: str) -> Array:
         if label == "other" and values["a"] > 0.6:
-            raise SimulationError("It diverges.")
+            raise SimulationError("It diverges.", next_step="Change it.")
         return np.full((21, 1), values["a"])
 
     one = LawModel(law, {"one": np.ones((21, 1))}, (free("a", 0.0),), held_out=("other",))

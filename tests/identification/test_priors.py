@@ -317,7 +317,7 @@ def test_discovery_leaves_it_out_and_says_so(monkeypatch: pytest.MonkeyPatch) ->
 
     def base_model(model: LoopModel) -> None:
         asked.append(model)
-        raise InputError("asked")
+        raise InputError("asked", next_step="Change it.")
 
     case = load_case(CASE).with_(prior=PUBLISHED)
     monkeypatch.setattr("fmu_didim.discovery.run.prepare", base_model)

@@ -51,7 +51,7 @@ def test_tasks_run_at_the_same_time_and_keep_their_order() -> None:
 
 def test_the_error_of_a_task_is_raised() -> None:
     def broken() -> int:
-        raise SimulationError("broken")
+        raise SimulationError("broken", next_step="Change it.")
 
     with pytest.raises(SimulationError, match="broken"):
         side_by_side([lambda: 1, broken, lambda: 2], 2)

@@ -134,7 +134,7 @@ def test_every_entry_of_a_case_can_be_changed() -> None:
     ("changes", "message"),
     [
         ({"trian": {}}, "trian: unknown key. Did you mean 'train'\\? Valid keys: schema, name"),
-        ({"train": {"torque": {"rate_hz": -3}}}, "train.torque.rate_hz: Input should be greater than 0 \\(got -3\\)"),
+        ({"train": {"torque": {"rate_hz": -3}}}, "train.torque.rate_hz: must be greater than 0 \\(got -3\\)"),
         ({"estimator": {"kind": "didm"}}, "there is no estimator 'didm'; valid: didim"),
         ({"estimator": {"strat": 1}}, "unknown option 'strat' of didim"),
         ({"robot": "nowhere.yaml"}, "The case names files that do not exist"),

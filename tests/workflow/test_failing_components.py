@@ -145,13 +145,19 @@ def test_the_headline_of_a_discovery(folder: Path, fault: str, isolated: bool) -
 
 def test_a_refusal_at_a_minimum_keeps_its_reason() -> None:
     """Values that no machine can have are no matter of a failure on the way to them."""
-    failure = SimulationError("it gave up.", where="a.fmu", got="said so").in_component("plant", 0.5)
-    refused = RefusedError("The model is not physical.", iterations=(), got="ZZ1 < 0", values=np.zeros(1))
+    failure = SimulationError("it gave up.", where="a.fmu", got="said so", next_step="Change it.").in_component(
+        "plant", 0.5
+    )
+    refused = RefusedError(
+        "The model is not physical.", iterations=(), got="ZZ1 < 0", values=np.zeros(1), next_step="Change it."
+    )
     headed = refused.because_of(failure)
     assert headed.what == "The plant failed at t = 0.5 s: it gave up."
     assert headed.got == "said so; so that there is no answer: The model is not physical.; ZZ1 < 0"
     assert headed.where == "a.fmu" and headed.values is refused.values
-    minimum = RefusedError("The model is not physical.", iterations=(), values=np.zeros(1), deviation=np.ones(1))
+    minimum = RefusedError(
+        "The model is not physical.", iterations=(), values=np.zeros(1), deviation=np.ones(1), next_step="Change it."
+    )
     assert minimum.because_of(failure) is minimum
     assert refused.because_of(None) is refused
     assert failure.in_component("controller", 1.0).component == "plant"  # the first one counts

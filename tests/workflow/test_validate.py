@@ -45,7 +45,7 @@ def test_all_mistakes_at_once_with_their_lines(tmp_path: Path) -> None:
     text = "\n".join(mistake.text for mistake in mistakes(folder(tmp_path)))
     for part in (
         "line 6, lop: unknown key. Did you mean 'loop'?",
-        "line 14, validation.torque.rate_hz: Input should be greater than 0",
+        "line 14, validation.torque.rate_hz: must be greater than 0",
         "line 5, joints.0.effects",
         "viscos",
         "Kp has 2 values for 1 joints",

@@ -82,10 +82,16 @@ def with_value(content: Any, path: str, value: Any, folder: Path) -> Any:
     if isinstance(content, Sequence) and not isinstance(content, str):
         new = list(content)
         if not head.isdigit() or int(head) >= len(new):
-            raise InputError("The list has no such element.", where=path, got=head, valid=f"0 to {len(new) - 1}")
+            raise InputError(
+                "The list has no such element.", where=path, got=head, valid=f"0 to {len(new) - 1}",
+                next_step="Take a number of an element; the first one is 0.",
+            )  # fmt: skip
         new[int(head)] = with_value(new[int(head)], rest, value, folder) if rest else value
         return new
-    raise InputError("The path continues below a value.", where=path, got=repr(content)[:60])
+    raise InputError(
+        "The path continues below a value.", where=path, got=repr(content)[:60],
+        next_step="Shorten the path to the key that holds this value.",
+    )  # fmt: skip
 
 
 def _description(path: Path) -> dict[str, Any]:

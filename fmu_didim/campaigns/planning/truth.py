@@ -114,6 +114,7 @@ def _experiment(case: Case, label: str) -> Experiment:
             raise InputError(
                 "Simulated torque cannot be logged faster than the control rate.", where=f"{label}: torque.rate_hz",
                 got=f"{source.rate_hz:g} Hz", valid=f"up to {1 / step:g} Hz",
+                next_step="Lower torque.rate_hz, or raise the rate of the reference.",
             )  # fmt: skip
         times = decimated_times(times, source.rate_hz, source.phase_s)
     operator = sample_operator(
@@ -130,7 +131,10 @@ def noise_deviation(noise: Noise, log: SimulatedLog) -> Array:
     n = log.torque.shape[1]
     if noise.std is not None:
         if len(noise.std) != n:
-            raise InputError("noise.std needs one value for each joint.", got=len(noise.std), valid=str(n))
+            raise InputError(
+                "noise.std needs one value for each joint.", got=len(noise.std), valid=str(n),
+                next_step="Give one number for all joints, or a list of that length.",
+            )  # fmt: skip
         return np.array(noise.std)
     return np.asarray((noise.relative or 0.0) * np.sqrt((log.torque**2).mean(axis=0)))
 

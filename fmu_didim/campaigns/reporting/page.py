@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -48,8 +49,12 @@ def write_campaign_report(results: Results) -> list[Path]:
     try:
         for name, frame in tables.items():
             mixed = {column: frame[column].map(_text) for column in frame.columns if frame[column].dtype == object}
-            content = pa.Table.from_pandas(frame.assign(**mixed), preserve_index=False)
-            for suffix, write in ((".csv", write_csv), (".parquet", write_table)):
+            texts = frame.select_dtypes(exclude=["number", "bool"]).columns
+            plain = {column: mixed.get(column, frame[column]).map(_no_formula) for column in texts}
+            for suffix, write, columns in ((".csv", write_csv, plain), (".parquet", write_table, mixed)):
+                content = pa.Table.from_pandas(frame.assign(**columns), preserve_index=False)
+                if columns is plain:
+                    content = content.rename_columns([_no_formula(column) for column in content.column_names])
                 path = results.folder / f"{name}{suffix}"
                 with whole_file(path) as temporary:
                     write(content, temporary)
@@ -64,6 +69,20 @@ def write_campaign_report(results: Results) -> list[Path]:
 
 def _text(value: Any) -> Any:
     return value if value is None or isinstance(value, str) else None if value != value else str(value)
+
+
+_FORMULA = re.compile(r"[=+\-@\t\r\n]")
+_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)(e[+-]?\d+)?", re.IGNORECASE)
+
+
+def _no_formula(text: Any) -> Any:
+    """A text that spreadsheets take for text: one that begins as a formula does gets a ``'`` in front.
+
+    Source: OWASP, "CSV Injection".
+    """
+    if isinstance(text, str) and _FORMULA.match(text) and not _NUMBER.fullmatch(text):
+        return f"'{text}"
+    return text
 
 
 def campaign_report(results: Results, groups: pd.DataFrame, quality: pd.DataFrame) -> Report:

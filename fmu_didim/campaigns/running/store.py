@@ -23,7 +23,7 @@ import pyarrow as pa
 from pyarrow import parquet
 
 from fmu_didim.base.errors import InputError
-from fmu_didim.base.files import advice, patiently, sync, whole_file
+from fmu_didim.base.files import advice, patiently, remove_stale, sync, whole_file
 from fmu_didim.base.version import __version__
 
 if TYPE_CHECKING:
@@ -50,6 +50,15 @@ ROW = pa.schema([
     ("reasons", pa.list_(pa.string())), ("parameters", pa.list_(_PARAMETER)),
 ])  # fmt: skip
 """The columns of a row."""
+_PLANNED = pa.schema([
+    *((name, pa.string()) for name in ("id", "design", "data")), ("seed", pa.int64()), ("settings", pa.string()),
+])  # fmt: skip
+"""The columns of a planned run."""
+_HEAD = {
+    "campaign": dict, "file": str | None, "folder": str, "code": str, "version": str, "planned": str, "count": int,
+    "paths": list,
+}  # fmt: skip
+"""What the file of a campaign holds."""
 BRIEF = ("id", "status", "verdict", "attempt", "seconds", "started")
 PLAN_FILE, RUNS_FILE = "campaign.json", "plan.parquet"
 JOURNALS, PARTS, FILES, RUNNERS = "journal", "parts", "runs", "runners"
@@ -89,6 +98,8 @@ class Store:
         try:
             for name in (JOURNALS, PARTS, RUNNERS):
                 (self.folder / name).mkdir(parents=True, exist_ok=True)
+                remove_stale(self.folder / name)
+            remove_stale(self.folder)
             with whole_file(self.folder / RUNS_FILE) as temporary:
                 parquet.write_table(pa.table(columns), temporary)
             with whole_file(self.folder / PLAN_FILE) as temporary:
@@ -98,18 +109,36 @@ class Store:
 
     def head(self) -> dict[str, Any]:
         """The campaign, and the code that planned it; raises InputError where there is no campaign."""
-        try:
-            return dict(json.loads((self.folder / PLAN_FILE).read_text(encoding="utf-8")))
-        except (OSError, ValueError) as error:
+        path = self.folder / PLAN_FILE
+        if not path.is_file():
             raise InputError(
-                "There is no campaign in this folder.", where=str(self.folder), got=str(error)[:200],
+                "There is no campaign in this folder.", where=str(self.folder),
                 next_step="fmu-didim campaign run CAMPAIGN.yaml makes one; the other commands take its folder.",
-            ) from error  # fmt: skip
+            )  # fmt: skip
+        try:
+            found = json.loads(path.read_text(encoding="utf-8"))
+        except (OSError, ValueError, RecursionError) as error:
+            raise _damaged(path, str(error)) from error
+        if not isinstance(found, dict):
+            raise _damaged(path, type(found).__name__)
+        if wrong := [name for name, kind in _HEAD.items() if not isinstance(found.get(name), kind)]:
+            raise _damaged(path, f"nothing usable for {', '.join(wrong)}")
+        if not isinstance(found["campaign"].get("name"), str):
+            raise _damaged(path, "a campaign without a name")
+        return found
 
     def planned(self) -> pa.Table:
         """The runs that were planned: id, design, data, seed, settings."""
         self.head()
-        return parquet.read_table(self.folder / RUNS_FILE)
+        path = self.folder / RUNS_FILE
+        try:
+            found = parquet.read_table(path, columns=_PLANNED.names).cast(_PLANNED)
+            labels = [json.loads(text) for text in found["settings"].to_pylist()]
+        except (OSError, ValueError, TypeError, pa.ArrowException) as error:
+            raise _damaged(path, str(error)) from error
+        if found["id"].null_count or not all(isinstance(label, dict) for label in labels):
+            raise _damaged(path, "runs without id or settings")
+        return found
 
     def rows(self, columns: Iterable[str] | None = None) -> pa.Table:
         """One row a finished run, of all plans and versions; of several rows the best and latest."""
@@ -117,14 +146,13 @@ class Store:
         schema = pa.schema([ROW.field(name) for name in names])
         # Journals first: one that becomes a part meanwhile is then found among the parts.
         journalled = [{name: row.get(name) for name in names} for row in self._lines()]
-        tables = [pa.Table.from_pylist(journalled, schema=schema), *self._parts(names)]
-        return _best_rows(pa.concat_tables([t.select(names).cast(schema) for t in tables]))
+        return _best_rows(pa.concat_tables([_as_table(journalled, schema), *self._parts(names, schema)]))
 
-    def _parts(self, names: list[str]) -> Iterator[pa.Table]:
+    def _parts(self, names: list[str], schema: pa.Schema) -> Iterator[pa.Table]:
         for path in sorted((self.folder / PARTS).glob("*.parquet")):
             try:
-                yield parquet.read_table(path, columns=names)
-            except (OSError, pa.ArrowException) as error:
+                yield parquet.read_table(path, columns=names).select(names).cast(schema)
+            except (OSError, KeyError, pa.ArrowException) as error:
                 _log.warning("%s cannot be read (%s); its runs count as not done", path, error)
 
     def _lines(self) -> Iterator[dict[str, Any]]:
@@ -168,6 +196,25 @@ def _best_rows(table: pa.Table) -> pa.Table:
         if id_ not in best or rank > best[id_][0]:
             best[id_] = rank, i
     return table.take(pa.array([i for _, i in best.values()], type=pa.int64()))
+
+
+def _as_table(rows: list[dict[str, Any]], schema: pa.Schema) -> pa.Table:
+    """Rows of journals as a table; those that hold something else than a row has are left out and told."""
+    try:
+        return pa.Table.from_pylist(rows, schema=schema)
+    except (pa.ArrowException, TypeError, ValueError, OverflowError):
+        if len(rows) == 1:
+            _log.warning("a row of a journal is damaged (%s); its run counts as not done", str(rows[0].get("id"))[:60])
+            return schema.empty_table()
+    middle = len(rows) // 2
+    return pa.concat_tables([_as_table(half, schema) for half in (rows[:middle], rows[middle:])])
+
+
+def _damaged(path: Path, why: str) -> InputError:
+    return InputError(
+        "A file of the campaign is damaged.", where=str(path), got=" ".join(why.split())[:200],
+        next_step="Remove it and run the campaign again: it is written anew, and finished runs are kept.",
+    )  # fmt: skip
 
 
 def read_lines(path: Path) -> list[dict[str, Any]]:

@@ -24,6 +24,7 @@ MAXIMUM_DESCRIPTION_BYTES = 64 * 2**20
 MAXIMUM_RATIO, RATIO_FROM = 100, 64 * 2**20
 """[1], [bytes] Largest ratio of content to archive, and the content from which on it is checked: text shrinks to a
 tenth."""
+AGAIN = "Export or download it again."
 
 _ENCODING = re.compile(rb"""<\?xml[^>]*\bencoding\s*=\s*["']([A-Za-z0-9._-]+)["']""")
 _PLAIN_ENCODINGS = re.compile(
@@ -44,7 +45,7 @@ def open_archive(path: Path) -> tuple[Path, str]:
     return cached_folder("extracted", digest, lambda target: _extract(path, target)), digest
 
 
-def unreadable(why: str, path: Path, got: str, next_step: str = "") -> FmuError:
+def unreadable(why: str, path: Path, got: str, next_step: str = AGAIN) -> FmuError:
     """The error of a file that is no FMU."""
     return FmuError(f"The file is not a readable FMU: {why}.", where=str(path), got=got, next_step=next_step)
 
@@ -67,7 +68,7 @@ def _extract(path: Path, target: Path) -> None:
                     shutil.copyfileobj(source, copy, 2**20)
     except (zipfile.BadZipFile, zipfile.LargeZipFile, zlib.error, EOFError, ValueError, RuntimeError) as error:
         why = "it is damaged" if zipfile.is_zipfile(path) else "it is not a zip archive"
-        raise unreadable(why, path, str(error), "Export or download it again.") from error
+        raise unreadable(why, path, str(error)) from error
     except (FileExistsError, NotADirectoryError) as error:
         raise unreadable("a member is a file and a folder", path, str(error)) from error
     except OSError as error:

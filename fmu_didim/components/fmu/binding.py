@@ -148,7 +148,10 @@ class Binding(ABC):
         full = f"{self.prefix}{name}"
         function = self.library.get(full)
         if function is None:
-            raise SimulationError(f"The FMU has no function {full}.", where=self.description.path.name)
+            raise SimulationError(
+                f"The FMU has no function {full}.", where=self.description.path.name,
+                next_step="Export the FMU again with a complete interface; fmu-didim fmu check FILE tries it.",
+            )  # fmt: skip
         self.check(full, function(self.c, *arguments))
 
     def reset(self) -> None:
@@ -212,7 +215,10 @@ class Binding(ABC):
         name = self._value_function(verb, kind)
         function: Any = self.library.get(name)
         if function is None:
-            raise FmuError(f"The FMU has no function {name}.", where=self.description.path.name)
+            raise FmuError(
+                f"The FMU has no function {name}.", where=self.description.path.name,
+                next_step="Export the FMU again with a complete interface; fmu-didim fmu check FILE tries it.",
+            )  # fmt: skip
         count = (values.size,) if self.passes_sizes else ()
         place = values.ctypes.data_as(function.argtypes[3])
         return function, (self.c, references(numbers), len(numbers), place, *count)
@@ -265,15 +271,16 @@ class Binding(ABC):
 
     def _without(self, what: str) -> SimulationError:
         return SimulationError(
-            f"FMUs of FMI {self.description.version} have no {what}.", where=self.description.path.name
-        )
+            f"FMUs of FMI {self.description.version} have no {what}.", where=self.description.path.name,
+            next_step="Export the FMU as FMI 3.0.",
+        )  # fmt: skip
 
 
 def event_iterations(binding: Binding) -> Iterator[None]:
     """As many event iterations as there may be at one instant; raises SimulationError after them."""
     yield from repeat(None, MAXIMUM_ITERATIONS)
     raise SimulationError(
-        "The event iteration of the FMU does not end.",
-        where=binding.description.path.name,
+        "The event iteration of the FMU does not end.", where=binding.description.path.name,
         got=f"{MAXIMUM_ITERATIONS} iterations at one instant",
-    )
+        next_step="Report it to the maker of the FMU, or take its co-simulation interface.",
+    )  # fmt: skip

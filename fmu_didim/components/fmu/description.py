@@ -93,7 +93,10 @@ class FmuVariable:
             numbers = [float(words.get(text, text)) for text in (self.start or "").split()] or [0.0]
         except ValueError as error:
             where = f"{path}, variable '{self.name}'"
-            raise FmuError("A start value in the FMU is not a number.", where=where, got=self.start) from error
+            raise FmuError(
+                "A start value in the FMU is not a number.", where=where, got=self.start,
+                next_step="Give this variable another start value, or export the FMU again.",
+            ) from error  # fmt: skip
         return tuple(numbers) if len(numbers) == self.size else (numbers[0],) * self.size
 
 

@@ -306,11 +306,15 @@ def _not_taken(component: FmuSettings, name: str, wanted: float, found: float) -
 
 def ended(component: FmuSettings, time: float) -> EndedError:
     """The error of an FMU that wants the simulation to end."""
-    return EndedError("The FMU ended the simulation.", where=component.path.name, got=f"t = {time:.6g} s")
+    return EndedError(
+        "The FMU ended the simulation.", where=component.path.name, got=f"t = {time:.6g} s",
+        next_step="Check its parameters and its stop time; fmu-didim fmu check FILE tries it alone.",
+    )  # fmt: skip
 
 
 def no_progress(component: FmuSettings, time: float) -> SimulationError:
     """The error of an FMU whose steps make no progress."""
     return SimulationError(
-        "The FMU comes back early from its steps again and again.", where=component.path.name, got=f"t = {time:.6g} s"
-    )
+        "The FMU comes back early from its steps again and again.", where=component.path.name, got=f"t = {time:.6g} s",
+        next_step="Give a longer communication step, or report it to the maker of the FMU.",
+    )  # fmt: skip

@@ -64,22 +64,14 @@ def load_fmu(
         FmuError: the file is not such an FMU, or holds no binary for this platform.
         InputError: an option is not valid.
     """
-    if interface not in (None, CO_SIMULATION, MODEL_EXCHANGE):
-        raise InputError("This interface is not known.", got=interface, valid=(CO_SIMULATION, MODEL_EXCHANGE))
-    if solver not in SOLVERS:
-        raise InputError("This solver is not known.", got=solver, valid=SOLVERS)
-    if substeps is not None and substeps < 1:
-        raise InputError("The number of substeps must be positive.", got=substeps)
-    if time_limit_s <= 0:
-        raise InputError("The time limit must be positive.", got=time_limit_s)
-    if tolerance is not None and not 0 < tolerance < 1:
-        raise InputError("The tolerance must be a fraction.", got=tolerance, valid="such as 1e-8")
-    if rerun not in STRATEGIES:
-        raise InputError("This way to run an FMU again is not known.", got=rerun, valid=STRATEGIES)
+    _check_options(interface, solver, substeps, time_limit_s, tolerance, rerun)
     fmu = read_description(path)
     chosen = _interface(fmu, interface)
     if rerun == STATE and not chosen.has_state:
-        raise InputError("The FMU cannot save its state.", where=str(fmu.path), got=f"rerun: {rerun}", valid=STRATEGIES)
+        raise InputError(
+            "The FMU cannot save its state.", where=str(fmu.path), got=f"rerun: {rerun}", valid=STRATEGIES,
+            next_step="Choose another way for rerun:, or leave it out.",
+        )  # fmt: skip
     clocked = check_events(fmu, chosen, wanted=event_mode)
     fmi = version_of(fmu.version, str(fmu.path))
     library_file(fmi, fmu, chosen)
@@ -97,6 +89,37 @@ def load_fmu(
         sample_time=clock_period(fmu) if clocked else own_period,
     )
     return component if substeps is None else component.with_substeps(substeps) or component
+
+
+def _check_options(
+    interface: str | None, solver: str, substeps: int | None, time_limit_s: float, tolerance: float | None, rerun: str
+) -> None:
+    if interface not in (None, CO_SIMULATION, MODEL_EXCHANGE):
+        raise InputError(
+            "This interface is not known.", got=interface, valid=(CO_SIMULATION, MODEL_EXCHANGE),
+            next_step="Take one that the FMU has; fmu-didim fmu info FILE lists them.",
+        )  # fmt: skip
+    if solver not in SOLVERS:
+        raise InputError(
+            "This solver is not known.", got=solver, valid=SOLVERS, next_step="Take one of these, or leave solver: out."
+        )
+    if substeps is not None and substeps < 1:
+        raise InputError("The number of substeps must be positive.", got=substeps, next_step="Give 1, 2, 3, ...")
+    if time_limit_s <= 0:
+        raise InputError(
+            "The time limit must be positive.", got=time_limit_s,
+            next_step="Give seconds above 0, or leave the limit out.",
+        )  # fmt: skip
+    if tolerance is not None and not 0 < tolerance < 1:
+        raise InputError(
+            "The tolerance must be a fraction.", got=tolerance, valid="such as 1e-8",
+            next_step="Give a number above 0 and below 1.",
+        )  # fmt: skip
+    if rerun not in STRATEGIES:
+        raise InputError(
+            "This way to run an FMU again is not known.", got=rerun, valid=STRATEGIES,
+            next_step="Take one of these, or leave rerun: out.",
+        )  # fmt: skip
 
 
 def _interface(fmu: FmuDescription, wanted: str | None) -> Interface:

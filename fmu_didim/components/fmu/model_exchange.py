@@ -141,8 +141,10 @@ class ModelExchangeInstance(FmuInstance):
             found, _, now = self._cvode.step(start, target)
         except (RuntimeError, TypeError) as error:  # FMPy's; TypeError where the solver gave it no reason
             raise SimulationError(
-                "CVode could not integrate the FMU.", where=self._component.path.name, got=f"t = {start:.6g} s: {error}"
-            ) from error
+                "CVode could not integrate the FMU.", where=self._component.path.name,
+                got=f"t = {start:.6g} s: {error}",
+                next_step="Check the values of the parameters, or give a larger tolerance or another solver.",
+            ) from error  # fmt: skip
         now = float(min(now, target))
         self._check(self._worst | self._set_time(self._c, now), start)
         self._check(self._get_states(*self._states_arguments), start)

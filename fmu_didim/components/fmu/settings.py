@@ -178,7 +178,10 @@ def _checked_option(name: str, kind: str, value: Option, path: Path) -> Option:
     if not fits:
         wanted = {"String": "text", "Boolean": "true, false"}.get(kind, "an integer")
         wanted = "a number" if kind in REAL_TYPES else wanted
-        raise InputError(f"The parameter '{name}' is of type {kind}.", where=str(path), got=repr(value), valid=wanted)
+        raise InputError(
+            f"The parameter '{name}' is of type {kind}.", where=str(path), got=repr(value), valid=wanted,
+            next_step="Give a value of this type.",
+        )  # fmt: skip
     if kind == "Boolean":
         return bool(value)
     return int(value) if kind in INTEGER_TYPES else value

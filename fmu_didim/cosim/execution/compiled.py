@@ -237,11 +237,17 @@ def _error(run: LoopRun, loop: _Loop, result: int, natives: list[Native]) -> Exc
     name = run.parts[loop.failed_part].name
     native = natives[loop.failed_part]
     if result == _STOPPED or isinstance(native, NativeLinear):
-        return SimulationError("The FMU ended the simulation.", where=name).in_component(name, time)
+        return SimulationError(
+            "The FMU ended the simulation.", where=name,
+            next_step="Check its parameters and its stop time; fmu-didim fmu check FILE tries it alone.",
+        ).in_component(name, time)  # fmt: skip
     try:
         at = f" at t = {time:.6g} s" if loop.failed_call == _STEP else ""
         native.check(native.calls[loop.failed_call] + at, int(loop.status))
     except SimulationError as error:
         return error.in_component(name, time)
-    failed = SimulationError("it refused a step.", where=name, got=f"status {loop.status}")
+    failed = SimulationError(
+        "it refused a step.", where=name, got=f"status {loop.status}",
+        next_step="Check its parameters and its step; fmu-didim fmu check FILE tries it alone.",
+    )  # fmt: skip
     return failed.in_component(name, time)

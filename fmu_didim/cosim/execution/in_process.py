@@ -154,7 +154,10 @@ def _recording(run: LoopRun, *, compiled: bool) -> Recording:
     if not (run.finite or np.isfinite(run.applied).all()):
         bad = int(np.flatnonzero(~np.isfinite(run.applied).all(axis=1))[0])
         time = run.time_of(int(run.ticks[bad]))
-        raise DivergedError("The closed loop gave values that are not finite.", time=time, is_finite=False)
+        raise DivergedError(
+            "The closed loop gave values that are not finite.", time=time, is_finite=False,
+            next_step="Check the gains, signs and units of the loop, and the start values.",
+        )  # fmt: skip
     return Recording(
         ticks=run.ticks,
         start=run.start,

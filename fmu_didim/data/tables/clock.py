@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 
 import numpy as np
@@ -22,6 +23,9 @@ SAME_RATE = 0.01
 other."""
 
 TIME_NAMES = ("t", "time", "zeit")
+_STAMP = re.compile(r"zeit|time|stamp|stempel|\buhr")
+_NO_STAMP = re.compile(r"loop|cycle|ctrl|control|instant|takt|zyklus|regler|dauer|duration|delay|totzeit|rechen|comput")
+"""In the name of a column that tells how long something took, or when the controller ran."""
 
 
 def clock_column(table: SignalTable, time: TimeColumn, names: Sequence[str]) -> str | None:
@@ -70,7 +74,21 @@ def _by_name(table: SignalTable) -> str | None:
             exact = [name for name, bare in named.items() if bare.casefold() == usual]
         if len(exact) == 1:
             return exact[0]
-    return None
+    stamps = [name for name in stamp_columns(table) if table.unit(name)]
+    return stamps[0] if len(stamps) == 1 else None
+
+
+def stamp_columns(table: SignalTable) -> list[str]:
+    """Columns that look like stamps: a word for time in their name, no unit but one of time, and values that grow."""
+    found = []
+    for name, values in table.columns.items():
+        bare = split_unit(name)[0].casefold()
+        known = known_unit(table.unit(name)) if table.unit(name) else None
+        if not table.has_header or (known is not None and known.powers != {"s": 1}):
+            continue
+        if _STAMP.search(bare) and not _NO_STAMP.search(bare) and values.size > 1 and (np.diff(values) > 0).all():
+            found.append(name)
+    return found
 
 
 def instants(table: SignalTable, time: TimeColumn, clock: str | None, count: int) -> tuple[Array, list[Diagnostic]]:

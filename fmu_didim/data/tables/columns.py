@@ -28,6 +28,8 @@ class Column(Strict):
         gear_ratio: where the column is of the motor side: turns of the motor in one of the joint; of a prismatic joint
             rad of the motor for 1 m.
         torque_constant: of a torque logged as a current, in N.m/A (N/A), of the same kind of ampere as the log.
+        rated: what 100 % is, of a torque logged in per cent (``unit: '%'``, ``'‰'`` or ``'1'``): in N.m (N), that of
+            the motor with ``gear_ratio``; of a current in A, with ``torque_constant``.
     """
 
     name: str
@@ -37,6 +39,7 @@ class Column(Strict):
     zero: float = Field(default=0.0, allow_inf_nan=False)
     gear_ratio: Positive | None = None
     torque_constant: Positive | None = None
+    rated: Positive | None = None
 
     @model_validator(mode="before")
     @classmethod
@@ -54,7 +57,7 @@ class Column(Strict):
         if self.unit is not None and self.unit != "1" and known_unit(self.unit) is None:
             raise ValueError(
                 f"the unit '{self.unit}' is not known, or may mean two things; write it as deg, rad, rpm, mm, m, Nm, "
-                "N, A, ms, or as N.m, rad/s2; a factor goes into scale:"
+                "N, A, ms, %, or as N.m, rad/s2; a factor goes into scale:"
             )
         return self
 
@@ -165,8 +168,12 @@ def conversion(signal: str, column: Column, stated: str, wanted: Target, *, wher
     factor = column.sign * column.scale
     if column.gear_ratio is not None:
         factor *= column.gear_ratio if wanted.order is None else 1.0 / column.gear_ratio
-    if definition is not None:
+    if column.rated is not None:
+        _check_rated(unit, definition, wanted, where)
+        factor *= column.rated
+    elif definition is not None:
         _check(signal, unit, definition, column, wanted, where)
+    if definition is not None:
         factor *= definition.factor
     if column.torque_constant is not None:
         factor *= column.torque_constant
@@ -174,6 +181,20 @@ def conversion(signal: str, column: Column, stated: str, wanted: Target, *, wher
     differs = other is not None and definition is not None and other != definition
     from_file = column.unit is None and definition is not None and definition.factor != 1.0
     return Conversion(factor, factor / column.scale * column.zero, unit, from_file, stated if differs else "")
+
+
+def _check_rated(unit: str, definition: UnitDefinition | None, wanted: Target, where: str) -> None:
+    """Raise InputError where a column is no torque, or is not logged in parts of a rated one."""
+    if not wanted.is_torque:
+        raise InputError(
+            "Only a torque is logged in parts of a rated one.", where=where, got="rated: ...", valid="tau1, tau2, ...",
+            next_step="Take rated: out; a factor goes into scale:.",
+        )  # fmt: skip
+    if definition is None or definition.powers:
+        raise InputError(
+            "The unit of a torque in parts of a rated one is none of per cent.", where=where, got=unit or "no unit",
+            valid="unit: '%', '‰' or '1'", next_step="Give the one in which the log has it, or take rated: out.",
+        )  # fmt: skip
 
 
 def _check(signal: str, unit: str, definition: UnitDefinition, column: Column, wanted: Target, where: str) -> None:
@@ -185,7 +206,10 @@ def _check(signal: str, unit: str, definition: UnitDefinition, column: Column, w
     if column.torque_constant is not None:
         names, valid = ("A",), ({"A": 1},)
     if definition.offset:
-        raise InputError("A unit with an offset cannot be the unit of this signal.", where=where, got=unit)
+        raise InputError(
+            "A unit with an offset cannot be the unit of this signal.", where=where, got=unit,
+            next_step="Convert the signal before, or give the unit of differences, such as K for degC.",
+        )  # fmt: skip
     if not valid or powers in valid:
         return
     raise InputError(
@@ -201,7 +225,7 @@ def _advice(powers: dict[str, int], wanted: Target) -> str:
             "beside unit:, on the motor side with gear_ratio:; or is it the command: quantity: command?"
         )
     if not powers and wanted.is_torque:
-        return "Parts of the rated torque: give scale: with the rated torque, and unit: Nm."
+        return "Parts of a rated torque: give it beside unit:, rated: 40 (N.m; of the motor, with gear_ratio:)."
     if wanted.order is not None and powers == {"s": -max(wanted.order, 1)}:
         return "1/min and Hz may count turns or radians: write unit: rpm (or rev/s) if they count turns."
     if wanted.order is not None and not powers:

@@ -30,7 +30,10 @@ def read_table(path: Path | str, *, layout: CsvLayout | None = None) -> SignalTa
         raise InputError("The data file does not exist.", where=str(path), next_step="Check the path in the case file.")
     reader = READER_OF.get(path.suffix.lower())
     if reader is None:
-        raise InputError("This file format is not read.", where=str(path), got=path.suffix, valid=READER_OF)
+        raise InputError(
+            "This file format is not read.", where=str(path), got=path.suffix, valid=READER_OF,
+            next_step="Export it as one of these; CSV is the simplest.",
+        )  # fmt: skip
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # what matters is reported in our own words

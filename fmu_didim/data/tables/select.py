@@ -74,7 +74,10 @@ def selected(
             text = f"The file says {stated} for its column {name}, which is not known: {signal} was taken as "
             told.append(Diagnostic(UNIT_UNKNOWN, f"{text}{' or '.join(wanted.names)}.", table.source))
     if not made:
-        raise InputError("The file has a time column but no signal of its length.", where=table.source)
+        raise InputError(
+            "The file has a time column but no signal of its length.", where=table.source,
+            next_step="Name the time column, or give rate_hz; fmu-didim data FILE lists the columns.",
+        )  # fmt: skip
     if converted:
         text = f"Converted by the units in the file: {', '.join(converted)}."
         told.append(Diagnostic(UNIT_FROM_FILE, text, table.source))

@@ -51,7 +51,10 @@ class Plants:
 
     def _block(self, added: Sequence[LoopEffect]) -> Block:
         if self.loop.description is None:
-            raise InputError("This plant has no robot description, so its torque balance cannot get further effects.")
+            raise InputError(
+                "This plant has no robot description, so its torque balance cannot get further effects.",
+                next_step="Give the case a robot: description, or ask for effects between controller and plant only.",
+            )  # fmt: skip
         changing = [one for one in added if one.changes_equations]
         return RobotModel(described(self.loop.description, changing)).block()
 

@@ -84,7 +84,10 @@ class SplittingExperiment:
         if self.reference is None:
             raise InputError("No motion splits this set.", where=str(path), next_step=" ".join(self.advice))
         if path.suffix not in (".csv", ".yaml"):
-            raise InputError("This is no file name for a reference.", where=str(path), valid=".csv, .yaml")
+            raise InputError(
+                "This is no file name for a reference.", where=str(path), valid=".csv, .yaml",
+                next_step="End the name with one of these.",
+            )  # fmt: skip
         table = path.with_suffix(".csv")
         if path.suffix == ".csv" or self.excitation is None:
             write_csv(self.reference, table)
@@ -119,7 +122,10 @@ def design_experiment(
         InputError: fewer than two members, or the limits leave no room.
     """
     if len({m.effect_at for m in members}) < 2:
-        raise InputError("There is nothing to split.", where="splitting experiment", valid="at least two members")
+        raise InputError(
+            "There is nothing to split.", where="splitting experiment", valid="at least two members",
+            next_step="Ask for a next experiment only where several effects explain the residual alike.",
+        )  # fmt: skip
     search, model = search or Search(), RobotModel(description)
     context = DesignContext(description, chi, noise, rate_hz, effects, search.follow)
     shown, hidden = _sorted_out(members, context, model)

@@ -81,7 +81,10 @@ def amplitudes(motion_projection: ProjectedMotion, members: Sequence[AmbiguousEf
     """Fitted amplitudes; a member without any gets those that make it look most like the first one that has some."""
     known = next((m for m in members if m.theta is not None), None)
     if known is None or known.theta is None:
-        raise InputError("No member of the set has fitted amplitudes.", where="splitting experiment")
+        raise InputError(
+            "No member of the set has fitted amplitudes.", where="splitting experiment",
+            next_step="Run fmu-didim discover again on data that move the joints in question.",
+        )  # fmt: skip
     own = _Columns(motion_projection, known).at(known.shapes)
     found = []
     for member in members:
@@ -90,7 +93,10 @@ def amplitudes(motion_projection: ProjectedMotion, members: Sequence[AmbiguousEf
             continue
         columns = _Columns(motion_projection, member)
         if own is None:
-            raise InputError("The states of a member cannot be integrated.", where="splitting experiment")
+            raise InputError(
+                "The states of a member cannot be integrated.", where="splitting experiment",
+                next_step="Run fmu-didim discover again with a shorter step of the reference.",
+            )  # fmt: skip
         member.shapes = columns.best(own @ known.theta)
         found.append(columns.coefficients(member.shapes, own @ known.theta))
     return found

@@ -124,7 +124,7 @@ def effect_name(effect: str | type[Effect] | Effect, *folders: Path) -> str:
         raise InputError(
             "This is no effect.", where=_WHERE, got=got,
             valid="a name, 'module:Name', or a class derived from TorqueEffect, InsertedEffect or StructureEffect",
-            next_step="Give the class itself, not an object of it." if isinstance(effect, Effect) else "",
+            next_step=f"Give the {'class, not an object of it' if isinstance(effect, Effect) else 'name or class'}.",
         )  # fmt: skip
     for name, known in _CLASSES.items():
         if known is effect:
@@ -161,7 +161,10 @@ def _found(name: str) -> Effect:
     elif found is None:
         raise UnknownNameError("effect", name, EFFECTS)
     if not isinstance(found, TorqueEffect | NonlinearEffect):
-        raise InputError(f"'{name}' cannot be listed at a joint: it is not an effect.", where=_WHERE)
+        raise InputError(
+            f"'{name}' cannot be listed at a joint: it is not an effect.", where=_WHERE,
+            next_step="List a class of an effect; fmu-didim discover --help and docs/reference name those that ship.",
+        )  # fmt: skip
     return found
 
 
@@ -179,7 +182,10 @@ def torque_effect(name: str) -> TorqueEffect:
     found = find_effect(name)
     if not isinstance(found, TorqueEffect):
         valid = [n for n, e in EFFECTS.items() if isinstance(e, TorqueEffect)]
-        raise InputError(f"The effect '{name}' acts in the place '{found.place}'.", got=name, valid=valid)
+        raise InputError(
+            f"The effect '{name}' acts in the place '{found.place}'.", got=name, valid=valid,
+            next_step="Take one of these.",
+        )  # fmt: skip
     return found
 
 

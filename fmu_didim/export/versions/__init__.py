@@ -12,7 +12,9 @@ DEFAULT_VERSION = FMI_2.name
 def written_version(name: str) -> WrittenVersion:
     """The version of this name; raises InputError if FMUs of it cannot be written."""
     if name not in VERSIONS:
-        raise InputError("This FMI version cannot be exported.", got=name, valid=VERSIONS)
+        raise InputError(
+            "This FMI version cannot be exported.", got=name, valid=VERSIONS, next_step="Take one of these."
+        )
     return VERSIONS[name]
 
 

@@ -18,11 +18,12 @@ from fmu_didim.data.tables.clock import instants
 from fmu_didim.dynamics.robot import RobotDescription, read_robot
 from fmu_didim.export import build_modelica
 from fmu_didim.workflow.init.fmu_roles import FmuPorts, FmuRole, assigned
-from fmu_didim.workflow.init.roles import Guess, guesses, time_column
+from fmu_didim.workflow.init.roles import Guess, Role, guesses, time_column
 
 _WORDS_OF_SIGNALS = r"reference|ref|soll|set|trajectory|motion|torque|tau|moment|strom|current|log|ist|act"
 _WORDS_OF_LOOPS = r"loop|instants?|cycles?|takte?|zyklus"
-_HELD_OUT = r"valid|test|check|hold|pruef|prüf"
+TORQUES: tuple[Role, ...] = ("tau", "current", "command")
+"""Roles of what a log shows of the torque, the best first."""
 
 
 @dataclass(frozen=True)
@@ -91,7 +92,7 @@ class Inventory:
     @property
     def torque_count(self) -> int:
         """Torques (currents, commands) of the log that has most of them, joints where no column is known as one."""
-        counts = [sum(g.role == role for g in d.guesses) for d in self.data for role in ("tau", "current", "command")]
+        counts = [sum(g.role == role for g in d.guesses) for d in self.data for role in TORQUES]
         return max([len(self.robot[1].joints)] if self.robot is not None else counts, default=0) or self.joint_count
 
     @property
@@ -99,7 +100,7 @@ class Inventory:
         """Of the robot, else of the columns."""
         if self.robot is not None:
             return len(self.robot[1].joints)
-        kinds = ("q", "tau", "current", "command")
+        kinds = ("q", *TORQUES)
         return max([g.joint or 1 for d in self.data for g in d.guesses if g.role in kinds], default=1)
 
 
@@ -134,11 +135,15 @@ def inventory(files: Sequence[Path], said: Mapping[Path, FmuRole], *, has_law: b
             elif "joints" in content:
                 found.robot = path, read_robot(path)
             else:
-                raise InputError("This YAML is neither a robot (joints:) nor a controller (law:).", where=str(path))
+                raise InputError(
+                    "This YAML is neither a robot (joints:) nor a controller (law:).", where=str(path),
+                    next_step="Leave it out: init writes a case, and needs data, a plant and a controller.",
+                )  # fmt: skip
         else:
             raise InputError(
                 "This file is of no kind that is known.", where=str(path),
                 valid=(*READER_OF, ".fmu", ".mo", ".ssp", ".yaml"),
+                next_step="Leave it out, or export it as one of these.",
             )  # fmt: skip
     if not [d for d in found.data if not d.is_loop_log]:
         raise InputError(
@@ -149,43 +154,7 @@ def inventory(files: Sequence[Path], said: Mapping[Path, FmuRole], *, has_law: b
     return found
 
 
-@dataclass(frozen=True)
-class Run:
-    """Files of one run."""
-
-    label: str
-    reference: DataFile
-    torque: DataFile
-    held_out: bool
-
-
 def key_of(path: Path) -> str:
     """What names of files of one run have in common."""
     key = re.sub(rf"({_WORDS_OF_SIGNALS}|{_WORDS_OF_LOOPS})", "", path.stem.lower())
     return re.sub(r"[_\-. ]+", "_", key).strip("_") or "run"
-
-
-def runs(found: Inventory) -> list[Run]:
-    """The runs that the data files belong to, those for the estimation first.
-
-    Files whose names differ only by words such as ``reference`` and ``torque`` belong together.
-    """
-    groups: dict[str, list[DataFile]] = {}
-    for data in found.data:
-        if not data.is_loop_log:
-            groups.setdefault(key_of(data.path), []).append(data)
-    made = []
-    everywhere = [d for d in found.data if d.has("q")]
-    for key, files in groups.items():
-        torque = next((d for d in files if d.has("tau", "current", "command")), None)
-        reference = next((d for d in files if d.has("q") and d is not torque), None)
-        reference = reference or next((d for d in files if d.has("q")), None)
-        if torque is None and reference is not None and len(groups) > 1 and not reference.has("other"):
-            continue  # the reference of the other runs
-        torque = torque or files[-1]
-        reference = reference or (everywhere[0] if everywhere else torque)
-        made.append(Run(key, reference, torque, bool(re.search(_HELD_OUT, key))))
-    made.sort(key=lambda run: run.held_out)
-    if len(made) > 1 and not any(run.held_out for run in made):
-        made[-1] = Run(made[-1].label, made[-1].reference, made[-1].torque, True)
-    return made

@@ -17,15 +17,22 @@ from fmu_didim.base.documents import TO_FILL_IN, Lines
 from fmu_didim.base.errors import InputError, UnknownNameError
 from fmu_didim.case.files import DATA_PREFIX, data_folder
 from fmu_didim.controllers import LAWS
+from fmu_didim.data.tables.clock import stamp_columns
 from fmu_didim.data.units import known_unit
 from fmu_didim.workflow.init.fmu_roles import FmuRole, mappings
-from fmu_didim.workflow.init.inventory import DataFile, Inventory, Run, inventory, runs
+from fmu_didim.workflow.init.inventory import TORQUES, DataFile, Inventory, inventory
 from fmu_didim.workflow.init.loop_time import LoopTime, begins_moving, control_rate_hz, loop_time
 from fmu_didim.workflow.init.roles import Guess, Role, Side, chosen
+from fmu_didim.workflow.init.runs import Run, runs
 from fmu_didim.workflow.reference.schema import schema
 
 CASE_FILE, ROBOT_FILE, CONTROLLER_FILE, SCHEMA_FOLDER = "case.yaml", "robot.yaml", "controller.yaml", "schemas"
-TORQUES: tuple[Role, ...] = ("tau", "current", "command")
+_TORQUE_NOTES = {
+    "rated": "rated: what 100 % is, in N.m (N; A of a current)",
+    "torque_constant": "torque_constant: N.m/A, of the same kind of ampere",
+    "gear_ratio": "gear_ratio: turns of the motor in one of a joint; 1 if this is the joint's torque",
+}
+_BY_ORDER = "nothing but the order of the files says that this reference belongs to this log: check it"
 EFFECTS = "[motor_inertia, viscous, coulomb, torque_offset]"
 
 
@@ -101,7 +108,10 @@ def _said(plant: Path | str | None, controller: Path | str | None) -> dict[Path,
                 valid=(".fmu", ".mo"), next_step="Give any other file without the option.",
             )  # fmt: skip
         if Path(file).resolve() in said:
-            raise InputError("One FMU cannot be the plant and the controller.", where=f"--{role}", got=str(file))
+            raise InputError(
+                "One FMU cannot be the plant and the controller.", where=f"--{role}", got=str(file),
+                next_step="Give the other one its own file.",
+            )  # fmt: skip
         said[Path(file).resolve()] = role
     return said
 
@@ -113,6 +123,9 @@ def _case(found: Inventory, out: Path) -> str:
     short = len(made) <= 2 and sum(not run.held_out for run in made) == 1
     for entry in entries:
         entry["label"] = ("validation" if entry["held_out"] else "train") if short else entry["label"]
+        alike = TO_FILL_IN in str(entry["torque"]) and entry["torque"]["columns"] == entries[0]["torque"]["columns"]
+        entry["columns_again"] = alike and entry is not entries[0]
+        entries[0]["columns_named"] |= entry["columns_again"]
     command = any("quantity" in entry["torque"] for entry in entries)
     plant, controller = found.plant_fmu, found.controller_fmu
     own = controller.source if controller else found.controller
@@ -136,9 +149,8 @@ def _case(found: Inventory, out: Path) -> str:
 def _experiment(found: Inventory, run: Run, joints: int, out: Path) -> dict[str, Any]:
     torque, comment = _torque_columns(run.torque, joints)
     motion, notes = _motion_columns(run.reference, joints, torque)
-    time = {"time": {"name": TO_FILL_IN, "unit": "s"}}
-    reference = {"file": _path(run.reference.path, out), **({} if run.reference.clock("q") else time)}
-    log = {"file": _path(run.torque.path, out), **({} if run.torque.clock(*TORQUES) else time), "columns": torque}
+    reference = {"file": _path(run.reference.path, out), **_time(run.reference, "q")}
+    log = {"file": _path(run.torque.path, out), **_time(run.torque, *TORQUES), "columns": torque}
     used = {entry["name"] if isinstance(entry, dict) else entry for entry in torque.values()}
     if any(g.role == "command" and g.name in used for g in run.torque.guesses):
         log["quantity"] = "command"
@@ -148,10 +160,23 @@ def _experiment(found: Inventory, run: Run, joints: int, out: Path) -> dict[str,
         "instants": at and _instants(at, out), "instants_note": at and at.reason,
         "has_instants": bool(at and at.is_certain),
         "moves": begins_moving(run.reference, named),
-        "reference": {**reference, "columns": motion}, "torque": log, "reference_note": notes, "torque_note": comment,
+        "reference": {**reference, "columns": motion}, "torque": log, "torque_note": comment,
+        "reference_notes": [*([_BY_ORDER] if run.is_guess else []), *([notes] if notes else [])],
+        "asked": _asked(run, joints), "columns_named": False,
         "reference_columns": ", ".join(run.reference.table.columns),
         "torque_columns": ", ".join(run.torque.table.columns),
     }  # fmt: skip
+
+
+def _time(data: DataFile, *roles: str) -> dict[str, Any]:
+    """The entry of the time column where a file does not say all of it, with what it lacks."""
+    if data.clock(*roles):
+        return {}
+    stamps = stamp_columns(data.table)
+    if len(stamps) == 1:
+        return {"time": {"name": stamps[0], "unit": TO_FILL_IN}, "time_note": "s, ms, us, ns: the file does not say"}
+    asked = f"which of {', '.join(stamps)}" if stamps else "no column is known as the time"
+    return {"time": {"name": TO_FILL_IN, "unit": "s"}, "time_note": f"{asked}; without one: {{rate_hz: ...}}"}
 
 
 def _instants(at: LoopTime, out: Path) -> Any:
@@ -183,13 +208,32 @@ def _torque_columns(data: DataFile, joints: int) -> tuple[dict[str, Any], str]:
     for j in range(1, joints + 1):
         meant = chosen(data.guesses, TORQUES, j, single=joints == 1, prefer="measured")
         columns[f"tau{j}"] = _entry(meant)
-        if len(meant) == 1 and meant[0].role == "current":
-            known = {"name": meant[0].name, "unit": meant[0].unit or "A"}
-            columns[f"tau{j}"] = {**known, "torque_constant": TO_FILL_IN, "gear_ratio": TO_FILL_IN}
-            note = (
-                "torque_constant: N.m/A, of the same kind of ampere; gear_ratio: turns of the motor in one of a joint"
-            )
+        if len(meant) != 1 or meant[0].role == "command":
+            continue
+        is_current, unit = meant[0].role == "current", meant[0].unit
+        known = known_unit(unit) if unit else None
+        in_parts = known is not None and not known.powers
+        further = {
+            **({"rated": TO_FILL_IN} if in_parts else {}), **({"torque_constant": TO_FILL_IN} if is_current else {}),
+        }  # fmt: skip
+        if further:
+            known_as = {"name": meant[0].name, "unit": unit or "A"}
+            columns[f"tau{j}"] = {**known_as, **further, "gear_ratio": TO_FILL_IN}
+            note = "; ".join(_TORQUE_NOTES[key] for key in (*further, "gear_ratio"))
     return columns, note
+
+
+def _asked(run: Run, joints: int) -> dict[str, str]:
+    """What is asked of each signal whose column is to be filled in."""
+    asked: dict[str, str] = {}
+    for j in range(1, joints + 1):
+        signals: tuple[tuple[str, DataFile, Sequence[Role], Side], ...] = (
+            ("q", run.reference, ["q"], "reference"), ("tau", run.torque, TORQUES, "measured"),
+        )  # fmt: skip
+        for signal, data, roles, side in signals:
+            names = [g.name for g in chosen(data.guesses, roles, j, single=joints == 1, prefer=side)]
+            asked[f"{signal}{j}"] = f"which of {', '.join(names)}" if names else "which of the columns"
+    return asked
 
 
 def _entry(meant: list[Guess]) -> Any:
@@ -247,6 +291,10 @@ def _guessed(found: Inventory) -> Iterator[tuple[str, str, str]]:
             yield data.path.name, "", "instants of the controller"
         for note in data.table.notes:
             yield data.path.name, "", note
+    for run in runs(found):
+        if run.reference is not run.torque:
+            told = f"{'held out' if run.held_out else 'a run'}, with the reference {run.reference.path.name}"
+            yield run.torque.path.name, "", f"{told}: {run.reason}"
 
 
 def _path(path: Path, out: Path) -> str:

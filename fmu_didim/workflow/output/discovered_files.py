@@ -63,7 +63,9 @@ def copy_saved(document: FindingsDocument, old: Path, new: Path, home: Path) -> 
     """
     for name in document.files.values():
         if not (old / name).is_file():
-            raise InputError("A file of the discovery is missing.", where=str(old), got=name)
+            raise InputError(
+                "A file of the discovery is missing.", where=str(old), got=name, next_step="Run the discovery again."
+            )
     names = {name for name in result_folder(old).left() if not name.startswith("figure_")} | {*document.files.values()}
     for name in names:
         shutil.copyfile(old / name, new / name)

@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import Any
 
 from fmu_didim.base.errors import InputError
-from fmu_didim.base.files import PARTIAL, advice, patiently, remove_stale, sync, whole_file
+from fmu_didim.base.files import advice, partial_folder, patiently, remove_stale, sync, whole_file
 from fmu_didim.case import Case, CaseObjects, case_of
 from fmu_didim.workflow.case_files import paths_read
 
@@ -75,7 +75,7 @@ class ResultFolder:
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
             remove_stale(self.folder)
-            new = Path(tempfile.mkdtemp(prefix=PARTIAL, dir=self.folder))
+            new = partial_folder(self.folder)
             try:
                 yield new
                 self._take_in(new)

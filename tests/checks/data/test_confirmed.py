@@ -25,7 +25,7 @@ def test_a_scale_stays_only_if_it_explains_something_there(
 
 def test_where_the_fit_cannot_be_simulated_nothing_is_cleared_up(monkeypatch: pytest.MonkeyPatch) -> None:
     def fails(run: object) -> None:
-        raise SimulationError("it diverged")
+        raise SimulationError("it diverged", next_step="Change it.")
 
     monkeypatch.setattr(checks, "motion_with_regressor", fails)
     assert checks.confirmed(loaded("scara"), [SCALE, CLOCK]) == [SCALE, CLOCK]

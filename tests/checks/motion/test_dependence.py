@@ -204,7 +204,7 @@ def test_every_function_looks_like_something():
 
 def test_a_motion_that_breaks_off_after_the_log_says_nothing(monkeypatch):
     def diverged(*_arguments, **_options):
-        raise SimulationError("It diverges.")
+        raise SimulationError("It diverges.", next_step="Change it.")
 
     model = model_of(Path("examples/scara/identify.yaml"))
     monkeypatch.setattr(Simulation, "record", diverged)

@@ -272,7 +272,7 @@ def failing(monkeypatch: pytest.MonkeyPatch, question: str, *, by_fmu: bool) -> 
         if function is process_module.hold:
             asked_for.append(arguments[0].__name__)
             if asked_for[-1] == question and asked_for.count(question) == 1:
-                error = ProcessEndedError("The process ended.")
+                error = ProcessEndedError("The process ended.", next_step="Change it.")
                 error.by_fmu = by_fmu
                 raise error
         return real(self, what, function, *arguments, **options)

@@ -192,7 +192,7 @@ class Builder(Catalogue):
 
         def law(values: Mapping[str, float], label: str) -> np.ndarray:
             if abs(values[name]) >= self.broken:
-                raise SimulationError("It diverges.")
+                raise SimulationError("It diverges.", next_step="Change it.")
             shape = OTHER + values[f"{name}.v"] * THIRD
             return model.law(values, label) + values[name] * shape[:, None]
 
@@ -211,7 +211,7 @@ class Builder(Catalogue):
 
         def law(values: Mapping[str, float], label: str) -> np.ndarray:
             if label == "broken":
-                raise SimulationError("It diverges.")
+                raise SimulationError("It diverges.", next_step="Change it.")
             return model.law({**values, **dict.fromkeys(names, 0.0)}, label)
 
         return replace(

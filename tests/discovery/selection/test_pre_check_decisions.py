@@ -54,7 +54,7 @@ class Builder(Catalogue):
 
         def one(values: Any) -> Any:
             if factor is None:
-                raise SimulationError("It diverges.")
+                raise SimulationError("It diverges.", next_step="Change it.")
             return np.sqrt(factor) * own
 
         return SimpleNamespace(start=np.zeros(0), output_residual=one)

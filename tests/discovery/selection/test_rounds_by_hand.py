@@ -317,7 +317,7 @@ def backward(
         calls.append((names, more))
         square = squares[names]
         if square is None:
-            raise SimulationError("It diverges.")
+            raise SimulationError("It diverges.", next_step="Change it.")
         slopes = np.ones((400, 1, len(model.free_parameters)))
         return fit_of(replace(model, own=residual(square)), values=model.start, jacobian=slopes)
 

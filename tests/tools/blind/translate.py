@@ -48,7 +48,12 @@ def robot_document(robot: Mapping[str, Any], *, where: Path) -> dict[str, Any]:
     ]
     nominal = next((value for key, value in robot.items() if key.startswith("nominal_parameters")), None)
     if not nominal:
-        raise InputError("The case gives no nominal parameters.", where=str(where), valid="nominal_parameters...")
+        raise InputError(
+            "The case gives no nominal parameters.",
+            where=str(where),
+            valid="nominal_parameters...",
+            next_step="Complete the case.",
+        )
     identified: dict[str, str] = {}
     for name, value in nominal.items():
         carrier, j = _carrier(name, len(joints), where)
@@ -74,6 +79,7 @@ def _carrier(name: str, count: int, where: Path) -> tuple[str, int]:
         raise InputError(
             "A nominal parameter is unknown.", where=str(where), got=name,
             valid=f"{', '.join((*_INERTIAL, *_EFFECTS))}, then a joint from 1 to {count}, then R if regrouped",
+            next_step="Rename the parameter in the case.",
         )  # fmt: skip
     return carrier, int(match["joint"])
 
@@ -88,7 +94,13 @@ def controller_document(
     n = len(joints)
     gains = {key: controller[key] for key in ("Kp", "Kd", "Ki") if key in controller}
     if "Kp" not in gains:
-        raise InputError("The control law has no Kp.", where=str(where), got=", ".join(controller), valid="Kp, Kd, Ki")
+        raise InputError(
+            "The control law has no Kp.",
+            where=str(where),
+            got=", ".join(controller),
+            valid="Kp, Kd, Ki",
+            next_step="Complete the case.",
+        )
     law = str(controller.get("law", "")).replace(" ", "")
     difference = "q[k]-q[k-1]" in law or "backward" in law
     document: dict[str, Any] = {

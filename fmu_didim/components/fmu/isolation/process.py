@@ -151,7 +151,10 @@ class Worker:
         except OSError as error:
             self._errors.close()
             what = f"The process of {subject[0].lower()}{subject[1:]} could not be started."
-            raise ProcessEndedError(what, where=where, got=error) from error
+            raise ProcessEndedError(
+                what, where=where, got=error,
+                next_step="Free memory and processes, or run the FMU in this process: isolate: false.",
+            ) from error  # fmt: skip
         self._deadline: list[float] = [0.0]
         self._expired, self._done = threading.Event(), threading.Event()
         watch = (self._process, self._deadline, self._expired, self._done, min(0.2, time_limit / 5))
@@ -179,7 +182,9 @@ class Worker:
             NotCarriedError: the arguments cannot go there, and nothing was called.
         """
         if not self._end.alive:
-            raise SimulationError("The process of the FMU has ended.", where=self._where)
+            raise SimulationError(
+                "The process of the FMU has ended.", where=self._where, next_step="Load the FMU again."
+            )
         messages = self._messages((function, *arguments), constants)
         allowed = limit or self._limit
         self._deadline[0] = clock.monotonic() + allowed

@@ -15,6 +15,7 @@ import sys
 from pathlib import Path
 
 from fmu_didim.base.cache import cache_directory, read_record, write_record
+from fmu_didim.base.files import is_running
 from fmu_didim.components.fmu.settings import PROCESS, FmuSettings, Rerun
 
 _log = logging.getLogger(__name__)
@@ -101,10 +102,5 @@ def _instances(path: Path) -> int:
 
 def _is_alive(mark: Path) -> bool:
     """Whether the process of a mark still runs."""
-    try:
-        os.kill(int(mark.name.rpartition("-")[2]), 0)
-    except ProcessLookupError:
-        return False
-    except (OSError, ValueError):
-        pass  # another user's process, or another file
-    return True
+    process = mark.name.rpartition("-")[2]
+    return not process.isdecimal() or is_running(int(process))

@@ -75,7 +75,10 @@ def _reply(state: WorkerState, data: bytes) -> bytes:
     except FmuDidimError as error:
         return pack((ERROR, error))
     except Exception as error:  # noqa: BLE001 - the other process reports it
-        return pack((ERROR, SimulationError(f"{type(error).__name__}: {error}")))
+        return pack((ERROR, SimulationError(
+            f"{type(error).__name__}: {error}",
+            next_step="Report it with the model; isolate: false shows where.",
+        )))  # fmt: skip
 
 
 def main() -> None:

@@ -97,7 +97,10 @@ def read_csv(path: Path, layout: CsvLayout | None = None) -> SignalTable:
     names = only.names or tuple(str(i + 1) for i in range(only.data.shape[1]))
     doubled = sorted(name for name, count in Counter(names).items() if count > 1)
     if doubled:
-        raise InputError("The CSV file has columns of the same name.", where=str(path), got=", ".join(doubled)[:200])
+        raise InputError(
+            "The CSV file has columns of the same name.", where=str(path), got=", ".join(doubled)[:200],
+            next_step="Rename them in its first line.",
+        )  # fmt: skip
     stamps = [names[k] for k in sorted(only.calendar.columns)]
     units = dict(zip(names, only.units, strict=False)) | dict.fromkeys(stamps, "s")
     return SignalTable(
@@ -249,7 +252,10 @@ def _refuse_if_unclear(path: Path, lines: list[str], found: list[_Parsed], misfi
             next_step="Let the logger write dates so; or leave them out and count the rows: time: {rate_hz: ...}.",
         )  # fmt: skip
     if not misfits:
-        raise InputError("The CSV file holds no rows of numbers.", where=str(path))
+        raise InputError(
+            "The CSV file holds no rows of numbers.", where=str(path),
+            next_step="Check the file; the numbers of a row are separated by comma, semicolon, tab or spaces.",
+        )  # fmt: skip
     worst = max(misfits, key=lambda m: (m.line, m.count))
     sign = "point" if worst.decimal == "." else "comma"
     separated = f"{worst.count} {WORDS.get(worst.delimiter, 'line')}-separated numbers"

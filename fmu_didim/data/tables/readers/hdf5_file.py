@@ -7,6 +7,7 @@ from typing import Any
 
 from fmu_didim.base.errors import InputError, loading
 from fmu_didim.data.tables.readers.nested import as_columns
+from fmu_didim.data.tables.readers.size import check_size
 from fmu_didim.data.tables.table import SignalTable
 
 UNIT_NAMES = ("unit", "units", "Unit", "Units")
@@ -28,10 +29,14 @@ def read_hdf5(path: Path, *, separator: str = "/") -> SignalTable:
         import h5py
     named: dict[str, Any] = {}
     units: dict[str, str] = {}
+    stated = 0
 
     def visit(name: str, item: Any) -> None:
         if not isinstance(item, h5py.Dataset) or name.startswith("#") or item.size < 2:
             return
+        nonlocal stated
+        stated += item.size * max(1, item.dtype.itemsize // 8, len(item.dtype.names or ()))
+        check_size(stated, path)
         own = name.replace("/", separator)
         fields = item.dtype.names
         if fields:
@@ -45,5 +50,5 @@ def read_hdf5(path: Path, *, separator: str = "/") -> SignalTable:
     with h5py.File(path, "r") as file:
         file.visititems(visit)
     columns = as_columns(named.items())
-    stated = {name: units.get(name, units.get(name.rpartition("(")[0], "")) for name in columns}
-    return SignalTable(columns, {name: unit for name, unit in stated.items() if unit}, source=str(path))
+    of_columns = {name: units.get(name, units.get(name.rpartition("(")[0], "")) for name in columns}
+    return SignalTable(columns, {name: unit for name, unit in of_columns.items() if unit}, source=str(path))

@@ -9,6 +9,7 @@ import numpy as np
 
 from fmu_didim.base.errors import loading
 from fmu_didim.data.signals import Array
+from fmu_didim.data.tables.readers.size import check_size
 from fmu_didim.data.tables.table import SignalTable
 
 
@@ -17,8 +18,9 @@ def read_parquet(path: Path) -> SignalTable:
     with loading("pyarrow"):
         from pyarrow import parquet, types  # type: ignore[import-not-found,import-untyped,unused-ignore]
     with parquet.ParquetFile(path) as file:  # ``read_table`` imports data sets, and with them pandas
-        table = file.read()
-    fields = [f for f in table.schema if types.is_floating(f.type) or types.is_integer(f.type)]
+        fields = [f for f in file.schema_arrow if types.is_floating(f.type) or types.is_integer(f.type)]
+        check_size(file.metadata.num_rows * len(fields), path)
+        table = file.read(columns=[f.name for f in fields])
     units = {f.name: (f.metadata or {}).get(b"unit", b"").decode(errors="replace") for f in fields}
     return SignalTable(
         {f.name: _values(table[f.name]) for f in fields},
