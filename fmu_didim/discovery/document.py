@@ -16,6 +16,7 @@ from fmu_didim.discovery.request import Request
 from fmu_didim.discovery.selection.decide import Step
 from fmu_didim.discovery.selection.rounds import Discovery, Ending
 from fmu_didim.discovery.unfinished import unfinished_search
+from fmu_didim.discovery.untried import EFFECTS_UNTRIED
 from fmu_didim.fit.fit import Fit
 from fmu_didim.fit.gap import Ratio, channel_gaps, joint_gaps, total_gap
 from fmu_didim.fit.noise.noise import Noise
@@ -23,6 +24,7 @@ from fmu_didim.fit.statistics import confidence_interval, relative_error_percent
 from fmu_didim.model.free_parameter import FreeParameter
 from fmu_didim.results.findings import (
     ANSWER_TEXT,
+    UNTRIED_TEXT,
     Answer,
     CandidateResult,
     ChannelResult,
@@ -63,10 +65,11 @@ def findings_document(
     judgement = judged(discovery, unfinished_diagnostic, request.doubts)
     answer: Answer = "unfinished" if unfinished is not None else answer_of(discovery, judgement)
     base, noise = discovery.base, discovery.base.torque_alone.noise
+    is_untried = EFFECTS_UNTRIED in {doubt.code for doubt in request.doubts}
     return FindingsDocument(
         name=request.name,
         answer=answer,
-        text=ANSWER_TEXT[answer],
+        text=UNTRIED_TEXT if answer == "unknown" and is_untried else ANSWER_TEXT[answer],
         verdict=judgement.verdict,
         reasons=judgement.saved(request.case),
         unfinished=unfinished,

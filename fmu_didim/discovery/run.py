@@ -23,6 +23,7 @@ from fmu_didim.discovery.request import Request
 from fmu_didim.discovery.selection.held_out import unconfirmed
 from fmu_didim.discovery.selection.rounds import Discovery, run_rounds
 from fmu_didim.discovery.unfinished import ended_before
+from fmu_didim.discovery.untried import motion_notes, untried_effects
 from fmu_didim.fit.fit import Fit
 from fmu_didim.fit.gap import Ratio, held_out_ratio, joint_gaps
 from fmu_didim.fit.solver.accuracy import integrated
@@ -39,14 +40,6 @@ which torque and the other signals do not agree: as for held-out data."""
 NO_HELD_OUT = (
     "There is no validation experiment: the test on held-out data was left out, and the information criterion alone "
     "decided."
-)
-NO_MOTION = (
-    "The plant has no output {0}: effects in its torque balance were left out, except those whose parameters it has. "
-    "Map its velocity (plant: {{outputs: {{dq1: name in the plant}}}}) to have them tried."
-)
-INTEGRATED = (
-    "The plant has no output {0}: the position is the integral of the velocity, from the start of the reference or "
-    "from zero. What depends on the position is therefore known up to its zero."
 )
 LOOKED_AT = (
     "Beside the torque, {0} count in the base model, the screening, all fits and the test on held-out data; torques "
@@ -206,10 +199,11 @@ class _Search:
             windows = external_torque_windows(free, self.torques.label)
         held_out = () if self.base.model.experiments.validation_labels else (NO_HELD_OUT,)
         looked_at = _looked_at(self.prepared.fit.model, self.base.model)
-        all_notes = [*request.notes, *self.prepared.notes, *looked_at, *_of_motion(self.builder), *held_out, *notes]
+        all_notes = [*request.notes, *self.prepared.notes, *looked_at, *motion_notes(self.builder), *held_out, *notes]
+        doubts = [*self.torn(discovery.final), *untried_effects(self.builder, discovery.final)]
         document = findings_document(
-            replace(request, doubts=(*request.doubts, *self.torn(discovery.final))), discovery, self.builder,
-            ratio=ratio, notes=all_notes, outside=outside, windows=windows, regions=self.disagreement,
+            replace(request, doubts=(*request.doubts, *doubts)), discovery, self.builder, ratio=ratio,
+            notes=all_notes, outside=outside, windows=windows, regions=self.disagreement,
         )  # fmt: skip
         if self.is_late and request.external is not None:
             return ended_before(document, request.progress.limit_s, "torques from outside")
@@ -288,15 +282,3 @@ def _fully_integrated(base: Fit, discovery: Discovery) -> Fit:
         return integrated(final)
     except SimulationError:
         return final
-
-
-def _of_motion(builder: LoopModelBuilder) -> tuple[str, ...]:
-    """Notes on a black box that does not give its whole motion."""
-    if builder.description is not None:
-        return ()
-    given = {v.name for v in builder.base.loop.plant.outputs}
-    joints = range(1, builder.base.joint_count + 1)
-    if dumb := [f"dq{j}" for j in joints if f"dq{j}" not in given]:
-        return (NO_MOTION.format(", ".join(dumb)),)
-    integrated = [f"q{j}" for j in joints if f"q{j}" not in given]
-    return (INTEGRATED.format(", ".join(integrated)),) if integrated else ()

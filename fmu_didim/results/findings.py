@@ -23,6 +23,8 @@ ANSWER_TEXT: dict[str, str] = {
     "disagreement": "the experiments do not agree: what was held out is predicted far worse than what was fitted",
     "unfinished": "the search is not at its end: more or other effects may be missing",
 }
+UNTRIED_TEXT = "something is missing that no effect which could be tried explains"
+"""Of an unknown answer where not all effects could be tried."""
 
 
 class _Document(Saved):

@@ -27,6 +27,7 @@ from fmu_didim.discovery.selection.candidates import (
     TriedCandidate,
 )
 from fmu_didim.discovery.selection.plausible import implausible
+from fmu_didim.dynamics.effects import Search
 from fmu_didim.fit.base_projection import BaseProjection
 from fmu_didim.fit.derivatives.sensitivity import sensitivity
 from fmu_didim.fit.fit import Fit
@@ -65,6 +66,10 @@ STARTS = 2
 """[starts] Number of those sizes and shapes from which it is fitted."""
 SMALLER = (1.0, 0.3, 0.03)
 """[1] Fractions of the proposal from which a fit starts, one after the other, until one can be simulated."""
+HELD_FIRST = (0.0, 0.5, 1.0)
+"""[1] Places in the range of a shape at which it is held while all else is fitted."""
+RELEASED_UPDATES = 3
+"""[sensitivities] Taken anew at most when it is released: the fit starts near its minimum."""
 LEAST = 5.0
 """[chi-square] By which a candidate must promise to lower it for its fit to be completed: less is no BIC difference
 of 10."""
@@ -123,7 +128,8 @@ class Competition:
         return replace(best, others=tuple(near))
 
     def shortlist(self, screened: Sequence[ScreenedCandidate], *, size: int = SHORTLIST) -> list[ScreenedCandidate]:
-        """The candidates to fit: the best, the best of each class near them, a gear on all joints."""
+        """The candidates to fit: the best, the best of each class near them, a gear on all joints, and what every base
+        model has but a black box lacks, whose signature tells little where the base has gone astray without it."""
         promising = [s for s in screened if s.gain > max(WORTH * screened[0].gain, 0.0)]
         chosen, classes = [], set()
         for place, s in enumerate(promising):
@@ -133,7 +139,12 @@ class Competition:
                 classes.add(key)
         # What a gear of one joint does shows on its neighbours too, and no signature tells whose gear it is.
         gears = {s.effect_at.effect for s in chosen if self.builder.effect(s.effect_at).shows_on_neighbours}
-        return [*chosen, *(s for s in screened if s.effect_at.effect in gears and s.gain > 0 and s not in chosen)]
+        more = [s for s in screened if (s.effect_at.effect in gears and s.gain > 0) or self._is_missing_base(s)]
+        return [*chosen, *(s for s in more if s not in chosen)]
+
+    def _is_missing_base(self, candidate: ScreenedCandidate) -> bool:
+        """Whether every base model has this effect, and this one, a black box, lacks it."""
+        return bool(self.builder.effect(candidate.effect_at).is_base)
 
     def compare(self, chosen: Sequence[ScreenedCandidate], *, progress: Progress, reach: float = REACH) -> Comparison:
         """Closed-loop fits of the chosen candidates, first on the joint with the largest gap.
@@ -151,7 +162,10 @@ class Competition:
         results, workers = list[FittedCandidate | Outcome](), fit.model.allowed_workers(fit.values)
         for first in range(0, len(chosen), ABREAST):
             group = chosen[first : first + ABREAST]
-            hopeless = [fit.chi_square - reach * self._promised(candidate) > best for candidate in group]
+            hopeless = [
+                fit.chi_square - reach * self._promised(candidate) > best and not self._is_missing_base(candidate)
+                for candidate in group
+            ]
             wanted = [c.effect_at for c, is_left in zip(group, hopeless, strict=True) if not is_left]
             self.builder.prepare([(*fit.model.added_effects, a) for a in wanted], progress=progress, workers=workers)
             tasks = [
@@ -195,6 +209,7 @@ class Competition:
             if fitted is not None and (found is None or fitted.chi_square < found.chi_square):
                 found = fitted
                 best = min(best, found.chi_square)
+        found = self._shapes_held_first(candidate, found, until=progress.ends)
         if found is None:
             report(f"{name} cannot be simulated")
             return Outcome.NOT_SIMULABLE
@@ -243,6 +258,35 @@ class Competition:
             fitted = self.refit(proposal, hold=True)
             if fitted is not None:
                 yield self.assess(candidate.effect_at, fitted)
+
+    def _shapes_held_first(self, candidate: ScreenedCandidate, found: Fit | None, *, until: float) -> Fit | None:
+        """The fit of a candidate, or a better one whose shapes are held until all else is fitted.
+
+        Where a black box lacks an effect of every base model, the fit of the base may have gone astray, an inertia
+        standing for friction: the slopes there lead the shapes away, to friction that is far too steep.
+        """
+        effect_at, builder = candidate.effect_at, self.builder
+        placed = builder.at(effect_at)
+        if not (self._is_missing_base(candidate) and placed.shapes):
+            return found
+        proposal, held = candidate.signature.proposal(candidate.coefficients), list[Fit]()
+        for place in HELD_FIRST:
+            shapes = {v.name: _at_place(placed.search[v.name], place) for v in placed.shapes}
+            fitted = self.refit(replace(proposal, values={**proposal.values, **shapes}), until=until, hold=True)
+            held += [fitted] if fitted is not None else []
+        if not held:
+            return found
+        best = min(held, key=lambda fit: fit.chi_square)
+        free = {p.name: p for p in placed.free_parameters(proposal, len(self.fit.model.added_effects))}
+        model = best.model.with_free(
+            replace(p, lowest=free[p.name].lowest, highest=free[p.name].highest, value=float(value))
+            if p.name in free
+            else replace(p, value=float(value))
+            for p, value in zip(best.model.free_parameters, best.values, strict=True)
+        )
+        stopping = Stopping(updates=RELEASED_UPDATES, until=until, check_all=False)
+        released = minimise(model, self.fit.noise, stopping=stopping, outputs=best.outputs)
+        return released if found is None or released.chi_square < found.chi_square else found
 
     def _scanned(self, candidate: ScreenedCandidate) -> list[Proposal]:
         """Starts of a candidate outside the torque balance, the best first: sizes and shapes tried in the loop, with
@@ -362,6 +406,13 @@ def _idle(columns: Array) -> int:
         return 0
     sizes = np.linalg.norm(columns.reshape(-1, columns.shape[-1]), axis=0)
     return int(np.sum(sizes <= IDLE * sizes.max(initial=0.0)))
+
+
+def _at_place(search: Search, place: float) -> float:
+    """The value at a place between the lowest, 0, and the highest of a grid, 1."""
+    if search.logarithmic:
+        return float(search.lowest * (search.highest / search.lowest) ** place)
+    return float(search.lowest + place * (search.highest - search.lowest))
 
 
 def _shapes_held(model: LoopModel, first: int) -> LoopModel:

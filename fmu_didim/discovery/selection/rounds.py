@@ -13,7 +13,8 @@ from fmu_didim.discovery.progress import Progress
 from fmu_didim.discovery.screening.catalogue import SignatureCatalogue
 from fmu_didim.discovery.selection.candidates import FittedCandidate, Outcome, ScreenedCandidate, TriedCandidate
 from fmu_didim.discovery.selection.competition import Competition
-from fmu_didim.discovery.selection.decide import Options, Step, decide, step_of
+from fmu_didim.discovery.selection.decide import Options, Step, decide, nearness, step_of
+from fmu_didim.discovery.selection.missing_base import base_before
 from fmu_didim.discovery.selection.pre_check import pre_check
 from fmu_didim.fit.fit import Fit
 from fmu_didim.fit.gap import bic_gain, explained_gap
@@ -137,7 +138,15 @@ def _round(
             return ranking, tried, None
         ranking = tuple(sorted((*ranking, *comparison.ranking), key=lambda c: -c.delta_bic))
         accepted = judge(ranking)
-    return ranking, tried, accepted
+    if not isinstance(accepted, FittedCandidate):
+        return ranking, tried, accepted
+    first = base_before(
+        competition, ranking, accepted, nearness(accepted, options),
+        lambda candidate: isinstance(judge((candidate,)), FittedCandidate),
+    )  # fmt: skip
+    if first is not accepted:
+        ranking = tuple(c for c in ranking if c.delta_bic <= first.delta_bic)
+    return ranking, tried, first
 
 
 def _not_tried(candidates: Sequence[EffectAtJoint]) -> tuple[TriedCandidate, ...]:

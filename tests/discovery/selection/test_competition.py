@@ -17,6 +17,7 @@ from fmu_didim.discovery.screening.catalogue import Signature
 from fmu_didim.discovery.selection import competition as entries
 from fmu_didim.discovery.selection.candidates import Outcome, ScreenedCandidate
 from fmu_didim.discovery.selection.competition import Competition, _idle, proposal_of
+from fmu_didim.dynamics.effects import Search
 from fmu_didim.fit.ending import Ending
 from fmu_didim.fit.fit import Fit
 from fmu_didim.fit.noise.noise import Noise
@@ -196,15 +197,24 @@ class Builder(Catalogue):
             shape = OTHER + values[f"{name}.v"] * THIRD
             return model.law(values, label) + values[name] * shape[:, None]
 
+        return replace(
+            model, law=law, free_parameters=(*model.free_parameters, *self._own(proposal, index)),
+            added_effects=(*model.added_effects, proposal.effect_at),
+        )  # fmt: skip
+
+    def at(self, effect_at: EffectAtJoint) -> Any:
+        placed = super().at(effect_at)
+        placed.search, placed.free_parameters = {"v": Search(-0.4, 0.4, 3, logarithmic=False)}, self._own
+        return placed
+
+    def _own(self, proposal: Proposal, index: int) -> tuple[Any, ...]:
+        joint = proposal.effect_at.joint
+        name = f"{proposal.effect_at.effect}.F{joint}"
         own = (
             free(name, proposal.values["F"], -50.0, 50.0, effect=index),
             free(f"{name}.v", proposal.values.get("v", 0.0), -1.0, 1.0, effect=index, is_shape=True),
         )
-        own = tuple(replace(p, key=k) for p, k in zip(own, (f"F{joint}", f"v_{joint}"), strict=True))
-        return replace(
-            model, law=law, free_parameters=(*model.free_parameters, *own),
-            added_effects=(*model.added_effects, proposal.effect_at),
-        )  # fmt: skip
+        return tuple(replace(p, key=k) for p, k in zip(own, (f"F{joint}", f"v_{joint}"), strict=True))
 
     def without(self, model: LawModel, index: int) -> LawModel:
         names = [p.name for p in model.free_parameters if p.effect == index]
@@ -500,6 +510,40 @@ def test_one_that_cannot_be_simulated_is_left_out() -> None:
     found, said = competing(tried(100.0), builder=Builder(effect_of("gear"), broken=0.0))
     assert (found, said) == ((), ["fitting candidate 1 of 1: gear on joint 1 cannot be simulated"])
     assert competing() == ((), [])
+
+
+def test_what_every_base_model_has_and_a_black_box_lacks_is_always_tried() -> None:
+    """Where the base has gone astray without it, its signature tells nothing, nor what it promises."""
+    builder = Builder(effect_of("gear"), effect_of("coulomb", is_base=True))
+    competition = Competition(builder, fitted(plant()))
+    low = [scored(-1.0, "gear"), scored(-2.0, "coulomb")]
+    assert [s.effect_at.effect for s in competition.shortlist(low)] == ["coulomb"]
+    weak = Signature(EffectAtJoint("coulomb", 1), {"v": 0.0}, ("F",), FOURTH[:, None, None], {})
+    chosen = [tried(100.0), *(ScreenedCandidate(weak, np.array([1.0]), 50.0, 1.0, None) for _ in range(4))]
+    comparison = competition.compare(chosen, progress=Progress())
+    assert not comparison.unfitted
+    assert Outcome.LEFT_EARLY not in [t.outcome for t in comparison.tried if t.delta_bic is None]
+
+
+def test_shapes_of_missing_friction_are_held_until_all_else_is_fitted(monkeypatch: pytest.MonkeyPatch) -> None:
+    """From three places of its range; the best of them is set free, and taken where it is better."""
+    builder = Builder(effect_of("coulomb", is_base=True))
+    competition = Competition(builder, fitted(plant()))
+    asked: list[tuple[float, bool]] = []
+    refit = Competition.refit
+
+    def counted(self: Competition, proposal: Proposal, **more: Any) -> Fit | None:
+        asked.append((proposal.values["v"], more.get("hold", False)))
+        found = refit(self, proposal, **more)
+        return found if more.get("hold") or found is None else replace(found, chi_square=1e9)
+
+    monkeypatch.setattr(Competition, "refit", counted)
+    comparison = competition.compare([tried(100.0, name="coulomb", v=0.9, others=None)], progress=Progress())
+    assert asked == [(0.9, False), (-0.4, True), (0.0, True), (0.4, True)]
+    (found,) = comparison.ranking
+    assert found.fit.chi_square < 1.0  # that of the data, which have no noise
+    assert found.fit.values == pytest.approx([2.0, 3.0, 0.5], abs=1e-3)
+    assert [(p.lowest, p.highest) for p in found.fit.model.free_parameters if p.is_shape] == [(-1.0, 1.0)]
 
 
 def outcomes(progress: Progress, **more: Any) -> list[tuple[str, Outcome]]:

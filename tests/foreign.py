@@ -1,0 +1,121 @@
+"""Plants of which only an FMU is known: their equations, and cases of those who have them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import casadi as ca
+import numpy as np
+import yaml
+
+from fmu_didim.data.signals import Trajectory, Variable, trajectory, write_csv
+from fmu_didim.dynamics.block import Block
+from fmu_didim.export import build_fmu
+from fmu_didim.workflow import simulate
+from tests.awkward.build import by
+
+RATE = 200
+"""Hz of the control."""
+PHASES = (0.3, 1.1, 2.0, -0.5)
+Torque = Callable[[Mapping[str, ca.SX], ca.SX, ca.SX], tuple[ca.SX, ca.SX]]
+"""(parameters, q, dq) -> inertia, torque of all that resists."""
+
+
+def sines(seconds: float, *, period_s: float = 4.0, size: float = 0.5) -> Trajectory:
+    """A periodic motion of one joint that starts neither at zero nor at rest."""
+    time = np.arange(round(seconds * RATE) + 1) / RATE
+    columns = {name: np.zeros(time.size) for name in ("q1", "dq1", "ddq1")}
+    for phase, k in zip(PHASES, (1, 2, 3, 5), strict=True):
+        w = 2 * np.pi * k / period_s
+        for order, name in enumerate(columns):
+            columns[name] += size / k * w**order * np.sin(w * time + phase + order * np.pi / 2)
+    return trajectory(time, columns)
+
+
+def one_joint(name: str, parameters: Mapping[str, float], balance: Torque, *, rate: float = 400.0) -> Block:
+    """Block of a plant with one joint under the names of its maker: ``torque``, ``phi`` and ``w``."""
+    p, x, u = ca.SX.sym("p", len(parameters) + 2), ca.SX.sym("x", 2), ca.SX.sym("u")
+    named = {key: p[i] for i, key in enumerate(parameters)}
+    inertia, resisting = balance(named, x[0], x[1])
+    slope = (u - resisting) / inertia
+    return Block(
+        name=name,
+        inputs=(Variable("torque", "N.m", "input", 0.0),),
+        outputs=(Variable("phi", "rad", "output", 0.0), Variable("w", "rad/s", "output", 0.0)),
+        states=(Variable("phi_state", "rad", "local", 0.0), Variable("w_state", "rad/s", "local", 0.0)),
+        parameters=(
+            *(Variable(key, "1", "parameter", value) for key, value in parameters.items()),
+            Variable("phi_0", "rad", "parameter", 0.0), Variable("w_0", "rad/s", "parameter", 0.0),
+        ),
+        update=ca.Function("update", [x, u, p], [ca.vertcat(x[1], slope)]),
+        output=ca.Function("output", [x, u, p], [x]),
+        start=ca.Function("start", [u, p], [p[len(parameters) :]]),
+        rate_bound=ca.Function("rate", [x, p], [ca.SX(rate)]),
+    )  # fmt: skip
+
+
+def spring_pendulum(p: Mapping[str, ca.SX], q: ca.SX, dq: ca.SX) -> tuple[ca.SX, ca.SX]:
+    """A pendulum against a spring, with Coulomb friction where it has the parameter ``Fc``."""
+    friction = p["Fc"] * ca.tanh(dq / 0.02) if "Fc" in p else ca.SX(0)
+    return p["m"] * p["l"] ** 2, p["m"] * 9.81 * p["l"] * ca.sin(q) + p["k"] * q + p["d"] * dq + friction
+
+
+def foreign_case(
+    folder: Path,
+    plant: Path,
+    truth: Path,
+    identify: Mapping[str, Any],
+    *,
+    plant_entries: Mapping[str, Any] | None = None,
+    values: Mapping[str, float] | None = None,
+    gains: tuple[float, float] = (60.0, 6.0),
+    noise: float = 0.01,
+    size: float = 0.5,
+    controller: Mapping[str, Any] | None = None,
+    velocity: str = "measured",
+) -> Path:
+    """A case of a foreign plant whose data another FMU has made, with noise of that fraction of the torque.
+
+    Args:
+        values: parameters of the plant that made the data.
+    """
+    law = {
+        "schema": 1, "law": "pd", "name": "pd", "joints": ["revolute"], "rate_hz": float(RATE), "velocity": velocity,
+        "Kp": [gains[0]], "Kd": [gains[1]],
+    }  # fmt: skip
+    (folder / "controller.yaml").write_text(yaml.safe_dump(law), encoding="utf-8")
+    names = {"inputs": {"tau1": "torque"}, "outputs": {"q1": "phi"}}
+    if velocity == "measured":
+        names["outputs"]["dq1"] = "w"
+    starts = {"parameter_names": {"q_start1": "phi_0", "dq_start1": "w_0"}}
+    document: dict[str, Any] = {
+        "schema": 1, "name": "foreign",
+        "plant": {"kind": "fmu", "source": str(plant), **names, **starts, **(plant_entries or {})},
+        "controller": controller or {"kind": "model", "source": "controller.yaml"},
+        "identify": dict(identify), "estimator": {"kind": "clie"},
+    }  # fmt: skip
+    rng = np.random.default_rng(5)
+    for label, period_s in (("train", 4.0), ("validation", 4.4)):
+        write_csv(sines(12.0, period_s=period_s, size=size), folder / f"{label}_reference.csv")
+        reference = {"file": f"{label}_reference.csv"}
+        made = {k: v for k, v in document.items() if k not in ("identify", "estimator", "validation")}
+        made["plant"] = {**document["plant"], "source": str(truth), "parameters": dict(values or {})}
+        made["identify"] = dict(identify)
+        made["train"] = {"reference": reference, "torque": {"file": "none.csv", "rate_hz": 100}}
+        (folder / "making.yaml").write_text(yaml.safe_dump(made), encoding="utf-8")
+        table = simulate(folder / "making.yaml")
+        torque = table.column("tau1")[:-1:2]
+        torque = torque + noise * float(np.std(torque)) * rng.normal(size=torque.shape)
+        write_csv(trajectory(table.time[:-1:2], {"tau1": torque}), folder / f"{label}.csv")
+        document[label] = {"reference": reference, "torque": {"file": f"{label}.csv"}}
+    path = folder / "case.yaml"
+    path.write_text(yaml.safe_dump(document, sort_keys=False), encoding="utf-8")
+    return path
+
+
+def exported(folder: Path, block: Block, tool: str = "Vendor 1.0") -> Path:
+    """The block as an FMU that counts as another tool's."""
+    folder.mkdir(parents=True, exist_ok=True)
+    return by(tool, build_fmu(block, directory=folder))
