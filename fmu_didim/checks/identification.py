@@ -20,6 +20,7 @@ from fmu_didim.checks.physical import physical_diagnostics
 from fmu_didim.checks.prior import prior_diagnostics
 from fmu_didim.checks.residual import NoiseResult, lack_of_fit, residual_diagnostics, slow_diagnostics
 from fmu_didim.checks.validation import Validation, error_diagnostics
+from fmu_didim.estimators.initial_states import OtherStart, contradicted_starts
 from fmu_didim.fit.estimate import Estimate, Status
 from fmu_didim.fit.noise.noise import motion_frequency
 from fmu_didim.fit.solver.numerical_noise import Roughness, smoother_after_step
@@ -75,6 +76,12 @@ TORQUE_GIVEN = CATALOGUE(
     "they are.",
     next_step="Look at the errors of the measured signals; hold a run out to judge them.",
 )  # fmt: skip
+OTHER_START = CATALOGUE(
+    "initial-state", DOUBT, rank=2,
+    meaning="The log does not begin in the initial state that the case gives: the transient from there, which the "
+    "machine did not make, bends all values.",
+    next_step="Correct initial_state, or leave it out: then it is looked for.",
+)  # fmt: skip
 OTHER_MINIMUM = CATALOGUE(
     "another-minimum", DOUBT, rank=47,
     meaning="The log is too slow for a resonance of the loop: another inertia of a light joint explains it nearly as "
@@ -100,6 +107,19 @@ class Checks:
 def residual_tests(estimate: Estimate) -> tuple[NoiseResult, ...]:
     """The tests of the residual of each joint."""
     return lack_of_fit(estimate.colours, estimate.known_noise, stated=estimate.noise_is_stated)
+
+
+def start_diagnostics(starts: Iterable[OtherStart]) -> list[Diagnostic]:
+    """Initial states that are given and contradict their logs."""
+    return [
+        Diagnostic(
+            OTHER_START,
+            f"The log starts elsewhere than the case says (probability by chance {s.chance:.1g}): the start that "
+            f"explains its first samples has {s.name} = {s.found:.4g} {s.unit} instead of {s.given:.4g}.",
+            s.label, s.found, s.given, s.unit,
+        )
+        for s in starts
+    ]  # fmt: skip
 
 
 def checked(estimate: Estimate, validations: Sequence[Validation], *, before: Iterable[Diagnostic] = ()) -> Checks:
@@ -130,6 +150,7 @@ def checked(estimate: Estimate, validations: Sequence[Validation], *, before: It
     found += residual_diagnostics(tests)
     if estimate.fit is not None:
         found += motion_diagnostics(dependence_of_fit(estimate.fit))
+        found += start_diagnostics(contradicted_starts(estimate.fit))
     motion_hz, cutoff_hz = _bands(model)
     found += [*slow_diagnostics(tests, motion_hz, cutoff_hz), *error_diagnostics(validations, motion_hz)]
     found += of_any_output(estimate)

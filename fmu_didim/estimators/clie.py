@@ -19,7 +19,7 @@ from fmu_didim.base.documents import Count, Positive
 from fmu_didim.base.errors import SimulationError
 from fmu_didim.estimators.base import Estimator, Progress, no_progress
 from fmu_didim.estimators.finish import Minimum, finish_by_colour, torque_estimate
-from fmu_didim.estimators.initial_states import free_starts, with_starts
+from fmu_didim.estimators.initial_states import free_starts, start_advice, with_starts
 from fmu_didim.estimators.joint import joint_minimum, motion_minimum
 from fmu_didim.estimators.local_minima import nearer_to_prior
 from fmu_didim.estimators.start import simulatable, start_values, with_free_delay
@@ -71,7 +71,9 @@ class Clie(Estimator):
         values, _ = simulatable(model, model.free_parameters.limited(start_values(model, self.start)))
         reason = mass_matrix_problem(model, values)
         if reason:
-            raise RefusedError("The start cannot be simulated.", iterations=[], got=reason, next_step=ADVICE)
+            raise RefusedError(
+                "The start cannot be simulated.", iterations=[], got=reason, next_step=start_advice(model) + ADVICE
+            )
         model = with_fitting_substeps(model, values)
         if model.experiments.channels and model.loop.torque_is_given:
             return self._of_motion(model.with_values(values), progress)
@@ -81,7 +83,7 @@ class Clie(Estimator):
         except SimulationError as error:
             raise RefusedError(
                 "The start cannot be simulated.", iterations=[Iteration(self.name, 1, values, np.nan, note=error.what)],
-                got=str(error), next_step=ADVICE,
+                got=str(error), next_step=start_advice(model) + ADVICE,
             ) from error  # fmt: skip
         finish = partial(
             finish_by_colour, tolerance=self.tolerance, progress=progress, stage=self.name,
@@ -100,7 +102,7 @@ class Clie(Estimator):
             )  # fmt: skip
         except SimulationError as error:
             raise RefusedError(
-                "The start cannot be simulated.", iterations=[], got=str(error), next_step=ADVICE
+                "The start cannot be simulated.", iterations=[], got=str(error), next_step=start_advice(model) + ADVICE
             ) from error  # fmt: skip
         return self._concluded(minimum)
 
@@ -112,7 +114,7 @@ class Clie(Estimator):
         if reason:
             raise RefusedError(
                 "The identified model is not physical.", iterations=minimum.iterations, got=reason,
-                next_step=ADVICE, values=fit.values, deviation=known.deviation,
+                next_step=start_advice(model) + ADVICE, values=fit.values, deviation=known.deviation,
             )  # fmt: skip
         return torque_estimate(
             minimum, estimator=self.name, settled=fit.settled, iterations=minimum.iterations,

@@ -26,7 +26,7 @@ from fmu_didim.data.signals import Array
 from fmu_didim.estimators.base import Estimator, Progress, no_progress
 from fmu_didim.estimators.descent import Path
 from fmu_didim.estimators.finish import Minimum, finish_by_colour, integration_error, torque_estimate
-from fmu_didim.estimators.initial_states import free_starts, with_likely_starts, with_starts
+from fmu_didim.estimators.initial_states import free_starts, start_advice, with_likely_starts, with_starts
 from fmu_didim.estimators.joint import joint_minimum
 from fmu_didim.estimators.local_minima import lowest, nearer_to_prior
 from fmu_didim.estimators.start import Start, simulatable, start_sequence, start_text, start_values, with_free_delay
@@ -153,7 +153,8 @@ class Didim(Estimator):
             raise lost[0]
         raise RefusedError(
             "The identified model is not physical.", iterations=history.iterations, got="; ".join(failures),
-            next_step=ADVICE, values=last.theta if last else None, deviation=last.deviation if last else None,
+            next_step=start_advice(model) + ADVICE,
+            values=last.theta if last else None, deviation=last.deviation if last else None,
         )  # fmt: skip
 
     def _check_linearity(self, model: LoopModel) -> None:

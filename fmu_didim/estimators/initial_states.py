@@ -253,6 +253,50 @@ def held_out_starts(fit: Fit, *, asked_only: bool = False) -> tuple[LoopModel, l
     return model, remarks
 
 
+@dataclass(frozen=True)
+class OtherStart:
+    """A state at the start of an experiment that its log shows elsewhere than the case gives it.
+
+    Attributes:
+        label: of the experiment; name: of the state; unit: of its values, the one that is given and the one that is
+            found beside the other states; chance: probability by which noise alone moves the start as far.
+    """
+
+    label: str
+    name: str
+    unit: str
+    given: float
+    found: float
+    chance: float
+
+
+def start_advice(model: LoopModel) -> str:
+    """What to do first about a loop that cannot be simulated, where its start is given."""
+    is_given = any(model.experiments[label].initial_state.kind == "given" for label in model.estimation_labels)
+    return "Leave initial_state out, or correct it: the log may start elsewhere. " if is_given else ""
+
+
+def contradicted_starts(fit: Fit) -> list[OtherStart]:
+    """Of each fitted experiment whose start is given and not the one of its log, the state that is farthest off, to
+    first order."""
+    result = []
+    for label in fit.model.torque_alone.estimation_labels:
+        if fit.model.experiments[label].initial_state.kind != "given":
+            continue
+        freed = replace(fit.torque_alone, model=_with_state(fit.torque_alone.model, label, kind="free"))
+        with suppress(SimulationError):
+            start = _start(freed, label)
+            if start is None:
+                continue
+            moved, covariance = _move(_beside(freed, label, start), start)
+            chance = _by_chance(moved, covariance)
+            if chance < CHANCE:
+                far = int(np.argmax(np.abs(moved) / np.sqrt(np.diag(covariance))))
+                state, found = start.parameters[far], start.parameters[far].value + float(moved[far])
+                result.append(OtherStart(label, _name(state), state.unit, state.value, found, chance))
+    return result
+
+
 def unknown_states(fit: Fit) -> list[str]:
     """What is said of a loop with a controller whose states cannot be free, being an FMU of another tool: of logs whose
     first samples stand out at a minimum, and of those where the start of the plant may stand for its states."""
@@ -427,7 +471,18 @@ def _beside(fit: Fit, label: str, start: _Start) -> Fit:
 
 def _chance(fit: Fit, start: _Start) -> float:
     """Probability that noise alone asks for as large a start off the reference, the last columns of a fit, to first
-    order.
+    order."""
+    off, covariance = _move(fit, start)
+    return _by_chance(off + start.off, covariance)
+
+
+def _by_chance(off: Array, covariance: Array) -> float:
+    """Probability of as large a distance (m,) with this covariance (m, m)."""
+    return float(chi2_sf(off @ np.linalg.solve(covariance, off), off.size))
+
+
+def _move(fit: Fit, start: _Start) -> tuple[Array, Array]:
+    """By how much (m,) the log moves a start, the last columns of a fit, to first order, and the covariance of that.
 
     The noise is what the change leaves: a transient would pass for its colour.
     """
@@ -438,8 +493,7 @@ def _chance(fit: Fit, start: _Start) -> float:
         residual = np.concatenate([residual, prior[1]])
     change = np.linalg.lstsq(table, residual, rcond=None)[0]
     known = fit_uncertainty(replace(fit, outputs=fit.torque + fit.jacobian @ change))
-    off, covariance = change[-start.count :] + start.off, known.covariance[-start.count :, -start.count :]
-    return float(chi2_sf(off @ np.linalg.solve(covariance, off), start.count))
+    return np.asarray(change[-start.count :]), known.covariance[-start.count :, -start.count :]
 
 
 def _chance_alone(fit: Fit, label: str, start: _Start) -> float:

@@ -10,13 +10,14 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from fmu_didim.base.errors import InputError
+from fmu_didim.base.errors import IdentificationError, InputError
 from fmu_didim.case import load_case
+from fmu_didim.checks.identification import OTHER_START, checked
 from fmu_didim.discovery.base_model import prepare
 from fmu_didim.estimators.base import Estimator
 from fmu_didim.estimators.clie import Clie
 from fmu_didim.estimators.didim import Didim
-from fmu_didim.estimators.initial_states import begins_moving, start_parameters
+from fmu_didim.estimators.initial_states import begins_moving, contradicted_starts, start_parameters
 from fmu_didim.fit.equations import Equations
 from fmu_didim.fit.estimate import Estimate
 from fmu_didim.fit.region import Region
@@ -48,6 +49,14 @@ def simulated(model: LoopModel, seed: int, size: float, kind: StartKind = "detec
         state = replace(model.experiments[label], initial_state=InitialState(kind))
         model = model.with_experiment(label, state)
     return model
+
+
+def start_of(seed: int, model: LoopModel) -> dict[str, float]:
+    """The start that :func:`simulated` draws for the first experiment, with ``size`` 0.3."""
+    drawn = np.random.default_rng(seed).standard_normal(4)
+    parameters = start_parameters(model, model.first)
+    off = 0.3 * SPREAD * drawn
+    return {k.key.replace("_start", ""): k.value + float(d) for k, d in zip(parameters, off, strict=True)}
 
 
 def errors(model: LoopModel, estimate: Estimate) -> np.ndarray:
@@ -148,6 +157,37 @@ def test_a_start_that_is_given_is_used(model: LoopModel) -> None:
     estimate = Didim(start="torque").estimate(with_torque(moved, moved.torque(model.start), label))
     assert not freed(estimate)
     np.testing.assert_allclose(estimate.value, model.start, rtol=1e-4)
+
+
+@pytest.mark.parametrize("estimator", [Didim(start="torque"), Clie()], ids=["didim", "clie"])
+@pytest.mark.parametrize(("name", "off"), [("q1", 0.0), ("q1", 0.001), ("q2", -0.005), ("dq1", 0.05)])
+def test_a_start_that_is_given_and_is_not_that_of_the_log_is_told(
+    model: LoopModel, name: str, off: float, estimator: Estimator
+) -> None:
+    model = simulated(model, 7, 0.3)
+    label = model.first
+    truth = start_of(7, model)
+    given = InitialState("given", {**truth, name: truth[name] + off})
+    model = model.with_experiment(label, replace(model.experiments[label], initial_state=given))
+    estimate = estimator.estimate(model)
+    told = [reason for reason in checked(estimate, []).judgement.reasons if reason.code is OTHER_START]
+    if not off:
+        assert not told
+        return
+    assert estimate.fit is not None
+    (other,) = contradicted_starts(estimate.fit)
+    assert other.name == name and other.given == told[0].bound == truth[name] + off
+    assert abs(other.found - truth[name]) < abs(off)
+
+
+@pytest.mark.parametrize("estimator", [Didim(), Clie()], ids=["didim", "clie"])
+def test_the_next_step_of_a_start_so_wrong_that_nothing_runs_names_it(model: LoopModel, estimator: Estimator) -> None:
+    label = model.first
+    given = InitialState("given", {"q1": 1e3})
+    model = model.with_experiment(label, replace(model.experiments[label], initial_state=given))
+    with pytest.raises(IdentificationError) as caught:
+        estimator.estimate(model)
+    assert caught.value.next_step.startswith("Leave initial_state out")
 
 
 def test_a_start_of_a_joint_that_does_not_exist_is_refused(tmp_path: Path) -> None:
