@@ -94,7 +94,7 @@ def foreign_case(
         "schema": 1, "name": "foreign",
         "plant": {"kind": "fmu", "source": str(plant), **names, **starts, **(plant_entries or {})},
         "controller": controller or {"kind": "model", "source": "controller.yaml"},
-        "identify": dict(identify), "estimator": {"kind": "clie"},
+        "identify": dict(identify), "estimator": {"kind": "clie"}, "loop": {"rate_hz": RATE},
     }  # fmt: skip
     rng = np.random.default_rng(5)
     for label, period_s in (("train", 4.0), ("validation", 4.4)):

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from fmu_didim.base.diagnostics import DOUBT, Diagnostic
-from fmu_didim.checks.reading import READING_ACTS
+from fmu_didim.checks.plant.reading import READING_ACTS
 from fmu_didim.discovery.progress import Progress
 from fmu_didim.discovery.selection.decide import Options
 from fmu_didim.dynamics.effects import EFFECTS, Effect

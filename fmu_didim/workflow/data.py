@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from fmu_didim.base.diagnostics import DiagnosedError, Diagnostic, by_weight
 from fmu_didim.case import Case
-from fmu_didim.checks.consistency import Consistency, check_consistency, plant_diagnostics
 from fmu_didim.checks.data.checks import data_diagnostics
-from fmu_didim.checks.plant import check_parameter_influence, start_diagnostics
-from fmu_didim.checks.reading import reading_diagnostics
+from fmu_didim.checks.plant.consistency import Consistency, check_consistency, plant_diagnostics
+from fmu_didim.checks.plant.influence import check_parameter_influence
+from fmu_didim.checks.plant.reading import reading_diagnostics
+from fmu_didim.checks.plant.start import start_diagnostics
 from fmu_didim.model.loop_model import LoopModel
 
 

@@ -96,7 +96,8 @@ class FmuProbe:
             name, change = self.reading
             yield (
                 f"outputs read between inputs and step: CHANGE WHAT FOLLOWS, {name} by {100 * change:.2g} %: a case "
-                "takes those after the last step, or must say (outputs_after_step) where it needs one that follows at once"
+                "takes those after the last step, or must say (outputs_after_step) where it needs one that follows "
+                "at once"
             )
 
     def _acting(self) -> Iterator[str]:
