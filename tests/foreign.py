@@ -36,22 +36,46 @@ def sines(seconds: float, *, period_s: float = 4.0, size: float = 0.5) -> Trajec
 
 def one_joint(name: str, parameters: Mapping[str, float], balance: Torque, *, rate: float = 400.0) -> Block:
     """Block of a plant with one joint under the names of its maker: ``torque``, ``phi`` and ``w``."""
-    p, x, u = ca.SX.sym("p", len(parameters) + 2), ca.SX.sym("x", 2), ca.SX.sym("u")
+
+    def slopes(p: Mapping[str, ca.SX], x: list[ca.SX], u: ca.SX) -> list[ca.SX]:
+        inertia, resisting = balance(p, x[0], x[1])
+        return [x[1], (u - resisting) / inertia]
+
+    return plant_block(name, parameters, slopes, count=2, rate=rate)
+
+
+def crane(p: Mapping[str, ca.SX], x: list[ca.SX], u: ca.SX) -> list[ca.SX]:
+    """A trolley that a drum of 1 m pulls, with a load that swings: states phi, w, angle of the load and its rate."""
+    sine, cosine = ca.sin(x[2]), ca.cos(x[2])
+    pull = p["m"] * sine * (p["l"] * x[3] ** 2 + 9.81 * cosine)
+    slope = (u - p["d"] * x[1] + pull) / (p["M"] + p["m"] * sine**2)
+    return [x[1], slope, x[3], -(cosine * slope + 9.81 * sine + p["b"] * x[3]) / p["l"]]
+
+
+def plant_block(
+    name: str,
+    parameters: Mapping[str, float],
+    slopes: Callable[[Mapping[str, ca.SX], list[ca.SX], ca.SX], list[ca.SX]],
+    *,
+    count: int,
+    rate: float = 400.0,
+) -> Block:
+    """Block of a plant with a torque, a position and a velocity, the first of its states."""
+    p, x, u = ca.SX.sym("p", len(parameters) + 2), ca.SX.sym("x", count), ca.SX.sym("u")
     named = {key: p[i] for i, key in enumerate(parameters)}
-    inertia, resisting = balance(named, x[0], x[1])
-    slope = (u - resisting) / inertia
+    starts = ca.vertcat(p[len(parameters) :], ca.SX.zeros(count - 2))
     return Block(
         name=name,
         inputs=(Variable("torque", "N.m", "input", 0.0),),
         outputs=(Variable("phi", "rad", "output", 0.0), Variable("w", "rad/s", "output", 0.0)),
-        states=(Variable("phi_state", "rad", "local", 0.0), Variable("w_state", "rad/s", "local", 0.0)),
+        states=tuple(Variable(f"state{i}", "1", "local", 0.0) for i in range(count)),
         parameters=(
             *(Variable(key, "1", "parameter", value) for key, value in parameters.items()),
             Variable("phi_0", "rad", "parameter", 0.0), Variable("w_0", "rad/s", "parameter", 0.0),
         ),
-        update=ca.Function("update", [x, u, p], [ca.vertcat(x[1], slope)]),
-        output=ca.Function("output", [x, u, p], [x]),
-        start=ca.Function("start", [u, p], [p[len(parameters) :]]),
+        update=ca.Function("update", [x, u, p], [ca.vertcat(*slopes(named, ca.vertsplit(x), u))]),
+        output=ca.Function("output", [x, u, p], [x[:2]]),
+        start=ca.Function("start", [u, p], [starts]),
         rate_bound=ca.Function("rate", [x, p], [ca.SX(rate)]),
     )  # fmt: skip
 
@@ -94,7 +118,7 @@ def foreign_case(
         "schema": 1, "name": "foreign",
         "plant": {"kind": "fmu", "source": str(plant), **names, **starts, **(plant_entries or {})},
         "controller": controller or {"kind": "model", "source": "controller.yaml"},
-        "identify": dict(identify), "estimator": {"kind": "clie"},
+        "identify": dict(identify), "estimator": {"kind": "clie"}, "loop": {"rate_hz": RATE},
     }  # fmt: skip
     rng = np.random.default_rng(5)
     for label, period_s in (("train", 4.0), ("validation", 4.4)):

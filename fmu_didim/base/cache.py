@@ -47,6 +47,7 @@ KINDS = {
     "loop": "the compiled loop",
     "variational": "compiled sensitivities",
     "reruns": "how FMUs are run again",
+    "readings": "what reading their outputs before a step does",
     "proofs": "which FMUs of other tools have run and ended well",
     "fmu_slots": "which runs use an FMU at the same time",
     COMPILER: "parts of the C compiler",

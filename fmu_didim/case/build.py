@@ -27,6 +27,7 @@ from fmu_didim.case.loop import (
     loop_of_parts,
     with_drive_gains,
     with_inserted_effects,
+    with_reading,
 )
 from fmu_didim.case.measured import read_channels
 from fmu_didim.case.memory import Memory, check_at_hand, named
@@ -165,6 +166,7 @@ class Case:
         if self.robot is not None:
             system = with_inserted_effects(system, self.robot, plant=self.plant_name)
         system = with_drive_gains(system, self.document, self.robot, plant=self.plant_name)
+        system = with_reading(system, self.document)
         return at_instants_of(system) if at_instants else system
 
     @property

@@ -15,6 +15,7 @@ from fmu_didim.components import Component, FmuComponent, rename
 from fmu_didim.components.inserted import InsertedComponent
 from fmu_didim.components.parameter_names import name_parameters
 from fmu_didim.cosim import Connection, System, check_period, closed_loop, insert_effect
+from fmu_didim.cosim.readings import readings
 from fmu_didim.cosim.system import REFERENCE
 from fmu_didim.dynamics.effects import EFFECTS
 from fmu_didim.dynamics.effects.drive_gain import DriveGain
@@ -233,6 +234,21 @@ def with_inserted_effects(system: System, robot: RobotDescription, *, plant: str
             names = [v.name for v in (*effect.parameters(joint.type), *effect.shapes(joint.type))]
             values = {name: joint.parameters[name] for name in names if name in joint.parameters}
             system = insert_effect(system, effect, j, joint.type, values=values, plant=plant)
+    return system
+
+
+def with_reading(system: System, document: CaseDocument) -> System:
+    """The loop in which the outputs of FMUs that reading would disturb are read after each step only, unless the case
+    says when they are read, or one that is used follows the inputs at once."""
+    files = [file for run in document.runs.values() for file in run.measured_files]
+    measured = {name for file in files for name in (*file.signals, *file.columns)}
+    for name, found in readings(system).items():
+        source = document.parts.get(name)
+        if source is not None and source.outputs_after_step is not None:
+            continue
+        component, used = system.components[name], found.used | measured
+        if found.reading.acts and not used & found.at_once and isinstance(component, FmuComponent):
+            system = system.replace(name, replace(component, reads_between=False))
     return system
 
 

@@ -47,7 +47,9 @@ class ComponentSource(Strict):
         interface, solver: how an FMU is run; co-simulation by default, model exchange by ``rk4`` or ``cvode``.
         rate_hz: own communication rate, a whole multiple or divisor of that of the loop; the loop's by default.
         outputs_after_step: its outputs at an instant are those after the step that begins there, as of a controller
-            FMU that computes its command in the step.
+            FMU that computes its command in the step. By default they are those at the instant itself, and of an FMU of
+            another tool in which reading them between inputs and step changes what follows, those after the last step
+            where none that is used follows the inputs at once; ``false``: they are read there all the same.
         isolated, time_limit_s: whether an FMU runs in a process of its own, by default until it has run and ended
             without fault; and for how long a call may take there.
         rerun: how an FMU is run again; by default as a trial shows to be right.
@@ -69,7 +71,7 @@ class ComponentSource(Strict):
     interface: Literal["co-simulation", "model-exchange"] | None = None
     solver: Literal["rk4", "cvode"] = "rk4"
     rate_hz: Positive | None = None
-    outputs_after_step: bool = False
+    outputs_after_step: bool | None = None
     isolated: bool | None = None
     time_limit_s: Positive = 10.0
     rerun: Literal["auto", "reset", "state", "re-instantiate", "fresh process"] = "auto"

@@ -12,14 +12,22 @@ from fmu_didim.base.errors import UnknownNameError
 from fmu_didim.checks.agreement import AgreementResult, agreement
 from fmu_didim.checks.channels import channel_diagnostics
 from fmu_didim.checks.data.checks import confirmed
-from fmu_didim.checks.held_out import Residual, held_out_diagnostics, not_simulated
+from fmu_didim.checks.held_out import WORSE_HELD_OUT, Residual, held_out_diagnostics, not_simulated
 from fmu_didim.checks.held_out_channels import held_out_channel_diagnostics
 from fmu_didim.checks.judgement import Judgement, judgement
-from fmu_didim.checks.motion.dependence import dependence_of_fit, motion_diagnostics
+from fmu_didim.checks.motion.dependence import DEPENDS_ON_MOTION, dependence_of_fit, motion_diagnostics
 from fmu_didim.checks.physical import physical_diagnostics
+from fmu_didim.checks.plant.unidentified import unidentified_diagnostics
 from fmu_didim.checks.prior import prior_diagnostics
-from fmu_didim.checks.residual import NoiseResult, lack_of_fit, residual_diagnostics, slow_diagnostics
-from fmu_didim.checks.validation import Validation, error_diagnostics
+from fmu_didim.checks.residual import (
+    RESIDUAL_ABOVE_NOISE,
+    RESIDUAL_SLOW,
+    NoiseResult,
+    lack_of_fit,
+    residual_diagnostics,
+    slow_diagnostics,
+)
+from fmu_didim.checks.validation import TORQUE_ERROR_LARGE, Validation, error_diagnostics
 from fmu_didim.estimators.initial_states import OtherStart, contradicted_starts
 from fmu_didim.fit.estimate import Estimate, Status
 from fmu_didim.fit.noise.noise import motion_frequency
@@ -38,6 +46,9 @@ SECOND_STEP = 0.1
 JITTER = 0.1
 """[standard deviations] Jitter of a simulated torque, in those of its residual, that is reported: the values scatter as
 by noise, and the steps end up to half a deviation from the minimum."""
+
+MISFITS = {RESIDUAL_ABOVE_NOISE, RESIDUAL_SLOW, DEPENDS_ON_MOTION, WORSE_HELD_OUT, TORQUE_ERROR_LARGE}
+"""What a parameter of the plant at a wrong value may be the cause of."""
 
 AT_LIMIT = CATALOGUE(
     "at-limit", DOUBT, rank=40,
@@ -154,6 +165,8 @@ def checked(estimate: Estimate, validations: Sequence[Validation], *, before: It
     motion_hz, cutoff_hz = _bands(model)
     found += [*slow_diagnostics(tests, motion_hz, cutoff_hz), *error_diagnostics(validations, motion_hz)]
     found += of_any_output(estimate)
+    if estimate.fit is not None and MISFITS & {d.code for d in found}:
+        found += unidentified_diagnostics(estimate.fit)
     found += [
         Diagnostic(OTHER_MINIMUM, f"{name} = {value:.4g} explains the log nearly as well.", name, value)
         for name, value in estimate.rivals

@@ -7,12 +7,15 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from fmu_didim.base.diagnostics import DOUBT, Diagnostic
+from fmu_didim.checks.plant.reading import READING_ACTS
 from fmu_didim.discovery.progress import Progress
 from fmu_didim.discovery.selection.decide import Options
 from fmu_didim.dynamics.effects import EFFECTS, Effect
 from fmu_didim.dynamics.robot import RobotDescription
 from fmu_didim.results.findings import FindingsDocument
 
+OF_THE_WIRING = ("drive", "sensor", "measurement")
+"""Places of effects that look like outputs of an FMU that hold at another time than the machine's."""
 OF_THE_DATA = 16
 """[rank] Diagnostics of the data before this rank hold whatever the model is. Those after it, such as a torque limit,
 a clock or a delay, discovery names itself."""
@@ -52,4 +55,8 @@ class Request:
     def about_data(self, diagnostics: Sequence[Diagnostic]) -> Request:
         """The same request with the diagnostics of its data."""
         doubts = [d for d in diagnostics if d.code.severity is DOUBT and d.code.rank < OF_THE_DATA]
-        return replace(self, doubts=doubts, notes=[str(d) for d in diagnostics if d not in doubts])
+        forbidden = self.options.forbid
+        if any(d.code is READING_ACTS for d in doubts):
+            forbidden |= {name for name, effect in self.effects.items() if effect.place in OF_THE_WIRING}
+        options = replace(self.options, forbid=forbidden)
+        return replace(self, doubts=doubts, notes=[str(d) for d in diagnostics if d not in doubts], options=options)

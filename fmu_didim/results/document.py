@@ -11,9 +11,9 @@ import numpy as np
 from fmu_didim.base.diagnostics import REMARK, Diagnostic, by_weight
 from fmu_didim.base.errors import FmuDidimError
 from fmu_didim.checks.agreement import AgreementResult
-from fmu_didim.checks.consistency import Consistency
 from fmu_didim.checks.identification import Checks
 from fmu_didim.checks.judgement import diagnostic_result
+from fmu_didim.checks.plant.consistency import Consistency
 from fmu_didim.checks.validation import Validation
 from fmu_didim.data.signals import Array
 from fmu_didim.fit.estimate import Estimate, RefusedError, Status

@@ -17,8 +17,8 @@ from fmu_didim.base.documents import Number, Saved, why_unread
 from fmu_didim.base.errors import InputError
 from fmu_didim.base.files import is_file
 from fmu_didim.checks.agreement import AgreementResult
-from fmu_didim.checks.consistency import ColumnResult
 from fmu_didim.checks.judgement import DiagnosticResult, Verdict
+from fmu_didim.checks.plant.consistency import ColumnResult
 from fmu_didim.checks.residual import NoiseResult
 from fmu_didim.checks.validation import ChannelValidation, Validation
 from fmu_didim.data.signals import Trajectory, trajectory, write_csv

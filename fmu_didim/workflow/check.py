@@ -12,7 +12,6 @@ import numpy as np
 from fmu_didim.base.diagnostics import CATALOGUE, DOUBT, PROBLEM, Diagnostic, Severity, by_weight
 from fmu_didim.base.errors import FmuDidimError, SimulationError
 from fmu_didim.case import Case, CaseObjects, case_of, with_objects
-from fmu_didim.checks.consistency import Consistency
 from fmu_didim.checks.data.expected_accuracy import (
     ExpectedAccuracy,
     accuracy_diagnostics,
@@ -20,6 +19,7 @@ from fmu_didim.checks.data.expected_accuracy import (
     resonance_diagnostics,
 )
 from fmu_didim.checks.judgement import diagnostic_result
+from fmu_didim.checks.plant.consistency import Consistency
 from fmu_didim.estimators.start import start_sequence, start_text, start_values, with_free_delay
 from fmu_didim.fit.solver.admissible import mass_matrix_problem
 from fmu_didim.fit.statistics import relative_error_percent

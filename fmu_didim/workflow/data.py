@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from fmu_didim.base.diagnostics import DiagnosedError, Diagnostic
+from fmu_didim.base.diagnostics import DiagnosedError, Diagnostic, by_weight
 from fmu_didim.case import Case
-from fmu_didim.checks.consistency import Consistency, check_consistency, plant_diagnostics
 from fmu_didim.checks.data.checks import data_diagnostics
-from fmu_didim.checks.plant import check_parameter_influence, start_diagnostics
+from fmu_didim.checks.plant.consistency import Consistency, check_consistency, plant_diagnostics
+from fmu_didim.checks.plant.influence import check_parameter_influence
+from fmu_didim.checks.plant.reading import reading_diagnostics
+from fmu_didim.checks.plant.start import start_diagnostics
 from fmu_didim.model.loop_model import LoopModel
 
 
@@ -17,7 +19,9 @@ def case_diagnostics(case: Case, *, causes: bool = True) -> list[Diagnostic]:
         causes: see :func:`~fmu_didim.checks.data.checks.data_diagnostics`.
     """
     without = [label for label, run in case.document.runs.items() if run.torque is None]
-    return data_diagnostics(case.model, without_torque=without, causes=causes)
+    stated = [name for name, source in case.document.parts.items() if source.outputs_after_step is not None]
+    of_reading = reading_diagnostics(case.model.loop.systems[case.model.first], stated)
+    return by_weight([*data_diagnostics(case.model, without_torque=without, causes=causes), *of_reading])
 
 
 def check_plant(case: Case, model: LoopModel) -> tuple[Consistency | None, list[Diagnostic]]:

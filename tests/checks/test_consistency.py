@@ -13,8 +13,9 @@ import yaml
 
 from fmu_didim.base.errors import InputError, SimulationError, UnknownNameError
 from fmu_didim.case import load_case
-from fmu_didim.checks.consistency import Consistency, check_consistency
-from fmu_didim.checks.plant import check_parameter_influence, start_diagnostics
+from fmu_didim.checks.plant.consistency import Consistency, check_consistency
+from fmu_didim.checks.plant.influence import check_parameter_influence
+from fmu_didim.checks.plant.start import start_diagnostics
 from fmu_didim.components import FmuComponent, ModelComponent, block_as_control, load_fmu, wrap_control
 from fmu_didim.components.parameter_names import name_parameters
 from fmu_didim.dynamics.block import Block

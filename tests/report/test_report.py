@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from fmu_didim.base.errors import InputError
-from fmu_didim.checks.consistency import ColumnResult
 from fmu_didim.checks.judgement import DiagnosticResult
+from fmu_didim.checks.plant.consistency import ColumnResult
 from fmu_didim.checks.validation import Validation
 from fmu_didim.report import result_table, write_report
 from fmu_didim.report.drawing.charts import decimated

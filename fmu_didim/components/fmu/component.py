@@ -135,6 +135,8 @@ class FmuComponent(FmuSettings):
 
     def feedthrough(self) -> frozenset[tuple[str, str]] | None:
         stated = self.fmu.dependencies
+        if not self.reads_between:
+            return frozenset()
         if stated is None:
             return None
         own_inputs = [v.name for v in self.fmu.of_causality("input") for _ in range(v.size)]
@@ -166,6 +168,8 @@ class FmuComponent(FmuSettings):
             described["tolerance"] = self.tolerance
         if self.event_mode:
             described["event_mode"] = True
+        if not self.reads_between:
+            described["outputs"] = "those after the last step"
         if self.interface.kind == MODEL_EXCHANGE:
             described["solver"] = self.solver
             if self.solver == "rk4":

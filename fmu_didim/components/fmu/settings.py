@@ -70,6 +70,8 @@ class FmuSettings(Component):
         solver, substeps, isolated, time_limit_s, rerun, event_mode: as for ``load_fmu``; isolated is None where the
             user does not say.
         tolerance: given to the FMU when a run is set up; None: no tolerance is given.
+        reads_between: whether outputs that follow the inputs at once are read between inputs and step; if not, all are
+            those after the last step.
     """
 
     fmi: FmiVersion = field(compare=False, repr=False)  # it follows from the description
@@ -100,6 +102,7 @@ class FmuSettings(Component):
     rerun: str = AUTO
     event_mode: bool = False
     tolerance: float | None = None
+    reads_between: bool = True
 
     @property
     def path(self) -> Path:

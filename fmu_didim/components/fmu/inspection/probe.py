@@ -95,8 +95,9 @@ class FmuProbe:
         if self.reading and self.reading[1] > SAME:
             name, change = self.reading
             yield (
-                f"outputs read between inputs and step: CHANGE WHAT FOLLOWS, {name} by {100 * change:.2g} %: take them "
-                "after the step (outputs_after_step) where the loop needs them at once"
+                f"outputs read between inputs and step: CHANGE WHAT FOLLOWS, {name} by {100 * change:.2g} %: a case "
+                "takes those after the last step, or must say (outputs_after_step) where it needs one that follows "
+                "at once"
             )
 
     def _acting(self) -> Iterator[str]:

@@ -1,15 +1,14 @@
-"""Checks of a plant before a long computation: the influence of its parameters, and its start."""
+"""Check of a plant before a long computation: the influence of its parameters."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fmu_didim.base.diagnostics import CATALOGUE, DOUBT, PROBLEM, DiagnosedError, Diagnostic
+from fmu_didim.base.diagnostics import CATALOGUE, PROBLEM, DiagnosedError, Diagnostic
 from fmu_didim.base.errors import SimulationError
 from fmu_didim.cosim import Recording
 from fmu_didim.data.signals import Array
-from fmu_didim.fit.log_noise import STANDSTILL
 from fmu_didim.fit.solver.admissible import mass_matrix_problem
 from fmu_didim.model.external_torque import EXTERNAL_TORQUE
 from fmu_didim.model.free_parameter import BASE, LOG
@@ -22,9 +21,6 @@ FIRST_TICKS = 200
 """[ticks] Simulated first; parameters without influence there are simulated to the end."""
 COMPARED_TICKS = 50
 """[ticks] At which the signals are compared."""
-START_TOLERANCE = 1e-3
-"""[1] Distance of the plant from the start of the reference, as a fraction of its range, that is reported."""
-
 PARAMETER_IDLE = CATALOGUE(
     "parameter-idle", PROBLEM, rank=30,
     meaning="A parameter that is to be identified has no effect in the plant: the simulation stays the same, to the "
@@ -35,12 +31,6 @@ PARAMETER_FIXED = CATALOGUE(
     "parameter-fixed-in-run", PROBLEM, rank=31,
     meaning="A parameter has no effect while the plant runs, so no regressor can be measured.",
     next_step="Use the estimator clie, which sets the parameters before each run.",
-)  # fmt: skip
-PLANT_START = CATALOGUE(
-    "plant-start", DOUBT, rank=32,
-    meaning="The plant does not start where the reference starts, so the simulation starts with a jump.",
-    next_step="Name the start values of the plant: plant: {parameter_names: {q_start1: name in the plant}}, or start "
-    "the reference where the plant stands.",
 )  # fmt: skip
 UNSEEN = (LOG, EXTERNAL_TORQUE)
 """Owners of parameters that change no signal of the loop, or only later ones."""
@@ -118,35 +108,3 @@ def _silent(model: LoopModel, theta: Array, count: int) -> list[int]:
     except SimulationError:
         return []  # the estimator reports why
     return [int(i) for i in np.flatnonzero(~np.abs(probe.columns).any(axis=(0, 1)))]
-
-
-def start_diagnostics(model: LoopModel) -> list[Diagnostic]:
-    """Joints whose plant starts elsewhere than the reference, where nobody says that they do (``initial_state:``).
-
-    Outputs after the step (``outputs_after_step``) are those at the end of the first step of the plant: its positions
-    are compared with the reference there; its velocities, which a step at wrong values changes, are not.
-    """
-    reference, given = model.experiments[model.first].reference, model.experiments[model.first].initial_state.values
-    plant, system = model.loop.plant_name, model.loop.systems[model.first]
-    first_row = system.every.get(plant, 1) if plant in system.after_step else 0
-    try:
-        first = model.simulation(model.start).record(ticks=np.zeros(1, dtype=np.int64))
-    except SimulationError:
-        return []
-    found = []
-    compared = [("q", "q_start")] if first_row else [("q", "q_start"), ("dq", "dq_start")]
-    for name, what in compared:
-        for j, signal in enumerate(model.loop.joint_signals(name), start=1):
-            if signal not in first.applied or f"{name}{j}" not in reference.names or f"{name}{j}" in given:
-                continue
-            column = reference.select([f"{name}{j}"])
-            at_start, wanted = float(first.applied[signal][0]), float(column[min(first_row, len(column) - 1), 0])
-            bound, away = START_TOLERANCE * max(float(np.ptp(column)), STANDSTILL), abs(at_start - wanted)
-            if away > bound:
-                text = f"The plant starts at {name}{j} = {at_start:.4g} while the reference starts at {wanted:.4g}."
-                step = (
-                    f"Name its start value: plant: {{parameter_names: {{{what}{j}: name in the plant}}}}, or start "
-                    "the reference where the plant stands."
-                )
-                found.append(Diagnostic(PLANT_START, text, f"plant: joint {j}", away, bound, next_step=step))
-    return found
