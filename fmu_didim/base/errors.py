@@ -111,6 +111,10 @@ class SimulationError(FmuDidimError):
     """A closed-loop simulation stopped before its end."""
 
 
+class FixedParameterError(SimulationError):
+    """A parameter of a component cannot be changed while it runs."""
+
+
 class DivergedError(SimulationError):
     """A closed-loop simulation left every sensible range or returned NaN.
 

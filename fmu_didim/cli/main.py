@@ -276,7 +276,7 @@ def _add_fmu(commands: _Commands) -> None:
     tasks = four.add_subparsers(required=True, metavar="info|check")
     for name, run in (("info", _fmu_info), ("check", _fmu_check)):
         task = _verb(tasks, name, run, inspect.getdoc(run) or "", f"fmu {name}")
-        task.add_argument("file", type=Path, metavar="FILE.fmu", help="the FMU")
+        task.add_argument("file", type=Path, metavar="FILE.fmu", help="the FMU, or a Modelica file (.mo)")
         if name == "check":
             task.add_argument("--interface", choices=("co-simulation", "model-exchange"), help="how it is run")
             task.add_argument("--step", type=positive, metavar="SECONDS", help="communication step")

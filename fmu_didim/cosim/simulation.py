@@ -5,12 +5,15 @@ from __future__ import annotations
 import contextlib
 import logging
 import os
+import time as clock
 from collections.abc import Iterator, Mapping
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fmu_didim.base.errors import FmuDidimError
+from fmu_didim.components.fmu.component import FmuComponent
+from fmu_didim.components.fmu.description import MODEL_EXCHANGE
 from fmu_didim.components.fmu.library import CURRENT_FOLDER
 from fmu_didim.cosim.execution.in_process import check_reference, run_in_process
 from fmu_didim.cosim.execution.instance_pool import InstancePool
@@ -20,6 +23,8 @@ from fmu_didim.cosim.recording import Recording
 from fmu_didim.cosim.system import System
 from fmu_didim.data.signals import Trajectory
 
+SLOW = 3.0
+"""[s] Duration of a run from which on it is told: the tens that an identification takes then last minutes."""
 _log = logging.getLogger(__name__)
 
 
@@ -56,7 +61,7 @@ def simulate(
             the error names it.
         SimulationError, FmuError: a component refused a call, or ended its process.
     """
-    order = Order(system, reference, ticks, bounds, observe, compiled)
+    order, began = Order(system, reference, ticks, bounds, observe, compiled), clock.monotonic()
     try:
         if fmus := needing_own_process(system):
             check_reference(order)
@@ -67,6 +72,25 @@ def simulate(
         if pool is not None and error.component and system.components[error.component].equations() is None:
             pool.failure = pool.failure or error  # known equations fail by the values they are given
         raise
+    finally:
+        if pool is not None and (seconds := clock.monotonic() - began) > SLOW:
+            pool.slow_runs += 1
+            if pool.slow_runs == 2:  # the first one may have started processes and tried what the FMUs can
+                _log.info("%s", _slow(system, seconds))
+
+
+def _slow(system: System, seconds: float) -> str:
+    """What is said of a run that takes long: an identification takes tens of them, and would seem to stand still."""
+    stepwise = [
+        f"{name} ({component.path.name})"
+        for name, component in system.components.items()
+        if isinstance(component, FmuComponent) and component.interface.kind == MODEL_EXCHANGE
+    ]
+    why = f"; {' and '.join(stepwise)} in model exchange, integrated step by step" if stepwise else ""
+    faster = "substeps: beside its source, as few as 'fmu-didim fmu check' finds enough, or a lower rate_hz of the loop"
+    return f"One simulation takes {seconds:.1f} s{why}: an identification takes tens of them." + (
+        f" Faster: {faster}." if stepwise else ""
+    )
 
 
 @contextlib.contextmanager

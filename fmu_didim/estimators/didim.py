@@ -13,7 +13,6 @@ parameter: gains of the controller, the delay, the clock of the log.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -21,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from fmu_didim.base.documents import Count, Positive
-from fmu_didim.base.errors import IdentificationError, InputError, SimulationError
+from fmu_didim.base.errors import FixedParameterError, IdentificationError, InputError, SimulationError
 from fmu_didim.data.signals import Array
 from fmu_didim.estimators.base import Estimator, Progress, no_progress
 from fmu_didim.estimators.descent import Path
@@ -160,8 +159,16 @@ class Didim(Estimator):
     def _check_linearity(self, model: LoopModel) -> None:
         run = model.simulation(start_values(model, self.start))
         probe = RegressorProbe(model.loop.plant_name, model.parameters, run.theta, run.operator.ticks.size)
-        with suppress(SimulationError):  # the guard of the first iteration says more
+        try:
             run.record(observe=probe.check_linearity())
+        except FixedParameterError as error:
+            raise InputError(
+                "didim changes the parameters of a plant while it runs, and those of this one are fixed then.",
+                where="identify", got=error.got,
+                next_step="Use the estimator clie, give robot: in the case, or export the plant with tunable ones.",
+            ) from error  # fmt: skip
+        except SimulationError:
+            pass  # the guard of the first iteration says more
         probe.raise_if_nonlinear()
 
     def _from(self, model: LoopModel, start: Start, then: str, joint: Joint, history: History) -> Estimate:

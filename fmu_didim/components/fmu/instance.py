@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from fmu_didim.base.errors import FmuError, SimulationError
+from fmu_didim.base.errors import FixedParameterError, FmuError, SimulationError
 from fmu_didim.components.base import Component
 from fmu_didim.components.fmu.binding import MAXIMUM_ITERATIONS, Call, EndedError, address, references
 from fmu_didim.components.fmu.description import FLOAT_TYPES, REAL_TYPES, FmuVariable
@@ -194,7 +194,7 @@ class FmuInstance(RestartableInstance):
         component = self._component
         fixed = [name for name in values if name in component.fixed or name in component.start_values]
         if fixed:
-            raise SimulationError(
+            raise FixedParameterError(
                 "A fixed parameter or a start value of the FMU cannot be changed while it runs.",
                 where=self._component.path.name,
                 got=", ".join(fixed),

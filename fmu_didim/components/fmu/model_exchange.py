@@ -88,6 +88,7 @@ class ModelExchangeInstance(FmuInstance):
         if self._component.solver == "cvode" and self._nx:
             return self._integrate_cvode(start, target)
         count = max(1, math.ceil(self._substeps * (target - start) / size - TIME_TOLERANCE))
+        count = count if self._nx or self._nz else 1  # without states there is nothing to integrate
         h = (target - start) / count
         for i in range(count):
             now = target if i + 1 == count else start + (i + 1) * h

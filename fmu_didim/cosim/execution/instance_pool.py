@@ -22,12 +22,14 @@ class InstancePool:
 
     Attributes:
         failure: the first error in a run by which a component failed whose equations are not known here.
+        slow_runs: number of runs that took long.
         noted: keys of loops that cannot run in one process of their own.
     """
 
     def __init__(self, *, size: int = 4) -> None:
         self._size = size
         self.failure: FmuDidimError | None = None
+        self.slow_runs = 0
         self._kept: dict[Any, list[Any]] = {}
         self.noted: set[Hashable] = set()
         self._lock = threading.Lock()
