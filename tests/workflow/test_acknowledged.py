@@ -68,7 +68,7 @@ def case_with(**sentences: str) -> Case:
 def test_codes_must_exist_be_doubts_and_have_a_sentence() -> None:
     problem = next(code.name for code in all_codes() if code.severity is PROBLEM)
     remark = next(code.name for code in all_codes() if code.severity is REMARK)
-    with pytest.raises(UnknownNameError, match=r"acknowledged\.unit-contradict-file[\s\S]*Did you mean 'unit-contradicts-file'"):
+    with pytest.raises(UnknownNameError, match=rf"acknowledged\.unit-contradict-file[\s\S]*Did you mean '{CODE}'"):
         acknowledged(case_with(unit_contradict_file=SENTENCE))
     for name in (problem, remark):
         with pytest.raises(InputError, match=r"Only a doubt can be acknowledged[\s\S]*next: "):
