@@ -174,6 +174,7 @@ class Campaign:
         allowed, folder = self.plan.document.limits, str(self.out.resolve())
 
         def attempt(tasks: Sequence[Task]) -> list[Trial]:
+            _log.info("checking %d case%s ...", len(tasks), "" if len(tasks) == 1 else "s")
             parts = [tasks[k::workers] for k in range(workers)]
             done = [engine.submit(try_tasks, folder, allowed, part) for part in parts if part]
             found: list[Trial] = [Trial() for _ in tasks]

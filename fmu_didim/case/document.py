@@ -74,6 +74,8 @@ class CaseDocument(Strict):
         joint_weights: ``estimated`` or ``equal``.
         low_pass: optional filter.
         prior: what is known of the robot before it moves, such as from CAD, if that is to count beside the data.
+        acknowledged: code of a doubt -> what was checked about it. Such a doubt is no reason against the verdict any
+            more; it stands in result and report with this sentence. Problems cannot be acknowledged.
     """
 
     schema_version: Literal[1] = Field(default=1, alias="schema")
@@ -95,6 +97,7 @@ class CaseDocument(Strict):
     joint_weights: Literal["estimated", "equal"] = "estimated"
     low_pass: LowPassSource | None = None
     prior: PriorSource | None = None
+    acknowledged: Mapping[str, str] = Field(default_factory=dict)
 
     @model_validator(mode="after")
     def _which_is_the_plant(self) -> CaseDocument:

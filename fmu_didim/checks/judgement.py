@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
 from typing import Literal
 
 from pydantic import Field
 
-from fmu_didim.base.diagnostics import PROBLEM, REMARK, Diagnostic, by_weight
+from fmu_didim.base.diagnostics import DOUBT, PROBLEM, REMARK, Diagnostic, by_weight
 from fmu_didim.base.documents import Number, Saved
 
 Verdict = Literal["valid", "doubtful", "not_settled", "refused"]
@@ -30,6 +30,16 @@ class DiagnosticResult(Saved):
     next_step: str = Field(description="what to do about it")
 
 
+class AcknowledgedResult(DiagnosticResult):
+    """A doubt that the user has checked, as it is saved.
+
+    Attributes:
+        sentence: what the user says of it.
+    """
+
+    sentence: str
+
+
 @dataclass(frozen=True)
 class Judgement:
     """Whether an answer may be used.
@@ -37,11 +47,46 @@ class Judgement:
     Attributes:
         verdict: ``valid``; ``doubtful``, usable with the reasons in mind; ``not_settled``; ``refused``.
         reasons: why it is not valid, the most important first; remarks: further diagnostics.
+        acknowledged: doubts that the user has checked, each with the sentence about it: they are no reasons any more.
+        unused: codes that the user has checked, of which none was found.
     """
 
     verdict: Verdict
     reasons: tuple[Diagnostic, ...] = ()
     remarks: tuple[Diagnostic, ...] = ()
+    acknowledged: tuple[tuple[Diagnostic, str], ...] = ()
+    unused: tuple[str, ...] = ()
+
+    def acknowledging(self, sentences: Mapping[str, str]) -> Judgement:
+        """The judgement where the user has checked all doubts of some codes; problems stay, and so does what has not
+        settled.
+
+        Args:
+            sentences: code -> what the user says of it.
+        """
+        known = [d for d in self.reasons if d.code.severity is DOUBT and d.code.name in sentences]
+        left = tuple(d for d in self.reasons if d not in known)
+        found = {d.code.name for d in known}
+        return replace(
+            self, verdict="valid" if self.verdict == "doubtful" and not left else self.verdict, reasons=left,
+            acknowledged=tuple((d, sentences[d.code.name]) for d in known),
+            unused=tuple(name for name in sentences if name not in found),
+        )  # fmt: skip
+
+    def saved_acknowledged(self, case: str = "") -> list[AcknowledgedResult]:
+        """The acknowledged doubts as they are saved; ``case``: as of :meth:`saved`."""
+        return [
+            AcknowledgedResult(**diagnostic_result(found, case).model_dump(), sentence=sentence)
+            for found, sentence in self.acknowledged
+        ]
+
+    @property
+    def acknowledged_remarks(self) -> list[str]:
+        """What reports say of acknowledged doubts."""
+        return [
+            *(f"Acknowledged in the case: {d} [{d.code.name}] {sentence}" for d, sentence in self.acknowledged),
+            *(f"Nothing was found of what the case acknowledges as {name}: take it out." for name in self.unused),
+        ]
 
     def saved(self, case: str = "") -> list[DiagnosticResult]:
         """The reasons as they are saved; ``case``: its file, for the commands that they name."""

@@ -66,6 +66,8 @@ def add_campaign(commands: Any, say: Say) -> None:
 
 
 def _run(options: argparse.Namespace, say: Say) -> int:
+    if not options.quiet:
+        say(f"Reading {options.campaign} ...")
     from fmu_didim.campaigns.campaign import campaign
 
     found = campaign(options.campaign, options.out)

@@ -64,6 +64,7 @@ def findings_document(
     unfinished_diagnostic, unfinished = unfinished_search(discovery, request.progress.limit_s)
     judgement = judged(discovery, unfinished_diagnostic, request.doubts)
     answer: Answer = "unfinished" if unfinished is not None else answer_of(discovery, judgement)
+    judgement = judgement.acknowledging(request.acknowledged)
     base, noise = discovery.base, discovery.base.torque_alone.noise
     is_untried = EFFECTS_UNTRIED in {doubt.code for doubt in request.doubts}
     return FindingsDocument(
@@ -72,6 +73,7 @@ def findings_document(
         text=UNTRIED_TEXT if answer == "unknown" and is_untried else ANSWER_TEXT[answer],
         verdict=judgement.verdict,
         reasons=judgement.saved(request.case),
+        acknowledged=judgement.saved_acknowledged(request.case),
         unfinished=unfinished,
         findings=[*outside, *(_finding(step, discovery, builder) for step in discovery.steps)],
         roles={label: e.role for label, e in base.model.experiments.items()},
@@ -93,7 +95,7 @@ def findings_document(
         friction=friction_curves(builder, base, discovery.final),
         torque_unit=list(base.model.parameters.torque_units),
         seconds=0.0,
-        notes=[*notes, *(step.remark for step in discovery.steps if step.remark)],
+        notes=[*judgement.acknowledged_remarks, *notes, *(step.remark for step in discovery.steps if step.remark)],
         files={},
         provenance={
             **request.provenance, "options": request.options.record(), "catalogue": sorted(builder.effects),

@@ -31,6 +31,7 @@ class Request:
         progress: receives messages and limits the time; when it is up, the search returns the answer so far.
         keep: called with the answer so far, after the base fit and after each round.
         case: file of the case, for the commands in the reasons of a verdict.
+        acknowledged: code -> sentence of the doubts that the user has checked.
         provenance: recorded in the document.
         doubts: errors of the data, which hold whatever the model is; notes: further remarks on the data.
     """
@@ -42,6 +43,7 @@ class Request:
     progress: Progress = field(default_factory=Progress)
     keep: Callable[[FindingsDocument], None] | None = None
     case: str = ""
+    acknowledged: Mapping[str, str] = field(default_factory=dict)
     provenance: Mapping[str, Any] = field(default_factory=dict)
     doubts: Sequence[Diagnostic] = ()
     notes: Sequence[str] = ()

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from fmu_didim.checks.judgement import DiagnosticResult
+from fmu_didim.checks.judgement import AcknowledgedResult, DiagnosticResult
 from fmu_didim.report.experiments import experiment_title
 from fmu_didim.report.numbers import iteration_count, percentage
 from fmu_didim.results.result import ResultDocument
@@ -43,7 +43,14 @@ def verdict(document: ResultDocument) -> Banner:
     known = [f"{percentage(v)} {'off ' if i == 0 else ''}on {name}" for i, (name, v) in enumerate(_errors(document))]
     if known:
         parts.append("simulated torque " + ", ".join(known))
+    parts += acknowledged_text(document.acknowledged)
     return Banner(grade, head, "; ".join(parts), document.reasons)
+
+
+def acknowledged_text(found: Sequence[AcknowledgedResult]) -> list[str]:
+    """What a verdict says of doubts that the user has checked: no part of it, or one."""
+    codes = list(dict.fromkeys(each.code for each in found))
+    return [f"acknowledged in the case: {', '.join(codes)}"] if codes else []
 
 
 def reason_text(reason: DiagnosticResult) -> str:

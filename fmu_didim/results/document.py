@@ -84,6 +84,7 @@ def result_document(
         description=description,
         verdict=judgement.verdict,
         reasons=judgement.saved(case),
+        acknowledged=judgement.saved_acknowledged(case),
         status="converged" if estimate.status is Status.CONVERGED else "maximum_iterations",
         advice=estimate.advice or estimate.status.value,
         estimator=estimate.estimator,
@@ -118,7 +119,7 @@ def result_document(
         signals={v.label: f"torque_{v.label}.csv" for v in validations if not v.failure},
         simulated={v.label: f"simulated_{v.label}.csv" for v in validations if v.every is not None},
         checks=model.parameters.checks(),
-        remarks=[*estimate.remarks, *notes],
+        remarks=[*judgement.acknowledged_remarks, *estimate.remarks, *notes],
         provenance=dict(estimate.provenance),
     )  # fmt: skip
 

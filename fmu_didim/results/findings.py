@@ -11,7 +11,7 @@ from pydantic import ConfigDict, Field, ValidationError
 from fmu_didim.base.documents import Number, Saved, why_unread
 from fmu_didim.base.errors import InputError
 from fmu_didim.base.files import whole_file
-from fmu_didim.checks.judgement import DiagnosticResult, Verdict
+from fmu_didim.checks.judgement import AcknowledgedResult, DiagnosticResult, Verdict
 
 FINDINGS_FILE = "findings.json"
 Answer = Literal["nothing", "named", "named_with_remainder", "unknown", "disagreement", "unfinished"]
@@ -243,6 +243,9 @@ class FindingsDocument(_Document):
     text: str = Field(description="the answer in words")
     verdict: Verdict = Field(description="whether the answer and the values of the final model may be used")
     reasons: list[DiagnosticResult] = Field(description="why the verdict is not valid, the most important first")
+    acknowledged: list[AcknowledgedResult] = Field(
+        default=[], description="doubts that the case acknowledges: they are no reasons"
+    )
     unfinished: UnfinishedResult | None = Field(None, description="null where the search came to its end")
     findings: list[FindingResult]
     roles: dict[str, Literal["estimation", "validation"]] = Field(description="of the experiments, by label")

@@ -17,7 +17,7 @@ from fmu_didim.base.documents import Number, Saved, why_unread
 from fmu_didim.base.errors import InputError
 from fmu_didim.base.files import is_file
 from fmu_didim.checks.agreement import AgreementResult
-from fmu_didim.checks.judgement import DiagnosticResult, Verdict
+from fmu_didim.checks.judgement import AcknowledgedResult, DiagnosticResult, Verdict
 from fmu_didim.checks.plant.consistency import ColumnResult
 from fmu_didim.checks.residual import NoiseResult
 from fmu_didim.checks.validation import ChannelValidation, Validation
@@ -262,6 +262,9 @@ class ResultDocument(Saved):
     description: str = ""
     verdict: Verdict = Field(description="whether the values may be used")
     reasons: list[DiagnosticResult] = Field(description="why the verdict is not valid, the most important first")
+    acknowledged: list[AcknowledgedResult] = Field(
+        default=[], description="doubts that the case acknowledges: they are no reasons"
+    )
     status: Literal["converged", "maximum_iterations", "refused"] = Field(description="how the iterations ended")
     advice: str
     estimator: str

@@ -29,6 +29,7 @@ from fmu_didim.report.experiments import with_role
 from fmu_didim.report.identification.expected_accuracy import expected_accuracy_lines
 from fmu_didim.report.numbers import loop_lines, significant
 from fmu_didim.report.terminal import wrapped
+from fmu_didim.workflow.acknowledged import acknowledged
 from fmu_didim.workflow.data import case_diagnostics, check_plant
 from fmu_didim.workflow.output.loop import described_loop
 
@@ -59,6 +60,7 @@ class Checked:
         error_percent: label -> relative torque error there, before anything is fitted.
         prospect: standard deviations that are predicted there; None where they cannot be.
         consistency: of plant and robot description; None where one is built from the other.
+        acknowledged: code -> sentence of the doubts that the case acknowledges.
     """
 
     name: str
@@ -71,6 +73,7 @@ class Checked:
     error_percent: Mapping[str, float] = field(default_factory=dict)
     prospect: ExpectedAccuracy | None = None
     consistency: Consistency | None = None
+    acknowledged: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def ok(self) -> bool:
@@ -120,8 +123,11 @@ class Checked:
             lines += [f"Predicted from {self.start}, before any fit:", *expected_accuracy_lines(self.prospect), ""]
         for d in self.diagnostics:
             lines += wrapped(f"{d.code.severity.value.upper()} {d.code.name}: {d}", "", "  ")
-            lines += wrapped(d.advice, "  Next: ", "    ") if d.advice else []
-        verdict = "READY, with doubts" if self.found(DOUBT) else "READY: nothing stands against an identification"
+            sentence = self.acknowledged.get(d.code.name, "")
+            lines += wrapped(sentence, "  Acknowledged in the case: ", "    ") if sentence else []
+            lines += wrapped(d.advice, "  Next: ", "    ") if d.advice and not sentence else []
+        open_ = [d for d in self.found(DOUBT) if d.code.name not in self.acknowledged]
+        verdict = "READY, with doubts" if open_ else "READY: nothing stands against an identification"
         return "\n".join([*lines, verdict if self.ok else "NOT READY: fix the problems above"]) + "\n"
 
 
@@ -145,6 +151,7 @@ def check(
         InputError, FmuError, BuildError: the case cannot be loaded at all.
     """
     case = case_of(case, objects)
+    sentences = acknowledged(case)
     model = with_free_delay(case.model) if getattr(case.estimator, "estimate_delay", False) else case.model
     consistency, diagnostics = check_plant(case, model)
     diagnostics += case_diagnostics(case)
@@ -155,6 +162,7 @@ def check(
         loop=tuple(loop_lines(described_loop(case, model.loop.systems[model.first].describe()))),
         diagnostics=tuple(diagnostics),
         consistency=consistency,
+        acknowledged=sentences,
     )
     found = _at_the_start(case, model, found)
     return replace(found, diagnostics=tuple(by_weight(found.diagnostics)))

@@ -21,6 +21,7 @@ from fmu_didim.dynamics.robot import RobotDescription, RobotModel
 from fmu_didim.model.workers import one_blas_thread
 from fmu_didim.results.findings import FindingsDocument, save_findings
 from fmu_didim.results.provenance import provenance
+from fmu_didim.workflow.acknowledged import acknowledged
 from fmu_didim.workflow.case_files import case_files, repeating
 from fmu_didim.workflow.data import case_diagnostics
 from fmu_didim.workflow.output.discovered import Discovered
@@ -103,6 +104,7 @@ def discover(
         progress=search,
         keep=None if folder is None else partial(_keep, folder, search),
         case=case.path.name,
+        acknowledged=acknowledged(case),
         provenance={**record, "loop": model.loop.systems[model.first].describe()},
     )
     found = discover_in(model, request.about_data(of_data))

@@ -20,6 +20,7 @@ from fmu_didim.model.workers import one_blas_thread
 from fmu_didim.results.document import consistency_result, refused_document, result_document
 from fmu_didim.results.provenance import provenance
 from fmu_didim.results.result import save_result
+from fmu_didim.workflow.acknowledged import acknowledged
 from fmu_didim.workflow.case_files import case_files, repeating
 from fmu_didim.workflow.data import case_diagnostics, check_plant
 from fmu_didim.workflow.output.loop import described_loop
@@ -80,6 +81,7 @@ def identify(
     record |= repeating("identify", case, None if out is None else Path(out))
     if case.document.plant.parameter_names:
         record["parameter_names"] = dict(case.document.plant.parameter_names)
+    sentences = acknowledged(case)
     refusal = _Refusal(case, folder, record)
     try:
         model, of_data = without_outliers(model, refuse_problems(case_diagnostics(case)))
@@ -104,7 +106,7 @@ def identify(
     except IdentificationError as error:
         refusal.save(error, before)
         raise
-    result = _judged(case, replace(estimate, provenance=record), before, refusal.known)
+    result = _judged(case, replace(estimate, provenance=record), before, refusal.known, sentences)
     if show is not None:
         show(result)
     if folder is not None:
@@ -142,11 +144,18 @@ class _Refusal:
             _log.warning("%s", failed)
 
 
-def _judged(case: Case, estimate: Estimate, before: Sequence[Diagnostic], known: Mapping[str, Any]) -> Result:
+def _judged(
+    case: Case,
+    estimate: Estimate,
+    before: Sequence[Diagnostic],
+    known: Mapping[str, Any],
+    sentences: Mapping[str, str],
+) -> Result:
     validations = [validate(estimate.model, estimate.value, label) for label in estimate.model.experiments]
+    checks = checked(estimate, validations, before=before)
+    checks = replace(checks, judgement=checks.judgement.acknowledging(sentences))
     document = result_document(
-        case.name, estimate, validations,
-        checks=checked(estimate, validations, before=before), description=case.document.description,
+        case.name, estimate, validations, checks=checks, description=case.document.description,
         case=case.path.name,
     )  # fmt: skip
     document = document.model_copy(update={**known, "loop": described_loop(case, document.loop)})

@@ -17,6 +17,7 @@ from fmu_didim.case.sources import ExperimentSource, SignalFile
 from fmu_didim.controllers import read_law
 from fmu_didim.dynamics.effects import UNITS
 from fmu_didim.dynamics.robot import RobotDescription, read_robot
+from fmu_didim.workflow.acknowledged import acknowledged
 
 NOT_YAML = (".fmu", ".ssp", ".mo")
 
@@ -57,6 +58,7 @@ def mistakes(path: Path | str) -> list[Mistake]:
         found += _of_run(label, run, path.parent, units)
     if not found:
         _tried(found, path, lambda path: load_case(path).model)
+        _tried(found, path, lambda path: acknowledged(load_case(path, require_torque=False)))
     return list({mistake.text: mistake for mistake in found}.values())
 
 

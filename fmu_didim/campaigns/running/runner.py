@@ -82,10 +82,14 @@ class RunWorker:
         self.stopped = False
 
     def ask(self, function: Callable[..., Any], *arguments: Any) -> Any:
-        """Call a function in the process, which is started if necessary."""
-        if self._process is None:
+        """Call a function in the process, started if necessary; raises ProcessEndedError once it is stopped."""
+        if self._process is None and not self.stopped:
             self._process = Worker("the run", self._allowed.time_s, subject="The run", environment=ENVIRONMENT)
             self._process.request("the start", start_worker, self._allowed.memory_mb, limit=START_LIMIT)
+        if self._process is None or self.stopped:
+            raise ProcessEndedError(
+                "The campaign was interrupted.", next_step="Give the same command again: finished runs are kept."
+            )
         return self._process.request("the run", function, *arguments)
 
     def run(self, task: Task, attempt: int = 1) -> dict[str, Any]:
@@ -185,6 +189,8 @@ def try_tasks(folder: str, allowed: Limits, tasks: Sequence[Task]) -> list[Trial
     worker, found = worker_of_thread(folder, allowed), []
     with _fmu_slots(worker, tasks, allowed):
         for task in tasks:
+            if worker.stopped:
+                break
             try:
                 found.append(worker.ask(try_case, task))
             except FmuDidimError as error:  # it ended its process

@@ -7,7 +7,7 @@ from math import inf
 from fmu_didim.report.discovery.regions import strongest_regions
 from fmu_didim.report.discovery.texts import gap_text, location
 from fmu_didim.report.numbers import capitalised
-from fmu_didim.report.verdict import Banner
+from fmu_didim.report.verdict import Banner, acknowledged_text
 from fmu_didim.results.findings import FindingResult, FindingsDocument, GapPair
 
 HEADS = {
@@ -51,6 +51,7 @@ def verdict_of(document: FindingsDocument) -> Banner:
     if document.answer == "unknown":
         worst = strongest_regions(document, count=1)
         sentences += [f"Most of it: {worst[0]}" if worst else "It shows in no region of its own"]
+    sentences += map(capitalised, acknowledged_text(document.acknowledged))
     return Banner(grade, head, ". ".join(sentences) + ".", document.reasons)
 
 
