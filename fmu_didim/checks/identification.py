@@ -16,9 +16,16 @@ from fmu_didim.checks.held_out import Residual, held_out_diagnostics, not_simula
 from fmu_didim.checks.held_out_channels import held_out_channel_diagnostics
 from fmu_didim.checks.judgement import Judgement, judgement
 from fmu_didim.checks.motion.dependence import dependence_of_fit, motion_diagnostics
+from fmu_didim.checks.motion.periods import repetition_diagnostics, repetition_of_fit
 from fmu_didim.checks.physical import physical_diagnostics
 from fmu_didim.checks.prior import prior_diagnostics
-from fmu_didim.checks.residual import NoiseResult, lack_of_fit, residual_diagnostics, slow_diagnostics
+from fmu_didim.checks.residual import (
+    RESIDUAL_ABOVE_NOISE,
+    NoiseResult,
+    lack_of_fit,
+    residual_diagnostics,
+    slow_diagnostics,
+)
 from fmu_didim.checks.validation import Validation, error_diagnostics
 from fmu_didim.fit.estimate import Estimate, Status
 from fmu_didim.fit.noise.noise import motion_frequency
@@ -129,6 +136,8 @@ def checked(estimate: Estimate, validations: Sequence[Validation], *, before: It
     ]  # fmt: skip
     found += residual_diagnostics(tests)
     if estimate.fit is not None:
+        told = {d.place for d in found if d.code is RESIDUAL_ABOVE_NOISE}
+        found += [d for d in repetition_diagnostics(repetition_of_fit(estimate.fit)) if d.place not in told]
         found += motion_diagnostics(dependence_of_fit(estimate.fit))
     motion_hz, cutoff_hz = _bands(model)
     found += [*slow_diagnostics(tests, motion_hz, cutoff_hz), *error_diagnostics(validations, motion_hz)]
