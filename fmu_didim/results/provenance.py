@@ -63,7 +63,7 @@ DECIDING = (
     (dependence, ("MOTION_CHANCE", "SIGNIFICANT", "FUNCTIONS", "SAMPLES_A_FUNCTION")),
     (periods, ("PART_OF_PERIOD", "KNOWN_PART", "RAMP", "FEWEST_DIFFERENCES")),
     (sampling_kind, ("NEARLY",)),
-    (held_out, ("HELD_OUT_RATIO", "HELD_OUT_CHANCE")),
+    (held_out, ("HELD_OUT_RATIO", "HELD_OUT_CHANCE", "LAGS")),
     (held_out_channels, ("ROUNDING_PERCENT",)),
     (confounding, ("COLLINEAR", "INFLATION")),
     (physical, ("NEGATIVE_FRICTION", "FALSE_UNPHYSICAL")),

@@ -5,10 +5,10 @@ in the band of the motion,
 
     u_k' r = u_k' S a + R_k c + e_k,      u_k R_k = [cos(2 pi h t/T), sin(2 pi h t/T)],  h = 1 ... H,
 
-with an orthonormal u_k, weighted at the ends where a part of a period is missing. Fisher's F compares what the periods have in common, c, with how they differ, beside S, which
-the fit has used up. Both hold the same frequencies, to a fraction of 1/T: the noise may have any colour, and a misfit
-that repeats does not widen its own bound. Nothing is asked of the mean, h = 0, where noise drifts, nor above the band,
-where a hum may keep step with the period.
+with an orthonormal u_k, weighted at the ends where a part of a period is missing. Fisher's F compares what the periods
+have in common, c, with how they differ, beside S, which the fit has used up. Both hold the same frequencies, to a
+fraction of 1/T: the noise may have any colour, and a misfit that repeats does not widen its own bound. Nothing is asked
+of the mean, h = 0, where noise drifts, nor above the band, where a hum may keep step with the period.
 
 Source: Pintelon, Schoukens, System Identification: A Frequency Domain Approach, 2nd ed., 2012, 2.5 and 11.4, for noise
 by the differences of periods.
@@ -141,10 +141,10 @@ def _harmonics(fit: Fit, label: str) -> Iterator[_Log]:
 
 
 def _window(turns: Array) -> Array:
-    """(N,) weights of the samples of a period: one, but rising and falling smoothly where a part of it is missing, so that
-    other frequencies, such as a hum, do not show at those of the motion."""
+    """(N,) weights of the samples of a period: one, but rising and falling smoothly where a part of it is missing, so
+    that other frequencies, such as a hum, do not show at those of the motion."""
     inside = np.minimum(turns - turns[0], turns[-1] - turns)
-    if np.ptp(turns) * (1 + 1 / turns.size) > 1 - 1e-6:
+    if np.ptp(turns) + 2 * np.median(np.diff(turns)) > 1:  # no more than a sample is missing
         return np.ones(turns.size)
     return np.asarray(np.sin(np.pi / 2 * np.minimum(inside / RAMP, 1.0)) ** 2)
 
