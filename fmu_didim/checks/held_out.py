@@ -7,7 +7,8 @@ The residual of a held-out experiment holds the noise and the effect of the unce
 with the residual variance s_j^2 of the fit and the sensitivity S_v of the held-out torque. The ratio of the two
 variances is compared with Fisher's F, by the number of independent samples. A joint is predicted worse if its residual
 is larger both as it is and relative to the torque: model error and some noise grow with the torque, other noise does
-not.
+not. A log that is noisier is no fault of the values: a larger residual is a remark where it is white and follows
+neither the motion nor any of the values, by as many samples as show that.
 """
 
 from __future__ import annotations
@@ -18,11 +19,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fmu_didim.base.diagnostics import CATALOGUE, DOUBT, REMARK, Diagnostic
+from fmu_didim.base.diagnostics import CATALOGUE, DOUBT, REMARK, Code, Diagnostic
 from fmu_didim.base.distributions import f_sf
 from fmu_didim.base.errors import SimulationError
+from fmu_didim.checks.motion.dependence import SAMPLES_A_FUNCTION, dependence
+from fmu_didim.checks.motion.functions import functions_of_motion
 from fmu_didim.data.signals import Array
 from fmu_didim.fit.derivatives.sensitivity import sensitivity
+from fmu_didim.fit.noise.autoregression import portmanteau, portmanteau_p
 from fmu_didim.fit.noise.noise import TINY, effective_fraction
 from fmu_didim.model.loop_model import LoopModel
 
@@ -37,6 +41,16 @@ WORSE_HELD_OUT = CATALOGUE(
     meaning="A held-out experiment is predicted worse than the fitted ones, by more than noise and the uncertainty of "
     "the values explain: the model lacks something that shows there, or the two experiments differ.",
     next_step="Run fmu-didim discover CASE.yaml; compare payload, temperature and clock of the two experiments.",
+)  # fmt: skip
+LAGS = 10
+"""[samples] Correlations of a held-out residual that are tested before it counts as white."""
+
+NOISIER_HELD_OUT = CATALOGUE(
+    "held-out-noisier", REMARK, rank=64,
+    meaning="The residual of a held-out experiment is larger than that of the fitted ones, but white, and follows "
+    "neither the motion nor any of the values: noise that is larger there. What looks like white noise, such as a "
+    "rattle, passes for it.",
+    next_step="Find out why that log is noisier; one of the same quality tests the values harder.",
 )  # fmt: skip
 NOT_SIMULATED = CATALOGUE(
     "held-out-not-simulated", DOUBT, rank=51,
@@ -84,10 +98,13 @@ def held_out_diagnostics(
     for label, residual in held.items():
         count = covariance.shape[0]
         worse = worse_than_fitted(fitted, residual, count=count)
-        if worse.size:
-            extra = _by_uncertainty(model.on(label), covariance)
-            worse = worse_than_fitted(fitted, residual, count=count, extra=extra)
-        found += [_worse(fitted, residual, int(j), label) for j in worse]
+        if not worse.size:
+            continue
+        columns = _sensitivity(model.on(label))
+        extra = np.einsum("kjp,pq,kjq->j", columns, covariance, columns) / max(columns.shape[0], 1)
+        for j in worse_than_fitted(fitted, residual, count=count, extra=extra):
+            noise = _is_noise(model, label, residual.values[:, j], columns[:, j], int(j))
+            found.append(_worse(fitted, residual, int(j), label, NOISIER_HELD_OUT if noise else WORSE_HELD_OUT))
     if not held and not failures:
         text = "No experiment was held out: the prediction of another motion is untested."
         found.append(Diagnostic(NO_HELD_OUT, text))
@@ -127,19 +144,45 @@ def _independent_squares(residual: Array) -> Array:
     return np.asarray((1 - rho**2) / (1 + rho**2))
 
 
-def _by_uncertainty(model: LoopModel, covariance: Array) -> Array:
-    """(n,) mean variance of the torque by the uncertainty of the values."""
+def _sensitivity(model: LoopModel) -> Array:
+    """(N, n, p) of the torque; zeros where it cannot be simulated near the values."""
     model = model.torque_alone
     try:
-        columns = sensitivity(model, model.start, model.torque(model.start))
+        return sensitivity(model, model.start, model.torque(model.start))
     except SimulationError:
-        return np.zeros(model.joint_count)
-    return np.asarray(np.einsum("kjp,pq,kjq->j", columns, covariance, columns) / columns.shape[0])
+        return np.zeros((*model.measured.shape, model.start.size))
 
 
-def _worse(fitted: Residual, held: Residual, joint: int, label: str) -> Diagnostic:
+def _is_noise(model: LoopModel, label: str, residual: Array, columns: Array, joint: int) -> bool:
+    """Whether a held-out residual (N,) of a joint, from 0, is white and follows neither the motion nor the values, by
+    their columns (N, p)."""
+    on_grid = np.nan_to_num(model.experiments[label].with_gaps(residual[:, None]))
+    there = np.isfinite(model.experiments[label].with_gaps(residual[:, None])).astype(float)
+    lags = min(LAGS, residual.size - 1)
+    pairs = np.maximum(_products(there[:, 0], lags), 1.0)
+    if portmanteau_p(portmanteau(_products(on_grid[:, 0], lags) / pairs, pairs, lags), lags) < HELD_OUT_CHANCE:
+        return False
+    try:
+        functions = functions_of_motion(model.simulation(model.start, label))[joint]
+    except SimulationError:
+        return False
+    motion = np.column_stack([columns, *functions.values()])
+    if residual.size < SAMPLES_A_FUNCTION * motion.shape[1]:
+        return False
+    names = [*model.names, *functions]
+    return dependence(residual, np.zeros((residual.size, 0)), motion, names, joint=joint + 1).p_value > HELD_OUT_CHANCE
+
+
+def _products(values: Array, lags: int) -> Array:
+    """(lags + 1,) sums of products of values (N,) that far apart."""
+    return np.array([values[: values.size - lag] @ values[lag:] for lag in range(lags + 1)])
+
+
+def _worse(fitted: Residual, held: Residual, joint: int, label: str, code: Code) -> Diagnostic:
     before, after = (100 * float(np.sqrt(r.variance[joint]) / r.size[joint]) for r in (fitted, held))
     ratio = float(np.sqrt(held.variance[joint] / fitted.variance[joint]))
     text = f"The torque error is {after:.3g} % against {before:.3g} % in the fit, and {ratio:.3g} times as large."
+    if code is NOISIER_HELD_OUT:
+        text += " It is white, and follows neither the motion nor the values: noise."
     value = min(ratio, after / max(before, TINY))
-    return Diagnostic(WORSE_HELD_OUT, text, f"{label}: joint {joint + 1}", value, HELD_OUT_RATIO, "1")
+    return Diagnostic(code, text, f"{label}: joint {joint + 1}", value, HELD_OUT_RATIO, "1")

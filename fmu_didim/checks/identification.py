@@ -16,6 +16,7 @@ from fmu_didim.checks.held_out import WORSE_HELD_OUT, Residual, held_out_diagnos
 from fmu_didim.checks.held_out_channels import held_out_channel_diagnostics
 from fmu_didim.checks.judgement import Judgement, judgement
 from fmu_didim.checks.motion.dependence import DEPENDS_ON_MOTION, dependence_of_fit, motion_diagnostics
+from fmu_didim.checks.motion.periods import repetition_diagnostics, repetition_of_fit
 from fmu_didim.checks.physical import physical_diagnostics
 from fmu_didim.checks.plant.unidentified import unidentified_diagnostics
 from fmu_didim.checks.prior import prior_diagnostics
@@ -160,6 +161,8 @@ def checked(estimate: Estimate, validations: Sequence[Validation], *, before: It
     ]  # fmt: skip
     found += residual_diagnostics(tests)
     if estimate.fit is not None:
+        told = {d.place for d in found if d.code is RESIDUAL_ABOVE_NOISE}
+        found += [d for d in repetition_diagnostics(repetition_of_fit(estimate.fit)) if d.place not in told]
         found += motion_diagnostics(dependence_of_fit(estimate.fit))
         found += start_diagnostics(contradicted_starts(estimate.fit))
     motion_hz, cutoff_hz = _bands(model)

@@ -40,8 +40,9 @@ NOISE_COLOURED = CATALOGUE(
 )  # fmt: skip
 RESIDUAL_ABOVE_NOISE = CATALOGUE(
     "residual-above-noise", DOUBT, rank=60,
-    meaning="The residual of a joint is larger than the known noise: the model does not explain the data. Standard "
-    "deviations and intervals treat the rest as noise; they do not include a bias.",
+    meaning="The residual of a joint is larger than the known noise, or repeats with the motion, which noise does not: "
+    "the model does not explain the data. Standard deviations and intervals treat the rest as noise; they do not "
+    "include a bias.",
     next_step="Find what the model lacks: fmu-didim discover CASE.yaml.",
 )  # fmt: skip
 STATED_NOISE_LARGE = CATALOGUE(
