@@ -17,6 +17,7 @@ from fmu_didim.checks.held_out_channels import held_out_channel_diagnostics
 from fmu_didim.checks.judgement import Judgement, judgement
 from fmu_didim.checks.motion.dependence import dependence_of_fit, motion_diagnostics
 from fmu_didim.checks.physical import physical_diagnostics
+from fmu_didim.checks.power.statement import PowerResult, power_of_fit
 from fmu_didim.checks.prior import prior_diagnostics
 from fmu_didim.checks.residual import NoiseResult, lack_of_fit, residual_diagnostics, slow_diagnostics
 from fmu_didim.checks.validation import Validation, error_diagnostics
@@ -90,11 +91,13 @@ class Checks:
     Attributes:
         judgement: of its values; residual: the test of the residual of each joint.
         agreements: label -> how an experiment agrees with the others, where several were fitted.
+        power: what a valid verdict excludes; None where it is not valid, or that is not known.
     """
 
     judgement: Judgement
     residual: tuple[NoiseResult, ...]
     agreements: Mapping[str, AgreementResult]
+    power: PowerResult | None = None
 
 
 def residual_tests(estimate: Estimate) -> tuple[NoiseResult, ...]:
@@ -137,7 +140,9 @@ def checked(estimate: Estimate, validations: Sequence[Validation], *, before: It
         Diagnostic(OTHER_MINIMUM, f"{name} = {value:.4g} explains the log nearly as well.", name, value)
         for name, value in estimate.rivals
     ]
-    return Checks(judgement(found, settled=estimate.status is Status.CONVERGED), tests, agreements)
+    judged = judgement(found, settled=estimate.status is Status.CONVERGED)
+    power = power_of_fit(estimate.fit) if judged.verdict == "valid" and estimate.fit is not None else None
+    return Checks(judged, tests, agreements, power)
 
 
 def of_any_output(estimate: Estimate) -> list[Diagnostic]:

@@ -1,0 +1,172 @@
+"""The power of the tests of a residual: how likely a misfit of a given size is doubted, and which size is, with 80 %.
+
+A misfit of size a adds a s to the residual r of a joint, s being its signature. What the fit leaves of it, whitened as
+the test whitens (:mod:`fmu_didim.checks.motion.dependence`), has a part B c along functions of the motion and a
+rest u. Fisher's F of what k functions explain is then noncentral with
+
+    lambda(a) = a^2 c'c / (sigma^2 + a^2 u'u / nu),
+
+or a^2 c' (sigma^2 I + a^2 B' diag(u^2) B)^-1 c where that is less, because the test allows for noise that is loud where
+the functions are large. The functions are those that the test would choose for s alone. Its threshold is that of the
+verdict with all corrections; the best of its steps counts. Joints have noise of their own:
+
+    power(a) = 1 - prod_j (1 - max_k power_jk(a)).
+
+Source: S. M. Kay, Fundamentals of Statistical Signal Processing, vol. 2, 1998, chapter 7.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from math import comb
+
+import numpy as np
+
+from fmu_didim.base.distributions import f_isf, f_power
+from fmu_didim.checks.motion.colour import orthonormal, rest_of
+from fmu_didim.checks.motion.dependence import (
+    FUNCTIONS,
+    MOTION_CHANCE,
+    OWN_PART,
+    SAMPLES_A_FUNCTION,
+    JointResidual,
+    independent,
+)
+from fmu_didim.data.signals import Array
+from fmu_didim.fit.noise.noise import TINY
+
+POWER = 0.8
+"""[1] Probability with which a misfit of the stated size is doubted."""
+SIZES = 121
+"""[sizes] That are compared, at equal ratios: 8 % apart, between which the power is interpolated."""
+SMALLEST_PART = 1e-4
+"""[1] Of the largest size that is stated, from which they begin."""
+NONCENTRALITIES = np.concatenate([[0.0], np.geomspace(1.0, 3000.0, 90)])
+"""[1] Of Fisher's F, between which its power is interpolated."""
+
+
+@dataclass(frozen=True)
+class Step:
+    """A step of the test for a misfit: how many functions it takes, what it explains of a misfit of size one, and what
+    that leaves.
+
+    Attributes:
+        functions: how many; ways: to choose them.
+        along: (k,) of the misfit; rest: (N,) of the misfit that they leave; basis: (N, k) of the functions.
+    """
+
+    functions: int
+    ways: int
+    along: Array
+    rest: Array
+    basis: Array
+
+    def noncentrality(self, sizes: Array, noise: Array, freedom: float) -> Array:
+        """(K,) of misfits of these sizes (K,), beside a residual (N,)."""
+        square, own = sizes**2, float(self.along @ self.along)
+        variance = float(noise @ noise) / freedom
+        usual = square * own / (variance + square * float(self.rest @ self.rest) / freedom)
+        quiet = (self.basis * noise[:, None] ** 2).T @ self.basis
+        loud = (self.basis * self.rest[:, None] ** 2).T @ self.basis
+        scale = np.linalg.cholesky(quiet + TINY * np.trace(quiet) * np.eye(quiet.shape[0]))
+        turned = np.linalg.solve(scale, self.along)
+        sizes_of, axes = np.linalg.eigh(np.linalg.solve(scale, np.linalg.solve(scale, loud).T))
+        parts = (axes.T @ turned) ** 2
+        robust = np.sum(square[:, None] * parts / (1 + square[:, None] * np.maximum(sizes_of, 0.0)), axis=1)
+        return np.asarray(np.minimum(usual, robust * freedom / noise.size))
+
+
+@dataclass(frozen=True)
+class JointTest:
+    """The test of a joint as it was made, with what the sensitivities leave of the residual (N,), of the functions
+    (N, m) and of misfits of size one (N, s), all whitened by its noise.
+
+    Attributes:
+        level: of the p value below which it doubts.
+        used: how many columns the sensitivities are.
+    """
+
+    level: float
+    residual: Array
+    functions: Array
+    misfits: Array
+    used: int
+
+    @classmethod
+    def of(cls, one: JointResidual, signatures: Array, joints: int) -> JointTest | None:
+        """With the signatures (N, s) at the joint; None where it was not tested."""
+        used = independent(one.nuisance)
+        room = int((one.residual.size - used.shape[1]) / SAMPLES_A_FUNCTION)
+        if room < 1:
+            return None
+        motion, basis = one.motion[:, :room], orthonormal(used)
+        noise = one.noise.learnt(rest_of(one.residual, basis), basis)
+        table = noise.whitened(np.column_stack([used, one.residual, motion, signatures]))
+        count = used.shape[1]
+        left = rest_of(table[:, count:], orthonormal(table[:, :count]))
+        own, m = left[:, 1 : 1 + motion.shape[1]], motion.shape[1]
+        kept = np.linalg.norm(own, axis=0) > OWN_PART * np.linalg.norm(table[:, count + 1 : count + 1 + m], axis=0)
+        return cls(MOTION_CHANCE / joints, left[:, 0], own[:, kept], left[:, 1 + m :], count)
+
+    def power(self, misfit: int, sizes: Array) -> Array:
+        """(K,) probability of a doubt by a misfit, by its place, of these sizes (K,)."""
+        steps = self.steps(self.misfits[:, misfit])
+        found = np.zeros(sizes.size)
+        for step in steps:
+            freedom = max(self.residual.size - self.used - step.functions, 1)
+            lambdas = step.noncentrality(sizes, self.residual, freedom)
+            found = np.maximum(found, np.interp(lambdas, NONCENTRALITIES, self._powers(step, len(steps), freedom)))
+        return found
+
+    def steps(self, misfit: Array) -> list[Step]:
+        """The steps of the test that a misfit (N,) alone would lead to: with all functions, with the one that explains
+        most, and with it and the one that then explains most."""
+        count = self.functions.shape[1]
+        if not count:
+            return []
+        found = [self._step(misfit, self._all, 1)]
+        left, rest, chosen = self.functions, misfit, list[int]()
+        for _ in range(min(FUNCTIONS, count)):
+            power = np.sum(left**2, axis=0)
+            power[power <= OWN_PART**2 * np.sum(self.functions**2, axis=0)] = np.inf
+            chosen.append(int(np.argmax((left.T @ rest) ** 2 / power)))
+            basis = orthonormal(self.functions[:, chosen])
+            found.append(self._step(misfit, basis, comb(count, len(chosen))))
+            left, rest = rest_of(self.functions, basis), rest_of(misfit, basis)
+        return found
+
+    @cached_property
+    def _all(self) -> Array:
+        return orthonormal(independent(self.functions))
+
+    def _step(self, misfit: Array, basis: Array, ways: int) -> Step:
+        along = basis.T @ misfit
+        return Step(basis.shape[1], ways, along, misfit - basis @ along, basis)
+
+    def _powers(self, step: Step, steps: int, freedom: float) -> Array:
+        """Power at ``NONCENTRALITIES``."""
+        key = (step.functions, step.ways)
+        if key not in self._known:
+            bound = f_isf(self.level / (steps * step.ways), step.functions, freedom)
+            self._known[key] = f_power(bound, step.functions, freedom, NONCENTRALITIES)
+        return self._known[key]
+
+    @cached_property
+    def _known(self) -> dict[tuple[int, int], Array]:
+        return {}
+
+
+def smallest_size(tests: Sequence[JointTest], misfit: int, largest: float) -> float | None:
+    """The smallest size of a misfit, by its place, from which on all sizes up to the largest are doubted with the power
+    ``POWER``; None if there is none."""
+    sizes = np.geomspace(SMALLEST_PART * largest, largest, SIZES)
+    missed = np.prod([1 - test.power(misfit, sizes) for test in tests], axis=0)
+    seen = 1 - missed >= POWER
+    if not seen[-1]:
+        return None
+    first = int(np.flatnonzero(~seen)[-1]) + 1 if not seen.all() else 0
+    if first == 0:
+        return float(sizes[0])
+    return float(np.exp(np.interp(POWER, 1 - missed[first - 1 : first + 1], np.log(sizes[first - 1 : first + 1]))))
