@@ -10,7 +10,7 @@ import numpy as np
 from fmu_didim.cosim import Indices
 from fmu_didim.data.signals import Array, Trajectory, periods
 from fmu_didim.dynamics.effects import LINK_PARAMETERS, PAYLOAD
-from fmu_didim.dynamics.robot import RobotDescription, RobotModel
+from fmu_didim.dynamics.robot import RobotModel
 from fmu_didim.dynamics.robot.observed_states import following_links
 from fmu_didim.model.loop_model import Simulation
 
@@ -61,21 +61,18 @@ def motion_of(model: RobotModel, chi: Array, time: Array, q: Array, dq: Array, d
     return Motion(time, q, dq, ddq, torque, load, float(np.median(periods(time))), links)
 
 
-def simulated_motion(
-    run: Simulation, description: RobotDescription | None, ticks: Indices | None = None
-) -> Motion | None:
+def simulated_motion(run: Simulation, robot: RobotModel | None, ticks: Indices | None = None) -> Motion | None:
     """The simulated motion of an experiment at all ticks; None if the plant does not give it.
 
     Args:
-        description: the robot, whose equations give the loads; None for a plant that is a black box.
+        robot: whose equations give the loads; None for a plant that is a black box.
         ticks: some of them, where only these are asked for.
     """
-    if description is None:
+    if robot is None:
         found = _from_outputs(run)
         return found if found is None or ticks is None else found.at(ticks)
-    robot, model = RobotModel(description), run.model
+    model, wanted = run.model, slice(None) if ticks is None else ticks
     recording = run.record(all_ticks=True)
-    wanted = slice(None) if ticks is None else ticks
     q, dq, ddq = (recording.table(model.loop.joint_signals(name))[wanted] for name in ("q", "dq", "ddq"))
     torque = np.column_stack([recording.inputs[name] for name in model.loop.logged])[wanted]
     known = model.parameters.values(run.theta)

@@ -30,6 +30,7 @@ from fmu_didim.fit.fit import Fit
 from fmu_didim.fit.noise.noise import TINY
 from fmu_didim.model.free_parameter import joint_parameter
 from fmu_didim.model.motion import Motion, simulated_motion
+from fmu_didim.model.parameters import RobotParameters
 
 SMALL_STEP = 1e-4
 """[rad or 1] By which gravity is turned, or gravity and lengths are changed as parts of themselves, for a slope."""
@@ -82,13 +83,13 @@ class FittedMotions:
     """The simulated motions of a fit, at the ticks at which loads are taken.
 
     Attributes:
-        description: the robot with the fitted values; None for a black box.
+        robot: its model; None for a black box.
         responses, motions: label of each fitted experiment -> answer to loads, and motion.
         values: parameters of the plant, by name.
     """
 
     fit: Fit
-    description: RobotDescription | None
+    robot: RobotModel | None
     responses: Mapping[str, LoadResponse]
     motions: Mapping[str, Motion]
     values: Mapping[str, float]
@@ -97,17 +98,22 @@ class FittedMotions:
     def of(cls, fit: Fit) -> FittedMotions | None:
         """The motions of a fit; None where the plant does not give them. Raises SimulationError."""
         parameters, theta = fit.model.parameters, fit.model.theta(fit.values)
-        description = parameters.described(theta)
+        robot = parameters.model if isinstance(parameters, RobotParameters) else None
         motions, responses = {}, {}
         for label in fit.model.estimation_labels:
             run = fit.simulation(label)
             responses[label] = load_response(run)
-            motion = simulated_motion(run, description, responses[label].ticks)
+            motion = simulated_motion(run, robot, responses[label].ticks)
             if motion is None:
                 return None
             motions[label] = motion
         plant = {v.name: v.start for v in fit.model.loop.plant.parameters}
-        return cls(fit, description, responses, motions, {**plant, **parameters.values(theta)})
+        return cls(fit, robot, responses, motions, {**plant, **parameters.values(theta)})
+
+    @property
+    def description(self) -> RobotDescription | None:
+        """Of the robot; None for a black box."""
+        return None if self.robot is None else self.robot.description
 
     @property
     def joint_count(self) -> int:
@@ -242,12 +248,11 @@ def loads_of_case(motions: FittedMotions) -> Iterator[Load]:
     of gravity, the lengths of links."""
     scale = {label: motion.torque for label, motion in motions.motions.items()}
     yield Load("torque_scale", TORQUE_SCALE, 1, "", scale, is_of_log=True)
-    robot = motions.description
-    if robot is None:
+    if motions.robot is None:
         return
+    robot = motions.robot.description
     if np.any(robot.gravity):
-        larger = tuple(g * (1 + SMALL_STEP) for g in robot.gravity)
-        yield Load("gravity", GRAVITY, 1, "", _change_of_links(motions, robot.model_copy(update={"gravity": larger})))
+        yield Load("gravity", GRAVITY, 1, "", _links(motions, motions.robot, at_rest=True))
     for j, joint in enumerate(robot.joints):
         for key in ("a", "d"):
             length, joints = getattr(joint, key), list(robot.joints)
@@ -261,9 +266,15 @@ def loads_of_case(motions: FittedMotions) -> Iterator[Load]:
 
 def _change_of_links(motions: FittedMotions, changed: RobotDescription) -> dict[str, Array]:
     """(K, n) change of the torque of the links by another description, over the small step to it."""
-    model = RobotModel(changed)
-    chi = np.array([motions.values.get(v.name, v.start) for v in model.parameters])
+    found = _links(motions, RobotModel(changed))
+    return {label: (table - motions.motions[label].load) / SMALL_STEP for label, table in found.items()}
+
+
+def _links(motions: FittedMotions, robot: RobotModel, *, at_rest: bool = False) -> dict[str, Array]:
+    """(K, n) torque of the links of a robot along the motions; ``at_rest``: by gravity alone."""
+    chi = np.array([motions.values.get(v.name, v.start) for v in robot.parameters])
+    still = 0.0 if at_rest else 1.0
     return {
-        label: (model.at_points("transmitted", m.q.T, m.dq.T, m.ddq.T, chi) - m.load) / SMALL_STEP
+        label: robot.at_points("transmitted", m.q.T, still * m.dq.T, still * m.ddq.T, chi)
         for label, m in motions.motions.items()
     }

@@ -48,34 +48,43 @@ NONCENTRALITIES = np.concatenate([[0.0], np.geomspace(1.0, 3000.0, 90)])
 
 
 @dataclass(frozen=True)
-class Step:
-    """A step of the test for a misfit: how many functions it takes, what it explains of a misfit of size one, and what
-    that leaves.
+class Functions:
+    """Functions of the motion that a step of the test takes together.
 
     Attributes:
-        functions: how many; ways: to choose them.
-        along: (k,) of the misfit; rest: (N,) of the misfit that they leave; basis: (N, k) of the functions.
+        basis: (N, k) orthonormal; ways: to choose so many.
+        noise: (N,) residual; freedom: degrees of freedom that the functions leave of it.
     """
 
-    functions: int
-    ways: int
-    along: Array
-    rest: Array
     basis: Array
+    ways: int
+    noise: Array
+    freedom: float
 
-    def noncentrality(self, sizes: Array, noise: Array, freedom: float) -> Array:
-        """(K,) of misfits of these sizes (K,), beside a residual (N,)."""
-        square, own = sizes**2, float(self.along @ self.along)
-        variance = float(noise @ noise) / freedom
-        usual = square * own / (variance + square * float(self.rest @ self.rest) / freedom)
-        quiet = (self.basis * noise[:, None] ** 2).T @ self.basis
-        loud = (self.basis * self.rest[:, None] ** 2).T @ self.basis
-        scale = np.linalg.cholesky(quiet + TINY * np.trace(quiet) * np.eye(quiet.shape[0]))
-        turned = np.linalg.solve(scale, self.along)
-        sizes_of, axes = np.linalg.eigh(np.linalg.solve(scale, np.linalg.solve(scale, loud).T))
-        parts = (axes.T @ turned) ** 2
-        robust = np.sum(square[:, None] * parts / (1 + square[:, None] * np.maximum(sizes_of, 0.0)), axis=1)
-        return np.asarray(np.minimum(usual, robust * freedom / noise.size))
+    @property
+    def count(self) -> int:
+        """Number k of the functions."""
+        return int(self.basis.shape[1])
+
+    @cached_property
+    def _root(self) -> Array:
+        """(k, k) Cholesky factor of the covariance of what the functions explain, by the noise where they are large."""
+        square = (self.basis * self.noise[:, None] ** 2).T @ self.basis
+        return np.asarray(np.linalg.cholesky(square + TINY * np.eye(self.count) * np.trace(square)))
+
+    def noncentrality(self, misfit: Array, sizes: Array) -> Array:
+        """(K,) of misfits (N,) of these sizes (K,)."""
+        square, along = sizes**2, self.basis.T @ misfit
+        rest = misfit - self.basis @ along
+        variance = float(self.noise @ self.noise) / self.freedom
+        usual = square * float(along @ along) / (variance + square * float(rest @ rest) / self.freedom)
+        parts, loud = np.linalg.solve(self._root, along) ** 2, np.zeros(self.count)
+        if self.count <= FUNCTIONS:
+            moved = np.linalg.solve(self._root, (self.basis * rest[:, None]).T)
+            loud, axes = np.linalg.eigh(moved @ moved.T)
+            parts = (axes.T @ np.linalg.solve(self._root, along)) ** 2
+        robust = np.sum(square[:, None] * parts / (1 + square[:, None] * np.maximum(loud, 0.0)), axis=1)
+        return np.asarray(np.minimum(usual, robust * self.freedom / self.noise.size))
 
 
 @dataclass(frozen=True)
@@ -112,49 +121,64 @@ class JointTest:
 
     def power(self, misfit: int, sizes: Array) -> Array:
         """(K,) probability of a doubt by a misfit, by its place, of these sizes (K,)."""
-        steps = self.steps(self.misfits[:, misfit])
-        found = np.zeros(sizes.size)
+        signature = self.misfits[:, misfit]
+        steps, found = self.steps(misfit), np.zeros(sizes.size)
         for step in steps:
-            freedom = max(self.residual.size - self.used - step.functions, 1)
-            lambdas = step.noncentrality(sizes, self.residual, freedom)
-            found = np.maximum(found, np.interp(lambdas, NONCENTRALITIES, self._powers(step, len(steps), freedom)))
+            lambdas = step.noncentrality(signature, sizes)
+            found = np.maximum(found, np.interp(lambdas, NONCENTRALITIES, self._powers(step, len(steps))))
         return found
 
-    def steps(self, misfit: Array) -> list[Step]:
-        """The steps of the test that a misfit (N,) alone would lead to: with all functions, with the one that explains
-        most, and with it and the one that then explains most."""
+    def steps(self, misfit: int) -> list[Functions]:
+        """The steps of the test that a misfit, by its place, alone would lead to: with all functions, with the one that
+        explains most, and with it and the one that then explains most."""
         count = self.functions.shape[1]
         if not count:
             return []
-        found = [self._step(misfit, self._all, 1)]
-        left, rest, chosen = self.functions, misfit, list[int]()
+        table, product = self._products
+        product, own, found, chosen = product[:, misfit], np.diag(table).copy(), [self._all], list[int]()
         for _ in range(min(FUNCTIONS, count)):
-            power = np.sum(left**2, axis=0)
-            power[power <= OWN_PART**2 * np.sum(self.functions**2, axis=0)] = np.inf
-            chosen.append(int(np.argmax((left.T @ rest) ** 2 / power)))
-            basis = orthonormal(self.functions[:, chosen])
-            found.append(self._step(misfit, basis, comb(count, len(chosen))))
-            left, rest = rest_of(self.functions, basis), rest_of(misfit, basis)
+            free = own > OWN_PART**2 * np.diag(self._products[0])
+            best = int(np.argmax(np.divide(product**2, own, out=np.zeros(count), where=free)))
+            chosen.append(best)
+            found.append(self._together(tuple(chosen)))
+            beside = table[:, best] / own[best]
+            product, table = product - beside * product[best], table - np.outer(beside, table[best])
+            own = np.diag(table).copy()
         return found
 
     @cached_property
-    def _all(self) -> Array:
-        return orthonormal(independent(self.functions))
+    def _products(self) -> tuple[Array, Array]:
+        """(m, m) products of the functions with each other, and (m, s) with the misfits."""
+        return self.functions.T @ self.functions, self.functions.T @ self.misfits
 
-    def _step(self, misfit: Array, basis: Array, ways: int) -> Step:
-        along = basis.T @ misfit
-        return Step(basis.shape[1], ways, along, misfit - basis @ along, basis)
+    @cached_property
+    def _all(self) -> Functions:
+        return self._with(orthonormal(independent(self.functions)), 1)
 
-    def _powers(self, step: Step, steps: int, freedom: float) -> Array:
+    def _together(self, chosen: tuple[int, ...]) -> Functions:
+        """Some functions; the same ones serve many misfits."""
+        if chosen not in self._chosen:
+            ways = comb(self.functions.shape[1], len(chosen))
+            self._chosen[chosen] = self._with(orthonormal(self.functions[:, chosen]), ways)
+        return self._chosen[chosen]
+
+    def _with(self, basis: Array, ways: int) -> Functions:
+        return Functions(basis, ways, self.residual, max(self.residual.size - self.used - basis.shape[1], 1))
+
+    def _powers(self, step: Functions, steps: int) -> Array:
         """Power at ``NONCENTRALITIES``."""
-        key = (step.functions, step.ways)
+        key = (step.count, step.ways)
         if key not in self._known:
-            bound = f_isf(self.level / (steps * step.ways), step.functions, freedom)
-            self._known[key] = f_power(bound, step.functions, freedom, NONCENTRALITIES)
+            bound = float(f_isf(self.level / (steps * step.ways), step.count, step.freedom))
+            self._known[key] = f_power(bound, step.count, step.freedom, NONCENTRALITIES)
         return self._known[key]
 
     @cached_property
     def _known(self) -> dict[tuple[int, int], Array]:
+        return {}
+
+    @cached_property
+    def _chosen(self) -> dict[tuple[int, ...], Functions]:
         return {}
 
 

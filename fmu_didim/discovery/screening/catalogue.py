@@ -18,6 +18,7 @@ from fmu_didim.discovery.augmentation.builder import LoopModelBuilder
 from fmu_didim.discovery.augmentation.places import InBlackBox, Proposal
 from fmu_didim.discovery.progress import Progress
 from fmu_didim.dynamics.effects import Effect, Search, TorqueEffect
+from fmu_didim.dynamics.robot import RobotModel
 from fmu_didim.fit.derivatives.load_response import LoadResponse, load_response
 from fmu_didim.fit.derivatives.repetition import Beginning, change_of_outputs
 from fmu_didim.fit.derivatives.sensitivity import by_variation, sensitivity
@@ -304,10 +305,8 @@ class _ExperimentMotion:
 
     @staticmethod
     def of(builder: LoopModelBuilder, fit: Fit, label: str) -> _ExperimentMotion:
-        response, motion = (
-            load_response(fit.simulation(label)),
-            simulated_motion(fit.simulation(label), builder.description),
-        )
+        robot = None if builder.description is None else RobotModel(builder.description)
+        response, motion = load_response(fit.simulation(label)), simulated_motion(fit.simulation(label), robot)
         return _ExperimentMotion(response, motion, None if motion is None else motion.at(response.ticks))
 
     def columns(self, made: TorqueSignature, shapes: Mapping[str, float]) -> Array:
