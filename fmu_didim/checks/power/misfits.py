@@ -24,7 +24,7 @@ from fmu_didim.dynamics.effects import (
 )
 from fmu_didim.dynamics.robot import RobotDescription, RobotModel
 from fmu_didim.dynamics.robot.tilt import horizontal_axes
-from fmu_didim.fit.derivatives.load_response import LoadResponse, load_response
+from fmu_didim.fit.derivatives.load_response import MEMORY_S, LoadResponse, load_response
 from fmu_didim.fit.derivatives.torque_signature import TorqueSignature
 from fmu_didim.fit.fit import Fit
 from fmu_didim.fit.noise.noise import TINY
@@ -34,6 +34,9 @@ from fmu_didim.model.parameters import RobotParameters
 
 SMALL_STEP = 1e-4
 """[rad or 1] By which gravity is turned, or gravity and lengths are changed as parts of themselves, for a slope."""
+
+LATE_PART = 0.1
+"""[periods] By which a log is late for a slope: between two instants of the command it follows a line."""
 
 TORQUE_SCALE = StatedSize("a scale of all torques that is off", "%", 100.0, joints="all")
 GRAVITY = StatedSize("a size of gravity that is off", "%", 100.0, joints="all")
@@ -48,7 +51,7 @@ class Load:
     Attributes:
         effect: its name in the catalogue, or that of a quantity of the description.
         stated: how its size is stated; joint: from 1; place: joint or axis, in words.
-        tables: label of each fitted experiment -> (K, n) load, or change of the log, at the ticks of the motion.
+        tables: label of each fitted experiment -> (K, n) load at the ticks of the motion, or (N, n) change of the log.
         amplitudes: parameters of the effect, over their neutral values; shapes: at which it is looked at.
         is_of_log: whether it changes the log alone.
     """
@@ -145,13 +148,16 @@ def misfits(motions: FittedMotions, effects: Mapping[str, Effect] = EFFECTS) -> 
     loads = [_of_unit_size(motions, load) for load in (*loads_of_effects(motions, effects), *loads_of_case(motions))]
     tables = []
     for label, response in motions.responses.items():
-        answer = response.at_samples(np.stack([load.tables[label] for load in loads], axis=2))
-        for k, load in enumerate(loads):
-            if load.is_of_log:
-                answer[:, :, k] = response.sampling @ load.tables[label]
-        tables.append(motions.fit.model.experiments.filtered(answer, label))
+        answers = iter(np.moveaxis(response.at_samples(_joined(loads, label)), 2, 0))
+        changes = [load.tables[label] if load.is_of_log else next(answers) for load in loads]
+        tables.append(motions.fit.model.experiments.filtered(np.stack(changes, axis=2), label))
     signatures = np.concatenate(tables)
     return [Misfit(load, signatures[:, :, k]) for k, load in enumerate(loads)]
+
+
+def _joined(loads: Sequence[Load], label: str) -> Array:
+    """(K, n, w) those that the loop answers, in an experiment."""
+    return np.stack([load.tables[label] for load in loads if not load.is_of_log], axis=2)
 
 
 def _of_unit_size(motions: FittedMotions, load: Load) -> Load:
@@ -174,7 +180,8 @@ def loads_of_effects(motions: FittedMotions, effects: Mapping[str, Effect]) -> I
         for joint in _joints(stated, motions.joint_count):
             if motions.has(effect, joint):
                 continue
-            by = _by_columns if isinstance(effect, TorqueEffect) else _by_first_order
+            by = _by_late_stamps if effect.is_of_log else _by_first_order
+            by = _by_columns if isinstance(effect, TorqueEffect) else by
             load = by(motions, Load(name, stated, joint, _place(stated, joint), {}), effect)
             if load is not None:
                 yield load
@@ -213,20 +220,37 @@ def _by_columns(motions: FittedMotions, load: Load, effect: Effect) -> Load | No
 
 
 def _by_first_order(motions: FittedMotions, load: Load, effect: Effect) -> Load | None:
-    """What a drive takes from its command, or the log shows of it, by one unit of the parameter of an effect; None
-    where only simulations tell."""
-    first_order = effect.first_order
+    """What a drive takes from its command by a parameter of one of an effect; None where only simulations tell."""
+    first_order, j = effect.first_order, load.joint - 1
     if first_order is None or first_order.changes != "torque":
         return None
     tables = {}
     for label, motion in motions.motions.items():
         tables[label] = np.zeros_like(motion.torque)
-        for j in range(motions.joint_count) if effect.is_of_log else (load.joint - 1,):
-            at = JointTorque(motion.torque[:, j], motion.load[:, j], motion.step)
-            tables[label][:, j] = first_order.column(at)
-    kind = motions.joint_types[load.joint - 1]
-    amplitudes = dict.fromkeys((v.name for v in effect.parameters(kind)), 1.0)
-    return replace(load, tables=tables, amplitudes=amplitudes, is_of_log=effect.is_of_log)
+        at = JointTorque(motion.torque[:, j], motion.load[:, j], motion.step)
+        tables[label][:, j] = first_order.column(at)
+    return replace(load, tables=tables, amplitudes=_ones(motions, effect, load.joint))
+
+
+def _by_late_stamps(motions: FittedMotions, load: Load, effect: Effect) -> Load:
+    """What the log shows by one second of a lag of its stamps.
+
+    Its first part is left out: there a late log looks like a start off the reference, which a fit then frees.
+    """
+    tables = {}
+    for label in motions.motions:
+        run = motions.fit.simulation(label)
+        torque, count = run.logged_torque(run.record(all_ticks=True)), run.experiment.reference.time.size
+        late, still = (run.operator.stamped_later(part, count, between=True) for part in (LATE_PART, 0.0))
+        change = late.apply(torque[late.ticks]) - still.apply(torque[still.ticks])
+        change[run.experiment.time < run.experiment.time[0] + MEMORY_S] = 0.0
+        tables[label] = change / (LATE_PART * run.step_size)
+    return replace(load, tables=tables, amplitudes=_ones(motions, effect, load.joint), is_of_log=True)
+
+
+def _ones(motions: FittedMotions, effect: Effect, joint: int) -> dict[str, float]:
+    """The parameters of an effect, all one over their neutral values."""
+    return dict.fromkeys((v.name for v in effect.parameters(motions.joint_types[joint - 1])), 1.0)
 
 
 def _tilts(motions: FittedMotions, name: str, effect: Effect, stated: StatedSize) -> Iterator[Load]:
@@ -246,7 +270,8 @@ def _tilts(motions: FittedMotions, name: str, effect: Effect, stated: StatedSize
 def loads_of_case(motions: FittedMotions) -> Iterator[Load]:
     """The loads of what a case says of the machine and data can show in part only: the scale of all torques, the size
     of gravity, the lengths of links."""
-    scale = {label: motion.torque for label, motion in motions.motions.items()}
+    parts = motions.fit.model.experiments.rows
+    scale = {label: motions.fit.torque[parts[label]] for label in motions.motions}
     yield Load("torque_scale", TORQUE_SCALE, 1, "", scale, is_of_log=True)
     if motions.robot is None:
         return

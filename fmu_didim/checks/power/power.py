@@ -7,8 +7,9 @@ rest u. Fisher's F of what k functions explain is then noncentral with
     lambda(a) = a^2 c'c / (sigma^2 + a^2 u'u / nu),
 
 or a^2 c' (sigma^2 I + a^2 B' diag(u^2) B)^-1 c where that is less, because the test allows for noise that is loud where
-the functions are large. The functions are those that the test would choose for s alone. Its threshold is that of the
-verdict with all corrections; the best of its steps counts. Joints have noise of their own:
+the functions are large. The functions are those that the test would choose for s alone, one or two. Its threshold is
+that of the verdict with all corrections; the better of both steps counts. The step with all functions is not counted
+on: the noise that it is judged by has the colour of the misfit. Joints have noise of their own:
 
     power(a) = 1 - prod_j (1 - max_k power_jk(a)).
 
@@ -78,11 +79,9 @@ class Functions:
         rest = misfit - self.basis @ along
         variance = float(self.noise @ self.noise) / self.freedom
         usual = square * float(along @ along) / (variance + square * float(rest @ rest) / self.freedom)
-        parts, loud = np.linalg.solve(self._root, along) ** 2, np.zeros(self.count)
-        if self.count <= FUNCTIONS:
-            moved = np.linalg.solve(self._root, (self.basis * rest[:, None]).T)
-            loud, axes = np.linalg.eigh(moved @ moved.T)
-            parts = (axes.T @ np.linalg.solve(self._root, along)) ** 2
+        moved = np.linalg.solve(self._root, (self.basis * rest[:, None]).T)
+        loud, axes = np.linalg.eigh(moved @ moved.T)
+        parts = (axes.T @ np.linalg.solve(self._root, along)) ** 2
         robust = np.sum(square[:, None] * parts / (1 + square[:, None] * np.maximum(loud, 0.0)), axis=1)
         return np.asarray(np.minimum(usual, robust * self.freedom / self.noise.size))
 
@@ -125,17 +124,15 @@ class JointTest:
         steps, found = self.steps(misfit), np.zeros(sizes.size)
         for step in steps:
             lambdas = step.noncentrality(signature, sizes)
-            found = np.maximum(found, np.interp(lambdas, NONCENTRALITIES, self._powers(step, len(steps))))
+            found = np.maximum(found, np.interp(lambdas, NONCENTRALITIES, self._powers(step, len(steps) + 1)))
         return found
 
     def steps(self, misfit: int) -> list[Functions]:
-        """The steps of the test that a misfit, by its place, alone would lead to: with all functions, with the one that
-        explains most, and with it and the one that then explains most."""
+        """The steps of the test that a misfit, by its place, alone would lead to: with the function that explains most,
+        and with it and the one that then explains most."""
         count = self.functions.shape[1]
-        if not count:
-            return []
         table, product = self._products
-        product, own, found, chosen = product[:, misfit], np.diag(table).copy(), [self._all], list[int]()
+        product, own, found, chosen = product[:, misfit], np.diag(table).copy(), list[Functions](), list[int]()
         for _ in range(min(FUNCTIONS, count)):
             free = own > OWN_PART**2 * np.diag(self._products[0])
             best = int(np.argmax(np.divide(product**2, own, out=np.zeros(count), where=free)))
@@ -151,22 +148,16 @@ class JointTest:
         """(m, m) products of the functions with each other, and (m, s) with the misfits."""
         return self.functions.T @ self.functions, self.functions.T @ self.misfits
 
-    @cached_property
-    def _all(self) -> Functions:
-        return self._with(orthonormal(independent(self.functions)), 1)
-
     def _together(self, chosen: tuple[int, ...]) -> Functions:
         """Some functions; the same ones serve many misfits."""
         if chosen not in self._chosen:
             ways = comb(self.functions.shape[1], len(chosen))
-            self._chosen[chosen] = self._with(orthonormal(self.functions[:, chosen]), ways)
+            freedom = max(self.residual.size - self.used - len(chosen), 1)
+            self._chosen[chosen] = Functions(orthonormal(self.functions[:, chosen]), ways, self.residual, freedom)
         return self._chosen[chosen]
 
-    def _with(self, basis: Array, ways: int) -> Functions:
-        return Functions(basis, ways, self.residual, max(self.residual.size - self.used - basis.shape[1], 1))
-
     def _powers(self, step: Functions, steps: int) -> Array:
-        """Power at ``NONCENTRALITIES``."""
+        """Power at ``NONCENTRALITIES``; ``steps``: of the test, by which its level is divided."""
         key = (step.count, step.ways)
         if key not in self._known:
             bound = float(f_isf(self.level / (steps * step.ways), step.count, step.freedom))

@@ -21,7 +21,7 @@ class LogTimeShift(MeasurementEffect):
     source = "definition of a time stamp; its effect to first order is -log_shift*dtau/dt"
     signed = frozenset({"log_shift"})
     first_order = FirstOrder("torque", lambda at: -torque_rate(at))  # a log that is late shows what was
-    stated = StatedSize("a clock of the log that is off", "ms", 1e3, joints="all")
+    stated = StatedSize("a log that is stamped late", "ms", 1e3, joints="all")
     own_parameters = (
         Parameter(
             "log_shift", "s", "lag of the torque log", neutral=0.0, limits=(-1.0, 1.0), search=Search(5e-4, 0.05, 7)
