@@ -63,7 +63,11 @@ FAINT = 0.1
 LESS_OF_TWO = 1 / np.sqrt(2 * np.pi)
 """[1] Of the relative uncertainty of the noise where functions are large, by which the lesser of both tests falls below
 the other one: the mean of the positive part of a normal distribution."""
-NONCENTRALITIES = np.concatenate([[0.0], np.geomspace(1.0, 3000.0, 90)])
+LARGEST_NONCENTRALITY = 3000.0
+"""[1] Of Fisher's F up to which its power is known: there it is one with ten samples, too."""
+POINTS = 90
+"""[points] At which it is computed."""
+NONCENTRALITIES = np.concatenate([[0.0], np.geomspace(1.0, LARGEST_NONCENTRALITY, POINTS)])
 """[1] Of Fisher's F, between which its power is interpolated."""
 
 
@@ -109,7 +113,7 @@ class Functions:
     def _uncertainty(self, along: Array) -> float:
         """Relative standard deviation of the variance of white noise where a combination (k,) of them is large."""
         combined = self.basis @ along / max(float(np.linalg.norm(along)), TINY)
-        return min(float(np.sqrt(2 * np.sum(combined**4))), 1.0)
+        return min(float(np.sqrt(2 * np.sum(combined**2 * combined**2))), 1.0)
 
 
 @dataclass(frozen=True)
@@ -177,7 +181,7 @@ class JointTest:
     def strength(self, misfit: int) -> float:
         """Squares of a misfit, by its place, over those of the residual."""
         signature = self.misfit(misfit)
-        return float(signature @ signature / max(self.residual @ self.residual, TINY))
+        return float(signature @ signature) / max(float(self.residual @ self.residual), TINY)
 
     def is_slow(self, misfit: int) -> bool:
         """Whether neighbouring samples of a misfit, by its place, are as good as the same."""
@@ -188,7 +192,7 @@ class JointTest:
         """Part of the squares of a misfit, by its place, that the functions chosen for it explain."""
         signature, steps = self.misfit(misfit), self.steps(misfit)
         along = steps[-1].basis.T @ signature if steps else np.zeros(1)
-        return float(along @ along / max(signature @ signature, TINY))
+        return float(along @ along) / max(float(signature @ signature), TINY)
 
     @property
     def residual(self) -> Array:
@@ -212,7 +216,7 @@ class JointTest:
         and with it and the one that then explains most."""
         count = len(self.functions)
         table, product = self._products
-        product, own, found, chosen = product[:, misfit], np.diag(table).copy(), list[Functions](), list[int]()
+        product, own, found, chosen = product[:, misfit], np.array(np.diag(table)), list[Functions](), list[int]()
         for _ in range(min(FUNCTIONS, count)):
             free = own > OWN_PART**2 * np.diag(self._products[0])
             gain = np.divide(product**2, own, out=np.zeros(count), where=free)

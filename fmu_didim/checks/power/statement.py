@@ -34,7 +34,7 @@ class StatedResult(Saved):
     joint: int = Field(description="counted from 1")
     place: str
     size: Number = Field(description="in the unit; null where no size up to the largest would have been doubted")
-    unit: str
+    unit: str = Field(description="of the size, as it is shown")
     largest: float = Field(description="size up to which sizes were looked at, in the unit")
     parameters: dict[str, float] = Field(description="name -> value in SI units; of a size of one unit without a size")
 
