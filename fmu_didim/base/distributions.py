@@ -51,6 +51,22 @@ def f_ppf(p: Numbers, first: float, second: float) -> Numbers:
     return special.fdtri(first, second, p)  # type: ignore[no-any-return]
 
 
+def f_isf(p: Numbers, first: float, second: float) -> Numbers:
+    """The ratio of two variances that is exceeded with the probability p, however small."""
+    x = special.betaincinv(second / 2, first / 2, p)  # of the share that is left, which keeps its digits near zero
+    return second * (1 - x) / (first * x)  # type: ignore[no-any-return]
+
+
+def f_power(x: float, first: float, second: float, noncentrality: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Probability of a larger ratio of two variances whose first has these noncentralities, which rise.
+
+    ``scipy.special`` fails at a few of them, at which it follows from those beside them.
+    """
+    found = np.asarray(special.ncfdtr(first, second, noncentrality, x))
+    given = np.isfinite(found)
+    return np.asarray(1 - np.interp(noncentrality, noncentrality[given], found[given]))
+
+
 def t_sf(x: Numbers, freedom: float) -> Numbers:
     """Probability of a larger value of Student's t."""
     return special.stdtr(freedom, -x)  # type: ignore[no-any-return]

@@ -19,6 +19,7 @@ from fmu_didim.checks.motion.dependence import DEPENDS_ON_MOTION, dependence_of_
 from fmu_didim.checks.motion.periods import repetition_diagnostics, repetition_of_fit
 from fmu_didim.checks.physical import physical_diagnostics
 from fmu_didim.checks.plant.unidentified import unidentified_diagnostics
+from fmu_didim.checks.power.statement import PowerResult, power_of_fit
 from fmu_didim.checks.prior import prior_diagnostics
 from fmu_didim.checks.residual import (
     RESIDUAL_ABOVE_NOISE,
@@ -109,11 +110,13 @@ class Checks:
     Attributes:
         judgement: of its values; residual: the test of the residual of each joint.
         agreements: label -> how an experiment agrees with the others, where several were fitted.
+        power: what a valid verdict excludes; None where it is not valid, or that is not known.
     """
 
     judgement: Judgement
     residual: tuple[NoiseResult, ...]
     agreements: Mapping[str, AgreementResult]
+    power: PowerResult | None = None
 
 
 def residual_tests(estimate: Estimate) -> tuple[NoiseResult, ...]:
@@ -174,7 +177,9 @@ def checked(estimate: Estimate, validations: Sequence[Validation], *, before: It
         Diagnostic(OTHER_MINIMUM, f"{name} = {value:.4g} explains the log nearly as well.", name, value)
         for name, value in estimate.rivals
     ]
-    return Checks(judgement(found, settled=estimate.status is Status.CONVERGED), tests, agreements)
+    judged = judgement(found, settled=estimate.status is Status.CONVERGED)
+    power = power_of_fit(estimate.fit) if judged.verdict == "valid" and estimate.fit is not None else None
+    return Checks(judged, tests, agreements, power)
 
 
 def of_any_output(estimate: Estimate) -> list[Diagnostic]:

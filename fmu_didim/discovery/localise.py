@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from fmu_didim.base.distributions import normal_isf, normal_sf
 from fmu_didim.data.signals import Array
-from fmu_didim.dynamics.robot import RobotDescription
+from fmu_didim.dynamics.robot import RobotDescription, RobotModel
 from fmu_didim.fit.fit import Fit
 from fmu_didim.fit.noise.noise import TINY, Noise, effective_fraction
 from fmu_didim.model.motion import Motion, simulated_motion
@@ -49,7 +49,7 @@ def regions_of_fit(fit: Fit, description: RobotDescription | None) -> list[Regio
     """
     motions = []
     for run in map(fit.simulation, fit.model.estimation_labels):
-        motion = simulated_motion(run, description)
+        motion = simulated_motion(run, None if description is None else RobotModel(description))
         if motion is None:
             return []
         experiment, time = run.experiment, run.experiment.reference.time

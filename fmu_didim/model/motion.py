@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from fmu_didim.cosim import Indices
 from fmu_didim.data.signals import Array, Trajectory, periods
 from fmu_didim.dynamics.effects import LINK_PARAMETERS, PAYLOAD
-from fmu_didim.dynamics.robot import RobotDescription, RobotModel
+from fmu_didim.dynamics.robot import RobotModel
 from fmu_didim.dynamics.robot.observed_states import following_links
 from fmu_didim.model.loop_model import Simulation
 
@@ -38,6 +39,12 @@ class Motion:
         """Number of joints n."""
         return int(self.q.shape[1])
 
+    def at(self, ticks: Indices) -> Motion:
+        """The same at some of its ticks."""
+        signals = {name: getattr(self, name)[ticks] for name in ("time", "q", "dq", "ddq", "torque", "load")}
+        step, links = float(np.median(periods(signals["time"]))), {j: table[ticks] for j, table in self.links.items()}
+        return replace(self, **signals, step=step, links=links)
+
 
 def motion_of(model: RobotModel, chi: Array, time: Array, q: Array, dq: Array, ddq: Array, torque: Array) -> Motion:
     """The motion with its loads.
@@ -54,21 +61,23 @@ def motion_of(model: RobotModel, chi: Array, time: Array, q: Array, dq: Array, d
     return Motion(time, q, dq, ddq, torque, load, float(np.median(periods(time))), links)
 
 
-def simulated_motion(run: Simulation, description: RobotDescription | None) -> Motion | None:
+def simulated_motion(run: Simulation, robot: RobotModel | None, ticks: Indices | None = None) -> Motion | None:
     """The simulated motion of an experiment at all ticks; None if the plant does not give it.
 
     Args:
-        description: the robot, whose equations give the loads; None for a plant that is a black box.
+        robot: whose equations give the loads; None for a plant that is a black box.
+        ticks: some of them, where only these are asked for.
     """
-    if description is None:
-        return _from_outputs(run)
-    robot, model = RobotModel(description), run.model
+    if robot is None:
+        found = _from_outputs(run)
+        return found if found is None or ticks is None else found.at(ticks)
+    model, wanted = run.model, slice(None) if ticks is None else ticks
     recording = run.record(all_ticks=True)
-    q, dq, ddq = (recording.table(model.loop.joint_signals(name)) for name in ("q", "dq", "ddq"))
-    torque = np.column_stack([recording.inputs[name] for name in model.loop.logged])
+    q, dq, ddq = (recording.table(model.loop.joint_signals(name))[wanted] for name in ("q", "dq", "ddq"))
+    torque = np.column_stack([recording.inputs[name] for name in model.loop.logged])[wanted]
     known = model.parameters.values(run.theta)
     chi = np.array([known.get(v.name, v.start) for v in robot.parameters])  # standard parameters of the base robot
-    return motion_of(robot, chi, recording.time, q, dq, ddq, torque)
+    return motion_of(robot, chi, recording.time[wanted], q, dq, ddq, torque)
 
 
 def joint_reference(reference: Trajectory, joint: int) -> tuple[Array, Array]:

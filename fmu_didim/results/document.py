@@ -107,6 +107,7 @@ def result_document(
         condition_number=estimate.condition_number,
         noise_std=[float(v) for v in estimate.noise],
         noise=list(checks.residual),
+        power=checks.power,
         torque_unit=list(model.parameters.torque_units),
         experiments={v.label: _experiment(model, v, checks.agreements.get(v.label)) for v in validations},
         relative_error_percent={v.label: _errors(v.total_percent, v.per_joint_percent) for v in validations},

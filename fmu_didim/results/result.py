@@ -19,6 +19,7 @@ from fmu_didim.base.files import is_file
 from fmu_didim.checks.agreement import AgreementResult
 from fmu_didim.checks.judgement import AcknowledgedResult, DiagnosticResult, Verdict
 from fmu_didim.checks.plant.consistency import ColumnResult
+from fmu_didim.checks.power.statement import PowerResult
 from fmu_didim.checks.residual import NoiseResult
 from fmu_didim.checks.validation import ChannelValidation, Validation
 from fmu_didim.data.signals import Trajectory, trajectory, write_csv
@@ -287,6 +288,9 @@ class ResultDocument(Saved):
     )
     noise: list[NoiseResult] = Field(default=[], description="by rate and joint, with its colour")
     torque_unit: list[str] = Field(description="per joint")
+    power: PowerResult | None = Field(
+        default=None, description="what a valid verdict excludes; null where it is another one, or that is not known"
+    )
     experiments: dict[str, ExperimentResult] = Field(description="by label")
     relative_error_percent: dict[str, ErrorResult] = Field(description="by label of the experiment")
     fitted_error_percent: ErrorResult | None = Field(

@@ -36,3 +36,21 @@ def test_it_is_that_of_scipy(own: Callable[[Any], Any], law: Callable[[], Any], 
 
 def test_a_sum_of_squares_below_zero_by_rounding_counts_as_zero() -> None:
     assert given.chi2_sf(-1e-18, 3) == given.f_sf(-1e-18, 2, 3) == 1.0
+
+
+@pytest.mark.parametrize("first", FREEDOM)
+def test_small_probabilities_of_a_ratio_of_variances_keep_their_digits(first: float) -> None:
+    """``scipy.stats`` rounds one minus them."""
+    small = np.geomspace(1e-14, 0.9, 40)
+    np.testing.assert_allclose(given.f_sf(given.f_isf(small, first, 30), first, 30), small, rtol=1e-9)
+
+
+@pytest.mark.parametrize(("first", "second"), [(1, 450), (2, 40), (38, 450)])
+def test_power_is_the_tail_of_the_noncentral_distribution(first: int, second: int) -> None:
+    """Also between the few values at which ``scipy.special`` fails."""
+    x, noncentrality = float(given.f_isf(1e-5, first, second)), np.geomspace(1.0, 3000.0, 90)
+    found = given.f_power(x, first, second, noncentrality)
+    assert (np.diff(found) > -1e-9).all()
+    for k in range(0, 90, 10):
+        by_draws = np.mean(np.random.default_rng(k).noncentral_f(first, second, noncentrality[k], size=20_000) > x)
+        assert found[k] == pytest.approx(by_draws, abs=0.015)

@@ -136,6 +136,28 @@ def _clock(found: Dependence) -> Diagnostic:
     return Diagnostic(CLOCK_LATE if late > 0 else CLOCK_EARLY, text, f"joint {found.joint}", late, bound, "ms")
 
 
+@dataclass(frozen=True)
+class JointResidual:
+    """What the test of a joint looks at, at the samples (N,) of all fitted logs.
+
+    Attributes:
+        joint: from 1; residual: (N,) of its torque; nuisance: (N, p) its sensitivities.
+        motion: (N, m) functions of the motion, the most significant ones first; names: of these.
+        noise: of the logs, whose colour is learnt.
+    """
+
+    joint: int
+    residual: Array
+    nuisance: Array
+    motion: Array
+    names: Sequence[str]
+    noise: LogNoise
+
+    def dependence(self) -> Dependence:
+        """How it depends on the motion."""
+        return dependence(self.residual, self.nuisance, self.motion, self.names, joint=self.joint, noise=self.noise)
+
+
 def motion_dependence(
     model: LoopModel,
     values: Array,
@@ -149,6 +171,17 @@ def motion_dependence(
         residuals, sensitivities: label of each fitted experiment -> (N, n) and (N, n, p).
         rows: label -> those samples of the log, where residuals and sensitivities are of some of them.
     """
+    return [one.dependence() for one in joint_residuals(model, values, residuals, sensitivities, rows)]
+
+
+def joint_residuals(
+    model: LoopModel,
+    values: Array,
+    residuals: Mapping[str, Array],
+    sensitivities: Mapping[str, Array],
+    rows: Mapping[str, Indices],
+) -> list[JointResidual]:
+    """What the test of each joint looks at; nothing where the simulation fails. Arguments as above."""
     try:
         tables = {label: functions_of_motion(model.simulation(values, label)) for label in residuals}
     except SimulationError:  # after the last sample of a log
@@ -163,36 +196,40 @@ def motion_dependence(
         ]
         residual = np.concatenate([one[:, j] for one in residuals.values()])
         nuisance = np.concatenate([sensitivities[label][:, j] for label in residuals])
-        found.append(dependence(residual, nuisance, np.concatenate(motion), names, joint=j + 1, noise=logs))
+        found.append(JointResidual(j + 1, residual, nuisance, np.concatenate(motion), names, logs))
     return found
 
 
 def dependence_of_fit(fit: Fit) -> list[Dependence]:
-    """How the residual of each joint depends on the motion at a point of the closed loop.
-
-    A filtered log is tested at as many samples as its band holds, without its ends.
-    """
+    """How the residual of each joint depends on the motion at a point of the closed loop."""
+    rows = tested_rows(fit)
     if fit.model.experiments.low_pass is not None:
-        return _dependence_in_band(fit, fit.model.experiments.low_pass.cutoff_hz)
-    rows, residual = fit.model.experiments.rows, fit.residual
-    return motion_dependence(
-        fit.model, fit.values, {label: residual[part] for label, part in rows.items()},
-        {label: fit.jacobian[part] for label, part in rows.items()},
+        for own in rows.values():
+            if own.size * fit.model.joint_count < 2 * fit.values.size:
+                return [Dependence.untested(j + 1, own.size) for j in range(fit.model.joint_count)]
+    return [one.dependence() for one in residuals_of_fit(fit, rows)]
+
+
+def residuals_of_fit(fit: Fit, rows: Mapping[str, Indices]) -> list[JointResidual]:
+    """What the test of each joint looks at, at these samples of each fitted log; nothing where a simulation fails."""
+    parts = fit.model.experiments.rows
+    return joint_residuals(
+        fit.model, fit.values, {label: fit.residual[parts[label]][own] for label, own in rows.items()},
+        {label: fit.jacobian[parts[label]][own] for label, own in rows.items()}, rows,
     )  # fmt: skip
 
 
-def _dependence_in_band(fit: Fit, cutoff_hz: float) -> list[Dependence]:
-    """How the residual of a filtered fit depends on the motion."""
-    model, chosen, residuals, sensitivities = fit.model, {}, {}, {}
-    for label, part in model.experiments.rows.items():
-        experiment = model.experiments[label]
-        every = max(round(experiment.rate_hz / (BAND * cutoff_hz)), 1)
-        rows = np.flatnonzero(experiment.places % every == 0)[ENDS:-ENDS]
-        if rows.size * model.joint_count < 2 * fit.values.size:
-            return [Dependence.untested(j + 1, rows.size) for j in range(model.joint_count)]
-        chosen[label] = rows
-        residuals[label], sensitivities[label] = fit.residual[part][rows], fit.jacobian[part][rows]
-    return motion_dependence(model, fit.values, residuals, sensitivities, chosen)
+def tested_rows(fit: Fit) -> dict[str, Indices]:
+    """Label of each fitted experiment -> the samples of its log that are tested: all; of a filtered log as many as its
+    band holds, without its ends."""
+    found, low_pass = {}, fit.model.experiments.low_pass
+    for label in fit.model.experiments.rows:
+        experiment = fit.model.experiments[label]
+        found[label] = np.arange(experiment.time.size)
+        if low_pass is not None:
+            every = max(round(experiment.rate_hz / (BAND * low_pass.cutoff_hz)), 1)
+            found[label] = np.flatnonzero(experiment.places % every == 0)[ENDS:-ENDS]
+    return found
 
 
 def dependence(

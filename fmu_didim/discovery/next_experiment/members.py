@@ -12,12 +12,12 @@ from fmu_didim.base.errors import InputError
 from fmu_didim.data.signals import Array, Trajectory
 from fmu_didim.discovery.augmentation.places import Proposal, parameter_cost
 from fmu_didim.discovery.screening.catalogue import LARGEST_COLUMN
-from fmu_didim.discovery.screening.signatures import TorqueSignature, search_grid
 from fmu_didim.dynamics.effects import Effect, JointTorque, TorqueEffect
 from fmu_didim.dynamics.robot import RobotDescription, RobotModel
 from fmu_didim.dynamics.robot.observed_states import observed_along
 from fmu_didim.estimators.reference_start import reference_motion
 from fmu_didim.fit.base_projection import BaseProjection
+from fmu_didim.fit.derivatives.torque_signature import TorqueSignature, search_grid
 from fmu_didim.fit.noise.noise import Noise
 from fmu_didim.model.motion import Motion, motion_of
 

@@ -1,24 +1,28 @@
-"""The signatures of the whole catalogue on one simulated motion."""
+"""The signatures of the whole catalogue on one simulated motion: the change of the logged torque, to first order.
+
+That of an effect in the torque balance is its columns at the motion, passed through the response of the closed loop.
+That of any other effect is the difference of two simulations of the closed loop, or a derivative.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fmu_didim.base.errors import SimulationError
 from fmu_didim.data.signals import Array, Variable
 from fmu_didim.discovery.augmentation.builder import LoopModelBuilder
 from fmu_didim.discovery.augmentation.places import InBlackBox, Proposal
 from fmu_didim.discovery.progress import Progress
-from fmu_didim.discovery.screening.load_response import LoadResponse, load_response
-from fmu_didim.discovery.screening.signatures import TorqueSignature, search_grid
 from fmu_didim.dynamics.effects import Effect, Search, TorqueEffect
+from fmu_didim.dynamics.robot import RobotModel
+from fmu_didim.fit.derivatives.load_response import LoadResponse, load_response
 from fmu_didim.fit.derivatives.repetition import Beginning, change_of_outputs
 from fmu_didim.fit.derivatives.sensitivity import by_variation, sensitivity
+from fmu_didim.fit.derivatives.torque_signature import TorqueSignature, search_grid
 from fmu_didim.fit.fit import Fit
 from fmu_didim.model.free_parameter import joint_parameter
 from fmu_didim.model.loop_model import EffectAtJoint, LoopModel
@@ -301,8 +305,9 @@ class _ExperimentMotion:
 
     @staticmethod
     def of(builder: LoopModelBuilder, fit: Fit, label: str) -> _ExperimentMotion:
-        response, motion = load_response(fit, label), simulated_motion(fit.simulation(label), builder.description)
-        return _ExperimentMotion(response, motion, None if motion is None else _at(motion, response.ticks))
+        robot = None if builder.description is None else RobotModel(builder.description)
+        response, motion = load_response(fit.simulation(label)), simulated_motion(fit.simulation(label), robot)
+        return _ExperimentMotion(response, motion, None if motion is None else motion.at(response.ticks))
 
     def columns(self, made: TorqueSignature, shapes: Mapping[str, float]) -> Array:
         """(K, n, m) of an effect at the ticks of the response."""
@@ -343,8 +348,3 @@ def _mirrored(values: list[float], effect: Effect, name: str) -> list[float]:
     off = effect.neutral.get(name, 0.0)
     low, high = effect.limits.get(name, (off, off))
     return [*values, *(2 * off - v for v in values)] if name in effect.signed and low < off < high else values
-
-
-def _at(motion: Motion, ticks: NDArray[np.int64]) -> Motion:
-    signals = {name: getattr(motion, name)[ticks] for name in ("time", "q", "dq", "ddq", "torque", "load")}
-    return replace(motion, **signals, links={j: table[ticks] for j, table in motion.links.items()})

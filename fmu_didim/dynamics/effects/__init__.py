@@ -74,6 +74,7 @@ from fmu_didim.dynamics.effects.power_viscous import PowerViscous
 from fmu_didim.dynamics.effects.presliding import Presliding
 from fmu_didim.dynamics.effects.quadratic_viscous import QuadraticViscous
 from fmu_didim.dynamics.effects.spring import Spring
+from fmu_didim.dynamics.effects.stated_size import StatedSize
 from fmu_didim.dynamics.effects.stribeck import Stribeck
 from fmu_didim.dynamics.effects.structure import StructureEffect
 from fmu_didim.dynamics.effects.thermal_friction_drift import ThermalFrictionDrift
@@ -192,6 +193,6 @@ def torque_effect(name: str) -> TorqueEffect:
 __all__ = [
     "DEFAULT_EFFECTS", "EFFECTS", "LINK_PARAMETERS", "NOMINAL_ACCELERATION", "NOMINAL_SPEED", "PAYLOAD", "UNITS",
     "Column", "Effect", "InsertedEffect", "JointTorque", "JointType", "JointUnits", "MeasurementEffect",
-    "NonlinearEffect", "OperatingRange", "Parameter", "Place", "PreCheck", "Search", "StructureEffect",
+    "NonlinearEffect", "OperatingRange", "Parameter", "Place", "PreCheck", "Search", "StatedSize", "StructureEffect",
     "Surroundings", "TorqueEffect", "Values", "effect_catalogue", "effect_name", "find_effect", "torque_effect",
 ]  # fmt: skip

@@ -32,6 +32,7 @@ from fmu_didim.dynamics.effects.joint import (
     Surroundings,
     Values,
 )
+from fmu_didim.dynamics.effects.stated_size import StatedSize
 
 SURE = 2.0
 """Standard deviations by which a value must be out of the possible range to be called impossible."""
@@ -97,6 +98,9 @@ class Effect(ABC):
         is_smooth: outside the torque balance: whether the torque of the loop has a derivative by its parameters where
             they are neutral, which then is its signature; else simulations with some values are.
         distance: the shape that is the distance over which it builds up after a reversal; none if it is empty.
+
+    What a verdict says of it:
+        stated: how the smallest size is stated that data would have shown; None where none is.
     """
 
     name: ClassVar[str]
@@ -128,6 +132,7 @@ class Effect(ABC):
     first_order: ClassVar[FirstOrder | None] = None
     is_smooth: ClassVar[bool] = False
     distance: ClassVar[str] = ""
+    stated: ClassVar[StatedSize | None] = None
 
     def __init_subclass__(cls) -> None:
         super().__init_subclass__()

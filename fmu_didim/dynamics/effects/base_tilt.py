@@ -1,4 +1,7 @@
+import math
+
 from fmu_didim.dynamics.effects.joint import Parameter, Search
+from fmu_didim.dynamics.effects.stated_size import StatedSize
 from fmu_didim.dynamics.effects.structure import StructureEffect
 
 
@@ -22,6 +25,7 @@ class BaseTilt(StructureEffect):
     source = "rotation of the gravity vector; Khalil and Dombre, Modeling, Identification and Control of Robots, ch. 9"
     acts_on_base = True
     signed = frozenset({"tilt_x", "tilt_y"})
+    stated = StatedSize("a tilt of the base", "deg", math.degrees(1.0), largest=10.0, joints="base")
     own_parameters = (
         tilt("tilt_x", "rotation of gravity about the first horizontal axis"),
         tilt("tilt_y", "rotation of gravity about the second one"),

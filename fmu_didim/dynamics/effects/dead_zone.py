@@ -3,6 +3,7 @@ import casadi as ca
 from fmu_didim.dynamics.effects.first_order import FirstOrder, torque_sign
 from fmu_didim.dynamics.effects.inserted import NO_LIMIT, InsertedEffect
 from fmu_didim.dynamics.effects.joint import Parameter, Search, Values
+from fmu_didim.dynamics.effects.stated_size import of_peak
 
 ROUNDING = 0.05
 """Radius of the rounded corners, as a fraction of the width."""
@@ -23,6 +24,7 @@ class DeadZone(InsertedEffect):
     source = "Tao and Kokotovic, Adaptive Control of Systems with Actuator and Sensor Nonlinearities, 1996, ch. 2"
     rank = 20
     first_order = FirstOrder("torque", torque_sign)
+    stated = of_peak("a dead zone of the drive")
     own_parameters = (
         Parameter(
             "dead_zone", "torque", "half width of the drive's dead zone",

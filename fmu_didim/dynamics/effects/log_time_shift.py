@@ -1,6 +1,7 @@
 from fmu_didim.dynamics.effects.base import MeasurementEffect
 from fmu_didim.dynamics.effects.first_order import FirstOrder, torque_rate
 from fmu_didim.dynamics.effects.joint import Parameter, Search
+from fmu_didim.dynamics.effects.stated_size import StatedSize
 
 
 class LogTimeShift(MeasurementEffect):
@@ -20,6 +21,7 @@ class LogTimeShift(MeasurementEffect):
     source = "definition of a time stamp; its effect to first order is -log_shift*dtau/dt"
     signed = frozenset({"log_shift"})
     first_order = FirstOrder("torque", lambda at: -torque_rate(at))  # a log that is late shows what was
+    stated = StatedSize("a log that is stamped late", "ms", 1e3, joints="all")
     own_parameters = (
         Parameter(
             "log_shift", "s", "lag of the torque log", neutral=0.0, limits=(-1.0, 1.0), search=Search(5e-4, 0.05, 7)

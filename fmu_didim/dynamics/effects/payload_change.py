@@ -2,6 +2,7 @@ import casadi as ca
 
 from fmu_didim.dynamics.effects.base import SURE, TorqueEffect
 from fmu_didim.dynamics.effects.joint import PAYLOAD, Column, OperatingRange, Parameter, Surroundings, Values
+from fmu_didim.dynamics.effects.stated_size import StatedSize
 from fmu_didim.dynamics.effects.steps import instants, rise
 
 
@@ -28,6 +29,10 @@ class PayloadChange(TorqueEffect):
     signed = frozenset({"t_load"})
     acts_on_link = True
     rivals_external_torque = True
+    stated = StatedSize(
+        "a payload that changes halfway", "% of the mass and first moments of the link", 100.0, largest=200.0,
+        shares={f"d{name}": name for name in PAYLOAD}, in_log={"t_load": 0.5}, joints="last",
+    )  # fmt: skip
     own_parameters = tuple(
         Parameter(f"d{name}", "kg" if name == "M" else "kg.m", f"change of {name} of the link") for name in PAYLOAD
     )

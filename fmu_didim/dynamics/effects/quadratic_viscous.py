@@ -2,6 +2,7 @@ import casadi as ca
 
 from fmu_didim.dynamics.effects.base import TorqueEffect
 from fmu_didim.dynamics.effects.joint import OperatingRange, Parameter, Surroundings, Values
+from fmu_didim.dynamics.effects.stated_size import of_peak
 from fmu_didim.dynamics.effects.steps import CONSTANT_SPEEDS
 
 
@@ -16,6 +17,7 @@ class QuadraticViscous(TorqueEffect):
     signature = "Residual odd in the velocity that is curved upwards at high speed."
     experiment = CONSTANT_SPEEDS
     source = "Olsson, Astrom, Canudas de Wit, Gafvert, Lischinsky: Friction models, Eur. J. of Control 1998"
+    stated = of_peak("friction quadratic in the velocity")
     own_parameters = (Parameter("Fq", ("N.m.s2/rad2", "N.s2/m2"), "quadratic friction coefficient"),)
 
     def columns(self, at: Surroundings, shapes: Values) -> tuple[ca.SX, ...]:

@@ -2,6 +2,7 @@ import casadi as ca
 
 from fmu_didim.dynamics.effects.base import TorqueEffect
 from fmu_didim.dynamics.effects.joint import OperatingRange, Parameter, Surroundings, Values
+from fmu_didim.dynamics.effects.stated_size import of_peak
 
 
 class Spring(TorqueEffect):
@@ -16,6 +17,7 @@ class Spring(TorqueEffect):
     experiment = "A wide range of positions, or the same path with another payload or orientation of the base."
     source = "Khalil and Dombre, Modeling, Identification and Control of Robots"
     acts_on_link = True
+    stated = of_peak("a spring")
     own_parameters = (Parameter("k", "stiffness", "stiffness", least=0.0),)
 
     def columns(self, at: Surroundings, shapes: Values) -> tuple[ca.SX, ...]:

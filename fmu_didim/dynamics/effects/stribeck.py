@@ -2,6 +2,7 @@ import casadi as ca
 
 from fmu_didim.dynamics.effects.base import TorqueEffect
 from fmu_didim.dynamics.effects.joint import OperatingRange, Parameter, Search, Surroundings, Values
+from fmu_didim.dynamics.effects.stated_size import of_peak
 from fmu_didim.dynamics.effects.steps import direction, smoothing_velocity
 
 stribeck_velocity = Parameter("vs", "velocity", "Stribeck velocity", (0.1, 0.01))
@@ -21,6 +22,7 @@ class Stribeck(TorqueEffect):
         "Armstrong-Helouvry, Dupont, Canudas de Wit: A survey of models, Automatica 1994; Bittencourt, Wernholt, "
         "Sander-Tavallaey, Brogardh: An extended friction model, IROS 2010"
     )
+    stated = of_peak("Stribeck friction")
     own_parameters = (Parameter("Fs", "torque", "static friction above Coulomb friction", least=0.0),)
     own_shapes = (smoothing_velocity, stribeck_velocity.searched((Search(0.02, 1.0, 9), Search(0.001, 0.05, 9))))
 

@@ -1,7 +1,10 @@
+import math
+
 import casadi as ca
 
 from fmu_didim.dynamics.effects.base import TorqueEffect
 from fmu_didim.dynamics.effects.joint import OperatingRange, Parameter, Search, Surroundings, Values
+from fmu_didim.dynamics.effects.stated_size import StatedSize
 from fmu_didim.dynamics.effects.steps import direction, smoothing_velocity
 
 
@@ -23,6 +26,10 @@ class ThermalFrictionDrift(TorqueEffect):
         "manipulators, IROS 2015"
     )
     needs = frozenset({"time"})
+    stated = StatedSize(
+        "friction that drifts over the run", "%", 100.0 * (1 - math.exp(-1.0)), largest=100.0,
+        shares={"Fvt": "Fv", "Fct": "Fc"}, in_log={"Theat": 1.0},
+    )  # fmt: skip
     own_parameters = (
         Parameter("Fvt", "viscous", "change of viscous friction when warm"),
         Parameter("Fct", "torque", "change of Coulomb friction when warm"),

@@ -13,6 +13,7 @@ from fmu_didim.report.drawing.torque_charts import history_chart
 from fmu_didim.report.experiment_charts import ExperimentCharts, residual_sections, torque_sections
 from fmu_didim.report.identification.charts import saved_charts
 from fmu_didim.report.identification.joint import joint_sections
+from fmu_didim.report.identification.power import power_sections
 from fmu_didim.report.identification.prior import prior_sections, share_text
 from fmu_didim.report.numbers import (
     MISSING,
@@ -103,6 +104,7 @@ def result_report(document: ResultDocument, parts: Sequence[ExperimentCharts] = 
         _parameters(document),
         _experiments(document),
         _torque(document),
+        *power_sections(document),
         *torque_sections(parts),
         *residual_sections(parts, "What the model leaves", advice),
         _model(document),

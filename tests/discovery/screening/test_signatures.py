@@ -13,9 +13,10 @@ from fmu_didim.discovery.augmentation.builder import LoopModelBuilder
 from fmu_didim.discovery.augmentation.places import Proposal
 from fmu_didim.discovery.base_model import with_nuisances
 from fmu_didim.discovery.screening.catalogue import Signature, SignatureCatalogue
-from fmu_didim.discovery.screening.load_response import load_response
-from fmu_didim.discovery.screening.signatures import TorqueSignature, search_grid
 from fmu_didim.dynamics.effects import EFFECTS, Search, TorqueEffect
+from fmu_didim.dynamics.robot import RobotModel
+from fmu_didim.fit.derivatives.load_response import load_response
+from fmu_didim.fit.derivatives.torque_signature import TorqueSignature, search_grid
 from fmu_didim.fit.fit import Fit
 from fmu_didim.fit.solver.least_squares import minimise
 from fmu_didim.model.loop_model import EffectAtJoint
@@ -130,7 +131,7 @@ def test_a_soft_loop_gives_way_to_ripple_as_its_response_says(tmp_path: Path) ->
 
 def test_slow_loads_come_back_whole(bench: Bench) -> None:
     """The taps of the response sum to one on their own joint and to nothing across."""
-    taps = load_response(bench.fit, "estimation").taps
+    taps = load_response(bench.fit.simulation("estimation")).taps
     assert taps.sum(axis=0) == pytest.approx(np.eye(2), abs=0.05)
     assert np.abs(taps[0]).max() < 0.1 * np.abs(taps).max()  # nothing before the robot has moved
 
@@ -217,7 +218,7 @@ def test_states_do_not_look_ahead() -> None:
 
 def test_load_is_that_of_the_links_alone(bench: Bench) -> None:
     """Torque minus load is the friction of the joint."""
-    motion = simulated_motion(bench.fit.simulation("estimation"), bench.builder.description)
+    motion = simulated_motion(bench.fit.simulation("estimation"), RobotModel(bench.builder.description))
     assert motion is not None
     friction = motion.torque - motion.load
     for j, (fv, fc) in enumerate([(1.5, 2.0), (0.6, 0.9)]):
@@ -236,7 +237,7 @@ def test_grid_of_the_shapes() -> None:
 
 def test_thinned_motion_gives_the_same_columns(bench: Bench) -> None:
     """Columns at some ticks are those of all ticks, there."""
-    motion = simulated_motion(bench.fit.simulation("estimation"), bench.builder.description)
+    motion = simulated_motion(bench.fit.simulation("estimation"), RobotModel(bench.builder.description))
     assert motion is not None
     effect = EFFECTS["load_dependent_friction"]
     assert isinstance(effect, TorqueEffect)

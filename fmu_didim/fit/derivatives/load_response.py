@@ -22,7 +22,6 @@ from scipy.linalg import toeplitz
 from fmu_didim.base.errors import SimulationError
 from fmu_didim.cosim import SampleOperator
 from fmu_didim.data.signals import Array
-from fmu_didim.fit.fit import Fit
 from fmu_didim.model.external_torque import ExternalTorque
 from fmu_didim.model.loop_model import Simulation
 from fmu_didim.model.workers import side_by_side
@@ -83,13 +82,12 @@ class LoadResponse:
         return np.asarray(fft.rfft(np.ascontiguousarray(self.taps.transpose(2, 1, 0)), self._size))
 
 
-def load_response(fit: Fit, label: str, *, seed: int = 0) -> LoadResponse:
-    """The response of the closed loop of a fit along an experiment; the identity where it cannot be simulated.
+def load_response(run: Simulation, *, seed: int = 0) -> LoadResponse:
+    """The response of the closed loop along an experiment; the identity where it cannot be simulated.
 
     Args:
         seed: of the random two-level torque.
     """
-    run = fit.simulation(label)
     model, reference = run.model, run.experiment.reference
     time, step = reference.time, reference.step
     every = max(round(SPACING_S / step), 1)
@@ -102,7 +100,7 @@ def load_response(fit: Fit, label: str, *, seed: int = 0) -> LoadResponse:
         still = _signals(run, ())
         joints = range(1, model.joint_count + 1)
         tasks = [_answer(run, still, switched, time[ticks], j) for j in joints]
-        answers = side_by_side(tasks, model.allowed_workers(fit.values))
+        answers = side_by_side(tasks, model.allowed_workers(run.values))
         taps = -np.stack([normal @ answer[ticks] for answer in answers], axis=2)
     except SimulationError:
         taps = np.eye(model.joint_count + len(run.experiment.channels), model.joint_count)[None]

@@ -1,8 +1,7 @@
-"""Signatures: the change of the logged torque, to first order, by an effect.
+"""The columns of an effect in the torque balance along a motion.
 
-That of an effect in the torque balance is its regressor at the simulated motion, passed through the response of the
-closed loop (:mod:`fmu_didim.discovery.screening.load_response`). That of any other effect is the difference of two
-simulations of the closed loop (:mod:`fmu_didim.discovery.screening.catalogue`).
+Passed through the response of the closed loop (:mod:`fmu_didim.fit.derivatives.load_response`) they are its signature:
+the change of the logged torque, to first order.
 """
 
 from __future__ import annotations

@@ -1,0 +1,305 @@
+"""What the logged torque would change by, to first order, if the machine had an effect that its model lacks.
+
+An effect acts like a load e on the joints, which the controller compensates: the log changes by the response of the
+closed loop to e (:mod:`fmu_didim.fit.derivatives.load_response`). Loads are the columns of effects in the torque
+balance, what a drive takes from its command, and the change of the torque of the links by another gravity or geometry.
+A clock or a scale that is off changes the log alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from fmu_didim.data.signals import Array
+from fmu_didim.dynamics.effects import (
+    EFFECTS,
+    Effect,
+    JointTorque,
+    JointType,
+    StatedSize,
+    TorqueEffect,
+)
+from fmu_didim.dynamics.robot import RobotDescription, RobotModel
+from fmu_didim.dynamics.robot.tilt import horizontal_axes
+from fmu_didim.fit.derivatives.load_response import MEMORY_S, LoadResponse, load_response
+from fmu_didim.fit.derivatives.torque_signature import TorqueSignature
+from fmu_didim.fit.fit import Fit
+from fmu_didim.fit.noise.noise import TINY
+from fmu_didim.model.free_parameter import joint_parameter
+from fmu_didim.model.motion import Motion, simulated_motion
+from fmu_didim.model.parameters import RobotParameters
+
+SMALL_STEP = 1e-4
+"""[rad or 1] By which gravity is turned, or gravity and lengths are changed as parts of themselves, for a slope."""
+
+LATE_PART = 0.1
+"""[periods] By which a log is late for a slope: between two instants of the command it follows a line."""
+
+TORQUE_SCALE = StatedSize("a scale of all torques that is off", "%", 100.0, joints="all")
+GRAVITY = StatedSize("a size of gravity that is off", "%", 100.0, joints="all")
+LINK_LENGTH = StatedSize("a length of a link that is off", "%", 100.0)
+"""What a case says of the machine, and data can show in part only."""
+
+
+@dataclass(frozen=True)
+class Load:
+    """What a misfit does to the joints.
+
+    Attributes:
+        effect: its name in the catalogue, or that of a quantity of the description.
+        stated: how its size is stated; joint: from 1; place: joint or axis, in words.
+        tables: label of each fitted experiment -> (K, n) load at the ticks of the motion, or (N, n) change of the log.
+        amplitudes: parameters of the effect, over their neutral values; shapes: at which it is looked at.
+        is_of_log: whether it changes the log alone.
+    """
+
+    effect: str
+    stated: StatedSize
+    joint: int
+    place: str
+    tables: Mapping[str, Array]
+    amplitudes: Mapping[str, float] = field(default_factory=dict)
+    shapes: Mapping[str, float] = field(default_factory=dict)
+    is_of_log: bool = False
+
+    def over(self, size: float) -> Load:
+        """The same over a size: of size one."""
+        return replace(
+            self, tables={label: table / size for label, table in self.tables.items()},
+            amplitudes={name: value / size for name, value in self.amplitudes.items()},
+        )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Misfit:
+    """A load of size one in the unit in which it is stated, and the change (N, n) of the logged torque by it."""
+
+    load: Load
+    signature: Array
+
+
+@dataclass(frozen=True)
+class FittedMotions:
+    """The simulated motions of a fit, at the ticks at which loads are taken.
+
+    Attributes:
+        robot: its model; None for a black box.
+        responses, motions: label of each fitted experiment -> answer to loads, and motion.
+        values: parameters of the plant, by name.
+    """
+
+    fit: Fit
+    robot: RobotModel | None
+    responses: Mapping[str, LoadResponse]
+    motions: Mapping[str, Motion]
+    values: Mapping[str, float]
+
+    @classmethod
+    def of(cls, fit: Fit) -> FittedMotions | None:
+        """The motions of a fit; None where the plant does not give them. Raises SimulationError."""
+        parameters, theta = fit.model.parameters, fit.model.theta(fit.values)
+        robot = parameters.model if isinstance(parameters, RobotParameters) else None
+        motions, responses = {}, {}
+        for label in fit.model.estimation_labels:
+            run = fit.simulation(label)
+            responses[label] = load_response(run)
+            motion = simulated_motion(run, robot, responses[label].ticks)
+            if motion is None:
+                return None
+            motions[label] = motion
+        plant = {v.name: v.start for v in fit.model.loop.plant.parameters}
+        return cls(fit, robot, responses, motions, {**plant, **parameters.values(theta)})
+
+    @property
+    def description(self) -> RobotDescription | None:
+        """Of the robot; None for a black box."""
+        return None if self.robot is None else self.robot.description
+
+    @property
+    def joint_count(self) -> int:
+        """Number of joints n."""
+        return self.fit.model.joint_count
+
+    @property
+    def joint_types(self) -> tuple[JointType, ...]:
+        """(n,) types of the joints."""
+        if self.description is not None:
+            return tuple(joint.type for joint in self.description.joints)
+        units = self.fit.model.parameters.torque_units
+        return tuple("prismatic" if unit == "N" else "revolute" for unit in units)
+
+    def peak(self, joint: int) -> float:
+        """Largest torque of a joint, from 1."""
+        return max(float(np.abs(motion.torque[:, joint - 1]).max()) for motion in self.motions.values())
+
+    def has(self, effect: Effect, joint: int) -> bool:
+        """Whether the model has an effect at a joint, from 1."""
+        if self.description is not None and effect.name in self.description.joints[joint - 1].effects:
+            return True
+        names = {joint_parameter(v.name, joint, is_shape=False) for v in effect.parameters(self.joint_types[joint - 1])}
+        return self.description is None and bool(names) and names <= self.values.keys()
+
+
+def misfits(motions: FittedMotions, effects: Mapping[str, Effect] = EFFECTS) -> list[Misfit]:
+    """All misfits whose size is stated, in the order of the catalogue, and then those of what a case says."""
+    loads = [_of_unit_size(motions, load) for load in (*loads_of_effects(motions, effects), *loads_of_case(motions))]
+    tables = []
+    for label, response in motions.responses.items():
+        answers = iter(np.moveaxis(response.at_samples(_joined(loads, label)), 2, 0))
+        changes = [load.tables[label] if load.is_of_log else next(answers) for load in loads]
+        tables.append(motions.fit.model.experiments.filtered(np.stack(changes, axis=2), label))
+    signatures = np.concatenate(tables)
+    return [Misfit(load, signatures[:, :, k]) for k, load in enumerate(loads)]
+
+
+def _joined(loads: Sequence[Load], label: str) -> Array:
+    """(K, n, w) those that the loop answers, in an experiment."""
+    return np.stack([load.tables[label] for load in loads if not load.is_of_log], axis=2)
+
+
+def _of_unit_size(motions: FittedMotions, load: Load) -> Load:
+    """The load of size one in the unit in which it is stated."""
+    if not load.stated.is_of_peak:
+        return load.over(load.stated.factor)
+    largest = max(float(np.abs(table).max()) for table in load.tables.values())
+    return load.over(100.0 * max(largest, TINY) / max(motions.peak(load.joint), TINY))
+
+
+def loads_of_effects(motions: FittedMotions, effects: Mapping[str, Effect]) -> Iterator[Load]:
+    """The loads of the effects of a catalogue that the model lacks."""
+    for name, effect in effects.items():
+        stated = effect.stated
+        if stated is None:
+            continue
+        if stated.joints == "base":
+            yield from _tilts(motions, name, effect, stated)
+            continue
+        for joint in _joints(stated, motions.joint_count):
+            if motions.has(effect, joint):
+                continue
+            by = _by_late_stamps if effect.is_of_log else _by_first_order
+            by = _by_columns if isinstance(effect, TorqueEffect) else by
+            load = by(motions, Load(name, stated, joint, _place(stated, joint), {}), effect)
+            if load is not None:
+                yield load
+
+
+def _joints(stated: StatedSize, count: int) -> Sequence[int]:
+    return range(1, count + 1) if stated.joints == "each" else [count if stated.joints == "last" else 1]
+
+
+def _place(stated: StatedSize, joint: int) -> str:
+    return "" if stated.joints == "all" else f"joint {joint}"
+
+
+def _by_columns(motions: FittedMotions, load: Load, effect: Effect) -> Load | None:
+    """The torque of an effect in the torque balance by amplitudes of one, or by what they are shares of; None where
+    those are zero or unknown, or it needs a joint that is not there."""
+    assert isinstance(effect, TorqueEffect)
+    joint, kinds, stated = load.joint, motions.joint_types, load.stated
+    names = [v.name for v in effect.parameters(kinds[joint - 1])]
+    amplitudes = dict.fromkeys(names, 1.0)
+    if stated.shares:
+        amplitudes = {name: motions.values.get(f"{stated.shares[name]}{joint}", 0.0) for name in names}
+    if joint + effect.reach > len(kinds) or not any(amplitudes.values()):
+        return None
+    shapes = {v.name: motions.values.get(f"{v.name}_{joint}", v.start) for v in effect.shapes(kinds[joint - 1])}
+    first = next(iter(motions.motions.values())).time
+    shapes |= {
+        name: first[0] * (name == "t_load") + part * float(np.ptp(first)) for name, part in stated.in_log.items()
+    }
+    made = TorqueSignature(effect, joint - 1, kinds, tuple(shapes))
+    weights = np.array(list(amplitudes.values()))
+    tables = {label: made.columns(motion, shapes) @ weights for label, motion in motions.motions.items()}
+    if not any(table.any() for table in tables.values()):
+        return None
+    return replace(load, tables=tables, amplitudes=amplitudes, shapes=shapes)
+
+
+def _by_first_order(motions: FittedMotions, load: Load, effect: Effect) -> Load | None:
+    """What a drive takes from its command by a parameter of one of an effect; None where only simulations tell."""
+    first_order, j = effect.first_order, load.joint - 1
+    if first_order is None or first_order.changes != "torque":
+        return None
+    tables = {}
+    for label, motion in motions.motions.items():
+        tables[label] = np.zeros_like(motion.torque)
+        at = JointTorque(motion.torque[:, j], motion.load[:, j], motion.step)
+        tables[label][:, j] = first_order.column(at)
+    return replace(load, tables=tables, amplitudes=_ones(motions, effect, load.joint))
+
+
+def _by_late_stamps(motions: FittedMotions, load: Load, effect: Effect) -> Load:
+    """What the log shows by one second of a lag of its stamps.
+
+    Its first part is left out: there a late log looks like a start off the reference, which a fit then frees.
+    """
+    tables = {}
+    for label in motions.motions:
+        run = motions.fit.simulation(label)
+        torque, count = run.logged_torque(run.record(all_ticks=True)), run.experiment.reference.time.size
+        late, still = (run.operator.stamped_later(part, count, between=True) for part in (LATE_PART, 0.0))
+        change = late.apply(torque[late.ticks]) - still.apply(torque[still.ticks])
+        change[run.experiment.time < run.experiment.time[0] + MEMORY_S] = 0.0
+        tables[label] = change / (LATE_PART * run.step_size)
+    return replace(load, tables=tables, amplitudes=_ones(motions, effect, load.joint), is_of_log=True)
+
+
+def _ones(motions: FittedMotions, effect: Effect, joint: int) -> dict[str, float]:
+    """The parameters of an effect, all one over their neutral values."""
+    return dict.fromkeys((v.name for v in effect.parameters(motions.joint_types[joint - 1])), 1.0)
+
+
+def _tilts(motions: FittedMotions, name: str, effect: Effect, stated: StatedSize) -> Iterator[Load]:
+    """The loads of a tilted base, about two horizontal axes."""
+    robot = motions.description
+    if robot is None or not np.any(robot.gravity):
+        return
+    gravity = np.array(robot.gravity)
+    parameters = effect.parameters(motions.joint_types[0])
+    for axis, parameter in zip(horizontal_axes(gravity), parameters, strict=True):
+        turned = robot.model_copy(update={"gravity": tuple(gravity + SMALL_STEP * np.cross(axis, gravity))})
+        about = ", ".join(f"{v:.3g}" for v in axis + 0.0)
+        tables = _change_of_links(motions, turned)
+        yield Load(name, stated, 1, f"about the axis ({about})", tables, {parameter.name: 1.0})
+
+
+def loads_of_case(motions: FittedMotions) -> Iterator[Load]:
+    """The loads of what a case says of the machine and data can show in part only: the scale of all torques, the size
+    of gravity, the lengths of links."""
+    parts = motions.fit.model.experiments.rows
+    scale = {label: motions.fit.torque[parts[label]] for label in motions.motions}
+    yield Load("torque_scale", TORQUE_SCALE, 1, "", scale, is_of_log=True)
+    if motions.robot is None:
+        return
+    robot = motions.robot.description
+    if np.any(robot.gravity):
+        yield Load("gravity", GRAVITY, 1, "", _links(motions, motions.robot, at_rest=True))
+    for j, joint in enumerate(robot.joints):
+        for key in ("a", "d"):
+            length, joints = getattr(joint, key), list(robot.joints)
+            if not length:
+                continue
+            joints[j] = joint.model_copy(update={key: length * (1 + SMALL_STEP)})
+            tables = _change_of_links(motions, robot.model_copy(update={"joints": tuple(joints)}))
+            if any(np.abs(table).max() > TINY for table in tables.values()):
+                yield Load("link_length", LINK_LENGTH, j + 1, f"{key} of joint {j + 1}", tables)
+
+
+def _change_of_links(motions: FittedMotions, changed: RobotDescription) -> dict[str, Array]:
+    """(K, n) change of the torque of the links by another description, over the small step to it."""
+    found = _links(motions, RobotModel(changed))
+    return {label: (table - motions.motions[label].load) / SMALL_STEP for label, table in found.items()}
+
+
+def _links(motions: FittedMotions, robot: RobotModel, *, at_rest: bool = False) -> dict[str, Array]:
+    """(K, n) torque of the links of a robot along the motions; ``at_rest``: by gravity alone."""
+    chi = np.array([motions.values.get(v.name, v.start) for v in robot.parameters])
+    still = 0.0 if at_rest else 1.0
+    return {
+        label: robot.at_points("transmitted", m.q.T, still * m.dq.T, still * m.ddq.T, chi)
+        for label, m in motions.motions.items()
+    }

@@ -1,0 +1,304 @@
+"""The power of the tests of a residual: how likely a misfit of a given size is doubted, and which size is, with 80 %.
+
+A misfit of size a adds a s to the residual r of a joint, s being its signature. What the fit leaves of it, whitened as
+the test whitens (:mod:`fmu_didim.checks.motion.dependence`), has a part B c along functions of the motion and a
+rest u. Fisher's F of what k functions explain is then noncentral with
+
+    lambda(a) = a^2 c'c / (sigma^2 + a^2 u'u / nu),
+
+or a^2 c' (sigma^2 I + a^2 B' diag(u^2) B)^-1 c where that is less, because the test allows for noise that is loud where
+the functions are large; and a little less, because the test takes the lesser of both. The functions are those that it
+would choose for s alone, one or two. Its threshold is that of the verdict with all corrections; the better of both
+counts. The step with all functions is not counted on: the noise that it is judged by has the colour of the misfit.
+Joints have noise of their own:
+
+    power(a) = 1 - prod_j (1 - max_k power_jk(a)).
+
+A misfit that one or two functions leave much of, or that is slow, colours the noise by which it is judged, and may pass
+for it: it has a size only if it has power by the colour that would be learnt beside it, too.
+
+Source: S. M. Kay, Fundamentals of Statistical Signal Processing, vol. 2, 1998, chapter 7.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from math import comb
+
+import numpy as np
+
+from fmu_didim.base.distributions import f_isf, f_power
+from fmu_didim.checks.motion.colour import LogNoise, orthonormal, rest_of
+from fmu_didim.checks.motion.dependence import (
+    FUNCTIONS,
+    MOTION_CHANCE,
+    OWN_PART,
+    SAMPLES_A_FUNCTION,
+    JointResidual,
+    independent,
+)
+from fmu_didim.data.signals import Array
+from fmu_didim.fit.noise.noise import TINY
+
+POWER = 0.8
+"""[1] Probability with which a misfit of the stated size is doubted."""
+SIZES = 61
+"""[sizes] That are compared, at equal ratios: 17 % apart, between which the power is interpolated."""
+SMALLEST_PART = 1e-4
+"""[1] Of the largest size that is stated, from which they begin."""
+EXPLAINED = 0.8
+"""[1] Of the squares of a misfit, by the functions that are chosen for it, from which the colour of the rest takes
+nothing from its power: SCARA, arm, 11 kinds of misfits."""
+SLOW = 0.98
+"""[1] Correlation of neighbouring samples of a misfit from which it is like the colour of slow noise: an offset."""
+SLACK = 0.05
+"""[1] Of the power, by which the colour of one draw of the noise may lower it."""
+MULTIPLES = (1.0, 9.0)
+"""[1] Of a size at which it is asked whether a misfit passes for the colour of the noise: then no size is stated. One
+that functions explain is asked at the larger size alone."""
+FAINT = 0.1
+"""[1] Of the strength of a misfit in the joint where it shows most, below which another joint adds no power."""
+LESS_OF_TWO = 1 / np.sqrt(2 * np.pi)
+"""[1] Of the relative uncertainty of the noise where functions are large, by which the lesser of both tests falls below
+the other one: the mean of the positive part of a normal distribution."""
+LARGEST_NONCENTRALITY = 3000.0
+"""[1] Of Fisher's F up to which its power is known: there it is one with ten samples, too."""
+POINTS = 90
+"""[points] At which it is computed."""
+NONCENTRALITIES = np.concatenate([[0.0], np.geomspace(1.0, LARGEST_NONCENTRALITY, POINTS)])
+"""[1] Of Fisher's F, between which its power is interpolated."""
+
+
+@dataclass(frozen=True)
+class Functions:
+    """Functions of the motion that a step of the test takes together.
+
+    Attributes:
+        places: of them among all; basis: (N, k) orthonormal; ways: to choose so many.
+        noise: (N,) residual; freedom: degrees of freedom that the functions leave of it.
+    """
+
+    places: tuple[int, ...]
+    basis: Array
+    ways: int
+    noise: Array
+    freedom: float
+
+    @property
+    def count(self) -> int:
+        """Number k of the functions."""
+        return int(self.basis.shape[1])
+
+    @cached_property
+    def _root(self) -> Array:
+        """(k, k) Cholesky factor of the covariance of what the functions explain, by the noise where they are large."""
+        square = (self.basis * self.noise[:, None] ** 2).T @ self.basis
+        return np.asarray(np.linalg.cholesky(square + TINY * np.eye(self.count) * np.trace(square)))
+
+    def noncentrality(self, misfit: Array, sizes: Array) -> Array:
+        """(K,) of misfits (N,) of these sizes (K,)."""
+        square, along = sizes**2, self.basis.T @ misfit
+        rest = misfit - self.basis @ along
+        variance = float(self.noise @ self.noise) / self.freedom
+        usual = square * float(along @ along) / (variance + square * float(rest @ rest) / self.freedom)
+        moved = np.linalg.solve(self._root, np.column_stack([along, (self.basis * rest[:, None]).T]))
+        loud, axes = np.linalg.eigh(moved[:, 1:] @ moved[:, 1:].T)
+        parts = (axes.T @ moved[:, 0]) ** 2
+        robust = np.sum(square[:, None] * parts / (1 + square[:, None] * np.maximum(loud, 0.0)), axis=1)
+        both = np.minimum(usual, robust * self.freedom / self.noise.size)
+        return np.asarray(both * (1 - LESS_OF_TWO * self._uncertainty(along)))
+
+    def _uncertainty(self, along: Array) -> float:
+        """Relative standard deviation of the variance of white noise where a combination (k,) of them is large."""
+        combined = self.basis @ along / max(float(np.linalg.norm(along)), TINY)
+        return min(float(np.sqrt(2 * np.sum(combined**2 * combined**2))), 1.0)
+
+
+@dataclass(frozen=True)
+class JointTest:
+    """The test of a joint as it was made, and misfits of size one in it.
+
+    Attributes:
+        level: of the p value below which it doubts; one: what it looks at.
+        used: (N, r) sensitivities that are independent; signatures: (N, s) of the misfits.
+        noise: of the logs, by whose colour all is whitened.
+        functions: those of the motion that are looked at, as places in ``one.motion``; tried: how many the test
+            chooses from.
+        left: what the sensitivities leave, whitened, of the residual (M, 1), those functions (M, m) and the misfits
+            (M, s), beside each other.
+    """
+
+    level: float
+    one: JointResidual
+    used: Array
+    signatures: Array
+    noise: LogNoise
+    functions: tuple[int, ...]
+    tried: int
+    left: Array
+
+    @classmethod
+    def of(cls, one: JointResidual, signatures: Array, joints: int) -> JointTest | None:
+        """With the signatures (N, s) at the joint; None where it was not tested."""
+        used = independent(one.nuisance)
+        room = int((one.residual.size - used.shape[1]) / SAMPLES_A_FUNCTION)
+        if room < 1:
+            return None
+        basis, level = orthonormal(used), MOTION_CHANCE / joints
+        noise, places = one.noise.learnt(rest_of(one.residual, basis), basis), range(min(room, one.motion.shape[1]))
+        found = cls(level, one, used, signatures, noise, tuple(places), len(places), np.zeros((0, 0)))._whitened()
+        return replace(found, tried=len(found.functions))
+
+    def _whitened(self) -> JointTest:
+        """With what is left by the noise, and the functions of which something is."""
+        table = np.column_stack([self.one.residual, self.one.motion[:, list(self.functions)], self.signatures])
+        whitened, count = self.noise.whitened(np.column_stack([self.used, table])), self.used.shape[1]
+        own = whitened[:, count:]
+        left = rest_of(own, orthonormal(whitened[:, :count]))
+        told = np.linalg.norm(left, axis=0) > OWN_PART * np.linalg.norm(own, axis=0)
+        told[0], told[1 + len(self.functions) :] = True, True
+        functions = tuple(place for place, tells in zip(self.functions, told[1:], strict=False) if tells)
+        return replace(self, functions=functions, left=left[:, told])
+
+    def beside(self, misfit: int, size: float) -> JointTest:
+        """The same for one misfit, by its place, and the functions that are chosen for it, whitened by the colour that
+        is learnt if the machine has it in that size: step by step, as the test does."""
+        residual, basis = self.one.residual + size * self.signatures[:, misfit], self._basis
+        noise = self.one.noise.learnt(rest_of(residual, basis), basis)
+        chosen = [self.functions[step.places[-1]] for step in self.steps(misfit)]
+        for place in chosen:
+            basis = orthonormal(self.one.motion[:, [place]], basis)
+            noise = noise.learnt(rest_of(residual, basis), basis)
+        alone = self.signatures[:, [misfit]]
+        return replace(self, signatures=alone, noise=noise, functions=tuple(chosen))._whitened()
+
+    @cached_property
+    def _basis(self) -> Array:
+        return orthonormal(self.used)
+
+    def strength(self, misfit: int) -> float:
+        """Squares of a misfit, by its place, over those of the residual."""
+        signature = self.misfit(misfit)
+        return float(signature @ signature) / max(float(self.residual @ self.residual), TINY)
+
+    def is_slow(self, misfit: int) -> bool:
+        """Whether neighbouring samples of a misfit, by its place, are as good as the same."""
+        signature = self.misfit(misfit)
+        return float(signature[1:] @ signature[:-1]) > SLOW * float(signature @ signature)
+
+    def explained(self, misfit: int) -> float:
+        """Part of the squares of a misfit, by its place, that the functions chosen for it explain."""
+        signature, steps = self.misfit(misfit), self.steps(misfit)
+        along = steps[-1].basis.T @ signature if steps else np.zeros(1)
+        return float(along @ along) / max(float(signature @ signature), TINY)
+
+    @property
+    def residual(self) -> Array:
+        """(M,) what the sensitivities leave of it."""
+        return self.left[:, 0]
+
+    def misfit(self, place: int) -> Array:
+        """(M,) what they leave of a misfit."""
+        return self.left[:, 1 + len(self.functions) + place]
+
+    def power(self, misfit: int, sizes: Array) -> Array:
+        """(K,) probability of a doubt by a misfit, by its place, of these sizes (K,)."""
+        signature, steps, found = self.misfit(misfit), self.steps(misfit), np.zeros(sizes.size)
+        for step in steps:
+            lambdas = step.noncentrality(signature, sizes)
+            found = np.maximum(found, np.interp(lambdas, NONCENTRALITIES, self._powers(step, len(steps) + 1)))
+        return found
+
+    def steps(self, misfit: int) -> list[Functions]:
+        """The steps of the test that a misfit, by its place, alone would lead to: with the function that explains most,
+        and with it and the one that then explains most."""
+        count = len(self.functions)
+        table, product = self._products
+        product, own, found, chosen = product[:, misfit], np.array(np.diag(table)), list[Functions](), list[int]()
+        for _ in range(min(FUNCTIONS, count)):
+            free = own > OWN_PART**2 * np.diag(self._products[0])
+            gain = np.divide(product**2, own, out=np.zeros(count), where=free)
+            best = int(np.argmax(gain))
+            if not gain[best] > 0:
+                break
+            chosen.append(best)
+            found.append(self._together(tuple(chosen)))
+            beside = table[:, best] / own[best]
+            product, table = product - beside * product[best], table - np.outer(beside, table[best])
+            own = np.diag(table).copy()
+        return found
+
+    @cached_property
+    def _products(self) -> tuple[Array, Array]:
+        """(m, m) products of the functions with each other, and (m, s) with the misfits."""
+        functions = self.left[:, 1 : 1 + len(self.functions)]
+        return functions.T @ functions, functions.T @ self.left[:, 1 + len(self.functions) :]
+
+    def _together(self, chosen: tuple[int, ...]) -> Functions:
+        """Some functions; the same ones serve many misfits."""
+        if chosen not in self._chosen:
+            basis = orthonormal(self.left[:, [1 + place for place in chosen]])
+            ways, freedom = comb(self.tried, len(chosen)), self.residual.size - self.used.shape[1] - len(chosen)
+            self._chosen[chosen] = Functions(chosen, basis, ways, self.residual, max(freedom, 1))
+        return self._chosen[chosen]
+
+    def _powers(self, step: Functions, steps: int) -> Array:
+        """Power at ``NONCENTRALITIES``; ``steps``: of the test, by which its level is divided."""
+        key = (step.count, step.ways)
+        if key not in self._known:
+            bound = float(f_isf(self.level / (steps * step.ways), step.count, step.freedom))
+            self._known[key] = f_power(bound, step.count, step.freedom, NONCENTRALITIES)
+        return self._known[key]
+
+    @cached_property
+    def _known(self) -> dict[tuple[int, int], Array]:
+        return {}
+
+    @cached_property
+    def _steps(self) -> dict[int, list[Functions]]:
+        return {}
+
+    @cached_property
+    def _chosen(self) -> dict[tuple[int, ...], Functions]:
+        return {}
+
+
+def smallest_size(tests: Sequence[JointTest], misfit: int, largest: float) -> float | None:
+    """The smallest size of a misfit, by its place, from which on all sizes up to the largest are doubted with the power
+    ``POWER``; None if there is none.
+
+    A misfit that no functions explain, or a slow one, may pass for the colour of the noise, the more the larger it is:
+    then none is stated. That is asked of the joint where it shows most.
+    """
+    strengths = [test.strength(misfit) for test in tests]
+    tests = [test for test, strength in zip(tests, strengths, strict=True) if strength >= FAINT * max(strengths)]
+    sizes = np.geomspace(SMALLEST_PART * largest, largest, SIZES)
+    powers = [test.power(misfit, sizes) for test in tests]
+    size = _reached(sizes, 1 - np.prod([1 - power for power in powers], axis=0))
+    if size is None:
+        return None
+    found = [float(np.interp(size, sizes, power)) for power in powers]
+    best = int(np.argmax(found))
+    is_explained = tests[best].explained(misfit) >= EXPLAINED
+    if is_explained and not tests[best].is_slow(misfit):
+        return size
+    others = float(np.prod([1 - power for j, power in enumerate(found) if j != best]))
+    for own in (multiple * size for multiple in MULTIPLES[is_explained:]):
+        missed = 1 - float(tests[best].beside(misfit, own).power(0, np.array([own]))[0])
+        if own <= largest and 1 - others * missed < POWER - SLACK:
+            return None
+    return size
+
+
+def _reached(sizes: Array, power: Array) -> float | None:
+    """The size from which on ``POWER`` is reached by all (K,); None if the last one does not."""
+    seen = power >= POWER
+    if not seen[-1]:
+        return None
+    if seen.all():
+        return float(sizes[0])
+    first = int(np.flatnonzero(~seen)[-1])
+    between = slice(first, first + 2)
+    return float(np.exp(np.interp(POWER, power[between], np.log(sizes[between]))))

@@ -1,0 +1,132 @@
+"""Misfits along a fitted motion against closed loops that have them, and what a verdict states of them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from fmu_didim.checks.identification import checked
+from fmu_didim.checks.power.misfits import FittedMotions, Misfit, misfits
+from fmu_didim.checks.power.statement import HOW_TO_CHECK, power_of_fit
+from fmu_didim.checks.validation import validate
+from fmu_didim.data.signals import Array
+from fmu_didim.discovery.augmentation.builder import LoopModelBuilder
+from fmu_didim.discovery.augmentation.places import Proposal
+from fmu_didim.dynamics.effects import EFFECTS, DriveGain
+from fmu_didim.fit.fit import Fit, point
+from fmu_didim.fit.noise.weighting import NoiseOfResidual
+from fmu_didim.model.loop_model import EffectAtJoint, LoopModel
+from tests.checks.data.right import loaded, right
+from tests.tools.verdict.catalogue import _robot
+
+STATED = [name for name, effect in EFFECTS.items() if effect.stated is not None]
+
+
+def at_the_truth(robot: str) -> Fit:
+    model = right(robot, 1, noise=0.01)
+    model = model.on("estimation").with_values(loaded(robot).start)
+    return point(model, NoiseOfResidual(model))
+
+
+@pytest.fixture(scope="module", params=["scara", "arm"])
+def fitted(request: pytest.FixtureRequest) -> tuple[str, Fit, list[Misfit]]:
+    fit = at_the_truth(request.param)
+    motions = FittedMotions.of(fit)
+    assert motions is not None
+    return request.param, fit, misfits(motions)
+
+
+def of(found: list[Misfit], name: str) -> list[Misfit]:
+    return [misfit for misfit in found if misfit.load.effect == name]
+
+
+@pytest.mark.gate
+@pytest.mark.parametrize("name", STATED)
+def test_a_signature_is_the_change_of_the_closed_loop(fitted: tuple[str, Fit, list[Misfit]], name: str) -> None:
+    """Of a misfit that moves the torque by 0.3 times its noise, over all joints in units of it; a log that is late
+    moves its first samples further, which are left out."""
+    robot, fit, found = fitted
+    noise, builder = fit.noise.deviation, LoopModelBuilder(fit.model, _robot(robot))
+    for misfit in of(found, name):
+        load = misfit.load
+        length = np.linalg.norm(misfit.signature / noise)
+        size = 0.3 * np.sqrt(np.size(misfit.signature)) / max(length, 1e-9)
+        is_zero = np.linalg.norm(misfit.signature / noise) < 1e-6
+        size = 0.1 if is_zero else min(size, load.stated.largest)
+        effect = EFFECTS[name]
+        own = {key: effect.neutral.get(key, 0.0) + size * value for key, value in load.amplitudes.items()}
+        proposal = Proposal(EffectAtJoint(name, load.joint), {**effect.neutral, **load.shapes, **own})
+        real = builder.build(fit.model, [proposal])
+        change = (real.torque(real.start) - fit.torque) / noise
+        expected = size * misfit.signature / noise
+        if effect.is_of_log:
+            change = change * (expected != 0)
+        if is_zero:
+            assert np.linalg.norm(change) < 0.1 * np.sqrt(change.size)  # a tilt out of the plane is of second order
+            continue
+        settled = fit.model.experiments["estimation"].time > 0.5  # a delay at the jump of the torque at the start
+        assert _like(change[settled], expected[settled]) > 0.94
+        assert np.linalg.norm(change[settled]) == pytest.approx(np.linalg.norm(expected[settled]), rel=0.15)
+
+
+def _like(a: Array, b: Array) -> float:
+    return float(np.sum(a * b) / np.linalg.norm(a) / np.linalg.norm(b))
+
+
+def test_sizes_are_those_of_the_units_in_which_they_are_stated(fitted: tuple[str, Fit, list[Misfit]]) -> None:
+    _, fit, found = fitted
+    peak = np.abs(fit.torque).max(axis=0)
+    for misfit in of(found, "torque_offset"):
+        assert misfit.load.amplitudes["offset"] == pytest.approx(0.01 * peak[misfit.load.joint - 1], rel=0.05)
+    assert [m.load.amplitudes["drive_gain"] for m in of(found, "drive_gain")] == pytest.approx([0.01, 0.01])
+    assert [m.load.amplitudes["delay"] for m in of(found, "delay")] == pytest.approx([1e-3, 1e-3])
+    (payload,) = of(found, "payload_change")
+    values = fit.model.parameters.values(fit.model.theta(fit.values))
+    assert payload.load.joint == 2
+    assert payload.load.amplitudes["dMX"] == pytest.approx(0.01 * values["MX2"])
+    for misfit in of(found, "thermal_friction_drift"):
+        end = misfit.load.amplitudes["Fct"] * (1 - np.exp(-1.0))  # at the end of the log
+        assert end == pytest.approx(0.01 * values[f"Fc{misfit.load.joint}"])
+
+
+def test_what_the_machine_is_said_to_be_is_among_them(fitted: tuple[str, Fit, list[Misfit]]) -> None:
+    robot, _, found = fitted
+    said = [m.load.effect for m in found if m.load.stated.what in HOW_TO_CHECK]
+    gravity = ["gravity"] if robot == "arm" else []  # the SCARA's plane is horizontal
+    assert said == ["torque_scale", *gravity, "link_length"]
+    assert bool(of(found, "base_tilt")) is (robot == "arm")
+
+
+def test_what_the_model_has_is_not_stated() -> None:
+    fit = at_the_truth("scara")
+    motions = FittedMotions.of(fit)
+    assert motions is not None
+    assert {m.load.effect for m in misfits(motions, {"coulomb": EFFECTS["coulomb"]})} == {"torque_scale", "link_length"}
+    assert {m.load.effect for m in misfits(motions, {"own": DriveGain()})} == {"own", "torque_scale", "link_length"}
+
+
+def test_a_valid_verdict_states_what_it_excludes_and_another_one_does_not() -> None:
+    model = right("scara", 101, noise=0.01)
+    stated, estimate = judged(model)
+    assert stated is not None
+    assert {s.effect for s in stated.stated} == set(STATED) - {"base_tilt"}
+    assert all(s.size is None or 0 < s.size <= s.largest for s in stated.stated)
+    assert {t.what for t in stated.trusted} <= set(HOW_TO_CHECK)
+    doubtful = replace(estimate, integration_shift=np.array([0.5]))
+    validations = [validate(model, estimate.value, label) for label in model.experiments]
+    assert checked(doubtful, validations).power is None
+
+
+def judged(model: LoopModel):  # type: ignore[no-untyped-def]
+    from fmu_didim.estimators import Didim
+
+    estimate = Didim(start="torque").estimate(model)
+    validations = [validate(estimate.model, estimate.value, label) for label in estimate.model.experiments]
+    return checked(estimate, validations).power, estimate
+
+
+def test_a_plant_whose_motion_is_not_known_states_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("fmu_didim.checks.power.misfits.simulated_motion", lambda *_: None)
+    assert power_of_fit(at_the_truth("scara")) is None
