@@ -16,6 +16,10 @@ from fmu_didim.results.findings import FindingsDocument
 
 OF_THE_WIRING = ("drive", "sensor", "measurement")
 """Places of effects that look like outputs of an FMU that hold at another time than the machine's."""
+NOT_OF_THE_WIRING = (
+    "Effects of drives, sensors and the log were not tried: as long as it is open when the outputs of a component "
+    "hold, they could be a consequence of that."
+)
 OF_THE_DATA = 16
 """[rank] Diagnostics of the data before this rank hold whatever the model is. Those after it, such as a torque limit,
 a clock or a delay, discovery names itself."""
@@ -57,8 +61,9 @@ class Request:
     def about_data(self, diagnostics: Sequence[Diagnostic]) -> Request:
         """The same request with the diagnostics of its data."""
         doubts = [d for d in diagnostics if d.code.severity is DOUBT and d.code.rank < OF_THE_DATA]
-        forbidden = self.options.forbid
+        forbidden, notes = self.options.forbid, [str(d) for d in diagnostics if d not in doubts]
         if any(d.code is READING_ACTS for d in doubts):
             forbidden |= {name for name, effect in self.effects.items() if effect.place in OF_THE_WIRING}
+            notes.append(NOT_OF_THE_WIRING)
         options = replace(self.options, forbid=forbidden)
-        return replace(self, doubts=doubts, notes=[str(d) for d in diagnostics if d not in doubts], options=options)
+        return replace(self, doubts=doubts, notes=notes, options=options)

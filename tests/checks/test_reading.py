@@ -135,6 +135,7 @@ def test_discover_names_no_gain_or_delay_while_that_is_open(tmp_path: Path) -> N
     forbidden = found.document.provenance["options"]["forbid"]
     assert {"controller_gain", "drive_gain", "delay", "log_time_shift", "encoder_eccentricity"} <= set(forbidden)
     assert not {"coulomb", "spring"} & set(forbidden)
+    assert any("drives, sensors and the log were not tried" in note for note in found.document.notes)
 
 
 def test_a_trial_is_remembered(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fmu_didim.discovery.run import INTEGRATED
+from fmu_didim.discovery.untried import INTEGRATED
 from fmu_didim.workflow import discover
 from tests.discovery.drive import drive_case
 
