@@ -88,7 +88,10 @@ class _Resolving(pickle.Unpickler):
 def not_carried(error: Exception, where: str = "") -> NotCarriedError:
     """The error of something that cannot be packed or unpacked."""
     got = f"{type(error).__name__}: {error}"
-    return NotCarriedError("This cannot be sent to another process.", where=where, got=got)
+    return NotCarriedError(
+        "This cannot be sent to another process.", where=where, got=got,
+        next_step="Define it in a module that can be imported, not in a notebook or in the program itself.",
+    )  # fmt: skip
 
 
 def worker_command() -> list[str]:
