@@ -158,6 +158,7 @@ def test_every_case_file_is_named_here() -> None:
             f"examples/double_pendulum/{name}.yaml"
             for name in ("controller", "discover", "identify", "prior", "published", "robot")
         ),
+        "examples/pendulum_modelica/identify.yaml",
         "examples/emps/identify.yaml",
         "examples/emps/identify_idim_ls.yaml",
         "examples/emps/discover.yaml",

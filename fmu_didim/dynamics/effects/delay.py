@@ -3,7 +3,6 @@ import casadi as ca
 from fmu_didim.dynamics.effects.first_order import FirstOrder, torque_rate
 from fmu_didim.dynamics.effects.inserted import InsertedEffect
 from fmu_didim.dynamics.effects.joint import Parameter, Search, Values
-from fmu_didim.dynamics.effects.stated_size import StatedSize
 
 LONGEST = 8
 """Longest delay in control periods."""
@@ -29,7 +28,6 @@ class Delay(InsertedEffect):
     source = "held command of a sampled loop: Astrom and Wittenmark, Computer-Controlled Systems, section 2.3"
     rank = 30
     first_order = FirstOrder("torque", torque_rate)
-    stated = StatedSize("a delay of the command", "ms", 1e3)
     own_parameters = (
         Parameter("delay", "s", "delay of the command", neutral=0.0, limits=(0.0, 1.0), search=Search(5e-4, 0.032, 7)),
     )

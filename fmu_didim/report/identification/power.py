@@ -36,10 +36,10 @@ def _stated(power: PowerResult) -> list[Block]:
         words("at", [_values(s) for s in listed], shrinks=True),
     ], shown="page")  # fmt: skip
     text = (
-        f"A misfit of this size would have been doubted with a probability of {100 * power.power:.0f} %, one that is "
-        "much larger nearly always; a smaller one may be there, and the values absorb it. To first order, by the test "
-        "of the residual for what follows the motion; other checks may see more. Of the peak torque: the largest "
-        "torque of the effect over that of the joint."
+        f"A misfit of this size would have been doubted with a probability of about {100 * power.power:.0f} %; a "
+        "smaller one may be there, and the values absorb it. To first order, by the test of the residual for what "
+        "follows the motion; other checks may see more. Of the peak torque: the largest torque of the effect over that "
+        "of the joint."
     )
     return [note(text), table]
 
