@@ -39,6 +39,8 @@ LONGEST_REASON = 500
 """Characters of the reason why a saved document cannot be read."""
 LONGEST = 60
 """Characters of a value or a key that are shown."""
+OF_PYDANTIC = re.compile(r"function-.*|constrained-\w+|(dict|list|tuple|union)\[.*\]")
+"""Parts of pydantic's path of an entry that are none of the document: which of its alternatives was tried."""
 _REPR = reprlib.Repr()
 _REPR.maxstring = _REPR.maxother = LONGEST
 _REPR.maxlevel = 3
@@ -399,7 +401,7 @@ def _scalars(node: yaml.Node | None, path: str) -> Iterator[tuple[str, yaml.Node
 
 
 def _problem(detail: Any, model: type[BaseModel]) -> str:
-    location = [part for part in detail["loc"] if part != KEY and not str(part).startswith("function-")]
+    location = [part for part in detail["loc"] if part != KEY and not OF_PYDANTIC.fullmatch(str(part))]
     path = ".".join(str(part)[:LONGEST] for part in location)
     if detail["type"] == "extra_forbidden":
         names = _fields_at(model, location[:-1])

@@ -66,6 +66,8 @@ def in_words(detail: Mapping[str, Any]) -> str:
     if detail["loc"] and detail["loc"][-1] == KEY:
         if isinstance(detail["input"], int | float):
             return "a name is needed as key. Numbers have a decimal point: 3.43, not 3,43"
+        if detail["type"] == "string_pattern_mismatch":
+            return f"a key here has the form {detail['ctx']['pattern']}"
         return "a name is needed as key"
     words = WORDS.get(detail["type"], "this value does not fit here")
     told = words.format_map({name: _written(value) for name, value in detail.get("ctx", {}).items()})

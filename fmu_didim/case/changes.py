@@ -37,6 +37,7 @@ class CaseChanges(TypedDict, total=False):
     joint_weights: str
     low_pass: Mapping[str, Any] | None
     prior: Mapping[str, Any] | None
+    acknowledged: Mapping[str, str]
 
 
 def merged(content: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:

@@ -73,11 +73,15 @@ def simulated_motion(run: Simulation, robot: RobotModel | None, ticks: Indices |
         return found if found is None or ticks is None else found.at(ticks)
     model, wanted = run.model, slice(None) if ticks is None else ticks
     recording = run.record(all_ticks=True)
-    q, dq, ddq = (recording.table(model.loop.joint_signals(name))[wanted] for name in ("q", "dq", "ddq"))
+    q, dq = (recording.table(model.loop.joint_signals(name)) for name in ("q", "dq"))
+    if {f"ddq{j + 1}" for j in range(model.joint_count)} <= {v.name for v in model.loop.plant.outputs}:
+        ddq = recording.table(model.loop.joint_signals("ddq"))
+    else:
+        ddq = np.gradient(dq, _spacing(recording.time), axis=0)
     torque = np.column_stack([recording.inputs[name] for name in model.loop.logged])[wanted]
     known = model.parameters.values(run.theta)
     chi = np.array([known.get(v.name, v.start) for v in robot.parameters])  # standard parameters of the base robot
-    return motion_of(robot, chi, recording.time[wanted], q, dq, ddq, torque)
+    return motion_of(robot, chi, recording.time[wanted], q[wanted], dq[wanted], ddq[wanted], torque)
 
 
 def joint_reference(reference: Trajectory, joint: int) -> tuple[Array, Array]:
