@@ -154,7 +154,7 @@ def test_emps_files_give_the_values_of_the_example(tmp_path: Path) -> None:
         [*(data_folder(ROOT) / name for name in files), "fmus/emps/robot.yaml", "controllers/emps.yaml"], tmp_path
     )
     assert [path.name for path in made.files] == ["case.yaml"]
-    filled(tmp_path / "case.yaml", "vir", "vir")
+    filled(tmp_path / "case.yaml", "vir")  # once, for both runs
     content = yaml.safe_load((tmp_path / "case.yaml").read_text(encoding="utf-8"))
     content["loop"] |= {"drive_gains": [35.15065188248547], "injections": {"command1": "pulse1"}}
     for run in (content["train"], content["validation"]):
