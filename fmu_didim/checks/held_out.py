@@ -25,6 +25,7 @@ from fmu_didim.base.errors import SimulationError
 from fmu_didim.checks.motion.dependence import SAMPLES_A_FUNCTION, dependence
 from fmu_didim.checks.motion.functions import functions_of_motion
 from fmu_didim.data.signals import Array
+from fmu_didim.data.spectrum import lagged_products
 from fmu_didim.fit.derivatives.sensitivity import sensitivity
 from fmu_didim.fit.noise.autoregression import portmanteau, portmanteau_p
 from fmu_didim.fit.noise.noise import TINY, effective_fraction
@@ -156,11 +157,12 @@ def _sensitivity(model: LoopModel) -> Array:
 def _is_noise(model: LoopModel, label: str, residual: Array, columns: Array, joint: int) -> bool:
     """Whether a held-out residual (N,) of a joint, from 0, is white and follows neither the motion nor the values, by
     their columns (N, p)."""
-    on_grid = np.nan_to_num(model.experiments[label].with_gaps(residual[:, None]))
-    there = np.isfinite(model.experiments[label].with_gaps(residual[:, None])).astype(float)
-    lags = min(LAGS, residual.size - 1)
-    pairs = np.maximum(_products(there[:, 0], lags), 1.0)
-    if portmanteau_p(portmanteau(_products(on_grid[:, 0], lags) / pairs, pairs, lags), lags) < HELD_OUT_CHANCE:
+    on_grid = model.experiments[label].with_gaps(residual)
+    there, known = np.isfinite(on_grid).astype(float), np.nan_to_num(on_grid)
+    lags = np.arange(min(LAGS, residual.size - 1) + 1)
+    pairs = np.maximum(np.rint(lagged_products(there, there, lags)), 1.0)
+    products = lagged_products(known, known, lags)
+    if portmanteau_p(portmanteau(products / pairs, pairs, int(lags[-1])), int(lags[-1])) < HELD_OUT_CHANCE:
         return False
     try:
         functions = functions_of_motion(model.simulation(model.start, label))[joint]
@@ -171,11 +173,6 @@ def _is_noise(model: LoopModel, label: str, residual: Array, columns: Array, joi
         return False
     names = [*model.names, *functions]
     return dependence(residual, np.zeros((residual.size, 0)), motion, names, joint=joint + 1).p_value > HELD_OUT_CHANCE
-
-
-def _products(values: Array, lags: int) -> Array:
-    """(lags + 1,) sums of products of values (N,) that far apart."""
-    return np.array([values[: values.size - lag] @ values[lag:] for lag in range(lags + 1)])
 
 
 def _worse(fitted: Residual, held: Residual, joint: int, label: str, code: Code) -> Diagnostic:
