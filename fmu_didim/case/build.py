@@ -14,8 +14,15 @@ import numpy as np
 from fmu_didim.base.documents import validate
 from fmu_didim.base.errors import InputError, UnknownNameError
 from fmu_didim.base.files import is_file
+from fmu_didim.case.calibration.experiment import (
+    CalibrationData,
+    calibration_experiment,
+    model_system,
+    read_calibration,
+)
+from fmu_didim.case.calibration.model import at_once, model_component
 from fmu_didim.case.changes import CaseChanges, CaseObjects, changes_by, merged
-from fmu_didim.case.document import CaseDocument, make_estimator, read_case
+from fmu_didim.case.document import MODEL, CaseDocument, make_estimator, read_case
 from fmu_didim.case.experiment import read_experiment
 from fmu_didim.case.free import free_parameters, prior
 from fmu_didim.case.instants import read_motion
@@ -36,7 +43,7 @@ from fmu_didim.components import Component
 from fmu_didim.cosim import System
 from fmu_didim.cosim.system import REFERENCE
 from fmu_didim.data.filters import LowPass
-from fmu_didim.data.signals import Trajectory
+from fmu_didim.data.signals import Array, Trajectory
 from fmu_didim.dynamics.robot import RobotDescription, RobotModel, read_robot
 from fmu_didim.estimators import Estimator
 from fmu_didim.model.experiment import Experiment
@@ -58,6 +65,7 @@ class Case:
         estimator: with its options.
         memory: the objects that its document names: signals in place of files, robot, components.
         robot: the robot description, where the case names one.
+        data: of the experiments of a ``model:``, which has no robot and no controller.
     """
 
     document: CaseDocument
@@ -71,6 +79,7 @@ class Case:
     path: Path = Path()
     memory: Memory = field(default_factory=Memory)
     robot: RobotDescription | None = None
+    data: CalibrationData | None = None
 
     def __repr__(self) -> str:
         runs = ", ".join(f"{label}: {run.role}" for label, run in self.document.runs.items())
@@ -151,6 +160,8 @@ class Case:
         runs = self.document.runs
         if label not in runs:
             raise UnknownNameError("experiment", label, runs, where=self.name)
+        if self.data is not None:
+            return self.data.reference(label, at_once(self.plant))
         return read_motion(
             runs[label], self.folder, step=self.step_size, torque_units=self.parameters.torque_units,
             needed=self.needed, signals=self.signals,
@@ -158,6 +169,9 @@ class Case:
 
     def system(self, reference: Trajectory, *, at_instants: bool = False) -> System:
         """The loop of the case along a reference, whose rows are the instants of the controller or a period apart."""
+        if self.data is not None:
+            own = model_system(self.plant, reference, self.step_size, at_instants=self.data.at_instants)
+            return with_reading(own, self.document)
         system = self.base
         if system is None:
             assert self.controller is not None  # the document says so
@@ -178,6 +192,7 @@ class Case:
         """The loop of the case with data, those for the estimation first."""
         document = self.document
         changes = {label for label, run in document.runs.items() if run.instants is not None}
+        shown = () if self.data is None else tuple(f"{MODEL}.{name}" for name in self.data.together)
         systems = {
             label: self.system(experiment.reference, at_instants=label in changes)
             for label, experiment in experiments.items()
@@ -185,13 +200,21 @@ class Case:
         first = next(iter(systems.values()))
         low_pass = document.low_pass
         return LoopModel(
-            Loop(systems, self.parameters, first.components[self.plant_name], self.plant_name),
+            Loop(systems, self.parameters, first.components[self.plant_name], self.plant_name, output_signals=shown),
             Experiments(experiments, None if low_pass is None else LowPass(low_pass.cutoff_hz, low_pass.order)),
             free_parameters(document, self.parameters, first),
-            torque_deviation=None if document.torque_std is None else np.array(document.torque_std),
+            torque_deviation=self._stated_deviation(experiments),
             joint_weights=document.joint_weights,
             prior=prior(document, self.parameters, self.folder),
         )
+
+    def _stated_deviation(self, experiments: Mapping[str, Experiment]) -> Array | None:
+        """(n,) known standard deviations of the noise of the log; None where they are not stated for all of it."""
+        if self.data is None:
+            return None if self.document.torque_std is None else np.array(self.document.torque_std)
+        outputs = self.data.runs[next(iter(experiments))].outputs
+        stated = [outputs[name].deviation for name in self.data.together]
+        return None if None in stated else np.array(stated)
 
 
 def load_case(
@@ -274,8 +297,12 @@ def _loaded(document: CaseDocument, folder: Path, path: Path, memory: Memory, *,
     memory = memory.of(document.named_objects)
     robot = _robot(document, folder, memory)
     model = RobotModel(robot) if robot is not None else None
-    controller, base = None, None
-    if document.controller is not None:
+    controller, base, data = None, None, None
+    if document.model is not None:
+        plant = model_component(document, folder, memory)
+        data = read_calibration(document, folder, plant, memory.signals)
+        step = data.step
+    elif document.controller is not None:
         plant = component_of(document.plant, folder, lambda path: plant_block(model, path), objects=memory.objects)
         count = len(robot.joints) if robot is not None else sum(v.name.startswith("tau") for v in plant.inputs)
         controller = component_of(
@@ -288,11 +315,12 @@ def _loaded(document: CaseDocument, folder: Path, path: Path, memory: Memory, *,
         else:
             base = loop_of_archive(document, folder)
         plant, step = base.components[document.plant_name], base.step_size
-    parameters = identified(document, model, plant)
+    parameters = identified(document, model, plant, None if data is None else data.units)
     memory.check_joints(len(parameters.torque_units))
-    estimator = make_estimator(document.estimator)
-    case = Case(document, folder, parameters, plant, controller, base, step, estimator, path, memory, robot)
-    if require_torque and all(run.torque is not None for run in document.runs.values() if run.role == "estimation"):
+    estimator = make_estimator(document.estimator_options)
+    case = Case(document, folder, parameters, plant, controller, base, step, estimator, path, memory, robot, data)
+    fitted = [run for run in document.runs.values() if run.role == "estimation"]
+    if data is not None or (require_torque and all(run.torque is not None for run in fitted)):
         _ = case.model  # errors in the data are found now
     return case
 
@@ -335,6 +363,8 @@ def _check_folder(document: CaseDocument, folder: Path, memory: Memory) -> None:
 
 def _with_data(case: Case) -> LoopModel:
     document = case.document
+    if case.data is not None:
+        return _of_a_model(case, case.data)
     experiments = {
         label: read_experiment(
             run, case.folder, step=case.step_size, drive_gains=document.loop.drive_gains,
@@ -352,6 +382,15 @@ def _with_data(case: Case) -> LoopModel:
     return model
 
 
+def _of_a_model(case: Case, data: CalibrationData) -> LoopModel:
+    """The model of a case without robot, with its data."""
+    experiments = {}
+    for label in data.runs:
+        reference = case.reference(label)
+        experiments[label] = calibration_experiment(data, label, case.system(reference), reference)
+    return case.model_on(experiments)
+
+
 def _with_channels(case: Case, label: str, experiment: Experiment) -> Experiment:
     """The experiment with what else was measured of its run."""
     source = case.document.runs[label]
@@ -366,6 +405,7 @@ def _with_channels(case: Case, label: str, experiment: Experiment) -> Experiment
 
 
 def _check(document: CaseDocument, model: LoopModel, estimator: Estimator) -> None:
+    """Raise InputError where a case of a robot does not fit together."""
     n = model.joint_count
     for label, experiment in model.experiments.items():
         for name in experiment.initial_state.values:

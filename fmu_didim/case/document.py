@@ -18,17 +18,31 @@ from fmu_didim.case.sources import (
     DataFile,
     ExperimentSource,
     IdentifiedParameter,
+    InputsFile,
     Loop,
     LowPassSource,
+    MeasuredFile,
     PriorSource,
     SystemSource,
+    one_or_several,
 )
 from fmu_didim.cosim.system import REFERENCE
 from fmu_didim.estimators import ESTIMATORS, Estimator
 from fmu_didim.model.free_parameter import BASE, DELAY, LOG, PLANT
 
 DEFAULT_ESTIMATOR = "didim"
-"""Kind of the estimator where a case gives none."""
+"""Kind of the estimator where a case gives none,"""
+MODEL_ESTIMATOR = "output_error"
+"""and of a ``model:``, which has no torque."""
+MODEL = "model"
+"""Name of a ``model:`` among the components of its system."""
+BESIDE_A_MODEL = frozenset({
+    "schema_version", "name", "description", "model", "inputs", "measured", "identify", "loop", "experiments", "train",
+    "validation", "estimator", "acknowledged",
+})  # fmt: skip
+"""Entries of a case with a ``model:``; the others are about robots and their loops."""
+OF_A_ROBOT = ("reference", "torque", "positions", "instants")
+"""Entries of an experiment that one of a ``model:`` does not have."""
 
 OF_A_SYSTEM = ("component", "inputs", "outputs", "parameter_names", "parameters")
 """Entries of the plant beside ``system`` or ``components``; all else is settled there."""
@@ -55,6 +69,10 @@ class CaseDocument(Strict):
 
     Attributes:
         name: of the case, shown on top of its results; description: what it is about.
+        model: any model that is calibrated as it is, with neither robot nor controller: an FMU, a Modelica file or the
+            entries of a component. ``inputs`` and ``measured`` then say, here for the one experiment or in each of
+            several, what drove it and what was measured of it, and ``identify`` which of its parameters are unknown.
+        inputs, measured: of the experiment that is fitted, in the short form.
         robot: robot description (``.yaml``); a plant without one needs ``identify``.
         identify: name -> parameter of another part of the loop that is identified beside the robot's base parameters;
             or, where parameters of the plant are listed, these instead of the base parameters.
@@ -81,6 +99,9 @@ class CaseDocument(Strict):
     schema_version: Literal[1] = Field(default=1, alias="schema")
     name: str
     description: str = ""
+    model: Annotated[ComponentSource, AlsoWritten(("string",))] | None = None
+    inputs: Annotated[InputsFile, AlsoWritten(("string",))] | None = None
+    measured: MeasuredFile | tuple[MeasuredFile, ...] = ()
     robot: str | None = None
     identify: Mapping[str, IdentifiedParameter] | None = None
     plant: ComponentSource = ComponentSource()
@@ -92,12 +113,47 @@ class CaseDocument(Strict):
     experiments: Mapping[str, ExperimentSource] = Field(default_factory=dict)
     train: ExperimentSource | None = None
     validation: ExperimentSource | None = None
-    estimator: Mapping[str, Any] = Field(default_factory=lambda: {"kind": DEFAULT_ESTIMATOR})
+    estimator: Mapping[str, Any] = Field(default_factory=dict)
     torque_std: tuple[Positive, ...] | None = None
     joint_weights: Literal["estimated", "equal"] = "estimated"
     low_pass: LowPassSource | None = None
     prior: PriorSource | None = None
     acknowledged: Mapping[str, str] = Field(default_factory=dict)
+
+    @field_validator("model", mode="before")
+    @classmethod
+    def _path_alone(cls, value: Any) -> Any:
+        return {"source": value} if isinstance(value, str) else value
+
+    @field_validator("measured", mode="wrap")
+    @classmethod
+    def _one_or_several(cls, value: Any, handler: Any) -> Any:
+        return one_or_several(value, handler)
+
+    @field_validator("identify", mode="before")
+    @classmethod
+    def _name_alone(cls, value: Any) -> Any:
+        return {k: {} if v is None else v for k, v in value.items()} if isinstance(value, Mapping) else value
+
+    @model_validator(mode="after")
+    def _of_a_model(self) -> CaseDocument:
+        if self.model is None:
+            if short := [name for name in ("inputs", "measured") if name in self.model_fields_set]:
+                raise ValueError(f"{' and '.join(short)}: belong to model:; of a robot they stand in its experiments")
+            return self
+        if other := sorted(self.model_fields_set - BESIDE_A_MODEL):
+            raise ValueError(f"beside model: there is no {', '.join(other)}:, which belongs to robots and their loops")
+        if beside := sorted(self.loop.model_fields_set - {"rate_hz"}):
+            raise ValueError(
+                f"loop: of a model: has rate_hz alone (communication points a second), not {', '.join(beside)}"
+            )
+        if self.model.source is None:
+            raise ValueError("model: needs a source: .fmu, .mo, or package.module:name")
+        if not self.identify:
+            raise ValueError("identify: names no parameter; give identify: {name in the model: {}}")
+        if bad := [name for name, entry in self.identify.items() if entry.of not in (PLANT, MODEL)]:
+            raise ValueError(f"identify: {', '.join(bad)}: of: is for parts of a loop; those of a model: need none")
+        return self
 
     @model_validator(mode="after")
     def _which_is_the_plant(self) -> CaseDocument:
@@ -117,6 +173,8 @@ class CaseDocument(Strict):
 
     @model_validator(mode="after")
     def _what_is_identified(self) -> CaseDocument:
+        if self.model is not None:
+            return self
         if self.robot is None and not self.identify:
             raise ValueError("give robot: (a description) or identify: (names of parameters of the plant)")
         if self.robot is None and self.plant_source is None and self.system is None:
@@ -128,12 +186,16 @@ class CaseDocument(Strict):
         """Name in the loop -> component; those of an archive are not among them."""
         if self.components is not None:
             return dict(self.components)
+        if self.model is not None:
+            return {MODEL: self.model}
         named = {"controller": self.controller, "plant": self.plant}
         return {name: source for name, source in named.items() if source is not None and self.system is None}
 
     @property
     def plant_name(self) -> str:
         """Name in the loop of the component that takes the logged torque."""
+        if self.model is not None:
+            return MODEL
         return "plant" if self.components is None and self.system is None else self.plant.component
 
     @property
@@ -145,6 +207,8 @@ class CaseDocument(Strict):
     def runs(self) -> dict[str, ExperimentSource]:
         """Label -> experiment, however it was written; those for the estimation first."""
         found = dict(self.experiments)
+        if self.measured != ():
+            found["estimation"] = ExperimentSource(inputs=self.inputs, measured=self.measured)
         if self.train is not None:
             found["estimation"] = self.train
         if self.validation is not None:
@@ -154,7 +218,9 @@ class CaseDocument(Strict):
     @property
     def files(self) -> tuple[str, ...]:
         """Names of the data files, as the case has them."""
-        kinds = ((r.reference, r.torque, r.positions, r.instants, *r.measured_files) for r in self.runs.values())
+        kinds = (
+            (r.reference, r.inputs, r.torque, r.positions, r.instants, *r.measured_files) for r in self.runs.values()
+        )
         parts = [part for run in kinds for part in run]
         return tuple(dict.fromkeys(part.file for part in parts if isinstance(part, DataFile)))
 
@@ -167,13 +233,23 @@ class CaseDocument(Strict):
     @model_validator(mode="after")
     def _which_experiments(self) -> CaseDocument:
         short = [name for name in ("train", "validation") if getattr(self, name) is not None]
-        if self.experiments and short:
+        of_the_model = [name for name in ("inputs", "measured") if name in self.model_fields_set]
+        if self.experiments and (short or of_the_model):
+            short = [*of_the_model, *short]
             raise ValueError(f"give experiments: (any number) or {' and '.join(short)}: (the short form), not both")
+        if self.train is not None and of_the_model:
+            raise ValueError(f"give train: or {' and '.join(of_the_model)}: (the short form of it), not both")
         runs = self.runs
+        for label, run in runs.items():
+            self._check_kind(label, run)
         _check_labels(tuple(runs))
         fitted = [label for label, run in runs.items() if run.role == "estimation"]
         if not fitted:
-            raise ValueError("give train: (reference and torque), or experiments: with one whose role is estimation")
+            raise ValueError(
+                "give measured: (a file), or experiments: with one whose role is estimation"
+                if self.model is not None
+                else "give train: (reference and torque), or experiments: with one whose role is estimation"
+            )
         if others := [label for label, run in runs.items() if run.own and run.role != "estimation"]:
             raise ValueError(f"own: is for experiments with the role estimation, not for {', '.join(others)}")
         everywhere = set.intersection(*(set(runs[label].own) for label in fitted))
@@ -181,8 +257,25 @@ class CaseDocument(Strict):
             raise ValueError(f"own: {', '.join(sorted(everywhere))} would be shared by no experiment; leave one out")
         return self
 
+    def _check_kind(self, label: str, run: ExperimentSource) -> None:
+        """Raise ValueError where an experiment of a model is one of a robot, or the other way round."""
+        if self.model is None:
+            if run.reference is None:
+                raise ValueError(f"{label}: reference: is required (what the controller follows)")
+            if wrong := [name for name in ("inputs", "start_s") if getattr(run, name) is not None]:
+                raise ValueError(f"{label}: {', '.join(wrong)}: is for model:; a robot has reference:")
+            return
+        if wrong := [name for name in OF_A_ROBOT if getattr(run, name) is not None]:
+            raise ValueError(f"{label}: {', '.join(wrong)}: is for robots; a model: has inputs: and measured:")
+        if run.initial_state != "detected":
+            raise ValueError(f"{label}: initial_state: is for robots; list start values as identify: {{x.start: {{}}}}")
+        if not run.measured_files:
+            raise ValueError(f"{label}: measured: is required (a file with columns that are named as the outputs)")
+
     @model_validator(mode="after")
     def _where_the_loop_is_from(self) -> CaseDocument:
+        if self.model is not None:
+            return self
         given = [name for name in ("controller", "components", "system") if getattr(self, name) is not None]
         if not given:
             raise ValueError("give controller: (beside plant:), components: (any number) or system: (an .ssp file)")
@@ -202,12 +295,19 @@ class CaseDocument(Strict):
             raise ValueError(f"beside {given[0]}: there are no injections; connect the test signal {where}")
         return self
 
-    @field_validator("estimator")
-    @classmethod
-    def _known_estimator(cls, value: Mapping[str, Any]) -> Mapping[str, Any]:
-        value = {"kind": DEFAULT_ESTIMATOR, **value}
-        make_estimator(value)
-        return value
+    @model_validator(mode="after")
+    def _known_estimator(self) -> CaseDocument:
+        found = make_estimator(self.estimator_options)
+        if self.model is not None and not found.fits_outputs:
+            raise ValueError(
+                f"estimator: {found.name} is for robots, whose torque it fits; a model: takes {MODEL_ESTIMATOR}"
+            )
+        return self
+
+    @property
+    def estimator_options(self) -> dict[str, Any]:
+        """Kind and options of the estimator."""
+        return {"kind": DEFAULT_ESTIMATOR if self.model is None else MODEL_ESTIMATOR, **self.estimator}
 
 
 def make_estimator(options: Mapping[str, Any]) -> Estimator:

@@ -14,7 +14,17 @@ from fmu_didim.base.files import is_file
 from fmu_didim.case.memory import check_at_hand
 from fmu_didim.case.sources import DataFile, SignalFile, TorqueFile
 from fmu_didim.data.signals import Array, Trajectory
-from fmu_didim.data.tables import Selected, SignalTable, TimeColumn, clock_column, instants, read_table, selected
+from fmu_didim.data.tables import (
+    Column,
+    Selected,
+    SignalTable,
+    TimeColumn,
+    clock_column,
+    instants,
+    read_table,
+    selected,
+)
+from fmu_didim.data.tables.select import NO_UNITS
 
 DATA_VARIABLE = "FMU_DIDIM_DATA"
 DATA_PREFIX = "data:"
@@ -66,23 +76,50 @@ def read_signals(
     signals: Mapping[str, Trajectory] = NONE_GIVEN,
     *,
     torque_units: tuple[str, ...] = (),
+    units: Mapping[str, str] = NO_UNITS,
 ) -> Selected:
-    """The signals of a file, or those given under its name, under the names of the case and in SI units."""
-    given = signals.get(source.file)
-    table = read_table(resolve(source, folder), layout=source.csv) if given is None else _in_memory(given, source)
+    """The signals of a file, or those given under its name, under the names of the case and in SI units.
+
+    Args:
+        torque_units: (n,) N.m or N of each joint, where known; units: name of a signal -> its unit, if it is not SI.
+    """
+    table, time = table_and_time(source, folder, signals)
     command = isinstance(source, TorqueFile) and source.quantity == "command"
-    time = source.time if given is None else TimeColumn(name=TIME_IN_MEMORY)
-    found = selected(table, time=time, columns=source.columns, torque_units=torque_units, is_command=command)
+    found = selected(
+        table, time=time, columns=source.columns, torque_units=torque_units, is_command=command, units=units
+    )
     return replace(found, told=found_in(found.told, source.file))
+
+
+def read_samples(
+    source: SignalFile,
+    folder: Path,
+    columns: Mapping[str, Column],
+    signals: Mapping[str, Trajectory] = NONE_GIVEN,
+    *,
+    torque_units: tuple[str, ...] = (),
+    units: Mapping[str, str] = NO_UNITS,
+) -> dict[str, Selected]:
+    """Each of these signals of a file at its own instants: a cell without a number is no sample.
+
+    Args:
+        columns: name of a signal -> its column; the others as of :func:`read_signals`.
+    """
+    table, time = table_and_time(source, folder, signals)
+    found = dict[str, Selected]()
+    for name, column in columns.items():
+        one = selected(
+            table, time=time, columns={name: column}, torque_units=torque_units, units=units, others=False, sparse=True
+        )
+        found[name] = replace(one, told=found_in(one.told, source.file))
+    return found
 
 
 def read_stamps(
     source: DataFile, folder: Path, signals: Mapping[str, Trajectory] = NONE_GIVEN
 ) -> tuple[Array, tuple[Diagnostic, ...]]:
     """(N,) instants of the rows of a file, or of the signals given under its name, in s, and what was found in it."""
-    given = signals.get(source.file)
-    table = read_table(resolve(source, folder), layout=source.csv) if given is None else _in_memory(given, source)
-    time = (source.time or TimeColumn()) if given is None else TimeColumn(name=TIME_IN_MEMORY)
+    table, time = table_and_time(source, folder, signals)
     clock = clock_column(table, time, ())
     rows = table.columns[clock] if clock is not None else next(iter(table.columns.values()))
     stamps, told = instants(table, time, clock, rows.size)
@@ -92,6 +129,16 @@ def read_stamps(
 def found_in(told: Iterable[Diagnostic], file: str) -> tuple[Diagnostic, ...]:
     """Diagnostics of a file, under the name that the case gives it."""
     return tuple(replace(diagnostic, place=file) for diagnostic in told)
+
+
+def table_and_time(
+    source: DataFile, folder: Path, signals: Mapping[str, Trajectory] = NONE_GIVEN
+) -> tuple[SignalTable, TimeColumn]:
+    """The columns of a file, or of the signals given under its name, and where their instants stand."""
+    given = signals.get(source.file)
+    if given is not None:
+        return _in_memory(given, source), TimeColumn(name=TIME_IN_MEMORY)
+    return read_table(resolve(source, folder), layout=source.csv), source.time or TimeColumn()
 
 
 def _in_memory(given: Trajectory, source: DataFile) -> SignalTable:

@@ -78,6 +78,7 @@ def read_motion(
         InputError: a file or column is missing, a unit is wrong, or the rows or instants are not those of the loop.
     """
     given = source.reference
+    assert given is not None  # the document says so
     if source.instants is None:
         return read_reference(given, folder, step=step, torque_units=torque_units, needed=needed, signals=signals)
     instants = read_instants(source.instants, folder, step=step, signals=signals)

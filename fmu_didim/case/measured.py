@@ -2,22 +2,81 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from fmu_didim.base.diagnostics import Diagnostic
 from fmu_didim.base.errors import InputError, UnknownNameError
-from fmu_didim.case.files import NONE_GIVEN, read_signals
+from fmu_didim.case.files import NONE_GIVEN, read_samples, table_and_time
 from fmu_didim.case.sources import ExperimentSource, MeasuredFile
 from fmu_didim.case.torque_log import ROUNDING_S
-from fmu_didim.cosim import System, measured_output, sample_operator
+from fmu_didim.cosim import Instants, SampleOperator, System, measured_output, sample_operator
 from fmu_didim.data.signals import Array, Trajectory, Variable
+from fmu_didim.data.tables import Column
+from fmu_didim.data.tables.table import split_unit
 from fmu_didim.model.channel import Channel
 
 FEWEST = 20
 """[samples] Of a channel: fewer show neither noise nor its colour."""
+
+
+@dataclass(frozen=True, eq=False)
+class Samples:
+    """What was measured of an output: (N,) instants in s and values in a unit, and the standard deviation of its noise
+    that the case states; ``where``: the file, for messages."""
+
+    name: str
+    time: Array
+    values: Array
+    unit: str
+    deviation: float | None
+    where: str
+
+
+def read_measured(
+    source: ExperimentSource,
+    folder: Path,
+    outputs: Mapping[str, Variable],
+    *,
+    label: str,
+    torque_units: tuple[str, ...] = (),
+    is_any: bool = False,
+    signals: Mapping[str, Trajectory] = NONE_GIVEN,
+) -> tuple[dict[str, Samples], tuple[Diagnostic, ...]]:
+    """What was measured in a run beside its torque log: name of the output -> samples; and diagnostics of the files.
+
+    Args:
+        outputs: of the plant or model, by name; is_any: whether those are of a model that is no robot, in units of its
+            own; torque_units: (n,) N.m or N of each joint.
+
+    Raises:
+        InputError: a file or signal is missing, or two files show one signal.
+    """
+    found: dict[str, Samples] = {}
+    told: list[Diagnostic] = []
+    for file in source.measured_files:
+        where = f"{label}: measured: {file.file}"
+        columns = _columns(file, folder, outputs, where, signals, is_any=is_any)
+        units = {name: outputs[name].unit for name in columns} if is_any else {}
+        samples = read_samples(file, folder, columns, signals, torque_units=torque_units, units=units)
+        for name, read in samples.items():
+            if name in found:
+                raise InputError(
+                    "Two files show the same signal.", where=where, got=name, next_step="Give one of them."
+                )
+            times, values = _part(read.signals, name, file, source)
+            if times.size < FEWEST:
+                raise InputError(
+                    "There are too few samples.", where=where, got=f"{times.size} of {name}",
+                    valid=f"{FEWEST} or more",
+                    next_step="Give a log with more samples, or more of its time by from_s and to_s.",
+                )  # fmt: skip
+            found[name] = Samples(name, times, values, outputs[name].unit, file.std.get(name), where)
+            told += read.told
+    return found, tuple(dict.fromkeys(told))
 
 
 def read_channels(
@@ -31,50 +90,48 @@ def read_channels(
     label: str,
     signals: Mapping[str, Trajectory] = NONE_GIVEN,
 ) -> tuple[tuple[Channel, ...], tuple[Diagnostic, ...]]:
-    """The channels of a run, and diagnostics of reading their files.
+    """The channels of a run of a robot, and diagnostics of reading their files.
 
     Args:
         reference: of the run; system: its loop; plant: the name of the plant there.
 
     Raises:
-        InputError: a file or signal is missing, two files show one signal, or their samples lie outside the reference.
+        InputError: as of :func:`read_measured`, or samples lie outside the reference.
     """
-    found: list[Channel] = []
-    told: list[Diagnostic] = []
-    for file in source.measured_files:
-        where = f"{label}: measured: {file.file}"
-        read = read_signals(file, folder, signals, torque_units=torque_units)
-        told += read.told
-        outputs = {v.name: v for v in system.components[plant].outputs}
-        for name in _names(file, read.signals, outputs, where):
-            if any(channel.name == name for channel in found):
-                raise InputError(
-                    "Two files show the same signal.", where=where, got=name, next_step="Give one of them."
-                )
-            times, values = _samples(read.signals, name, file, source)
-            found.append(_channel(name, times, values, file, reference, system, plant, outputs[name].unit, where))
-    return tuple(found), tuple(told)
+    outputs = {v.name: v for v in system.components[plant].outputs}
+    found, told = read_measured(
+        source, folder, outputs, label=label, torque_units=torque_units, signals=signals
+    )  # fmt: skip
+    return tuple(channel_of(one, reference, system, plant) for one in found.values()), told
 
 
-def _names(file: MeasuredFile, read: Trajectory, outputs: Mapping[str, Variable], where: str) -> Sequence[str]:
-    """The signals that a file shows."""
+def _columns(
+    file: MeasuredFile, folder: Path, outputs: Mapping[str, Variable], where: str, signals: Mapping[str, Trajectory],
+    *, is_any: bool,
+) -> dict[str, Column]:  # fmt: skip
+    """The signals that a file shows, and their columns."""
+    table, _ = table_and_time(file, folder, signals)
     names = file.signals or tuple(file.columns)
+    if not names and is_any:
+        names = tuple(name for name in outputs if table.find(name) is not None)
+    elif not names:
+        bare = [split_unit(name)[0] if table.has_header else name for name in table.columns]
+        names = tuple(name for name in bare if name in outputs and name.startswith("q") and name[1:].isdigit())
     if not names:
-        names = tuple(name for name in read.names if name in outputs and name.startswith("q") and name[1:].isdigit())
-    if not names:
+        what = "The file shows no output of the model." if is_any else "The file shows no position of a joint."
+        example = next(iter(outputs), "y") if is_any else "q1"
         raise InputError(
-            "The file shows no position of a joint.", where=where, got=", ".join(read.names),
-            next_step="Say which output of the plant is which column: columns: {q1: name in the file}.",
+            what, where=where, got=", ".join(table.columns), valid=", ".join(outputs) if is_any else "",
+            next_step="Say which output is which column: columns: "
+            f"{{{example}: name in the file}}.",
         )  # fmt: skip
     for name in names:
         if name not in outputs:
-            raise UnknownNameError("output of the plant", name, outputs, where=where)
-        if name not in read.names:
-            raise UnknownNameError("column", name, read.names, where=where)
-    return names
+            raise UnknownNameError(f"output of the {'model' if is_any else 'plant'}", name, outputs, where=where)
+    return {name: file.columns.get(name, Column(name=name)) for name in names}
 
 
-def _samples(read: Trajectory, name: str, file: MeasuredFile, source: ExperimentSource) -> tuple[Array, Array]:
+def _part(read: Trajectory, name: str, file: MeasuredFile, source: ExperimentSource) -> tuple[Array, Array]:
     """Instants (N,) and values (N,) in the part of the run that is used; a cell that is not a number is no sample."""
     times, values = read.time + file.offset_s, read.column(name)
     first = -np.inf if source.from_s is None else source.from_s - ROUNDING_S
@@ -88,29 +145,37 @@ def _samples(read: Trajectory, name: str, file: MeasuredFile, source: Experiment
     return times, values
 
 
-def _channel(
-    name: str, times: Array, values: Array, file: MeasuredFile, reference: Trajectory, system: System, plant: str,
-    unit: str, where: str,
-) -> Channel:  # fmt: skip
-    start, end, step = float(reference.time[0]), float(reference.time[-1]), system.step_size
+def channel_of(one: Samples, reference: Trajectory, system: System, plant: str) -> Channel:
+    """The channel of a measured output.
+
+    Args:
+        reference: of the run, a row a tick; system: its loop; plant: the component of the output.
+
+    Raises:
+        InputError: samples lie outside the reference.
+    """
+    times, step = one.time, system.step_size
+    start, end = float(reference.time[0]), float(reference.time[-1])
     outside = times[(times < start - ROUNDING_S) | (times > end + step)]
     if outside.size:
         raise InputError(
-            "The samples reach beyond the reference.", where=where,
-            got=f"{outside.size} samples of {name}, the first one at t = {outside[0]:g} s",
+            "The samples reach beyond the reference.", where=one.where,
+            got=f"{outside.size} samples of {one.name}, the first one at t = {outside[0]:g} s",
             valid=f"t from {start:g} s to {end:g} s",
             next_step="Check the clock and the unit of time of both files (time: {unit: ...}, offset_s), or cut the "
             "run: from_s, to_s.",
         )  # fmt: skip
-    if times.size < FEWEST:
-        raise InputError(
-            "There are too few samples.", where=where, got=f"{times.size} of {name}", valid=f"{FEWEST} or more",
-            next_step="Give a log with more samples, or more of its time by from_s and to_s.",
-        )  # fmt: skip
     # A sample in the last period follows from the last tick.
-    inside = np.clip(times, start, end)
+    operator = output_operator(np.clip(times, start, end), reference, system)
+    signal = measured_output(system, f"{plant}.{one.name}")
+    return Channel(one.name, signal, one.unit, times, one.values, operator, one.deviation)
+
+
+def output_operator(times: Array, reference: Trajectory, system: System) -> SampleOperator:
+    """How samples of an output at these times (N,) follow from it at the ticks: on straight lines between them."""
     count = reference.time.size
-    operator = sample_operator(inside, start=start, step=step, tick_count=count).stamped_later(0.0, count, between=True)
-    return Channel(
-        name, measured_output(system, f"{plant}.{name}"), unit, times, values, operator, file.std.get(name)
-    )  # fmt: skip
+    instants = Instants(reference.time, system.step_size) if system.at_instants else None
+    operator = sample_operator(
+        times, start=float(reference.time[0]), step=system.step_size, tick_count=count, instants=instants
+    )
+    return operator.stamped_later(0.0, count, between=True)

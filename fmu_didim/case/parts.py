@@ -39,15 +39,21 @@ from fmu_didim.model.parameters import NamedParameters, Parameters, RobotParamet
 NO_OBJECTS: Mapping[str, Any] = MappingProxyType({})
 
 
-def identified(document: CaseDocument, model: RobotModel | None, plant: Component) -> Parameters:
-    """The base parameters of the robot, or the parameters of the plant that the case names."""
+def identified(
+    document: CaseDocument, model: RobotModel | None, plant: Component, units: tuple[str, ...] | None = None
+) -> Parameters:
+    """The base parameters of the robot, or the parameters of the plant that the case names.
+
+    Args:
+        units: of the outputs that the log shows, where it is no torque.
+    """
     own = (PLANT, document.plant_name)
     chosen = {name: entry for name, entry in (document.identify or {}).items() if entry.of in own}
     if not chosen and model is not None:
         return RobotParameters(model, base_parameters(model))
     offered = {v.name: v for v in plant.parameters}
     joints = [v for v in plant.inputs if re.fullmatch(r"tau\d+", v.name)]
-    if not joints:
+    if units is None and not joints:
         raise InputError(
             "The plant has no torque input.", where="plant", got=", ".join(v.name for v in plant.inputs),
             next_step="Map it: plant: {inputs: {tau1: name in the plant}}.",
@@ -62,11 +68,11 @@ def identified(document: CaseDocument, model: RobotModel | None, plant: Componen
         names=tuple(chosen),
         units=tuple(offered[name].unit for name in plant_names),
         plant_names=tuple(plant_names),
-        torque_units=tuple(v.unit or "N.m" for v in joints),
+        torque_units=tuple(v.unit or "N.m" for v in joints) if units is None else units,
         start=tuple(start for start, _, _ in ranges),
         lowest=tuple(low for _, low, _ in ranges),
         highest=tuple(high for _, _, high in ranges),
-        probed=make_estimator(document.estimator).probes,
+        probed=make_estimator(document.estimator_options).probes,
     )
 
 

@@ -136,10 +136,38 @@ class SignalFile(DataFile):
 
     Attributes:
         columns: signal (``q1``, ``tau1``) -> column in the file: its name, or ``{name: ..., unit: deg, scale: ...,
-            zero: ..., sign: -1, gear_ratio: ..., torque_constant: ...}``.
+            zero: ..., sign: -1, gear_ratio: ..., torque_constant: ...}``; without ``name`` that of the signal.
     """
 
     columns: Mapping[str, Annotated[Column, AlsoWritten(("string", "integer"))]] = Field(default_factory=dict)
+
+    @field_validator("columns", mode="before")
+    @classmethod
+    def _named_as_the_signal(cls, value: Any) -> Any:
+        if not isinstance(value, Mapping):
+            return value
+        return {k: {"name": str(k), **v} if isinstance(v, Mapping) and "name" not in v else v for k, v in value.items()}
+
+
+class InputsFile(SignalFile):
+    """Recorded inputs of a model; written short as the path alone.
+
+    Attributes:
+        columns: input of the model -> column of the file; by default the columns that have the names of inputs.
+        interpolation: ``linear`` between the rows, or ``held`` from each row to the next; inputs that are no real
+            numbers are held.
+        outside: what acts before the first row and after the last one: ``refuse``, or ``hold`` that row.
+        offset_s: added to the time of the file, to bring it on the clock of what was measured.
+    """
+
+    interpolation: Literal["linear", "held"] = "linear"
+    outside: Literal["refuse", "hold"] = "refuse"
+    offset_s: float = 0.0
+
+    @model_validator(mode="before")
+    @classmethod
+    def _path_alone(cls, value: Any) -> Any:
+        return {"file": value} if isinstance(value, str) else value
 
 
 class InstantsFile(DataFile):
@@ -211,14 +239,15 @@ class TorqueFile(SignalFile):
 
 
 class MeasuredFile(SignalFile):
-    """What was measured beside the torque and is fitted with it by ``identify`` and ``discover``,
-    at instants of its own.
+    """What was measured beside the torque and is fitted with it by ``identify`` and ``discover``, or outputs of a
+    ``model:``, at instants of their own: a cell that is empty is no sample. Written short as the path alone.
 
     Attributes:
         signals: which outputs of the plant the file shows: ``q1``, ``dq2``, or any other by its name; by default those
-            under ``columns``, else the positions ``q<j>`` that it has. Velocities that a driver computes from positions
-            are no second measurement of them.
-        std: known standard deviation of the noise of a signal, in its SI unit; estimated from the residual by default.
+            under ``columns``, else the positions ``q<j>`` that it has, or the outputs of a ``model:``. Velocities that
+            a driver computes from positions are no second measurement of them.
+        std: known standard deviation of the noise of a signal, in its SI unit or in that of the variable of a
+            ``model:``; estimated from the residual by default. Also written with the column: ``{unit: K, std: 0.1}``.
         rate_hz: use samples at this rate at most, each as the file has it; all by default.
         offset_s: added to the time of the file, to bring it on the clock of the reference.
     """
@@ -227,6 +256,20 @@ class MeasuredFile(SignalFile):
     std: Mapping[str, Positive] = Field(default_factory=dict)
     rate_hz: Positive | None = None
     offset_s: float = 0.0
+
+    @model_validator(mode="before")
+    @classmethod
+    def _short_forms(cls, value: Any) -> Any:
+        if isinstance(value, str):
+            return {"file": value}
+        columns = value.get("columns") if isinstance(value, Mapping) else None
+        if not isinstance(columns, Mapping):
+            return value
+        own = {k: v["std"] for k, v in columns.items() if isinstance(v, Mapping) and "std" in v}
+        if not own:
+            return value
+        plain = {k: {x: y for x, y in v.items() if x != "std"} if k in own else v for k, v in columns.items()}
+        return {**value, "columns": plain, "std": {**own, **(value.get("std") or {})}}
 
     @model_validator(mode="after")
     def _of_its_signals(self) -> MeasuredFile:
@@ -237,14 +280,26 @@ class MeasuredFile(SignalFile):
         return self
 
 
+def one_or_several(value: Any, handler: Any) -> Any:
+    """A measured file or a list of them; only one of the two forms is tried, so that its own errors are shown."""
+    if isinstance(value, Mapping | str):
+        return MeasuredFile.model_validate(value)
+    if isinstance(value, (list, tuple)):
+        return TypeAdapter(tuple[MeasuredFile, ...]).validate_python(value)
+    return handler(value)
+
+
 class ExperimentSource(Strict):
     """Reference, torque and what else was measured of one run.
 
     Attributes:
         reference: what the controller follows: a file with a row a control period, or a formula (``kind:``).
+        inputs: of a ``model:``, as they were recorded; start_s: where its simulation starts, by default with the first
+            row of the inputs, without inputs at 0 or with the first sample, if that is earlier.
         torque: the log; positions: measured positions ``q<j>``, for ``idim_ls`` and ``output_error`` only.
         instants: of the controller, where its period was not constant.
-        measured: what ``didim`` and ``clie`` fit together with the torque: one file, or a list.
+        measured: what ``didim`` and ``clie`` fit together with the torque, or what is fitted of a ``model:``: one file,
+            or a list.
         role: whether the parameters are fitted to it (``estimation``), or only judged by it (``validation``).
         from_s, to_s: the part of the run that is used, on the clock of the reference. The loop is simulated from the
             beginning of the reference all the same, so that it has settled into the motion; what comes after ``to_s``
@@ -258,7 +313,9 @@ class ExperimentSource(Strict):
             payload; the others are shared by all experiments.
     """
 
-    reference: AnyExcitation | ReferenceFile
+    reference: AnyExcitation | ReferenceFile | None = None
+    inputs: Annotated[InputsFile, AlsoWritten(("string",))] | None = None
+    start_s: float | None = None
     torque: TorqueFile | None = None
     positions: SignalFile | None = None
     instants: Annotated[InstantsFile, AlsoWritten(("string",))] | None = None
@@ -277,12 +334,7 @@ class ExperimentSource(Strict):
     @field_validator("measured", mode="wrap")
     @classmethod
     def _one_or_several(cls, value: Any, handler: Any) -> Any:
-        """Only one of the two forms is tried, so that its own errors are shown."""
-        if isinstance(value, Mapping):
-            return MeasuredFile.model_validate(dict(value))
-        if isinstance(value, (list, tuple)):
-            return TypeAdapter(tuple[MeasuredFile, ...]).validate_python(value)
-        return handler(value)
+        return one_or_several(value, handler)
 
     @model_validator(mode="after")
     def _some_time(self) -> ExperimentSource:

@@ -38,6 +38,11 @@ class Estimator(ABC):
         return False
 
     @property
+    def fits_outputs(self) -> bool:
+        """Whether it fits outputs of any model, which has neither a controller nor a torque."""
+        return False
+
+    @property
     def takes_prior(self) -> bool:
         """Whether it counts what is known of the robot before (:mod:`fmu_didim.dynamics.prior`) beside the data."""
         return False

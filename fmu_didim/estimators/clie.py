@@ -37,6 +37,10 @@ ADVICE = (
 )
 
 
+OF_OUTPUTS = "output_error"
+"""What the same least squares are called where the outputs of a model without controller are fitted."""
+
+
 @dataclass(frozen=True)
 class Clie(Estimator):
     """The estimator ``clie``.
@@ -75,7 +79,7 @@ class Clie(Estimator):
                 "The start cannot be simulated.", iterations=[], got=reason, next_step=start_advice(model) + ADVICE
             )
         model = with_fitting_substeps(model, values)
-        if model.experiments.channels and model.loop.torque_is_given:
+        if model.experiments.channels and (model.loop.torque_is_given or not model.loop.shows_torque):
             return self._of_motion(model.with_values(values), progress)
         try:
             alone = model.torque_alone
@@ -95,7 +99,8 @@ class Clie(Estimator):
         )
 
     def _of_motion(self, model: LoopModel, progress: Progress) -> Estimate:
-        """In an open loop: the torque is given, and what was measured beside it shows the values."""
+        """All outputs at once: in an open loop, whose torque is given, and of any model, whose outputs may show the
+        values only together."""
         try:
             minimum = motion_minimum(
                 model, tolerance=self.tolerance, progress=progress, maximum=self.maximum_iterations
@@ -110,13 +115,16 @@ class Clie(Estimator):
         """The estimate at a minimum; raises RefusedError where it is not that of a machine."""
         fit, known = minimum.fit, minimum.known
         model = fit.model
-        reason = physical_problem(model, fit.values, known.deviation) or tracking_problem(model.measured, fit.torque)
+        reason = physical_problem(model, fit.values, known.deviation)
+        if model.loop.shows_torque:
+            reason = reason or tracking_problem(model.measured, fit.torque)
         if reason:
             raise RefusedError(
                 "The identified model is not physical.", iterations=minimum.iterations, got=reason,
                 next_step=start_advice(model) + ADVICE, values=fit.values, deviation=known.deviation,
             )  # fmt: skip
+        name = self.name if model.loop.shows_torque else OF_OUTPUTS
         return torque_estimate(
-            minimum, estimator=self.name, settled=fit.settled, iterations=minimum.iterations,
-            stages={self.name: Stage(fit.values, known.deviation)},
+            minimum, estimator=name, settled=fit.settled, iterations=minimum.iterations,
+            stages={name: Stage(fit.values, known.deviation)},
         )  # fmt: skip

@@ -15,10 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
+from fmu_didim.base.documents import Positive
 from fmu_didim.base.errors import SimulationError
 from fmu_didim.cosim import sample_operator
 from fmu_didim.data.signals import Array, Trajectory
 from fmu_didim.estimators.base import Estimator, Progress, no_progress
+from fmu_didim.estimators.clie import Clie
 from fmu_didim.estimators.start import start_values
 from fmu_didim.fit.derivatives.sensitivity import parameter_sizes
 from fmu_didim.fit.estimate import Estimate, RefusedError, Stage, Status
@@ -30,6 +32,8 @@ from fmu_didim.fit.uncertainty import Stretch, stretches, uncertainty
 from fmu_didim.model.loop_model import LoopModel
 from fmu_didim.model.prediction import predict
 
+TOLERANCE = 1e-8
+"""[1] Relative change of the sum of squares and of the parameters at which a fit of positions stops."""
 PENALTY = 1e3
 """Residual, in standard deviations, of parameters whose simulation fails: the trust region shrinks away."""
 
@@ -39,8 +43,10 @@ class OutputError(Estimator):
     """The estimator ``output_error``.
 
     Attributes:
-        start: ``reference``, ``description`` or values by name.
-        tolerance: relative change of the sum of squares and of the parameters at which it stops.
+        start: ``reference``, ``description`` or values by name; of a model without controller its own values, or
+            values by name.
+        tolerance: relative change of the sum of squares and of the parameters at which it stops, 1e-8 by default; of a
+            model without controller as of ``clie``.
         maximum_iterations: evaluations of the residual, those for derivatives not counted.
     """
 
@@ -48,10 +54,18 @@ class OutputError(Estimator):
     needs_positions = True
 
     start: Any = "reference"
-    tolerance: float = 1e-8
+    tolerance: Positive | None = None
     maximum_iterations: int = 100
 
+    @property
+    def fits_outputs(self) -> bool:
+        """It does."""
+        return True
+
     def estimate(self, model: LoopModel, *, progress: Progress = no_progress) -> Estimate:
+        if not model.loop.shows_torque:  # the least squares of CLIE, with outputs in the place of the torque
+            own = Clie(self.start, self.tolerance or Clie.tolerance, self.maximum_iterations)
+            return own.estimate(model, progress=progress)
         self.base_alone(model)
         logs = {label: self.positions(model, label) for label in model.estimation_labels}
         start = start_values(model, self.start)
@@ -78,9 +92,10 @@ class OutputError(Estimator):
                 columns.append((residual(moved) - here) / (moved[i] - z[i]))
             return np.column_stack(columns)
 
+        tolerance = self.tolerance or TOLERANCE
         found = least_squares(
             residual, start / scale, jac=jacobian, method="trf", x_scale="jac",
-            ftol=self.tolerance, xtol=self.tolerance, gtol=None, max_nfev=self.maximum_iterations,
+            ftol=tolerance, xtol=tolerance, gtol=None, max_nfev=self.maximum_iterations,
         )  # fmt: skip
         rows = stretches([log.time for log in logs.values()])
         return self._conclude(model, found, scale, spread, history.iterations, rows)

@@ -9,7 +9,7 @@ from functools import cached_property
 
 from fmu_didim.base.errors import UnknownNameError
 from fmu_didim.components import Component
-from fmu_didim.cosim import Connection, System, logged_torque
+from fmu_didim.cosim import Connection, System, logged_torque, measured_output
 from fmu_didim.cosim.system import REFERENCE
 from fmu_didim.data.signals import Array, Trajectory
 from fmu_didim.model.experiment import Experiment
@@ -53,6 +53,7 @@ class Loop:
         systems: label -> the loop along that experiment, with all that is inserted into its wiring.
         parameters: the base parameters, with their regressor where there is one.
         plant: the plant with the effects of its torque balance; plant_name: its name in the loop.
+        output_signals: (n,) ``component.output`` that the log shows where it is no torque; empty where it is.
         added_components: name of each component that added effects put into the wiring -> its joint, from 1.
         substep_factor: multiplies the number of integration substeps of the plant.
         substeps: of the plant in a tick at least, where the case states none; None: by the rule for its fastest rate.
@@ -63,6 +64,7 @@ class Loop:
     parameters: Parameters
     plant: Component
     plant_name: str = "plant"
+    output_signals: tuple[str, ...] = ()
     added_components: Mapping[str, int] = field(default_factory=dict)
     substep_factor: int = 1
     substeps: int | None = None
@@ -70,8 +72,20 @@ class Loop:
 
     @property
     def joint_count(self) -> int:
-        """Number of joints n."""
+        """Number n of what the log shows together: joints, or outputs of a model."""
         return self.parameters.joint_count
+
+    @property
+    def shows_torque(self) -> bool:
+        """Whether the log is that of the torque of joints; else of outputs of any model."""
+        return not self.output_signals
+
+    @cached_property
+    def labels(self) -> tuple[str, ...]:
+        """(n,) what the columns of the log are called: ``joint 1``, or the output."""
+        if self.shows_torque:
+            return tuple(f"joint {j}" for j in range(1, self.joint_count + 1))
+        return tuple(name.partition(".")[2] for name in self.output_signals)
 
     def system(
         self, label: str, experiment: Experiment, theta: Array, others: Mapping[str, Mapping[str, float]]
@@ -125,6 +139,8 @@ class Loop:
         reference = experiment.reference
         first = {**dict(zip(reference.names, reference.values[0], strict=True)), **experiment.initial_state.values}
         result = {"t_start": float(reference.time[0])}
+        if not self.shows_torque:
+            return result
         for j in range(1, self.joint_count + 1):
             if f"q{j}" in first:
                 result[f"q_start{j}"] = float(first[f"q{j}"])
@@ -135,6 +151,8 @@ class Loop:
     def starts(self) -> tuple[StartValue, ...]:
         """The states whose start can be set: positions and velocities of the plant, and those of controllers that offer
         it by parameters ``<state>_start<j>``."""
+        if not self.shows_torque:
+            return ()
         offered = {v.name: v.unit for v in self.plant.parameters}
         keys = [f"{stem}_start{j}" for stem in ("q", "dq") for j in range(1, self.joint_count + 1)]
         found = [StartValue(state_name(key), PLANT, key, offered[key]) for key in keys if key in offered]
@@ -209,7 +227,9 @@ class Loop:
     @cached_property
     def logged(self) -> tuple[str, ...]:
         """(n,) ``component.input`` whose recorded values are the logged torque: of the plant, or before it where a
-        drive has a lag or the like."""
+        drive has a lag or the like; or ``component.output`` that the log shows."""
+        if not self.shows_torque:
+            return tuple(measured_output(next(iter(self.systems.values())), name) for name in self.output_signals)
         system, joints = next(iter(self.systems.values())), range(1, self.joint_count + 1)
         return tuple(logged_torque(system, j, plant=self.plant_name) for j in joints)
 
@@ -217,6 +237,8 @@ class Loop:
     def torque_is_given(self) -> bool:
         """Whether the loop is open: the reference holds the torque itself, and of the motion no more than where it
         begins."""
+        if not self.shows_torque:
+            return False
         wires = next(iter(self.systems.values())).connections
         sources = [[c.source for c in wires if c.target == name] for name in self.logged]
         return all(own and all(source.startswith(f"{REFERENCE}.") for source in own) for own in sources)
@@ -225,7 +247,7 @@ class Loop:
         """Range of positions outside which a simulation counts as diverged: ten times the reference's; none in an
         open loop, which does not follow it."""
         result: dict[str, tuple[float, float]] = {}
-        if self.torque_is_given:
+        if self.torque_is_given or not self.shows_torque:
             return result
         given = {v.name for v in self.plant.outputs} & set(reference.names)
         for j in (j for j in range(1, self.joint_count + 1) if f"q{j}" in given):

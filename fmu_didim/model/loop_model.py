@@ -350,7 +350,8 @@ class Simulation:
         """Maps the held command to the samples of the log."""
         is_free = any(parameter.owner == LOG for parameter in self.model.free_parameters)
         count, shift = self.experiment.reference.time.size, self.log_shift_s / self.step_size
-        return self.experiment.operator.stamped_later(shift, count, between=is_free)
+        between = is_free or not self.model.loop.shows_torque  # outputs do not jump at the ticks as commands do
+        return self.experiment.operator.stamped_later(shift, count, between=between)
 
     @cached_property
     def system(self) -> System:
@@ -462,8 +463,11 @@ class Simulation:
         return self.model.experiments.filtered(torque, self.label)
 
     def logged_torque(self, recording: Recording) -> Array:
-        """(K, n) what a log would show at the recorded ticks: the inputs without the torques from outside."""
+        """(K, n) what a log would show at the recorded ticks: the inputs without the torques from outside, or outputs
+        at the instants themselves."""
         loop, logged, reference = self.model.loop, self.model.loop.logged, self.experiment.reference.time
+        if not loop.shows_torque:
+            return recording.table(list(logged), sampled=True)
         torque = np.column_stack([recording.inputs[name] for name in logged])
         for external in self.external_torques:
             reaches_log = logged[external.joint - 1] == f"{loop.plant_name}.tau{external.joint}"

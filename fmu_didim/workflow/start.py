@@ -51,6 +51,6 @@ def started_from(case: Case, result: Result) -> Case:
     values = {n: described[n] for n in shared} | {n: v for n, v in result.values.items() if n in model.names}
     for n in others:
         _log.info("%s of %s has no place in %s and was left out of the start", n, name, case.name)
-    options = {**case.document.estimator, "start": values}
+    options = {**case.document.estimator_options, "start": values}
     document = case.document.model_copy(update={"estimator": options})
     return replace(case, document=document, estimator=replace(case.estimator, start=values))  # type: ignore[type-var]

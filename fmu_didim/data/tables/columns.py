@@ -103,21 +103,29 @@ class Target:
     Attributes:
         units: valid SI units, as exponents; empty if any will do.
         names: the same in words; order: of the derivative of a position, None of a torque; is_torque: of a joint.
+        own: the unit in which the signal is wanted where it is that of a variable of a model, SI or not.
     """
 
     units: tuple[dict[str, int], ...] = ()
     names: tuple[str, ...] = ()
     order: int | None = None
     is_torque: bool = False
+    own: UnitDefinition | None = None
 
 
-def target(signal: str, torque_units: tuple[str, ...] = (), *, is_command: bool = False) -> Target:
+def target(
+    signal: str, torque_units: tuple[str, ...] = (), *, is_command: bool = False, unit: str | None = None
+) -> Target:
     """The kind of a signal by its name: ``q<j>``, ``dq<j>``, ``ddq<j>`` and ``tau<j>`` of joints, or another.
 
     Args:
         torque_units: (n,) N.m or N of each joint, where they are known.
         is_command: whether ``tau<j>`` are commands of any unit.
+        unit: of the variable of a model that the signal belongs to, whatever its name; None where it is none.
     """
+    if unit is not None:
+        of_model = known_unit(unit) if unit else None
+        return Target(() if of_model is None else (of_model.powers,), (unit,), own=of_model)
     stem = signal.rstrip("0123456789")
     number = signal[len(stem) :]
     if not number or stem not in (*MOTION, "tau") or (stem == "tau" and is_command):
@@ -173,14 +181,21 @@ def conversion(signal: str, column: Column, stated: str, wanted: Target, *, wher
         factor *= column.rated
     elif definition is not None:
         _check(signal, unit, definition, column, wanted, where)
+    offset = 0.0
     if definition is not None:
         factor *= definition.factor
+        if wanted.own is not None:
+            factor /= wanted.own.factor
+            offset = (definition.offset - wanted.own.offset) / wanted.own.factor
     if column.torque_constant is not None:
         factor *= column.torque_constant
     other = known_unit(stated) if stated and column.unit is not None else None
     differs = other is not None and definition is not None and other != definition
-    from_file = column.unit is None and definition is not None and definition.factor != 1.0
-    return Conversion(factor, factor / column.scale * column.zero, unit, from_file, stated if differs else "")
+    from_file = column.unit is None and definition is not None and (definition.factor != 1.0 or offset != 0.0)
+    if wanted.own is not None:
+        from_file = from_file and definition != wanted.own
+    shift = factor / column.scale * column.zero - offset
+    return Conversion(factor, shift, unit, from_file, stated if differs else "")
 
 
 def _check_rated(unit: str, definition: UnitDefinition | None, wanted: Target, where: str) -> None:
@@ -205,7 +220,7 @@ def _check(signal: str, unit: str, definition: UnitDefinition, column: Column, w
         valid = tuple(_powers(name) for name in names)
     if column.torque_constant is not None:
         names, valid = ("A",), ({"A": 1},)
-    if definition.offset:
+    if definition.offset and wanted.own is None:
         raise InputError(
             "A unit with an offset cannot be the unit of this signal.", where=where, got=unit,
             next_step="Convert the signal before, or give the unit of differences, such as K for degC.",
@@ -213,7 +228,7 @@ def _check(signal: str, unit: str, definition: UnitDefinition, column: Column, w
     if not valid or powers in valid:
         return
     raise InputError(
-        f"The unit of {signal} is not one of its kind.", where=where, got=unit, valid=" or ".join(names),
+        f"The unit of {signal} is not one of its kind.", where=where, got=unit, valid=" or ".join(names) or "1",
         next_step=_advice(powers, wanted),
     )  # fmt: skip
 

@@ -18,6 +18,7 @@ from fmu_didim.data.tables.table import SignalTable, split_unit
 from fmu_didim.data.units import known_unit
 
 NO_COLUMNS: Mapping[str, Column] = {}
+NO_UNITS: Mapping[str, str] = {}
 
 
 @dataclass(frozen=True)
@@ -35,12 +36,18 @@ def selected(
     columns: Mapping[str, Column] = NO_COLUMNS,
     torque_units: Sequence[str] = (),
     is_command: bool = False,
+    units: Mapping[str, str] = NO_UNITS,
+    others: bool = True,
+    sparse: bool = False,
 ) -> Selected:
     """The signals of a table.
 
     Args:
         columns: name of a signal -> its column; all other columns of the same length keep their names, without units.
         torque_units: (n,) N.m or N of each joint, where known; is_command: whether ``tau<j>`` are commands.
+        units: name of a signal -> unit in which it is wanted, SI or not.
+        others: whether columns that are not among ``columns`` are signals, too.
+        sparse: whether rows in which a signal is no number, such as empty cells, are left out.
 
     Raises:
         InputError, UnknownNameError: a column or the time is missing, or a unit is not one of its signal.
@@ -54,17 +61,18 @@ def selected(
         text = f"The file was read as follows: {'; '.join(table.notes)}."
         told.insert(0, Diagnostic(FILE_LAYOUT, text, table.source))
     made: dict[str, Array] = {}
-    units: dict[str, str] = {}
+    shown: dict[str, str] = {}
     converted: list[str] = []
-    for signal, name in {**own, **dict(_others(table, own, clock, count))}.items():
-        wanted = target(signal, tuple(torque_units), is_command=is_command)
+    further = dict(_others(table, own, clock, count)) if others else {}
+    for signal, name in {**own, **further}.items():
+        wanted = target(signal, tuple(torque_units), is_command=is_command, unit=units.get(signal))
         column = columns.get(signal, Column(name=name))
         stated = table.unit(name)
         how = conversion(signal, column, stated, wanted, where=f"{table.source}, column {name}")
         numbers = table.columns[name]
         numbers = numbers * how.factor if how.factor != 1.0 else numbers
         made[signal] = numbers - how.shift if how.shift else numbers
-        units[signal] = wanted.names[0] if len(wanted.names) == 1 else ""
+        shown[signal] = wanted.names[0] if len(wanted.names) == 1 else ""
         if how.from_file:
             converted.append(f"{signal} from {how.unit}")
         if how.contradicts:
@@ -81,8 +89,12 @@ def selected(
     if converted:
         text = f"Converted by the units in the file: {', '.join(converted)}."
         told.append(Diagnostic(UNIT_FROM_FILE, text, table.source))
-    variables = tuple(Variable(signal, units[signal]) for signal in made)
-    signals = Trajectory(stamps, np.column_stack(list(made.values())), variables, source=table.source)
+    variables = tuple(Variable(signal, shown[signal]) for signal in made)
+    values = np.column_stack(list(made.values()))
+    if sparse:
+        kept = np.isfinite(values).all(axis=1) & np.isfinite(stamps)
+        stamps, values = stamps[kept], values[kept]
+    signals = Trajectory(stamps, values, variables, source=table.source)
     return Selected(signals, tuple(told))
 
 

@@ -137,6 +137,7 @@ def by_variation(
         return {}
     groups = _groups(list(places.values()), model.workers)
     measured = [run.signal_of(channel) for channel in run.experiment.channels]
+    measured += [] if model.loop.shows_torque else list(model.loop.logged)
     tasks = [partial(with_derivatives, run.system, group, measured) for group in groups]
     varied = [found for found in side_by_side(tasks, model.workers) if found is not None]
     if len(varied) < len(groups):
@@ -176,8 +177,9 @@ def _followed(run: Simulation, varied: System, count: int) -> Array | None:
     def lanes(name: str) -> list[str]:
         return [derivative_name(name, lane) for lane in range(count)]
 
-    columns = [np.column_stack([recording.inputs[lane] for lane in lanes(name)]) for name in run.model.loop.logged]
-    torque = np.stack(columns, axis=1)
+    loop = run.model.loop
+    signals = recording.inputs if loop.shows_torque else recording.sampled
+    torque = np.stack([np.column_stack([signals[lane] for lane in lanes(name)]) for name in loop.logged], axis=1)
     return run.sampled_outputs(recording, torque, lambda signal: recording.table(lanes(signal), sampled=True))
 
 
