@@ -9,7 +9,7 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, TypeAdapter, ValidationError, field_validator, model_validator
+from pydantic import Field, TypeAdapter, ValidationError, ValidationInfo, field_validator, model_validator
 
 from fmu_didim.base.documents import AlsoWritten, Positive, Strict, read_document
 from fmu_didim.base.entry_words import details_of, in_words
@@ -295,14 +295,14 @@ class CaseDocument(Strict):
             raise ValueError(f"beside {given[0]}: there are no injections; connect the test signal {where}")
         return self
 
-    @model_validator(mode="after")
-    def _known_estimator(self) -> CaseDocument:
-        found = make_estimator(self.estimator_options)
-        if self.model is not None and not found.fits_outputs:
-            raise ValueError(
-                f"estimator: {found.name} is for robots, whose torque it fits; a model: takes {MODEL_ESTIMATOR}"
-            )
-        return self
+    @field_validator("estimator")
+    @classmethod
+    def _known_estimator(cls, value: Mapping[str, Any], info: ValidationInfo) -> Mapping[str, Any]:
+        of_model = info.data.get("model") is not None
+        found = make_estimator({"kind": MODEL_ESTIMATOR if of_model else DEFAULT_ESTIMATOR, **value})
+        if of_model and not found.fits_outputs:
+            raise ValueError(f"{found.name} is for robots, whose torque it fits; a model: takes {MODEL_ESTIMATOR}")
+        return value
 
     @property
     def estimator_options(self) -> dict[str, Any]:
