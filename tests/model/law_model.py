@@ -157,6 +157,8 @@ class LawModel:
 class LawLoop:
     """The loop of a law model, as far as the solver and the sensitivities look at it."""
 
+    shows_torque = True
+
     def __init__(self, model: LawModel) -> None:
         self.plant, self.plant_name = model.plant, model.plant_name
         self.substeps, self.own_states = model.substeps, model.own_states
