@@ -22,7 +22,7 @@ def model_component(document: CaseDocument, folder: Path, memory: Memory) -> Com
     source = document.model
     if source.interface is None and "solver" not in source.model_fields_set:
         source = source.model_copy(update={"solver": "cvode"})  # how stiff it is, nobody has said
-    component = component_of(source, folder, controller_block, objects=memory.objects)
+    component = component_of(source, folder, controller_block, objects=memory.objects, si_units=False)
     return with_outputs(component, _measured(document))
 
 
