@@ -9,8 +9,9 @@ with DIDIM.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
+from itertools import chain, repeat
 from typing import Any
 
 import numpy as np
@@ -22,6 +23,7 @@ from fmu_didim.estimators.finish import Minimum, finish_by_colour, torque_estima
 from fmu_didim.estimators.initial_states import free_starts, start_advice, with_starts
 from fmu_didim.estimators.joint import joint_minimum, motion_minimum
 from fmu_didim.estimators.local_minima import nearer_to_prior
+from fmu_didim.estimators.reweighted import with_error_models
 from fmu_didim.estimators.start import simulatable, start_values, with_free_delay
 from fmu_didim.fit.estimate import Estimate, RefusedError, Stage
 from fmu_didim.fit.fit import point
@@ -72,6 +74,12 @@ class Clie(Estimator):
 
     def estimate(self, model: LoopModel, *, progress: Progress = no_progress) -> Estimate:
         model = with_free_delay(model) if self.estimate_delay else model
+        further = replace(self, start="description", estimate_delay=False)
+        ways = chain([self], repeat(further))
+        return with_error_models(model, lambda at: next(ways)._fitted(at, progress))
+
+    def _fitted(self, model: LoopModel, progress: Progress) -> Estimate:
+        """The estimate with the scales of error models held."""
         values, _ = simulatable(model, model.free_parameters.limited(start_values(model, self.start)))
         reason = mass_matrix_problem(model, values)
         if reason:

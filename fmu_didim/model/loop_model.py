@@ -449,7 +449,7 @@ class Simulation:
             return self.sampled(torque)
         further = [self._sampled_by(c.operator, signal(self.signal_of(c)), recording) for c in self.experiment.channels]
         return experiments.outputs_of(
-            self.label, experiments.filtered(self._sampled_by(self.operator, torque, recording), self.label), further
+            self.label, experiments.compared(self._sampled_by(self.operator, torque, recording), self.label), further
         )
 
     def sampled_torque(self, recording: Recording) -> Array:
@@ -460,7 +460,7 @@ class Simulation:
                 "The simulated torque is not finite.", time=float(recording.time[-1]),
                 next_step="Check the start values and the gains, signs and units of the loop.",
             )  # fmt: skip
-        return self.model.experiments.filtered(torque, self.label)
+        return self.model.experiments.compared(torque, self.label)
 
     def logged_torque(self, recording: Recording) -> Array:
         """(K, n) what a log would show at the recorded ticks: the inputs without the torques from outside, or outputs
@@ -478,4 +478,4 @@ class Simulation:
 
     def sampled(self, table: Array) -> Array:
         """(N, ...) samples of values (K, ...) at the ticks of the log, filtered as it is."""
-        return self.model.experiments.filtered(self.operator.apply(table), self.label)
+        return self.model.experiments.compared(self.operator.apply(table), self.label)

@@ -1,7 +1,9 @@
 """The component of a ``model:``: what was measured among its outputs, and where its states start among its parameters.
 
     measured: {columns: {T: ...}}   -> output T, whatever its causality in the FMU
-    identify: {T.start: {}}         -> parameter T.start: a start value that acts, else in model exchange the state itself
+    identify: {T.start: {}}         -> parameter T.start: a start value that acts, else the state in model exchange
+
+Both are found in the FMU's own description.
 """
 
 from __future__ import annotations
@@ -119,9 +121,10 @@ def with_starts(component: Component, wanted: Mapping[str, str]) -> Component:
         InputError: it has no such variable, or its start cannot be chosen, and why.
     """
     for key, where in wanted.items():
-        if isinstance(component, FmuComponent) and key.endswith(START):
-            if all(key != v.name for v in component.parameters):
-                component = _with_start(component, key, key.removesuffix(START), where)
+        if not (isinstance(component, FmuComponent) and key.endswith(START)):
+            continue
+        if all(key != v.name for v in component.parameters):
+            component = _with_start(component, key, key.removesuffix(START), where)
     return component
 
 

@@ -18,7 +18,7 @@ SEEN = ("local", "output")
 
 @cache
 def whole_description(path: str, digest: str) -> FmuDescription:
-    """The description of an FMU with all its variables; ``digest``: of its content, so that another one is read anew."""
+    """The description of an FMU with all its variables; ``digest``: of its content, which may change."""
     return read_description(path)
 
 

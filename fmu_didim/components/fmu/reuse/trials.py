@@ -186,7 +186,8 @@ def parameters(component: FmuSettings, h: float, seconds: float, *, in_run: bool
             found[name] = NOT_TRIED
             continue
         try:
-            found[name] = NO_EFFECT if np.array_equal(unchanged, rest({name: changed_value(value)}), equal_nan=True) else ACTS
+            other = rest({name: changed_value(value)})
+            found[name] = NO_EFFECT if np.array_equal(unchanged, other, equal_nan=True) else ACTS
         except FmuDidimError:
             found[name] = REFUSED
     return found
