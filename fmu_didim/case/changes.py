@@ -21,6 +21,9 @@ class CaseChanges(TypedDict, total=False):
 
     name: str
     description: str
+    model: Any
+    inputs: Any
+    measured: Any
     robot: Any
     identify: Mapping[str, Any] | None
     plant: Any

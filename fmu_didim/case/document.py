@@ -299,7 +299,8 @@ class CaseDocument(Strict):
     @classmethod
     def _known_estimator(cls, value: Mapping[str, Any], info: ValidationInfo) -> Mapping[str, Any]:
         of_model = info.data.get("model") is not None
-        found = make_estimator({"kind": MODEL_ESTIMATOR if of_model else DEFAULT_ESTIMATOR, **value})
+        value = {"kind": MODEL_ESTIMATOR if of_model else DEFAULT_ESTIMATOR, **value}
+        found = make_estimator(value)
         if of_model and not found.fits_outputs:
             raise ValueError(f"{found.name} is for robots, whose torque it fits; a model: takes {MODEL_ESTIMATOR}")
         return value
