@@ -28,7 +28,7 @@ from fmu_didim.fit.region import Region
 from fmu_didim.fit.solver.accuracy import integration_change
 from fmu_didim.fit.solver.least_squares import minimise
 from fmu_didim.fit.solver.numerical_noise import Roughness, roughness
-from fmu_didim.fit.solver.search import NO_STEP
+from fmu_didim.fit.solver.search import FAILED, NO_STEP
 from fmu_didim.fit.solver.termination import Stopping
 from fmu_didim.fit.statistics import covariance_white
 from fmu_didim.fit.uncertainty import Uncertainty
@@ -281,7 +281,9 @@ def torque_estimate(
         joint=minimum.joint,
         prior=prior_fit(fit, known),
         unlimited=unlimited,
-        remarks=(*minimum.remarks, *_of_limits(model, fit.values, known.deviation, unlimited)),
+        remarks=(
+            *minimum.remarks, *_of_failures(iterations), *_of_limits(model, fit.values, known.deviation, unlimited)
+        ),
         advice="" if settled else unsettled_advice(model, iterations),
     )
 
@@ -294,6 +296,17 @@ def unlimited_values(fit: Fit) -> Array | None:
     free = equations.step(fit.values, replace(region, low=fit.model.free_parameters.limits[0], machines=()), 0.0)[0]
     held = equations.step(fit.values, region, 0.0)[0]
     return None if (free == held).all() else fit.values + free
+
+
+def _of_failures(iterations: Sequence[Iteration]) -> list[str]:
+    """Steps to values with which a model cannot be simulated."""
+    failed = [one.note.partition(FAILED)[2] for one in iterations if FAILED in one.note]
+    if not failed:
+        return []
+    if len(failed) == 1:
+        return [f"A step was shortened, because the model cannot be simulated where it led: {failed[0]}."]
+    begin = f"{len(failed)} steps were shortened, because the model cannot be simulated where they led"
+    return [f"{begin}; first {failed[0]}."]
 
 
 def _of_limits(model: LoopModel, values: Array, deviation: Array, unlimited: Array | None) -> list[str]:

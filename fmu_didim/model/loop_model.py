@@ -390,7 +390,10 @@ class Simulation:
         reference = with_external_torques(reference, external)
         if subdivision > 1:
             reference, ticks = held(reference, subdivision, at_instants=system.at_instants), ticks * subdivision
-        recording = simulate(system, reference, ticks=ticks, bounds=bounds, observe=observe, pool=model.pool)
+        try:
+            recording = simulate(system, reference, ticks=ticks, bounds=bounds, observe=observe, pool=model.pool)
+        except DivergedError as error:
+            raise (error if model.loop.shows_torque else _without_loop(error)) from None
         if key is not None:
             model.recordings.keep(key, recording)
         return recording
@@ -426,10 +429,16 @@ class Simulation:
         found = operator.apply(values[np.searchsorted(self.output_ticks, operator.ticks)])
         if not np.isfinite(found).all():
             raise DivergedError(
-                "A simulated output is not finite.", time=float(recording.time[-1]),
-                next_step="Check the start values and the gains, signs and units of the loop.",
+                "A simulated output is not finite.", time=float(recording.time[-1]), next_step=self._check_advice,
             )  # fmt: skip
         return found
+
+    @property
+    def _check_advice(self) -> str:
+        """What to look at where something simulated is not finite."""
+        if self.model.loop.shows_torque:
+            return "Check the start values and the gains, signs and units of the loop."
+        return IN_RANGE
 
     @property
     def output_ticks(self) -> NDArray[np.int64]:
@@ -457,8 +466,8 @@ class Simulation:
         torque = self.operator.apply(self.logged_torque(recording))
         if not np.isfinite(torque).all():
             raise DivergedError(
-                "The simulated torque is not finite.", time=float(recording.time[-1]),
-                next_step="Check the start values and the gains, signs and units of the loop.",
+                f"The simulated {'torque' if self.model.loop.shows_torque else 'output'} is not finite.",
+                time=float(recording.time[-1]), next_step=self._check_advice,
             )  # fmt: skip
         return self.model.experiments.compared(torque, self.label)
 
@@ -479,3 +488,18 @@ class Simulation:
     def sampled(self, table: Array) -> Array:
         """(N, ...) samples of values (K, ...) at the ticks of the log, filtered as it is."""
         return self.model.experiments.compared(self.operator.apply(table), self.label)
+
+
+IN_RANGE = (
+    "Keep the parameters where the model can be simulated (identify: {name: {minimum: ..., maximum: ..., start: ...}}), "
+    "and check the units of its inputs."
+)
+"""What to do where the simulation of a model without loop diverges."""
+
+
+def _without_loop(error: DivergedError) -> DivergedError:
+    """The same error in words for a model that runs in no loop."""
+    what = error.what.replace("The closed loop diverged", "The simulation diverged")
+    return DivergedError(
+        what, time=error.time, where=error.where, next_step=IN_RANGE, is_finite=error.is_finite
+    )  # fmt: skip

@@ -327,8 +327,12 @@ def _references_of(variables: Sequence[FmuVariable]) -> Any:
     return references([v.reference for v in variables if v.size])
 
 
-def _not_taken(component: FmuSettings, name: str, wanted: float, found: float) -> FmuError:
-    return FmuError(
+class NotTakenError(FmuError, SimulationError):
+    """An FMU does not take a value: a run with it cannot be made, others can."""
+
+
+def _not_taken(component: FmuSettings, name: str, wanted: float, found: float) -> NotTakenError:
+    return NotTakenError(
         f"The FMU did not take the value of '{name}': another value is read back.",
         where=component.path.name,
         got=f"{found:.9g} after {wanted:.9g} was set, in the FMU's own units",
