@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fmu_didim.data.signals import Array
-from fmu_didim.fit.confounding import refuse_confounded
+from fmu_didim.fit.confounding import ANOTHER_MOTION, OTHER_INPUTS, refuse_confounded
 from fmu_didim.fit.derivatives.sensitivity import parameter_sizes
 from fmu_didim.fit.ending import Ending
 from fmu_didim.fit.estimate import Estimate, JointFit, Stage, Status
@@ -164,6 +164,7 @@ def efficient_finish(
     refuse_confounded(
         model.beside_prior(whitened(fit.jacobian, fit.deviation)), np.array(known), model.names,
         torque=float(np.linalg.norm(model.measured_outputs / fit.deviation)),
+        other=ANOTHER_MOTION if model.loop.shows_torque else OTHER_INPUTS,
     )  # fmt: skip
     sizes = None if fit.prediction is None else parameter_sizes(model, fit.values, fit.prediction)
     for left in reversed(range(MAXIMUM_REFINEMENTS)):
@@ -178,11 +179,14 @@ def efficient_finish(
         model = _finer(fit.model, fit.values, error.excess)
         if fit.model.loop.substeps is None:  # more than the case or the rule says
             change = f"{100 * error.relative:.2g} %"
-            remarks.append(f"Substeps of the plant doubled: halving them changed the torque by {change}.")
+            whole, quantity = model.loop.whole, model.loop.quantity
+            remarks.append(f"Substeps of the {whole} doubled: halving them changed the {quantity} by {change}.")
         fit = replace(fit, model=model, outputs=model.outputs(fit.values))
     if error.excess > 1:
         moved = f"{float(np.max(error.shift)):.2g} of its standard deviation"
-        remarks.append(f"Twice the substeps of the plant would still move a value by {moved}: state more substeps.")
+        remarks.append(
+            f"Twice the substeps of the {model.loop.whole} would still move a value by {moved}: state more substeps."
+        )
     return Minimum(fit, error, fit_uncertainty(fit), tuple(iterations), tuple(remarks), roughness(fit, sizes))
 
 
@@ -322,6 +326,8 @@ def _of_limits(model: LoopModel, values: Array, deviation: Array, unlimited: Arr
     ]
     if not told:
         return []
+    if not model.loop.shows_torque:
+        return [f"At the limits of the case; without them the data ask for others: {', '.join(told)}."]
     ask = "the data alone ask" if model.prior is None else "data and prior ask"
     return [
         f"These values are the nearest that a machine can have, with friction that is not negative and links of "
@@ -333,6 +339,11 @@ def unsettled_advice(model: LoopModel, iterations: Sequence[Iteration]) -> str:
     """Advice for a fit that has not settled; empty where the status gives it."""
     begin = "The iterations did not settle: the values are those of the last one. "
     if iterations and iterations[-1].note == NO_STEP:
+        if not model.loop.shows_torque:
+            return (
+                f"{begin}{Ending.NO_STEP.value} Where the model's own step control makes its outputs jitter, give it a "
+                "tolerance (model: {tolerance: 1e-9}) or run it in model exchange; or start nearer to the truth."
+            )
         finer = "state more substeps of it" if model.can_refine else "give it a tolerance or run it in model exchange"
         return (
             f"{begin}{Ending.NO_STEP.value} Where the plant's own step "
@@ -340,6 +351,8 @@ def unsettled_advice(model: LoopModel, iterations: Sequence[Iteration]) -> str:
         )
     if model.parameters.has_regressor:
         return ""
+    if not model.loop.shows_torque:
+        return f"{begin}Increase maximum_iterations, or start nearer to the truth (identify: {{name: {{start: ...}}}})."
     return (
         f"{begin}Increase maximum_iterations, start nearer to the truth (start: {{name: value}}), or check the "
         "controller and the delay of the loop."

@@ -34,6 +34,7 @@ from fmu_didim.cosim import (
     response_key,
     simulate,
 )  # fmt: skip
+from fmu_didim.cosim.system import OF_INPUTS
 from fmu_didim.data.filters import LowPass
 from fmu_didim.data.signals import Array
 from fmu_didim.dynamics.prior import Prior
@@ -429,16 +430,16 @@ class Simulation:
         found = operator.apply(values[np.searchsorted(self.output_ticks, operator.ticks)])
         if not np.isfinite(found).all():
             raise DivergedError(
-                "A simulated output is not finite.", time=float(recording.time[-1]), next_step=self._check_advice,
+                "A simulated output is not finite.", time=float(recording.time[-1]), next_step=self.when_diverged
             )  # fmt: skip
         return found
 
     @property
-    def _check_advice(self) -> str:
-        """What to look at where something simulated is not finite."""
+    def when_diverged(self) -> str:
+        """What to do about a simulation that is no number."""
         if self.model.loop.shows_torque:
             return "Check the start values and the gains, signs and units of the loop."
-        return IN_RANGE
+        return OF_INPUTS
 
     @property
     def output_ticks(self) -> NDArray[np.int64]:
@@ -466,8 +467,8 @@ class Simulation:
         torque = self.operator.apply(self.logged_torque(recording))
         if not np.isfinite(torque).all():
             raise DivergedError(
-                f"The simulated {'torque' if self.model.loop.shows_torque else 'output'} is not finite.",
-                time=float(recording.time[-1]), next_step=self._check_advice,
+                f"The simulated {self.model.loop.quantity} is not finite.", time=float(recording.time[-1]),
+                next_step=self.when_diverged,
             )  # fmt: skip
         return self.model.experiments.compared(torque, self.label)
 
