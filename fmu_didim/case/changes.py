@@ -36,6 +36,7 @@ class CaseChanges(TypedDict, total=False):
     train: Any
     validation: Any
     estimator: Mapping[str, Any]
+    search: Mapping[str, Any] | None
     torque_std: Sequence[float] | None
     joint_weights: str
     low_pass: Mapping[str, Any] | None

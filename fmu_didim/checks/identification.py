@@ -29,6 +29,7 @@ from fmu_didim.checks.residual import (
     residual_diagnostics,
     slow_diagnostics,
 )
+from fmu_didim.checks.search import search_diagnostics
 from fmu_didim.checks.validation import TORQUE_ERROR_LARGE, Validation, error_diagnostics
 from fmu_didim.estimators.initial_states import OtherStart, contradicted_starts
 from fmu_didim.fit.estimate import Estimate, Status
@@ -193,7 +194,7 @@ def of_any_output(estimate: Estimate) -> list[Diagnostic]:
         text = f"Twice the substeps of the plant would still move a value by {shift:.2g} of its standard deviation."
         found.append(Diagnostic(TOO_COARSE, text, value=shift, bound=VISIBLE_SHIFT, unit="standard deviations"))
     return [*found, *roughness_diagnostics(estimate.roughness, model), *channel_diagnostics(estimate),
-            *prior_diagnostics(estimate)]  # fmt: skip
+            *prior_diagnostics(estimate), *search_diagnostics(estimate)]  # fmt: skip
 
 
 def held_out_channels(estimate: Estimate, validations: Sequence[Validation]) -> list[Diagnostic]:

@@ -26,6 +26,7 @@ from fmu_didim.workflow.data import case_diagnostics, check_plant
 from fmu_didim.workflow.output.loop import described_loop
 from fmu_didim.workflow.output.result import Result, result_folder
 from fmu_didim.workflow.output.result_folder import ResultFolder, checked_case
+from fmu_didim.workflow.search import estimated
 from fmu_didim.workflow.start import started_from
 
 _log = logging.getLogger(__name__)
@@ -81,6 +82,8 @@ def identify(
     record |= repeating("identify", case, None if out is None else Path(out))
     if case.document.plant.parameter_names:
         record["parameter_names"] = dict(case.document.plant.parameter_names)
+    if case.document.search is not None:
+        record["search"] = case.document.search.model_dump(mode="json")
     sentences = acknowledged(case)
     refusal = _Refusal(case, folder, record)
     try:
@@ -95,7 +98,7 @@ def identify(
         refusal.known["consistency"] = consistency_result(consistency)
     model.pool.failure = None  # what was tried before may have gone beyond what the components stand
     try:
-        estimate = case.estimator.estimate(model, progress=progress or no_progress)
+        estimate = estimated(case, model, progress or no_progress)
     except (RefusedError, SimulationError) as caught:
         refused = caught if isinstance(caught, RefusedError) else RefusedError(
             caught.what, iterations=(), got=caught.got, next_step=caught.next_step, where=caught.where

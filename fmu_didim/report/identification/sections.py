@@ -15,6 +15,7 @@ from fmu_didim.report.identification.charts import saved_charts
 from fmu_didim.report.identification.joint import joint_sections
 from fmu_didim.report.identification.power import power_sections
 from fmu_didim.report.identification.prior import prior_sections, share_text
+from fmu_didim.report.identification.search import search_sections
 from fmu_didim.report.numbers import (
     MISSING,
     Rounding,
@@ -115,6 +116,7 @@ def result_report(document: ResultDocument, parts: Sequence[ExperimentCharts] = 
         _plant(document),
         *joint_sections(document),
         *prior_sections(document),
+        *search_sections(document),
         *_correlations(document),
         _stages(document),
         *_iterations(document),

@@ -1,0 +1,63 @@
+"""What was looked for beside the answer, as results hold it: other minima, profiles, sensitivities."""
+
+from __future__ import annotations
+
+from pydantic import Field
+
+from fmu_didim.base.documents import Number, Saved
+from fmu_didim.fit.estimate import Estimate
+
+
+class MinimumResult(Saved):
+    """A place where local fits ended.
+
+    Attributes:
+        value, std: name of each parameter -> its value, standard deviation.
+    """
+
+    value: dict[str, float]
+    std: dict[str, Number]
+    worse: float = Field(description="misfit above that of the best one, as a chi-square")
+    error_percent: Number = Field(description="100 |y - y_s| / |y|")
+    starts: int = Field(description="local fits that ended there")
+    settled: bool = Field(description="whether one of them converged")
+
+
+class SearchResult(Saved):
+    """A search for other minima.
+
+    Attributes:
+        method: ``starts`` or ``differential_evolution``; seed: of its draws.
+        failures: why local fits failed -> how many.
+    """
+
+    method: str
+    seed: int
+    starts: int = Field(description="local fits that were run")
+    asked: int = Field(description="local fits that were asked for")
+    searched: list[str] = Field(description="parameters with bounds; empty: nothing was searched")
+    held: list[str] = Field(description="parameters without, which began where one start has them")
+    minima: list[MinimumResult] = Field(description="the best first, which is the answer")
+    alike: int = Field(description="others that the data do not exclude")
+    failures: dict[str, int]
+    evaluations: int = Field(description="simulations of the global search, without those of local fits")
+    stopped: str = Field(description="why it ended early; empty where it did not")
+
+
+def search_result(estimate: Estimate) -> SearchResult | None:
+    """The search of an estimate as it is saved; None where there was none."""
+    found = estimate.search
+    if found is None:
+        return None
+    minima = [
+        MinimumResult(
+            value=dict(one.values), std=dict(one.deviation), worse=one.worse, error_percent=one.error_percent,
+            starts=one.starts, settled=one.settled,
+        )
+        for one in found.minima
+    ]  # fmt: skip
+    return SearchResult(
+        method=found.method, seed=found.seed, starts=found.starts, asked=found.asked, searched=list(found.searched),
+        held=list(found.held), minima=minima, alike=found.alike, failures=dict(found.failures),
+        evaluations=found.evaluations, stopped=found.stopped,
+    )  # fmt: skip
