@@ -17,6 +17,7 @@ from fmu_didim.checks.held_out_channels import held_out_channel_diagnostics
 from fmu_didim.checks.judgement import Judgement, judgement
 from fmu_didim.checks.motion.dependence import DEPENDS_ON_MOTION, dependence_of_fit, motion_diagnostics
 from fmu_didim.checks.motion.periods import repetition_diagnostics, repetition_of_fit
+from fmu_didim.checks.one_start import one_start_diagnostics
 from fmu_didim.checks.physical import physical_diagnostics
 from fmu_didim.checks.plant.unidentified import unidentified_diagnostics
 from fmu_didim.checks.power.statement import PowerResult, power_of_fit
@@ -171,7 +172,7 @@ def checked(estimate: Estimate, validations: Sequence[Validation], *, before: It
         found += start_diagnostics(contradicted_starts(estimate.fit))
     motion_hz, cutoff_hz = _bands(model)
     found += [*slow_diagnostics(tests, motion_hz, cutoff_hz), *error_diagnostics(validations, motion_hz)]
-    found += of_any_output(estimate)
+    found += [*of_any_output(estimate), *one_start_diagnostics(estimate, tests)]
     if estimate.fit is not None and MISFITS & {d.code for d in found}:
         found += unidentified_diagnostics(estimate.fit)
     found += [

@@ -48,8 +48,8 @@ class Estimator(ABC):
         return False
 
     def finds_minima(self, model: LoopModel) -> bool:
-        """Whether its answer is a minimum of the misfit of all outputs of a model: those from several starts may then be
-        compared, and the misfit around it profiled."""
+        """Whether its answer is a minimum of the misfit of all outputs of a model: those from several starts may then
+        be compared, and the misfit around it profiled."""
         return False
 
     @abstractmethod
