@@ -22,6 +22,7 @@ from fmu_didim.checks.physical import physical_diagnostics
 from fmu_didim.checks.plant.unidentified import unidentified_diagnostics
 from fmu_didim.checks.power.statement import PowerResult, power_of_fit
 from fmu_didim.checks.prior import prior_diagnostics
+from fmu_didim.checks.profiles import profile_diagnostics
 from fmu_didim.checks.residual import (
     RESIDUAL_ABOVE_NOISE,
     RESIDUAL_SLOW,
@@ -195,7 +196,7 @@ def of_any_output(estimate: Estimate) -> list[Diagnostic]:
         text = f"Twice the substeps of the plant would still move a value by {shift:.2g} of its standard deviation."
         found.append(Diagnostic(TOO_COARSE, text, value=shift, bound=VISIBLE_SHIFT, unit="standard deviations"))
     return [*found, *roughness_diagnostics(estimate.roughness, model), *channel_diagnostics(estimate),
-            *prior_diagnostics(estimate), *search_diagnostics(estimate)]  # fmt: skip
+            *prior_diagnostics(estimate), *search_diagnostics(estimate), *profile_diagnostics(estimate)]  # fmt: skip
 
 
 def held_out_channels(estimate: Estimate, validations: Sequence[Validation]) -> list[Diagnostic]:

@@ -29,8 +29,9 @@ MOST_POINTS = 40
 """[points] Of many parameters: they fill no box of that many dimensions anyway."""
 AROUND = 2.0
 """[1] Factor around the value of a parameter without bounds: the next minima of a rate or a period lie within."""
-CLEARLY_LOWER = 10.8
-"""[chi-square] By which another place fits better than the answer: 0.1 % by chance, with one degree of freedom."""
+CLEARLY_LOWER = 1.0
+"""[chi-square] By which another place fits better than the answer: any lower misfit shows that this is a local minimum,
+and less is what the last steps of a fit leave, or jitter."""
 FAR_FROM_WHITE = 1.5
 """[1] Inflation of standard deviations by the colour of a residual from which it may be what a wrong minimum leaves:
 half more than by white noise, as of the channels beside a torque."""

@@ -166,6 +166,8 @@ def _add_common(verb: argparse.ArgumentParser, *, code: bool = False) -> None:
 def _add_case_verbs(commands: _Commands) -> None:
     one = _case_verb(commands, "identify", _identify, "identify the parameters of a case")
     one.add_argument("--out", type=Path, metavar="DIR", help="folder for result.json and report.html (results/<case>)")
+    help_ = "intervals of all parameters by the profile of the misfit, too (profile: in the case)"
+    one.add_argument("--profile", action="store_true", default=None, help=help_)
     one.add_argument("--figures", action="store_true", help=FIGURES)
     _add_output(one, "the result")
     checked = _case_verb(commands, "check", _check, "check a case before any long work", optional=True)
@@ -231,6 +233,7 @@ EXAMPLES: Mapping[str, Sequence[str]] = {
     "identify": (
         "fmu-didim identify examples/scara/identify.yaml",
         "fmu-didim identify case.yaml --out results/first --quiet",
+        "fmu-didim identify case.yaml --profile",
         "fmu-didim identify case.yaml --json | jq .parameters",
     ),
     "check": ("fmu-didim check case.yaml", "fmu-didim check --codes"),
@@ -306,7 +309,12 @@ def _identify(options: argparse.Namespace) -> int:
         case = load_case(options.case)
         display.say(f"Identifying {case.name} ...")
         outcome = identify(
-            case, out=out, figures=options.figures, progress=display.iteration, show=_summary_on(display, options)
+            case,
+            out=out,
+            figures=options.figures,
+            profile=options.profile,
+            progress=display.iteration,
+            show=_summary_on(display, options),
         )
     if options.json:
         print(json_shown(outcome.document.model_dump_json(indent=1, by_alias=True)))

@@ -38,7 +38,7 @@ from fmu_didim.results.result import (
     StageResult,
     UnconstrainedResult,
 )
-from fmu_didim.results.searches import search_result
+from fmu_didim.results.searches import profile_results, search_result
 
 
 def consistency_result(found: Consistency) -> ConsistencyResult:
@@ -102,6 +102,7 @@ def result_document(
         joint=_joint(estimate),
         prior=_prior(estimate),
         search=search_result(estimate),
+        profiles=profile_results(estimate),
         regrouping=model.parameters.relations(),
         correlations=estimate.correlations(),
         correlation=np.round(correlation(estimate.covariance), 4).tolist(),

@@ -44,6 +44,41 @@ class SearchResult(Saved):
     stopped: str = Field(description="why it ended early; empty where it did not")
 
 
+class ProfileResult(Saved):
+    """The profile of a parameter: its value held, all others fitted anew.
+
+    Attributes:
+        value: of the parameter at each point; others: name of each other parameter -> its value there.
+    """
+
+    value: list[float]
+    chi_square: list[float] = Field(
+        description="misfit above that of the answer at each point, in squares of the noise with its colour"
+    )
+    others: dict[str, list[float]]
+    interval: tuple[Number, Number] = Field(description="95 % interval; null where an end is open")
+    ends: tuple[str, str] = Field(
+        description="how each side ends: reached, limit (of the parameter), open (far away the misfit is still too "
+        "low), failed (nothing can be simulated beyond), lower (another minimum)"
+    )
+    linear: tuple[float, float] = Field(description="interval of the answer, by its standard deviation")
+    height: float = Field(description="chi-square at the ends of the interval")
+    is_bent: bool = Field(description="whether the interval differs from the linear one by more than a third")
+
+
+def profile_results(estimate: Estimate) -> dict[str, ProfileResult]:
+    """Name of each parameter that was profiled -> its profile."""
+    names = estimate.names
+    return {
+        names[one.place]: ProfileResult(
+            value=one.values[:, one.place].tolist(), chi_square=one.difference.tolist(),
+            others={name: one.values[:, k].tolist() for k, name in enumerate(names) if k != one.place},
+            interval=one.interval, ends=one.how, linear=one.linear, height=one.height, is_bent=one.is_bent,
+        )
+        for one in estimate.profiles
+    }  # fmt: skip
+
+
 def search_result(estimate: Estimate) -> SearchResult | None:
     """The search of an estimate as it is saved; None where there was none."""
     found = estimate.search

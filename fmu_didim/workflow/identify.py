@@ -39,6 +39,7 @@ def identify(
     out: Path | str | None = None,
     *,
     start: Result | None = None,
+    profile: bool | Sequence[str] | None = None,
     figures: bool = False,
     progress: Progress | None = None,
     show: Callable[[Result], None] | None = None,
@@ -59,6 +60,8 @@ def identify(
             These seven take the place of what the case has, or are a case themselves.
         start: a result to start from: of the same parameters, here or on another motion. Those that it lacks start at
             the values of the description.
+        profile: whether the interval of each parameter is found by its profile, too, or names of those for which it is;
+            by default what the case says.
         out: folder for ``result.json``, the torque tables, ``report.html``, ``robot_identified.yaml`` with the values
             that all experiments share, and ``robot_identified_<label>.yaml`` for each that has some of its own. They
             replace all that an earlier run left there, or nothing of it.
@@ -77,6 +80,8 @@ def identify(
     case = checked_case(case, folder, objects)
     if start is not None:
         case = started_from(case, start)
+    if profile is not None:
+        case = case.with_(profile=profile)
     model = case.model
     record = provenance(model, case.estimator.describe(), files=case_files(case))
     record |= repeating("identify", case, None if out is None else Path(out))

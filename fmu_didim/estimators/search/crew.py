@@ -4,20 +4,23 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
-from fmu_didim.base.errors import FmuError, IdentificationError, SimulationError
+from fmu_didim.base.errors import FmuDidimError, FmuError, IdentificationError, SimulationError
 from fmu_didim.data.signals import Array
 from fmu_didim.estimators.base import Estimator
 from fmu_didim.fit.estimate import Status
 from fmu_didim.fit.exploration.minima import squares_of
 from fmu_didim.fit.statistics import relative_error_percent
 from fmu_didim.model.loop_model import LoopModel
+
+GENERATIONS = 20
+"""[1] Generations that a global search has at least, as a rule."""
 
 
 @dataclass(frozen=True)
@@ -38,19 +41,34 @@ class Ended:
     problem: str = ""
 
 
+Task: TypeAlias = Callable[[Estimator, LoopModel, Any], Any]
+"""What a crew runs: a function at the top level of a module, of the estimator, the model and one item."""
+
+
 class Crew(ABC):
     """Runs what a search asks for, side by side."""
 
     @abstractmethod
-    def fits(self, starts: Sequence[Array]) -> Iterator[tuple[int, Ended]]:
-        """Number and end of the local fit from each of these values (p,), as they end; who stops iterating stops it."""
+    def run(self, task: Task, items: Sequence[Any], *, repeats: int = 1) -> Iterator[tuple[int, Any]]:
+        """Number and result of a task with each of these items, as they end; who stops iterating stops it. Where its
+        process ends, the result is the error.
+
+        Args:
+            repeats: how often as much will be asked for again, as a guess: whether it pays to start processes.
+        """
 
     def close(self) -> None:  # noqa: B027 - most have nothing to end
         """End what it has started."""
 
-    @abstractmethod
+    def fits(self, starts: Sequence[Array]) -> Iterator[tuple[int, Ended]]:
+        """Number and end of the local fit from each of these values (p,), as they end."""
+        for k, end in self.run(local_fit, starts):
+            yield k, Ended(problem=end.what) if isinstance(end, FmuDidimError) else end
+
     def squares(self, points: Sequence[Array]) -> list[Array | None]:
         """(m,) sums of squares of each output at each of these values (p,); None where they cannot be simulated."""
+        found = dict(self.run(squares_or_none, points, repeats=GENERATIONS))
+        return [None if isinstance(found[k], FmuDidimError) else found[k] for k in range(len(points))]
 
 
 def local_fit(estimator: Estimator, model: LoopModel, values: Array) -> Ended:
@@ -68,7 +86,7 @@ def local_fit(estimator: Estimator, model: LoopModel, values: Array) -> Ended:
     )  # fmt: skip
 
 
-def squares_or_none(model: LoopModel, values: Array) -> Array | None:
+def squares_or_none(_: Estimator, model: LoopModel, values: Array) -> Array | None:
     """Sums of squares (m,) at values (p,); None where they cannot be simulated."""
     try:
         found = squares_of(model, values)
@@ -88,28 +106,23 @@ class InThisProcess(Crew):
     estimator: Estimator
     model: LoopModel
 
-    def fits(self, starts: Sequence[Array]) -> Iterator[tuple[int, Ended]]:
-        workers, alone = self.workers(starts), replace(self.model, workers=1)
-        if workers < 2:
-            yield from ((k, local_fit(self.estimator, self.model, values)) for k, values in enumerate(starts))
+    def run(self, task: Task, items: Sequence[Any], *, repeats: int = 1) -> Iterator[tuple[int, Any]]:
+        workers, alone = self.workers, replace(self.model, workers=1)
+        if workers < 2 or len(items) < 2:
+            yield from ((k, task(self.estimator, self.model, item)) for k, item in enumerate(items))
             return
         threads = ThreadPoolExecutor(workers)
         try:
-            running = {threads.submit(local_fit, self.estimator, alone, values): k for k, values in enumerate(starts)}
+            running = {threads.submit(task, self.estimator, alone, item): k for k, item in enumerate(items)}
             for one in as_completed(running):
                 yield running[one], one.result()
         finally:
             threads.shutdown(cancel_futures=True)
 
-    def squares(self, points: Sequence[Array]) -> list[Array | None]:
-        with ThreadPoolExecutor(self.workers(points)) as threads:
-            return list(threads.map(lambda values: squares_or_none(self.model, values), points))
-
-    def workers(self, points: Sequence[Array]) -> int:
+    @property
+    def workers(self) -> int:
         """How many run at the same time."""
-        for values in points:
-            try:
-                return self.model.allowed_workers(values)
-            except (SimulationError, FmuError):
-                continue
-        return 1
+        try:
+            return self.model.allowed_workers(self.model.start)
+        except (SimulationError, FmuError):
+            return 1

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,13 +13,12 @@ from fmu_didim import identify
 from fmu_didim.base.errors import InputError, SimulationError
 from fmu_didim.case import Case
 from fmu_didim.checks.search import search_diagnostics
-from fmu_didim.data.signals import Array
 from fmu_didim.estimators import IdimLs
 from fmu_didim.estimators.search import Crew, Ended, InThisProcess, Search, crew_of, searched
-from fmu_didim.estimators.search import crew as crew_module
 from fmu_didim.estimators.search.box import Box
+from fmu_didim.estimators.search.crew import Task, local_fit
 from fmu_didim.estimators.search.places import Place, distinct
-from fmu_didim.estimators.search.processes import Processes, fit_there
+from fmu_didim.estimators.search.processes import Processes
 from fmu_didim.fit.estimate import Estimate
 from fmu_didim.fit.exploration.minima import misfit, squares_of
 from fmu_didim.fit.iteration import Iteration
@@ -124,18 +124,15 @@ class Scripted(Crew):
     def __init__(self, ends: Sequence[Ended]) -> None:
         self.ends, self.begun = ends, 0
 
-    def fits(self, starts: Sequence[Array]) -> Iterator[tuple[int, Ended]]:
+    def run(self, task: Task, items: Sequence[Any], *, repeats: int = 1) -> Iterator[tuple[int, Any]]:
         for k, end in enumerate(self.ends):
             self.begun += 1
             yield k, end
 
-    def squares(self, points: Sequence[Array]) -> list[Array | None]:
-        return [None for _ in points]
-
 
 def test_failures_are_counted_by_their_reason_and_do_not_end_the_search() -> None:
     case = wave_case()
-    good = crew_module.local_fit(case.estimator, case.model, np.array([1.01]))
+    good = local_fit(case.estimator, case.model, np.array([1.01]))
     assert good.settled
     found, said = answer(
         case, Search(starts=4), Scripted([Ended(problem="It diverged."), good, Ended(problem="It diverged.")])
@@ -162,7 +159,7 @@ def test_where_every_start_fails_the_usual_one_says_why(monkeypatch: pytest.Monk
 
 def test_after_its_time_no_further_start_begins() -> None:
     case = wave_case()
-    good = crew_module.local_fit(case.estimator, case.model, np.array([1.01]))
+    good = local_fit(case.estimator, case.model, np.array([1.01]))
     crew = Scripted([good] * 9)
     found, _ = answer(case, Search(starts=9, time_s=1e-9), crew)
     assert crew.begun == 1
@@ -212,7 +209,7 @@ def test_child_processes_find_what_this_one_finds() -> None:
     alone = Processes(case.estimator, replace(case.model, workers=1), 2, InThisProcess(case.estimator, case.model))
     starts = [np.array([f]) for f in (0.75, 1.02, 1.25)]
     try:
-        there = dict(alone._side_by_side(fit_there, starts))
+        there = dict(alone._side_by_side(local_fit, starts))
     finally:
         alone.close()
     here = dict(InThisProcess(case.estimator, case.model).fits(starts))
