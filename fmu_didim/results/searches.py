@@ -5,7 +5,10 @@ from __future__ import annotations
 from pydantic import Field
 
 from fmu_didim.base.documents import Number, Saved
+from fmu_didim.data.signals import Array
+from fmu_didim.estimators.search.screening import GlobalSensitivity
 from fmu_didim.fit.estimate import Estimate
+from fmu_didim.fit.exploration.local import local_sensitivity
 
 
 class MinimumResult(Saved):
@@ -77,6 +80,75 @@ def profile_results(estimate: Estimate) -> dict[str, ProfileResult]:
         )
         for one in estimate.profiles
     }  # fmt: skip
+
+
+class RidgeResult(Saved):
+    """A combination of parameters that the data hardly know."""
+
+    parts: dict[str, float] = Field(description="relative change of each parameter along it, the largest 1")
+    std: float = Field(description="relative standard deviation of the parameter with the largest change")
+    text: str = Field(description="in words")
+
+
+class LocalSensitivityResult(Saved):
+    """What each parameter does to each output at the answer.
+
+    Attributes:
+        outputs: name -> unit.
+    """
+
+    outputs: dict[str, str]
+    change: dict[str, list[Number]] = Field(
+        description="name of each parameter -> rms change of each output by one per cent of it, in that output's unit"
+    )
+    ridges: list[RidgeResult] = Field(description="the least known combination first; empty where none is")
+
+
+class GlobalSensitivityResult(Saved):
+    """What each parameter does to the misfit between its bounds.
+
+    Attributes:
+        method: ``morris`` or ``sobol``; samples: trajectories or base points; simulations: that it took.
+        outputs: name -> unit.
+    """
+
+    method: str
+    samples: int
+    simulations: int
+    failed: int = Field(description="simulations that failed; what belongs to them is left out")
+    held: list[str] = Field(description="parameters without bounds, which were held")
+    outputs: dict[str, str]
+    main: dict[str, list[Number]] = Field(
+        description="name of each parameter -> for each output mu* (Morris, in its unit) or S1 (Sobol)"
+    )
+    total: dict[str, list[Number]] = Field(description="the same of mu* or ST")
+    spread: dict[str, list[Number]] = Field(description="the same of sigma, or of half of the 95 % interval of ST")
+
+
+def local_result(estimate: Estimate) -> LocalSensitivityResult | None:
+    """The effects of the parameters at an answer; None where it has no sensitivity of its outputs."""
+    fit = estimate.minimum
+    if fit is None:
+        return None
+    found = local_sensitivity(fit.model, fit.values, fit.jacobian, estimate.covariance)
+    return LocalSensitivityResult(
+        outputs=dict(zip(found.outputs, found.units, strict=True)),
+        change={name: row.tolist() for name, row in zip(found.names, found.change, strict=True)},
+        ridges=[RidgeResult(parts=one.parts, std=one.std, text=one.text) for one in found.ridges],
+    )
+
+
+def global_result(found: GlobalSensitivity) -> GlobalSensitivityResult:
+    """Sensitivities between bounds as they are saved."""
+
+    def by_name(table: Array) -> dict[str, list[float | None]]:
+        return {name: row.tolist() for name, row in zip(found.names, table, strict=True)}
+
+    return GlobalSensitivityResult(
+        method=found.method, samples=found.samples, simulations=found.simulations, failed=found.failed,
+        held=list(found.held), outputs=dict(zip(found.outputs, found.units, strict=True)), main=by_name(found.main),
+        total=by_name(found.total), spread=by_name(found.spread),
+    )  # fmt: skip
 
 
 def search_result(estimate: Estimate) -> SearchResult | None:

@@ -18,6 +18,7 @@ from fmu_didim.report.identification.power import power_sections
 from fmu_didim.report.identification.prior import prior_sections, share_text
 from fmu_didim.report.identification.profiles import interval_texts, profile_sections
 from fmu_didim.report.identification.search import search_sections
+from fmu_didim.report.identification.sensitivities import sensitivity_sections
 from fmu_didim.report.numbers import (
     MISSING,
     Rounding,
@@ -120,6 +121,7 @@ def result_report(document: ResultDocument, parts: Sequence[ExperimentCharts] = 
         *prior_sections(document),
         *search_sections(document),
         *profile_sections(document),
+        *sensitivity_sections(document),
         *_correlations(document),
         _stages(document),
         *_iterations(document),
