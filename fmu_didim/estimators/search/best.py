@@ -94,8 +94,8 @@ class _Run:
     def fits(self, starts: Sequence[Array]) -> list[Ended]:
         """The ends of local fits from these values."""
         self.asked, found = len(starts), dict[int, Ended]()
-        running, lowest = self.crew.fits(starts), np.inf
-        for k, end in running:
+        lowest = np.inf
+        for k, end in self.crew.fits(starts, stop=lambda: bool(self.stopped)):
             found[k] = end
             note = end.problem or f"{len(found)} of {len(starts)} starts"
             if not end.problem:
@@ -107,6 +107,4 @@ class _Run:
             limit = self.search.time_s
             if limit is not None and clock.monotonic() - self.begun > limit and len(found) < len(starts):
                 self.stopped = f"its time of {limit:g} s was over"
-                break
-        running.close()  # type: ignore[attr-defined]
         return [found[k] for k in sorted(found)]

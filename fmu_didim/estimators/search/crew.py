@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor, as_completed
+from concurrent.futures import Future, ThreadPoolExecutor, as_completed
 from dataclasses import dataclass, field, replace
 from typing import Any, TypeAlias
 
@@ -45,24 +45,46 @@ Task: TypeAlias = Callable[[Estimator, LoopModel, Any], Any]
 """What a crew runs: a function at the top level of a module, of the estimator, the model and one item."""
 
 
+Stop = Callable[[], bool]
+"""Whether nothing more is to begin."""
+
+
+def go_on() -> bool:
+    """All is to begin."""
+    return False
+
+
+def as_they_end(running: Mapping[Future[Any], int], stop: Stop) -> Iterator[tuple[int, Any]]:
+    """Number and result of each of these as it ends; once ``stop`` says so, those that have not begun are left out."""
+    for one in as_completed(running):
+        if not one.cancelled():
+            yield running[one], one.result()
+            if stop():
+                for other in running:
+                    other.cancel()
+
+
 class Crew(ABC):
     """Runs what a search asks for, side by side."""
 
     @abstractmethod
-    def run(self, task: Task, items: Sequence[Any], *, repeats: int = 1) -> Iterator[tuple[int, Any]]:
-        """Number and result of a task with each of these items, as they end; who stops iterating stops it. Where its
-        process ends, the result is the error.
+    def run(
+        self, task: Task, items: Sequence[Any], *, repeats: int = 1, stop: Stop = go_on
+    ) -> Iterator[tuple[int, Any]]:
+        """Number and result of a task with each of these items, as they end. Where its process ends, the result is the
+        error.
 
         Args:
             repeats: how often as much will be asked for again, as a guess: whether it pays to start processes.
+            stop: asked after each result; from then on nothing more begins, and what runs comes to its end.
         """
 
     def close(self) -> None:  # noqa: B027 - most have nothing to end
         """End what it has started."""
 
-    def fits(self, starts: Sequence[Array]) -> Iterator[tuple[int, Ended]]:
-        """Number and end of the local fit from each of these values (p,), as they end."""
-        for k, end in self.run(local_fit, starts):
+    def fits(self, starts: Sequence[Array], *, stop: Stop = go_on) -> Iterator[tuple[int, Ended]]:
+        """Number and end of the local fit from each of these values (p,), as they end; ``stop``: as of :meth:`run`."""
+        for k, end in self.run(local_fit, starts, stop=stop):
             yield k, Ended(problem=end.what) if isinstance(end, FmuDidimError) else end
 
     def squares(self, points: Sequence[Array]) -> list[Array | None]:
@@ -106,16 +128,20 @@ class InThisProcess(Crew):
     estimator: Estimator
     model: LoopModel
 
-    def run(self, task: Task, items: Sequence[Any], *, repeats: int = 1) -> Iterator[tuple[int, Any]]:
+    def run(
+        self, task: Task, items: Sequence[Any], *, repeats: int = 1, stop: Stop = go_on
+    ) -> Iterator[tuple[int, Any]]:
         workers, alone = self.workers, replace(self.model, workers=1)
         if workers < 2 or len(items) < 2:
-            yield from ((k, task(self.estimator, self.model, item)) for k, item in enumerate(items))
+            for k, item in enumerate(items):
+                yield k, task(self.estimator, self.model, item)
+                if stop():
+                    return
             return
         threads = ThreadPoolExecutor(workers)
         try:
             running = {threads.submit(task, self.estimator, alone, item): k for k, item in enumerate(items)}
-            for one in as_completed(running):
-                yield running[one], one.result()
+            yield from as_they_end(running, stop)
         finally:
             threads.shutdown(cancel_futures=True)
 

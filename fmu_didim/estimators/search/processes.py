@@ -10,7 +10,7 @@ from __future__ import annotations
 import threading
 import time as clock
 from collections.abc import Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor, as_completed
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -18,7 +18,7 @@ from fmu_didim.base.errors import FmuDidimError
 from fmu_didim.components.fmu.isolation.process import START_LIMIT, NotCarriedError, ProcessEndedError, Worker, pack
 from fmu_didim.cosim import InstancePool, KeptRecordings
 from fmu_didim.estimators.base import Estimator
-from fmu_didim.estimators.search.crew import Crew, InThisProcess, Task
+from fmu_didim.estimators.search.crew import Crew, InThisProcess, Stop, Task, as_they_end, go_on
 from fmu_didim.model.loop_model import LoopModel
 from fmu_didim.model.workers import default_workers
 
@@ -62,30 +62,37 @@ class Processes(Crew):
     _free: list[Worker] = field(default_factory=list, compare=False)
     _lock: threading.Lock = field(default_factory=threading.Lock, compare=False)
 
-    def run(self, task: Task, items: Sequence[Any], *, repeats: int = 1) -> Iterator[tuple[int, Any]]:
+    def run(
+        self, task: Task, items: Sequence[Any], *, repeats: int = 1, stop: Stop = go_on
+    ) -> Iterator[tuple[int, Any]]:
         if not self._workers:
             begun, first = clock.monotonic(), task(self.estimator, self.here.model, items[0])
             yield 0, first
+            if stop():
+                return
             left = len(items) - 1
             crew = self.here.run if (clock.monotonic() - begun) * left * repeats < PAYS_S else self._side_by_side
-            yield from ((k + 1, self._or_here(found, task, items[k + 1])) for k, found in crew(task, items[1:]))
+            for k, found in crew(task, items[1:], stop=stop):
+                yield k + 1, self._or_here(found, task, items[k + 1])
             return
-        yield from ((k, self._or_here(found, task, items[k])) for k, found in self._side_by_side(task, items))
+        for k, found in self._side_by_side(task, items, stop=stop):
+            yield k, self._or_here(found, task, items[k])
 
     def _or_here(self, found: Any, task: Task, item: Any) -> Any:
         """What was found; by this process where a child cannot import what the model is made of."""
         return task(self.estimator, self.here.model, item) if isinstance(found, NotCarriedError) else found
 
-    def _side_by_side(self, task: Task, items: Sequence[Any]) -> Iterator[tuple[int, Any]]:
+    def _side_by_side(self, task: Task, items: Sequence[Any], *, stop: Stop) -> Iterator[tuple[int, Any]]:
         """Number and result, or error, of a task with each of these items, as they come."""
         threads = ThreadPoolExecutor(self.count)
         try:
             running = {threads.submit(self._asked, task, item): k for k, item in enumerate(items)}
-            for one in as_completed(running):
-                yield running[one], one.result()
-        except BaseException:  # also Ctrl-C, and who asks for no more
+            yield from as_they_end(running, stop)
+        except BaseException:  # also Ctrl-C
             threads.shutdown(wait=False, cancel_futures=True)
-            self.close()
+            with self._lock:
+                for worker in self._workers:
+                    worker.kill()
             raise
         finally:
             threads.shutdown(cancel_futures=True)
@@ -122,8 +129,7 @@ class Processes(Crew):
     def close(self) -> None:
         """End the processes."""
         with self._lock:
-            for worker in self._workers:
-                worker.kill()
+            for worker in self._workers:  # that end by themselves, so that no FMU is blamed for it
                 worker.close()
             self._workers.clear()
             self._free.clear()

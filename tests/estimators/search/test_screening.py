@@ -13,7 +13,7 @@ from fmu_didim.base.errors import InputError, SimulationError
 from fmu_didim.case import Case
 from fmu_didim.cli.main import main
 from fmu_didim.estimators.search import Crew, InThisProcess
-from fmu_didim.estimators.search.crew import Task
+from fmu_didim.estimators.search.crew import Stop, Task, go_on
 from fmu_didim.estimators.search.screening import GlobalSensitivity, screened
 from fmu_didim.fit.exploration.local import ridges_of
 from tests.estimators.search.heaters import heater_case
@@ -51,7 +51,7 @@ def test_shares_of_the_variance_are_those_of_a_known_function() -> None:
     pytest.importorskip("SALib")
 
     class Known(Crew):
-        def run(self, task: Task, items: list[np.ndarray], *, repeats: int = 1):  # type: ignore[no-untyped-def, override]
+        def run(self, task: Task, items: list[np.ndarray], *, repeats: int = 1, stop: Stop = go_on):  # type: ignore[no-untyped-def, override]
             yield from ((k, np.array([values[0] ** 2])) for k, values in enumerate(items))
 
     found = made(heater_case(STEPS), "sobol", Known(), samples=64)
@@ -72,7 +72,7 @@ class Failing(Crew):
     def __init__(self, crew: Crew, every: int) -> None:
         self.crew, self.every = crew, every
 
-    def run(self, task: Task, items: list[np.ndarray], *, repeats: int = 1):  # type: ignore[no-untyped-def, override]
+    def run(self, task: Task, items: list[np.ndarray], *, repeats: int = 1, stop: Stop = go_on):  # type: ignore[no-untyped-def, override]
         yield from ((k, None if k % self.every == 0 else found) for k, found in self.crew.run(task, items))
 
 

@@ -16,7 +16,7 @@ from fmu_didim.checks.search import search_diagnostics
 from fmu_didim.estimators import IdimLs
 from fmu_didim.estimators.search import Crew, Ended, InThisProcess, Search, crew_of, searched
 from fmu_didim.estimators.search.box import Box
-from fmu_didim.estimators.search.crew import Task, local_fit
+from fmu_didim.estimators.search.crew import Stop, Task, go_on, local_fit
 from fmu_didim.estimators.search.places import Place, distinct
 from fmu_didim.estimators.search.processes import Processes
 from fmu_didim.fit.estimate import Estimate
@@ -124,10 +124,14 @@ class Scripted(Crew):
     def __init__(self, ends: Sequence[Ended]) -> None:
         self.ends, self.begun = ends, 0
 
-    def run(self, task: Task, items: Sequence[Any], *, repeats: int = 1) -> Iterator[tuple[int, Any]]:
+    def run(
+        self, task: Task, items: Sequence[Any], *, repeats: int = 1, stop: Stop = go_on
+    ) -> Iterator[tuple[int, Any]]:
         for k, end in enumerate(self.ends):
             self.begun += 1
             yield k, end
+            if stop():
+                return
 
 
 def test_failures_are_counted_by_their_reason_and_do_not_end_the_search() -> None:
@@ -209,7 +213,7 @@ def test_child_processes_find_what_this_one_finds() -> None:
     alone = Processes(case.estimator, replace(case.model, workers=1), 2, InThisProcess(case.estimator, case.model))
     starts = [np.array([f]) for f in (0.75, 1.02, 1.25)]
     try:
-        there = dict(alone._side_by_side(local_fit, starts))
+        there = dict(alone._side_by_side(local_fit, starts, stop=go_on))
     finally:
         alone.close()
     here = dict(InThisProcess(case.estimator, case.model).fits(starts))
