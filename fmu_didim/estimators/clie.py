@@ -77,6 +77,10 @@ class Clie(Estimator):
         """It does."""
         return True
 
+    def finds_minima(self, model: LoopModel) -> bool:
+        """It does."""
+        return True
+
     def estimate(self, model: LoopModel, *, progress: Progress = no_progress) -> Estimate:
         model = with_free_delay(model) if self.estimate_delay else model
         further = replace(self, start="description", estimate_delay=False)

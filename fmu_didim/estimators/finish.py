@@ -280,6 +280,7 @@ def torque_estimate(
         known_noise=known_noise(model),
         noise_is_stated=model.torque_deviation is not None,
         fit=fit.torque_alone,
+        minimum=fit,
         roughness=minimum.roughness,
         rivals=minimum.rivals,
         joint=minimum.joint,
