@@ -18,7 +18,8 @@ def case_diagnostics(case: Case, *, causes: bool = True) -> list[Diagnostic]:
     Args:
         causes: see :func:`~fmu_didim.checks.data.checks.data_diagnostics`.
     """
-    without = [label for label, run in case.document.runs.items() if run.torque is None]
+    is_robot = case.document.model is None
+    without = [label for label, run in case.document.runs.items() if is_robot and run.torque is None]
     stated = [name for name, source in case.document.parts.items() if source.outputs_after_step is not None]
     of_reading = reading_diagnostics(case.model.loop.systems[case.model.first], stated)
     return by_weight([*data_diagnostics(case.model, without_torque=without, causes=causes), *of_reading])
