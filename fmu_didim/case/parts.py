@@ -62,7 +62,8 @@ def identified(
     for name, entry in chosen.items():
         plant_names.append(entry.parameter or name)
         if plant_names[-1] not in offered:
-            raise UnknownNameError("parameter of the plant", plant_names[-1], offered, where=f"identify.{name}")
+            whole = "plant" if units is None else "model"
+            raise UnknownNameError(f"parameter of the {whole}", plant_names[-1], offered, where=f"identify.{name}")
         ranges.append(entry.start_and_limits(name, offered[plant_names[-1]].start))
     return NamedParameters(
         names=tuple(chosen),

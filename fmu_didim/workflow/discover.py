@@ -77,6 +77,13 @@ def discover(
     search = Progress.limited(progress or (lambda text: None), time_limit)
     folder = None if out is None else result_folder(out, figures=figures)
     case = checked_case(case, folder, objects)
+    if case.data is not None:
+        raise InputError(
+            "Discovery names physical effects of robots and drives; this case is of a model alone.", where="model",
+            got=case.document.model.source if case.document.model is not None else "",
+            next_step="Look at what identify says of the residual, and at its page: over which input and when it is "
+            "large. Then change the model, or identify one more of its parameters.",
+        )  # fmt: skip
     model = case.model
     if model.loop.torque_is_given:
         raise InputError(
