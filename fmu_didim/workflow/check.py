@@ -151,7 +151,8 @@ def check(
 
     Args:
         case: a loaded case, the path of its file, or its content.
-        robot, plant, controller, log, reference, validation, loop: objects in the place of what the case has, as of
+        robot, plant, controller, log, reference, validation, loop, model, inputs, measured, parameters: objects in the
+            place of what the case has, as of
             :func:`~fmu_didim.identify`.
 
     Raises:

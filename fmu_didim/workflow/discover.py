@@ -50,7 +50,8 @@ def discover(
 
     Args:
         case: a loaded case, the path of its file, or its content; its validation experiments are the held-out data.
-        robot, plant, controller, log, reference, validation, loop: objects in the place of what the case has, as of
+        robot, plant, controller, log, reference, validation, loop, model, inputs, measured, parameters: objects in the
+            place of what the case has, as of
             :func:`identify`.
         out: folder for ``findings.json``, the signals, the augmented robot, FMUs and case, and ``discovery.html``;
             ``findings.json`` holds the best answer so far while the search goes on. Each time all that an earlier run

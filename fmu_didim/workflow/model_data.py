@@ -54,7 +54,9 @@ STEPS_COARSE = CATALOGUE(
     next_step="Simulate in shorter steps: loop: {rate_hz: ...}.",
 )  # fmt: skip
 INPUT_CONSTANT = CATALOGUE(
-    "input-constant", REMARK, rank=62,
+    "input-constant",
+    REMARK,
+    rank=62,
     meaning="An input never changes. What acts by its changes alone cannot be identified from these data.",
     next_step="",
 )
@@ -105,7 +107,9 @@ def _of_outputs(model: LoopModel, label: str, simulated: Array) -> Iterator[Diag
 def _of_start(model: LoopModel, label: str) -> Iterator[Diagnostic]:
     """Outputs that start elsewhere than their first sample and do not depend on what is identified there."""
     experiment = model.experiments[label]
-    if abs(experiment.time[0] - experiment.reference.time[0]) > SAME * float(experiment.reference.time[1] - experiment.reference.time[0]):
+    if abs(experiment.time[0] - experiment.reference.time[0]) > SAME * float(
+        experiment.reference.time[1] - experiment.reference.time[0]
+    ):
         return
     first = _first(model, model.start, label)
     moved = [_first(model, _moved(model.start, i), label) for i in range(model.start.size)]

@@ -30,7 +30,8 @@ def simulate(
 
     Args:
         case: a loaded case, the path of its file, or its content; torque logs are not needed.
-        robot, plant, controller, log, reference, validation, loop: objects in the place of what the case has, as of
+        robot, plant, controller, log, reference, validation, loop, model, inputs, measured: objects in the place of
+            what the case has, as of
             :func:`identify`.
         parameters: free parameters by name; the values of the robot description, or of the model, by default.
         experiment: label of the experiment whose reference is followed, or whose inputs act; the first one by default.
