@@ -139,7 +139,10 @@ class Case:
         for name in signals:
             if name not in self.document.files:
                 raise UnknownNameError("file in the case", name, self.document.files, where=self.name)
-        changed = replace(self, memory=self.memory | Memory(signals))
+        memory = self.memory | Memory(signals)
+        changed = replace(self, memory=memory)
+        if self.data is not None:
+            changed = replace(changed, data=read_calibration(self.document, self.folder, self.plant, memory.signals))
         if "model" in self.__dict__:
             _ = changed.model  # errors are found now
         return changed

@@ -246,7 +246,7 @@ def pair(values: Sequence[Any], label: str) -> dict[str, Any]:
     """The entry of an experiment from its log and its reference, or its inputs and what was measured, in any order."""
     keys = {Log: "torque", Reference: "reference", Inputs: "inputs", Measured: "measured"}
     found = {keys[type(value)]: value for value in values if type(value) in keys}
-    if len(found) != len(values) or {"torque", "reference"} & set(found) and {"inputs", "measured"} & set(found):
+    if len(found) != len(values) or ({"torque", "reference"} & set(found) and {"inputs", "measured"} & set(found)):
         raise InputError(
             "An experiment is a log and a reference; of a model its inputs and what was measured.", where=label,
             got=", ".join(type(value).__name__ for value in values),

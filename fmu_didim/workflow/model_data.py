@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
@@ -75,10 +76,8 @@ def model_diagnostics(case: Case) -> list[Diagnostic]:
             found += of_outputs or _of_start(model, label)
         except SimulationError:  # the estimator starts elsewhere, or says why not
             continue
-    try:
+    with suppress(SimulationError):
         found += _of_steps(case)
-    except SimulationError:
-        pass
     return found
 
 
