@@ -1,4 +1,4 @@
-"""Arrays in the place of data files: a torque log and a reference trajectory; inputs of a model and what was measured."""
+"""Arrays in the place of data files: a torque log and a reference; inputs of a model and what was measured of it."""
 
 from __future__ import annotations
 

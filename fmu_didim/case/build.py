@@ -21,7 +21,7 @@ from fmu_didim.case.calibration.experiment import (
     read_calibration,
 )
 from fmu_didim.case.calibration.model import at_once, model_component
-from fmu_didim.case.changes import CaseChanges, CaseObjects, changes_by, merged
+from fmu_didim.case.changes import CaseChanges, CaseParts, changes_by, merged
 from fmu_didim.case.document import MODEL, CaseDocument, make_estimator, read_case
 from fmu_didim.case.experiment import read_experiment
 from fmu_didim.case.free import free_parameters, prior
@@ -250,7 +250,7 @@ def load_case(
 
 def case_of(
     case: Case | Path | str | Mapping[str, Any] | None,
-    objects: CaseObjects,
+    objects: CaseParts,
     *,
     require_torque: bool = True,
 ) -> Case:

@@ -73,14 +73,14 @@ def _is_another(key: str, old: Mapping[str, Any], new: Mapping[str, Any]) -> boo
     return key in ("reference", "estimator") and (other_kind or ("file" in new and "file" not in old))
 
 
-class CaseObjects(TypedDict, total=False):
-    """Objects that a verb takes beside a case, whose entries they replace, or in place of a case.
+class CaseParts(TypedDict, total=False):
+    """Objects that a verb takes beside a case, whose entries they replace.
 
     Attributes:
         robot, plant, controller, loop: entries of a case; log, reference: of its experiment for the estimation.
         validation: log and reference of its held-out experiment, or inputs and what was measured.
         model: an FMU, a Modelica file or a component that is calibrated as it is; inputs, measured: of its experiment
-            for the estimation; parameters: names of those that are identified, or name -> start and limits.
+            for the estimation.
     """
 
     robot: Any
@@ -93,6 +93,15 @@ class CaseObjects(TypedDict, total=False):
     model: Any
     inputs: Inputs | Any
     measured: Measured | Any
+
+
+class CaseObjects(CaseParts, total=False):
+    """The same with what is identified: with it they may stand in place of a case.
+
+    Attributes:
+        parameters: names of those of a model that are identified, or name -> start and limits.
+    """
+
     parameters: Sequence[str] | Mapping[str, Any] | None
 
 
@@ -115,7 +124,7 @@ def with_objects(verb: Callable[_Arguments, _Result]) -> Callable[_Arguments, _R
     return checked
 
 
-def changes_by(objects: CaseObjects, document: CaseDocument | None) -> dict[str, Any]:
+def changes_by(objects: CaseParts, document: CaseDocument | None) -> dict[str, Any]:
     """The entries of a case that objects replace.
 
     Args:
@@ -132,7 +141,7 @@ def changes_by(objects: CaseObjects, document: CaseDocument | None) -> dict[str,
     if document is None:
         _check_whole(given)
         found = {"name": "case in memory", **found}
-    recorded = {key: given[key] for key in ("inputs", "measured") if key in given}
+    recorded: dict[str, Any] = {key: given[key] for key in ("inputs", "measured") if key in given}
     if recorded and (document is None or document.measured != ()):
         found |= recorded
     elif recorded:

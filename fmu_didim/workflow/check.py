@@ -46,8 +46,8 @@ CONFOUNDED = CATALOGUE(
     next_step="Leave one of them out, or add data that separate them: another payload, gain or motion.",
 )  # fmt: skip
 KNOWN = (
-    "Take one of them as known (out of identify:, its value into model: {parameters: {...}}), or add an experiment that "
-    "separates them, with other inputs or another output."
+    "Take one of them as known (out of identify:, its value into model: {parameters: {...}}), or add an experiment "
+    "that separates them, with other inputs or another output."
 )
 """The next step where they are of a model."""
 

@@ -32,13 +32,14 @@ SAME = 1e-9
 
 OUTPUT_CONSTANT = CATALOGUE(
     "output-constant", PROBLEM, rank=6,
-    meaning="An output that was measured never changes, and that of the model does: the wrong column, or a dead sensor.",
+    meaning="An output that was measured never changes, and that of the model does: the wrong column, or a dead "
+    "sensor.",
     next_step="Check its column: measured: {columns: {...}}.",
 )  # fmt: skip
 OUTPUT_ELSEWHERE = CATALOGUE(
     "output-elsewhere", DOUBT, rank=9,
-    meaning="What was measured of an output lies far beside all that the model gives at its start: another unit, such as "
-    "K for degC, another scale, or the wrong column; or a start that is far from the truth.",
+    meaning="What was measured of an output lies far beside all that the model gives at its start: another unit, such "
+    "as K for degC, another scale, or the wrong column; or a start that is far from the truth.",
     next_step="Give the unit of the column: measured: {columns: {...: {unit: ...}}}, or check which column it is.",
 )  # fmt: skip
 START_ELSEWHERE = CATALOGUE(

@@ -9,7 +9,7 @@ from typing import Any, Unpack
 import numpy as np
 
 from fmu_didim.base.errors import InputError, UnknownNameError
-from fmu_didim.case import Case, CaseObjects, case_of, with_objects
+from fmu_didim.case import Case, CaseParts, case_of, with_objects
 from fmu_didim.cosim import Instants, sample_operator
 from fmu_didim.data.signals import Array, Trajectory
 from fmu_didim.fit.solver.admissible import mass_matrix_problem
@@ -24,7 +24,7 @@ def simulate(
     *,
     parameters: Mapping[str, float] | None = None,
     experiment: str | None = None,
-    **objects: Unpack[CaseObjects],
+    **objects: Unpack[CaseParts],
 ) -> Trajectory:
     """Simulate the loop of a case at the control rate, or the model of a case with the inputs of an experiment.
 

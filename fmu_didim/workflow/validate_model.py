@@ -32,8 +32,9 @@ def mistakes_of_a_model(
         model = None
         yield error, "model"
     names = content.get("identify")
-    for name, entry in (names if isinstance(names, Mapping) and model is not None else {}).items():
-        yield from _of_parameter(str(name), entry, model)
+    if isinstance(names, Mapping) and model is not None:
+        for name, entry in names.items():
+            yield from _of_parameter(str(name), entry, model)
     for label, run in runs.items():
         parts: list[InputsFile | MeasuredFile] = [*run.measured_files, *([run.inputs] if run.inputs else [])]
         for part in parts:

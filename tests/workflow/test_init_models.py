@@ -14,8 +14,9 @@ from fmu_didim.cli.main import main
 from fmu_didim.components.fmu.description import FmuDescription, FmuVariable
 from fmu_didim.data.tables import read_table
 from fmu_didim.workflow.init import start_case
+from fmu_didim.workflow.init.data_file import DataFile
 from fmu_didim.workflow.init.fmu_roles import FmuPorts
-from fmu_didim.workflow.init.inventory import DataFile, Inventory, a_model
+from fmu_didim.workflow.init.inventory import Inventory, a_model
 from fmu_didim.workflow.init.model_case import model_case
 from fmu_didim.workflow.init.model_columns import matched
 from tests.conftest import ROOT

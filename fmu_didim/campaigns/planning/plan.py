@@ -25,7 +25,8 @@ from fmu_didim.data.signals import Array
 SECTIONS = ("case", "truth", "noise", "options", "label")
 """First words of paths that are not fields of the case."""
 DATA_ROOTS = (
-    "robot", "plant", "controller", "system", "loop", "experiments", "train", "validation", "model", "inputs", "measured",
+    "robot", "plant", "controller", "system", "loop", "experiments", "train", "validation", "model", "inputs",
+    "measured",
 )  # fmt: skip
 """Entries of a case that simulated data depend on."""
 

@@ -59,8 +59,9 @@ def simulated_outputs(case: Case) -> dict[str, list[SimulatedOutput]]:
     for label, experiment in model.experiments.items():
         log = model.torque(model.start, label)
         found[label] = [SimulatedOutput(n, experiment.time, log[:, j]) for j, n in enumerate(model.loop.labels)]
-        channels = model.simulation(model.start, label).channels if experiment.channels else {}
-        found[label] += [SimulatedOutput(c.name, c.time, channels[c.name]) for c in experiment.channels]
+        if experiment.channels:
+            channels = model.simulation(model.start, label).channels()
+            found[label] += [SimulatedOutput(c.name, c.time, channels[c.name]) for c in experiment.channels]
     return found
 
 
@@ -98,10 +99,10 @@ def with_simulated_outputs(content: Mapping[str, Any], outputs: Mapping[str, lis
         run = place if key is None else dict(place[key])
         stated = _stated(run.get("measured"))
         run["measured"] = [
-            {"file": output_file(label, name), "columns": {name: name}, **({"std": {name: stated[name]}} if name in stated
-             else {})}
+            {"file": output_file(label, name), "columns": {name: name}}
+            | ({"std": {name: stated[name]}} if name in stated else {})
             for name in outputs.get(label, ())
-        ]  # fmt: skip
+        ]
         if key is not None:
             place[key] = run
     return result

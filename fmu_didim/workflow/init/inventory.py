@@ -5,62 +5,19 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
 from pathlib import Path
-
-import numpy as np
 
 from fmu_didim.base.documents import load_yaml
 from fmu_didim.base.errors import InputError
 from fmu_didim.components.fmu import read_description
-from fmu_didim.data.tables import READER_OF, SignalTable, TimeColumn, read_table
-from fmu_didim.data.tables.clock import instants
+from fmu_didim.data.tables import READER_OF, read_table
 from fmu_didim.dynamics.robot import RobotDescription, read_robot
 from fmu_didim.export import build_modelica
+from fmu_didim.workflow.init.data_file import TORQUES, WORDS_OF_LOOPS, DataFile
 from fmu_didim.workflow.init.fmu_roles import FmuPorts, FmuRole, assigned
-from fmu_didim.workflow.init.roles import Guess, Role, guesses, time_column
+from fmu_didim.workflow.init.model_columns import named_alike
 
 _WORDS_OF_SIGNALS = r"reference|ref|soll|set|trajectory|motion|torque|tau|moment|strom|current|log|ist|act"
-_WORDS_OF_LOOPS = r"loop|instants?|cycles?|takte?|zyklus"
-TORQUES: tuple[Role, ...] = ("tau", "current", "command")
-"""Roles of what a log shows of the torque, the best first."""
-
-
-@dataclass(frozen=True)
-class DataFile:
-    """A file of signals."""
-
-    path: Path
-    table: SignalTable
-
-    @cached_property
-    def guesses(self) -> list[Guess]:
-        """The guess for each column."""
-        return guesses(self.table)
-
-    def clock(self, *roles: str) -> str | None:
-        """The time column of the columns with these roles, of all where there are none."""
-        return time_column(self.table, [g.name for g in self.guesses if g.role in roles])
-
-    def rate_hz(self, *roles: str) -> float | None:
-        """Usual rate of the rows of these columns."""
-        clock = self.clock(*roles)
-        if clock is None:
-            return None
-        time, _ = instants(self.table, TimeColumn(), clock, self.table.columns[clock].size)
-        step = float(np.median(np.diff(time)))
-        return float(f"{1 / step:.4g}") if step > 0 else None
-
-    @property
-    def is_loop_log(self) -> bool:
-        """Whether it has the instants of a controller and no signals."""
-        if any(g.role != "other" for g in self.guesses) or self.clock() is None:
-            return False
-        return not self.guesses or bool(re.search(_WORDS_OF_LOOPS, self.path.stem.lower()))
-
-    def has(self, *roles: str) -> bool:
-        """Whether a column has one of these roles."""
-        return any(g.role in roles for g in self.guesses)
 
 
 @dataclass
@@ -175,8 +132,6 @@ def a_model(found: Inventory, *, is_loop: bool, model: Path | None) -> tuple[Fmu
         is_loop: whether the user says of a file that it is a plant or a controller, or names a control law.
         model: the file that the user says is one.
     """
-    from fmu_didim.workflow.init.model_columns import named_alike
-
     if model is not None:
         return next((ports, "as you say") for ports in found.fmus if ports.source.resolve() == model)
     others = (found.robot, found.controller, found.system)
@@ -199,5 +154,5 @@ def a_model(found: Inventory, *, is_loop: bool, model: Path | None) -> tuple[Fmu
 
 def key_of(path: Path) -> str:
     """What names of files of one run have in common."""
-    key = re.sub(rf"({_WORDS_OF_SIGNALS}|{_WORDS_OF_LOOPS})", "", path.stem.lower())
+    key = re.sub(rf"({_WORDS_OF_SIGNALS}|{WORDS_OF_LOOPS})", "", path.stem.lower())
     return re.sub(r"[_\-. ]+", "_", key).strip("_") or "run"

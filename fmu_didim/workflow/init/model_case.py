@@ -10,7 +10,8 @@ from typing import Any
 from fmu_didim.base.documents import TO_FILL_IN
 from fmu_didim.components.fmu.description import FLOAT_TYPES, FmuDescription, FmuVariable
 from fmu_didim.data.units import known_unit
-from fmu_didim.workflow.init.inventory import DataFile, Inventory
+from fmu_didim.workflow.init.data_file import DataFile
+from fmu_didim.workflow.init.inventory import Inventory
 from fmu_didim.workflow.init.model_columns import MOST_SHOWN, Match, ModelFile, matched, variables
 from fmu_didim.workflow.init.model_runs import ModelRun, model_runs
 from fmu_didim.workflow.init.texts import CASE_FILE, flow, named_from, rendered, time_entry

@@ -10,7 +10,7 @@ from fmu_didim.base.documents import TO_FILL_IN
 from fmu_didim.components.fmu.description import PORT_TYPES, FmuDescription, FmuVariable
 from fmu_didim.data.tables.table import split_unit
 from fmu_didim.data.units import known_unit
-from fmu_didim.workflow.init.inventory import DataFile
+from fmu_didim.workflow.init.data_file import DataFile
 
 SAME_NAME = 2
 """[1] Likeness of names from which they mean the same; below, words of one are in the other."""

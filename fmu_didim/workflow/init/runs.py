@@ -7,7 +7,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 from fmu_didim.base.errors import InputError
-from fmu_didim.workflow.init.inventory import TORQUES, DataFile, Inventory, key_of
+from fmu_didim.workflow.init.data_file import TORQUES, DataFile
+from fmu_didim.workflow.init.inventory import Inventory, key_of
 
 HELD_OUT = r"valid|test|check|hold|pruef|prüf"
 """In the name of a file: it is to judge only."""

@@ -13,7 +13,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from fmu_didim.base.documents import TO_FILL_IN
 from fmu_didim.case.files import DATA_PREFIX, data_folder
 from fmu_didim.data.tables.clock import stamp_columns
-from fmu_didim.workflow.init.inventory import DataFile
+from fmu_didim.workflow.init.data_file import DataFile
 
 CASE_FILE = "case.yaml"
 

@@ -12,8 +12,9 @@ from fmu_didim.base.documents import TO_FILL_IN, Lines
 from fmu_didim.base.errors import InputError, UnknownNameError
 from fmu_didim.controllers import LAWS
 from fmu_didim.data.units import known_unit
+from fmu_didim.workflow.init.data_file import TORQUES, DataFile
 from fmu_didim.workflow.init.fmu_roles import FmuRole, mappings
-from fmu_didim.workflow.init.inventory import TORQUES, DataFile, Inventory, inventory
+from fmu_didim.workflow.init.inventory import Inventory, inventory
 from fmu_didim.workflow.init.loop_time import LoopTime, begins_moving, control_rate_hz, loop_time
 from fmu_didim.workflow.init.model_case import model_case
 from fmu_didim.workflow.init.roles import Guess, Role, Side, chosen
