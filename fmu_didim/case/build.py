@@ -173,7 +173,8 @@ class Case:
     def system(self, reference: Trajectory, *, at_instants: bool = False) -> System:
         """The loop of the case along a reference, whose rows are the instants of the controller or a period apart."""
         if self.data is not None:
-            own = model_system(self.plant, reference, self.step_size, at_instants=self.data.at_instants)
+            data = self.data
+            own = model_system(self.plant, reference, self.step_size, at_instants=data.at_instants, ramps=data.ramps)
             return with_reading(own, self.document)
         system = self.base
         if system is None:

@@ -64,6 +64,14 @@ class CalibrationData:
         """Whether the ticks have no common step."""
         return any(one.step is None for one in self.ticks.values())
 
+    @property
+    def ramps(self) -> frozenset[str]:
+        """The inputs that are linear between their rows, in all experiments."""
+        drives = [run.inputs.by_name for run in self.runs.values()]
+        return frozenset(name for by_name in drives for name, one in by_name.items() if one.is_linear) - frozenset(
+            name for by_name in drives for name, one in by_name.items() if not one.is_linear
+        )
+
     def reference(self, label: str, at_once: frozenset[str]) -> Trajectory:
         """The inputs of an experiment at its ticks; ``at_once``: as of :meth:`RecordedInputs.along`."""
         return self.runs[label].inputs.along(self.ticks[label].time, at_once=at_once)
@@ -126,11 +134,14 @@ def _together(runs: Mapping[str, Run]) -> tuple[str, ...]:
     return tuple(name for name in everywhere if keys[name] == keys[best])
 
 
-def model_system(model: Component, reference: Trajectory, step: float, *, at_instants: bool) -> System:
-    """The system of a model alone: its inputs come from the columns of the reference."""
+def model_system(
+    model: Component, reference: Trajectory, step: float, *, at_instants: bool, ramps: frozenset[str] = frozenset()
+) -> System:
+    """The system of a model alone: its inputs come from the columns of the reference, ``ramps`` on straight lines."""
     wires = tuple(Connection(f"{REFERENCE}.{name}", f"{MODEL}.{name}") for name in reference.names)
     return System(
-        components={MODEL: model}, connections=wires, order=(MODEL,), step_size=step, at_instants=at_instants
+        components={MODEL: model}, connections=wires, order=(MODEL,), step_size=step, at_instants=at_instants,
+        ramps=ramps,
     )  # fmt: skip
 
 

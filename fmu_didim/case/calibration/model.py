@@ -45,8 +45,9 @@ def with_outputs(component: Component, wanted: Mapping[str, str]) -> Component:
 
 
 def at_once(model: Component) -> frozenset[str]:
-    """The inputs of a model that some output follows at once, as far as it says so: all where it does not."""
+    """The inputs of a model that are handed over as they are at the tick: all where it follows ramps, else those that
+    some output follows at once, as far as it says so, and all where it does not."""
     known = model.feedthrough()
-    if known is None:
+    if known is None or model.follows_ramps:
         return frozenset(v.name for v in model.inputs)
     return frozenset(name for _, name in known)

@@ -16,7 +16,7 @@ from fmu_didim.components.fmu.library import load_library
 from fmu_didim.components.fmu.ports import MixedCall, are_plain
 from fmu_didim.components.fmu.settings import RESET, STATE, FmuSettings, RestartableInstance
 from fmu_didim.components.fmu.units import Conversion
-from fmu_didim.components.native import Native, NativeFmu
+from fmu_didim.components.native import ExchangeEquations, Native, NativeFmu
 from fmu_didim.data.signals import Array
 
 READ_BACK = 1e-6
@@ -238,6 +238,34 @@ class FmuInstance(RestartableInstance):
     @abstractmethod
     def step(self, time: float, size: float) -> None: ...
 
+    @property
+    def _has_plain_ports(self) -> bool:
+        """Whether one C call passes all inputs, and one all outputs."""
+        fmu = self._component.fmu
+        return are_plain((*fmu.of_causality("input"), *fmu.of_causality("output")))
+
+    def _native(
+        self, kind: int, steps_by: str, *, step: Any, exchange: ExchangeEquations | None = None
+    ) -> NativeFmu:  # fmt: skip
+        """The instance for the compiled loop; ``steps_by``: what a step is called in messages."""
+        component = self._component
+        return NativeFmu(
+            kind=kind,
+            calls=(self._real_function("Set"), self._real_function("Get"), steps_by),
+            self_address=address(self._binding.c),
+            set_address=address(self._set) if component.input_references else 0,
+            get_address=address(self._get) if component.output_references else 0,
+            step_address=0 if step is None else address(step),
+            input_references=_references_of(component.fmu.of_causality("input")),
+            output_references=_references_of(component.fmu.of_causality("output")),
+            own_inputs=self._in.own,
+            own_outputs=self._out.own,
+            input_scaling=self._in.scaling,
+            output_scaling=self._out.scaling,
+            check=self._binding.check,
+            exchange=exchange,
+        )
+
 
 class CoSimulationInstance(FmuInstance):
     """An FMU in co-simulation."""
@@ -248,25 +276,10 @@ class CoSimulationInstance(FmuInstance):
         self._c = self._binding.c
 
     def native(self) -> Native | None:
-        component, kind = self._component, self._binding.native_kind
-        ports = (*component.fmu.of_causality("input"), *component.fmu.of_causality("output"))
-        if kind is None or component.interface.may_return_early or not are_plain(ports):
+        kind = self._binding.native_kind
+        if kind is None or self._component.interface.may_return_early or not self._has_plain_ports:
             return None
-        return NativeFmu(
-            kind=kind,
-            calls=(self._real_function("Set"), self._real_function("Get"), f"{self._binding.prefix}DoStep"),
-            self_address=address(self._c),
-            set_address=address(self._set) if component.input_references else 0,
-            get_address=address(self._get) if component.output_references else 0,
-            step_address=address(self._do_step),
-            input_references=_references_of(component.fmu.of_causality("input")),
-            output_references=_references_of(component.fmu.of_causality("output")),
-            own_inputs=self._in.own,
-            own_outputs=self._out.own,
-            input_scaling=self._in.scaling,
-            output_scaling=self._out.scaling,
-            check=self._binding.check,
-        )
+        return self._native(kind, f"{self._binding.prefix}DoStep", step=self._do_step)
 
     def step(self, time: float, size: float) -> None:
         now, end, pieces = time, time + size, 1

@@ -87,6 +87,7 @@ class Part:
         whole, part: the delay of its inputs in its own periods.
         after_step: its outputs at an instant are those after the step that begins there.
         between: whether outputs are read between inputs and step; None: where somebody looks at them.
+        ramps: (input, column of the reference, gain) of inputs that go straight from tick to tick.
         start, instants: where its ticks lie, see :meth:`follow`; longest: step beyond which it does several equal ones.
     """
 
@@ -107,6 +108,7 @@ class Part:
         self.whole, self.part = split_delay(system.delays.get(name, 0.0) / self.every)
         self.step_size = system.step_size
         self.line: list[Array] = []
+        self.ramps: list[tuple[int, int, float]] = []
         self.start, self.instants, self.longest = 0.0, None, np.inf
 
     def follow(self, start: float, instants: Array | None) -> None:
@@ -140,6 +142,16 @@ class Part:
     def gather(self, signals: Array) -> None:
         """Inputs from the signals."""
         self.wiring.gather(signals, self.inputs)
+
+    def lead(self, table: Array, tick: int) -> None:
+        """Let the inputs go straight to where they are at the next tick; behind the last row they are held."""
+        if not self.ramps:
+            return
+        slopes, (_, _, size) = np.zeros(self.inputs.size), self._period(tick)
+        if tick + 1 < table.shape[0]:
+            for place, column, gain in self.ramps:
+                slopes[place] += gain * (table[tick + 1, column] - table[tick, column]) / size
+        self.instance.slopes = slopes
 
     def apply(self, tick: int) -> None:
         """Inputs into the component, its outputs into the signals; a fraction of delay is stepped through."""
@@ -357,7 +369,16 @@ def assemble(system: System, reference: Trajectory, pool: InstancePool | None, b
             given = slice(end, end := end + len(component.inputs))
             # An input that nothing is connected to keeps its start value.
             run.values[given] = [v.start for v in component.inputs]
-            run.parts.append(Part(name, system, instance, Wiring(entries), run.values, places[name], given))
+            part = Part(name, system, instance, Wiring(entries), run.values, places[name], given)
+            if component.follows_ramps and not part.delayed and part.every == part.substeps == 1:
+                columns = {f"{REFERENCE}.{column}": i for i, column in enumerate(reference.names)}
+                part.ramps = [
+                    (rows[c.target], columns[c.source], c.gain)
+                    for c in system.connections
+                    if c.target in rows and c.source.partition(".")[2] in system.ramps and c.source in columns
+                ]
+            instance.slopes = None
+            run.parts.append(part)
             instance.bind(run.values[given], run.values[places[name]])
             if beat is not None:
                 beat()
