@@ -153,6 +153,8 @@ def _of_steps(case: Case) -> Iterator[Diagnostic]:
     assert case.data is not None
     model, label = case.model, case.model.first
     inputs = case.data.runs[label].inputs
+    if case.plant.follows_ramps:
+        return
     if not any(one.is_linear for one in inputs.by_name.values()) or case.data.ticks[label].time.size > MOST_STEPS:
         return
     finer = finer_steps(case).model
