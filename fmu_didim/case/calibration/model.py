@@ -12,7 +12,7 @@ from collections.abc import Collection, Mapping
 from pathlib import Path
 
 from fmu_didim.base.errors import InputError
-from fmu_didim.case.calibration.names import NEAREST, START, unknown
+from fmu_didim.case.variable_names import NEAREST, START, unknown
 from fmu_didim.case.document import CaseDocument
 from fmu_didim.case.files import NONE_GIVEN, table_and_time
 from fmu_didim.case.memory import Memory
