@@ -491,8 +491,8 @@ class Simulation:
 
 
 IN_RANGE = (
-    "Keep the parameters where the model can be simulated (identify: {name: {minimum: ..., maximum: ..., start: ...}}), "
-    "and check the units of its inputs."
+    "Keep the parameters where the model can be simulated (identify: {name: {minimum: ..., maximum: ..., start: "
+    "...}}), and check the units of its inputs."
 )
 """What to do where the simulation of a model without loop diverges."""
 
