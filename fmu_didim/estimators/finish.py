@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fmu_didim.data.signals import Array
-from fmu_didim.fit.confounding import refuse_confounded
+from fmu_didim.fit.confounding import refuse_confounded, refuse_ridge
 from fmu_didim.fit.derivatives.sensitivity import parameter_sizes
 from fmu_didim.fit.ending import Ending
 from fmu_didim.fit.estimate import Estimate, JointFit, Stage, Status
@@ -160,11 +160,7 @@ def efficient_finish(
         next_step=NEXT_STEP if tolerance is None else 0.0, updates=None, check_all=False, exact=True, whole=True,
     )  # fmt: skip
     fit, model = start, start.model
-    known = [k.scale if k.is_start else v for k, v in zip(model.free_parameters, fit.values, strict=True)]
-    refuse_confounded(
-        model.beside_prior(whitened(fit.jacobian, fit.deviation)), np.array(known), model.names,
-        torque=float(np.linalg.norm(model.measured_outputs / fit.deviation)),
-    )  # fmt: skip
+    _refuse_confounded(fit)
     sizes = None if fit.prediction is None else parameter_sizes(model, fit.values, fit.prediction)
     for left in reversed(range(MAXIMUM_REFINEMENTS)):
         fit = minimise(
@@ -180,10 +176,24 @@ def efficient_finish(
             change = f"{100 * error.relative:.2g} %"
             remarks.append(f"Substeps of the plant doubled: halving them changed the torque by {change}.")
         fit = replace(fit, model=model, outputs=model.outputs(fit.values))
+    if not model.loop.shows_torque:  # where it began, the outputs may have shown what they do not here
+        _refuse_confounded(fit)
     if error.excess > 1:
         moved = f"{float(np.max(error.shift)):.2g} of its standard deviation"
         remarks.append(f"Twice the substeps of the plant would still move a value by {moved}: state more substeps.")
     return Minimum(fit, error, fit_uncertainty(fit), tuple(iterations), tuple(remarks), roughness(fit, sizes))
+
+
+def _refuse_confounded(fit: Fit) -> None:
+    """Raise IdentificationError where the data do not tell the parameters apart at a fit."""
+    model = fit.model
+    known = [k.scale if k.is_start else v for k, v in zip(model.free_parameters, fit.values, strict=True)]
+    table = model.beside_prior(whitened(fit.jacobian, fit.deviation))
+    size = float(np.linalg.norm(model.measured_outputs / fit.deviation))
+    if model.loop.shows_torque:
+        refuse_confounded(table, np.array(known), model.names, torque=size)
+    else:
+        refuse_ridge(table, np.array(known), model.names, outputs=size)
 
 
 def _finer(model: LoopModel, values: Array, excess: float) -> LoopModel:
