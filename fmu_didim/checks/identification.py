@@ -274,8 +274,8 @@ def roughness_diagnostics(rough: Roughness | None, model: LoopModel) -> list[Dia
         found.append(Diagnostic(ROUGH, text, rough.parameter, rough.change, SECOND_STEP, "1"))
     if rough.jitter > JITTER:
         text = (
-            f"When a parameter changes ever so little, the simulated {model.loop.quantity} jitters by {rough.jitter:.2g} standard "
-            "deviations of its residual: the values scatter by it."
+            f"When a parameter changes ever so little, the simulated {model.loop.quantity} jitters by "
+            f"{rough.jitter:.2g} standard deviations of its residual: the values scatter by it."
         )
         found.append(Diagnostic(ROUGH, text, "", rough.jitter, JITTER, "standard deviations"))
     cause = smoother_after_step(model) if found else ""

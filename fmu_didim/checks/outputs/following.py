@@ -8,7 +8,7 @@ identified; of the best ones the amount is found by a few further simulations.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -39,6 +39,17 @@ NAMED = 3
 """[suspects] At most that are named beside the best one."""
 STEPS = (0.25, 0.5, 0.75)
 """[1] Of an experiment, after which a change is looked for."""
+
+BEYOND, BEYOND_NOISE = 0.1, 25.0
+"""[1] By how much two things must explain more than one, of what that explains and in squares of the noise."""
+EXCHANGE = Suspect(
+    "exchange", 1.0, lambda r, a: np.zeros(r.outputs.shape),
+    lambda a, s: "an influence that was not recorded and that the model lacks, such as a further source, load, loss or "
+    "neighbour which pulls the outputs towards a constant",
+    lambda a: "Add to the model what acts there besides the inputs, record it, or give it a parameter that is "
+    "identified; then check zero and scale of inputs and outputs.",
+)  # fmt: skip
+"""What neither an offset nor a scale explains alone."""
 
 OUTPUT_FOLLOWS = CATALOGUE(
     "residual-follows", DOUBT, rank=59,
@@ -86,7 +97,7 @@ def following_diagnostics(found: OutputResiduals) -> list[Diagnostic]:
     return [_told(found, told, best, level), *short] if best else short
 
 
-def _without_parameters(found: OutputResiduals):  # type: ignore[no-untyped-def]
+def _without_parameters(found: OutputResiduals) -> Iterator[Suspect]:
     yield from of_outputs(found)
     yield from of_inputs(found)
 
@@ -137,7 +148,32 @@ def ranked(found: OutputResiduals, tables: Mapping[Suspect, Array]) -> list[Expl
     first = sorted(first, key=lambda e: -e.squares)[: 2 * REFINED]
     simulated = [e for e in first if not e.suspect.is_linear][:REFINED]
     refined = {e.suspect: _refined(found, e, rest, basis) for e in simulated}
-    return sorted((refined.get(e.suspect, e) for e in first), key=lambda e: -e.squares)
+    best = sorted((refined.get(e.suspect, e) for e in first), key=lambda e: -e.squares)
+    if not best:
+        return []
+    # What decays from the start has any time constant; a parameter that does as well says what it is.
+    named = [e for e in best if e.squares > AS_WELL * best[0].squares and e.suspect.name.startswith("parameter ")]
+    if best[0].suspect.name.startswith("start of ") and named:
+        best = [*named, *(e for e in best if e not in named)]
+    exchange = _exchange(found, tables, rest, basis)
+    if exchange is not None and exchange.squares - best[0].squares > max(BEYOND * best[0].squares, BEYOND_NOISE):
+        best = [exchange, *best]
+    return best
+
+
+def _exchange(found: OutputResiduals, tables: Mapping[Suspect, Array], rest: Array, basis: Array) -> Explained | None:
+    """What an exchange with surroundings that were not recorded explains: outputs that are pulled towards a constant,
+    so that they move less, about another mean."""
+    scales = [found.whitened(t) for s, t in tables.items() if s.name in {f"scale of {n}" for n in found.names}]
+    pulls = [found.whitened(t) for s, t in tables.items() if s.name.startswith("offset of ") and not s.is_linear]
+    most, best = 0.0, None
+    for scale in scales:
+        for pull in pulls:
+            own = orthonormal(independent(rest_of(np.column_stack([pull, scale]), basis)))
+            squares = float(np.sum((own.T @ rest) ** 2))
+            if squares > most and own.shape[1] == 2:
+                most, best = squares, Explained(EXCHANGE, 1.0, 0.0, squares)
+    return best
 
 
 def _explained(suspect: Suspect, amount: float, column: Array, rest: Array, basis: Array) -> Explained | None:

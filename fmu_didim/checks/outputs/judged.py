@@ -9,7 +9,7 @@ import numpy as np
 from fmu_didim.base.diagnostics import Diagnostic
 from fmu_didim.base.errors import SimulationError
 from fmu_didim.checks.channels import noise_diagnostics
-from fmu_didim.checks.outputs.following import following_diagnostics
+from fmu_didim.checks.outputs.following import OUTPUT_FOLLOWS, following_diagnostics
 from fmu_didim.checks.outputs.held_out import held_out_output_diagnostics
 from fmu_didim.checks.outputs.outliers import outlier_diagnostics
 from fmu_didim.checks.outputs.residuals import OutputResiduals
@@ -38,8 +38,9 @@ def output_diagnostics(
     except SimulationError:  # after the last sample
         return found
     followed = following_diagnostics(residuals)
-    found += [*followed, *outlier_diagnostics(residuals), *noise_diagnostics(estimate)]
-    if not followed:  # which would be named with its suspects
+    found += [*followed, *noise_diagnostics(estimate)]
+    if not any(d.code is OUTPUT_FOLLOWS for d in followed):  # which would look like outliers, or hide what is trusted
+        found += outlier_diagnostics(residuals)
         found += trusted_diagnostics(residuals, estimate.standard_deviation)
         highest = max((_highest(residuals, k) for k in range(len(labels))), default=np.inf)
         found += slow_diagnostics(tests, highest, labels=labels, what="where the outputs move")

@@ -60,6 +60,11 @@ def amount(value: float, deviation: float, unit: str = "") -> str:
     return with_unit(f"{value:.3g} ± {deviation:.1g}", unit)
 
 
+def more(value: float) -> str:
+    """``more`` or ``less``."""
+    return "more" if value > 0 else "less"
+
+
 def of_outputs(found: OutputResiduals) -> Iterator[Suspect]:
     """Suspects that need no simulation: how outputs are shown, and where the model starts."""
     for k, (name, unit) in enumerate(zip(found.names, found.units, strict=True)):
@@ -85,15 +90,15 @@ def _shown(found: OutputResiduals, k: int, name: str, unit: str) -> Iterator[Sus
     span = max(float(np.ptp(time)), 1e-300)
     yield Suspect(
         f"offset of {name}", 1.0, lambda _, a: only(np.full(time.size, a)),
-        lambda a, s: f"{name} that shows {amount(abs(a), s, unit)} {'more' if a > 0 else 'less'} than it is",
+        lambda a, s: f"{name} that shows {amount(abs(a), s, unit)} {more(a)} than it is",
         lambda a: f"Check the sensor: measured: {{columns: {{{name}: {{zero: {a:.3g}}}}}}} takes an offset out.",
         is_linear=True,
     )  # fmt: skip
     yield Suspect(
         f"scale of {name}", SMALL, lambda _, a: only(a * (own - own.mean())),
-        lambda a, s: f"{name} that moves {amount(100 * a, 100 * s, '%')} more than simulated",
+        lambda a, s: f"{name} that moves {amount(abs(100 * a), 100 * s, '%')} {more(a)} than simulated",
         lambda a: f"Check unit and scale of {name} (measured: {{columns: {{{name}: {{unit: ...}}}}}}), and what of the "
-        "model sets how far it moves.",
+        "model sets how far it moves, such as a loss or a load that it lacks.",
         is_linear=True,
     )  # fmt: skip
     yield Suspect(
@@ -166,7 +171,7 @@ def _offset_of_input(name: str, unit: str, size: float) -> Suspect:
 def _scale_of_input(name: str) -> Suspect:
     return Suspect(
         f"scale of {name}", SMALL, lambda r, a: _driven(r, name, lambda _, u: u + a * (u - u.mean())),
-        lambda a, s: f"{name} acting {amount(100 * a, 100 * s, '%')} more than the model has it",
+        lambda a, s: f"{name} acting {amount(abs(100 * a), 100 * s, '%')} {more(a)} than the model has it",
         lambda a: f"Check unit and scale of {name} (inputs: {{columns: {{{name}: {{scale: ...}}}}}}), and what of the "
         "model weighs it.",
     )  # fmt: skip
@@ -177,8 +182,8 @@ def _delay_of_input(name: str, step: float) -> Suspect:
         f"delay of {name}", step, lambda r, a: _driven(r, name, lambda t, u: np.interp(t - a, t, u)),
         lambda a, s: f"{name} acting {amount(abs(a), s, 's')} {'later' if a > 0 else 'earlier'} than recorded: "
         f"{'the inputs' if a > 0 else 'the outputs'} are early, or the model {'lacks' if a > 0 else 'has'} a delay",
-        lambda a: f"Check the clocks of both files (inputs: {{offset_s: {a:.3g}}} shifts all inputs); where {name} alone "
-        "comes late, shift its column, or add the delay to the model.",
+        lambda a: f"Check the clocks of both files (inputs: {{offset_s: {a:.3g}}} shifts all of them); where {name} "
+        "alone comes late, shift its column, or add the delay to the model.",
     )  # fmt: skip
 
 

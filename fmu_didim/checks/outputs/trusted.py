@@ -1,7 +1,7 @@
-"""What is taken on trust: parameters of a model at the values of its file, whose errors the identified ones make up for.
+"""What is taken on trust: parameters that are not identified, and whose errors the identified ones make up for.
 
-With the sensitivities S of what is identified and the change c of the outputs by a tenth more of a parameter, the values
-move by S^+ c, and |c - S S^+ c|, in standard deviations of the noise, is all that shows.
+With the sensitivities S of these and the change c of the outputs by a tenth more of such a parameter, the values move
+by S^+ c, and |c - S S^+ c|, in standard deviations of the noise, is all that shows.
 """
 
 from __future__ import annotations
@@ -59,9 +59,9 @@ def _told(found: OutputResiduals, name: str, value: str, moved: Array, shown: li
     for i in shown:
         size = abs(float(found.values[i]))
         by = f"{100 * moved[i] / size:+.2g} %" if size else f"{moved[i]:+.2g}"
-        texts.append(f"{found.model.names[i]} by {by}")
+        texts.append(f"{found.model.names[i]} {by}")
     text = (
-        f"{name} = {value} is taken on trust: with {100 * TENTH:.0f} % more of it these data are explained as well, and "
-        f"{', '.join(texts)}."
+        f"its {value} are taken on trust: with {100 * TENTH:.0f} % more the data would be explained as well, by other "
+        f"values: {', '.join(texts)}."
     )
     return Diagnostic(TAKEN_ON_TRUST, text, name)
