@@ -18,9 +18,9 @@ from fmu_didim.checks.data.expected_accuracy import (
     predict_accuracy,
     resonance_diagnostics,
 )
+from fmu_didim.checks.exploration.sensitivities import idle_between_bounds
 from fmu_didim.checks.judgement import diagnostic_result
 from fmu_didim.checks.plant.consistency import Consistency
-from fmu_didim.checks.sensitivities import idle_between_bounds
 from fmu_didim.data.signals import Array
 from fmu_didim.estimators.search import crew_of
 from fmu_didim.estimators.search.screening import GlobalSensitivity, Method, screened

@@ -11,7 +11,7 @@ from scipy.optimize import brentq, minimize_scalar
 
 from fmu_didim import identify
 from fmu_didim.base.errors import InputError, UnknownNameError
-from fmu_didim.checks.profiles import profile_diagnostics
+from fmu_didim.checks.exploration.profiles import profile_diagnostics
 from fmu_didim.estimators.search import InThisProcess, profiled
 from fmu_didim.fit.estimate import Estimate
 from fmu_didim.fit.exploration import profile as profile_module

@@ -12,7 +12,7 @@ import pytest
 from fmu_didim import identify
 from fmu_didim.base.errors import InputError, SimulationError
 from fmu_didim.case import Case
-from fmu_didim.checks.search import search_diagnostics
+from fmu_didim.checks.exploration.search import search_diagnostics
 from fmu_didim.estimators import IdimLs
 from fmu_didim.estimators.search import Crew, Ended, InThisProcess, Search, crew_of, searched
 from fmu_didim.estimators.search.box import Box
