@@ -9,11 +9,10 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from fmu_didim.base.errors import InputError
 from fmu_didim.data.signals import Array
 from fmu_didim.estimators.base import Estimator, Progress
 from fmu_didim.estimators.search.box import Box
-from fmu_didim.estimators.search.crew import Crew, Ended
+from fmu_didim.estimators.search.crew import Crew, Ended, check_minima
 from fmu_didim.estimators.search.evolution import evolved
 from fmu_didim.estimators.search.options import EVOLUTION, Search
 from fmu_didim.estimators.search.places import Place, distinct
@@ -42,12 +41,7 @@ def searched(
         InputError: the answer of the estimator is not a minimum of the misfit; and as of the estimator, where the fit
             from the start of the case fails with all others.
     """
-    if not estimator.finds_minima(model):
-        raise InputError(
-            f"The answers of {estimator.name} from several starts cannot be compared here.", where="search",
-            got=estimator.name, valid="didim with its finish, clie; output_error of a model:",
-            next_step="Use one of these, or take search: out of the case.",
-        )  # fmt: skip
+    check_minima(estimator, model, "search")
     if getattr(estimator, "estimate_delay", False):
         model = with_free_delay(model)
     begin = model.free_parameters.limited(start_values(model, estimator.start))  # type: ignore[attr-defined]
