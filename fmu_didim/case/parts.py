@@ -13,6 +13,7 @@ from fmu_didim.base.imports import import_object, run_code
 from fmu_didim.case.document import CaseDocument, make_estimator
 from fmu_didim.case.memory import check_at_hand
 from fmu_didim.case.sources import ComponentSource
+from fmu_didim.case.variable_names import unknown_parameter
 from fmu_didim.components import (
     Component,
     FmuComponent,
@@ -61,8 +62,11 @@ def identified(
     plant_names, ranges = [], []
     for name, entry in chosen.items():
         plant_names.append(entry.parameter or name)
+        if plant_names[-1] not in offered and document.model is not None:
+            raise unknown_parameter(plant, plant_names[-1], where=f"identify.{name}")
         if plant_names[-1] not in offered:
-            raise UnknownNameError("parameter of the plant", plant_names[-1], offered, where=f"identify.{name}")
+            whole = "plant" if units is None else "model"
+            raise UnknownNameError(f"parameter of the {whole}", plant_names[-1], offered, where=f"identify.{name}")
         ranges.append(entry.start_and_limits(name, offered[plant_names[-1]].start))
     return NamedParameters(
         names=tuple(chosen),

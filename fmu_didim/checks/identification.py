@@ -181,7 +181,8 @@ def checked(estimate: Estimate, validations: Sequence[Validation], *, before: It
         for name, value in estimate.rivals
     ]
     judged = judgement(found, settled=estimate.status is Status.CONVERGED)
-    power = power_of_fit(estimate.fit) if judged.verdict == "valid" and estimate.fit is not None else None
+    fit = estimate.fit if model.loop.shows_torque else None
+    power = power_of_fit(fit) if judged.verdict == "valid" and fit is not None else None
     return Checks(judged, tests, agreements, power)
 
 

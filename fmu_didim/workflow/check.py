@@ -57,6 +57,11 @@ CONFOUNDED = CATALOGUE(
     meaning="These data do not tell some parameters apart, as far as the start shows it.",
     next_step="Leave one of them out, or add data that separate them: another payload, gain or motion.",
 )  # fmt: skip
+KNOWN = (
+    "Take one of them as known (out of identify:, its value into model: {parameters: {...}}), or add an experiment "
+    "that separates them, with other inputs or another output."
+)
+"""The next step where they are of a model."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -68,12 +73,13 @@ class Checked:
         experiments: label -> data; loop: a line a component, one for its timing.
         diagnostics: the most important first; problems must be fixed before an identification.
         confounded: parameters that these data cannot tell apart, as far as the start shows it.
-        start: where the torque was simulated from, in words; empty where it could not be simulated.
-        error_percent: label -> relative torque error there, before anything is fitted.
+        start: where the torque or the outputs were simulated from, in words; empty where it could not be simulated.
+        error_percent: label -> relative error there, before anything is fitted.
         prospect: standard deviations that are predicted there; None where they cannot be.
         effects: what each parameter does to the outputs there; sensitivity: between the bounds, where it was asked for.
         begin: (p,) values there.
         consistency: of plant and robot description; None where one is built from the other.
+        quantity: what is compared, in a word: torque, or output of a model.
         acknowledged: code -> sentence of the doubts that the case acknowledges.
     """
 
@@ -90,6 +96,7 @@ class Checked:
     sensitivity: GlobalSensitivity | None = None
     begin: Array | None = None
     consistency: Consistency | None = None
+    quantity: str = "torque"
     acknowledged: Mapping[str, str] = field(default_factory=dict)
 
     @property
@@ -142,11 +149,11 @@ class Checked:
                 ("Experiment", f"{with_role(label, e.role)}: {e.time.size} samples at {e.rate_hz:.6g} Hz")
                 for label, e in self.experiments.items()
             ),
-            *(("Loop", line) for line in self.loop),
+            *(("Loop" if self.quantity == "torque" else "Model", line) for line in self.loop),
         ]
         if self.error_percent:
             errors = ", ".join(f"{significant(v)} % on {label}" for label, v in self.error_percent.items())
-            entries.append(("Start", f"torque error {errors}, from {self.start}"))
+            entries.append(("Start", f"{self.quantity} error {errors}, from {self.start}"))
         if self.consistency is not None and self.consistency.points and not self.consistency.warnings():
             worst = significant(self.consistency.worst, 2)
             entries.append(("Plant", f"it agrees with the robot description to {worst}"))
@@ -179,7 +186,7 @@ def check(
     say: Callable[[str], None] | None = None,
     **objects: Unpack[CaseObjects],
 ) -> Checked:
-    """Check a case before any long work: its plant, its parameters, its torque logs and its start.
+    """Check a case before any long work: its plant or model, its parameters, its data and its start.
 
     It compares plant and robot description where both are given; checks that each parameter acts, that the logs can be
     those of this loop, and that the data distinguish the parameters at the start. It takes a few simulations, and one
@@ -187,7 +194,8 @@ def check(
 
     Args:
         case: a loaded case, the path of its file, or its content.
-        robot, plant, controller, log, reference, validation, loop: objects in the place of what the case has, as of
+        robot, plant, controller, log, reference, validation, loop, model, inputs, measured, parameters: objects in the
+            place of what the case has, as of
             :func:`~fmu_didim.identify`.
         sensitivity: ``morris`` or ``sobol``: which parameters matter between their bounds, too, by SALib.
         samples: of it: trajectories (20), or base points (64); seed: of its draws; say: told how long it takes.
@@ -209,6 +217,7 @@ def check(
         loop=tuple(loop_lines(described_loop(case, model.loop.systems[model.first].describe()))),
         diagnostics=tuple(diagnostics),
         consistency=consistency,
+        quantity="torque" if model.loop.shows_torque else "output",
         acknowledged=sentences,
     )
     found = _at_the_start(case, model, found)
@@ -235,9 +244,12 @@ def _at_the_start(case: Case, model: LoopModel, found: Checked) -> Checked:
         }
         fitted = np.concatenate([torque[label] for label in model.estimation_labels])
         alike, ahead, effects = predict_accuracy(model, values, fitted)
-        told = [Diagnostic(CONFOUNDED, f"These data do not tell {', '.join(alike)} apart.")] if alike else []
+        step = "" if model.loop.shows_torque else KNOWN
+        text = f"These data do not tell {', '.join(alike)} apart."
+        told = [Diagnostic(CONFOUNDED, text, next_step=step)] if alike else []
         told += accuracy_diagnostics(ahead) if ahead is not None else []
-        told = [*found.diagnostics, *told, *resonance_diagnostics(model, values)]
+        told += resonance_diagnostics(model, values) if model.loop.shows_torque else []
+        told = [*found.diagnostics, *told]
         return replace(
             found,
             start=place,
@@ -248,7 +260,8 @@ def _at_the_start(case: Case, model: LoopModel, found: Checked) -> Checked:
             effects=effects,
             begin=values,
         )
-    text = "The torque cannot be simulated at any start: " + "; ".join(f"from {reason}" for reason in reasons)
+    what = f"The {found.quantity} cannot be simulated at any start: "
+    text = what + "; ".join(f"from {reason}" for reason in reasons)
     return replace(found, diagnostics=(*found.diagnostics, Diagnostic(NO_START, text)))
 
 
@@ -270,7 +283,7 @@ def _with_sensitivity(
 def _starts(case: Case) -> Iterator[tuple[Any, str]]:
     """Where an identification may start, the most telling one first."""
     for start in start_sequence(case.model, "torque" if case.parameters.has_regressor else "description"):
-        yield start, start_text(start)
+        yield start, start_text(start) if case.data is None else "its start values"
     own = getattr(case.estimator, "start", None)
     if isinstance(own, Mapping):
         yield own, "the start of the case"

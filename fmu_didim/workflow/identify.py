@@ -55,9 +55,12 @@ def identify(
             their names: ``q_ref``, ``dq_ref``, ``ddq_ref``, ``q``, ``dq``, ``ddq``, ``t``.
         log, reference: ``Log(t, tau)`` and ``Reference(t, q)`` of the experiment that is fitted; what the case says of
             sampling and clock holds for them.
-        validation: ``(log, reference)`` of the held-out experiment.
+        validation: ``(log, reference)`` of the held-out experiment, or ``(inputs, measured)``.
         loop: entries of the case, such as ``{"rate_hz": 1000}`` for a controller that states no rate.
-            These seven take the place of what the case has, or are a case themselves.
+        model: an FMU, a Modelica file or a component that is calibrated as it is, with neither robot nor controller.
+        inputs, measured: ``Inputs(t, u=...)`` and ``Measured(t, y=...)`` of it, by the names of its variables.
+        parameters: names of those that are identified, or name -> ``{"start": 1, "minimum": 0}``.
+            These eleven take the place of what the case has, or are a case themselves.
         start: a result to start from: of the same parameters, here or on another motion. Those that it lacks start at
             the values of the description.
         profile: whether the interval of each parameter is found by its profile, too, or names of those for which it is;
