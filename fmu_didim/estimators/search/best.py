@@ -22,6 +22,8 @@ from fmu_didim.fit.exploration.minima import SearchOutcome
 from fmu_didim.fit.iteration import Iteration
 from fmu_didim.model.loop_model import LoopModel
 
+VISIBLE = 0.1
+"""[chi-square] A misfit that is lower by less is told as the same: the rest of the iterations."""
 HARDLY_WORSE = 10.8
 """[chi-square] Another minimum that is worse by less is not excluded by the data: 0.1 % by chance, with one degree of
 freedom."""
@@ -94,7 +96,7 @@ class _Run:
             note = end.problem or f"{len(found)} of {len(starts)} starts"
             if not end.problem:
                 cost = Place.of(self.model, end).misfit
-                note += ", the lowest so far" if cost < lowest else ""
+                note += ", the lowest so far" if cost < lowest - VISIBLE else ""
                 lowest = min(lowest, cost)
             values = starts[k] if end.problem else np.array([end.values[name] for name in self.model.names])
             self.progress(Iteration("start", k + 1, values, end.error_percent, note=note))
