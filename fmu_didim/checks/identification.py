@@ -12,19 +12,20 @@ from fmu_didim.base.errors import UnknownNameError
 from fmu_didim.checks.agreement import AgreementResult, agreement
 from fmu_didim.checks.channels import channel_diagnostics
 from fmu_didim.checks.data.checks import confirmed
+from fmu_didim.checks.exploration.one_start import one_start_diagnostics
+from fmu_didim.checks.exploration.profiles import profile_diagnostics
+from fmu_didim.checks.exploration.search import search_diagnostics
 from fmu_didim.checks.held_out import WORSE_HELD_OUT, Residual, held_out_diagnostics, not_simulated
 from fmu_didim.checks.held_out_channels import held_out_channel_diagnostics
 from fmu_didim.checks.judgement import Judgement, judgement
 from fmu_didim.checks.motion.dependence import DEPENDS_ON_MOTION, dependence_of_fit, motion_diagnostics
 from fmu_didim.checks.motion.periods import repetition_diagnostics, repetition_of_fit
-from fmu_didim.checks.one_start import one_start_diagnostics
 from fmu_didim.checks.outputs.judged import output_diagnostics
 from fmu_didim.checks.outputs.words import of_a_model
 from fmu_didim.checks.physical import physical_diagnostics
 from fmu_didim.checks.plant.unidentified import unidentified_diagnostics
 from fmu_didim.checks.power.statement import PowerResult, power_of_fit
 from fmu_didim.checks.prior import prior_diagnostics
-from fmu_didim.checks.profiles import profile_diagnostics
 from fmu_didim.checks.residual import (
     RESIDUAL_ABOVE_NOISE,
     RESIDUAL_SLOW,
@@ -33,7 +34,6 @@ from fmu_didim.checks.residual import (
     residual_diagnostics,
     slow_diagnostics,
 )
-from fmu_didim.checks.search import search_diagnostics
 from fmu_didim.checks.validation import TORQUE_ERROR_LARGE, Validation, error_diagnostics
 from fmu_didim.estimators.initial_states import OtherStart, contradicted_starts
 from fmu_didim.fit.estimate import Estimate, Status
