@@ -217,7 +217,7 @@ class Case:
         if self.data is None:
             return None if self.document.torque_std is None else np.array(self.document.torque_std)
         outputs = self.data.runs[next(iter(experiments))].outputs
-        stated = [outputs[name].deviation for name in self.data.together]
+        stated = [outputs[name].errors.stated for name in self.data.together]
         return None if None in stated else np.array(stated)
 
 

@@ -36,6 +36,8 @@ class CaseChanges(TypedDict, total=False):
     train: Any
     validation: Any
     estimator: Mapping[str, Any]
+    search: Mapping[str, Any] | None
+    profile: bool | Sequence[str]
     torque_std: Sequence[float] | None
     joint_weights: str
     low_pass: Mapping[str, Any] | None

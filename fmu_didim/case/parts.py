@@ -10,6 +10,7 @@ from typing import Any
 
 from fmu_didim.base.errors import InputError, UnknownNameError
 from fmu_didim.base.imports import import_object, run_code
+from fmu_didim.case.calibration.names import unknown_parameter
 from fmu_didim.case.document import CaseDocument, make_estimator
 from fmu_didim.case.memory import check_at_hand
 from fmu_didim.case.sources import ComponentSource
@@ -61,6 +62,8 @@ def identified(
     plant_names, ranges = [], []
     for name, entry in chosen.items():
         plant_names.append(entry.parameter or name)
+        if plant_names[-1] not in offered and document.model is not None:
+            raise unknown_parameter(plant, plant_names[-1], where=f"identify.{name}")
         if plant_names[-1] not in offered:
             whole = "plant" if units is None else "model"
             raise UnknownNameError(f"parameter of the {whole}", plant_names[-1], offered, where=f"identify.{name}")

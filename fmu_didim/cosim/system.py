@@ -11,6 +11,8 @@ from fmu_didim.base.errors import InputError, UnknownNameError
 from fmu_didim.components import Component
 
 REFERENCE = "reference"
+OF_INPUTS = "Check start values and limits of the parameters, and the units of the inputs."
+"""What to do about a simulation that diverges where nothing is fed back."""
 LoopTreatment = Literal["refuse", "iterate", "previous"]
 
 
@@ -133,6 +135,11 @@ class System:
     def _check_name(self, name: str, where: str) -> None:
         if name not in self.components:
             raise UnknownNameError("component", name, self.components, where=where)
+
+    @property
+    def closes(self) -> bool:
+        """Whether outputs are fed back to inputs, or components drive each other; else all comes from outside."""
+        return any(not c.source.startswith(f"{REFERENCE}.") for c in self.connections)
 
     def replace(self, name: str, component: Component) -> System:
         """The same system with another component of that name; all else untouched."""

@@ -58,6 +58,10 @@ def cvode(
 
 def silence(solver: Any) -> None:
     """Let a solver of FMPy keep its messages for the error that is raised; by itself it prints them, too."""
+    from fmpy.sundials.libraries import sundials_cvode
+
+    sundials_cvode.CVodeSetMaxHnilWarns.argtypes = [ctypes.c_void_p, ctypes.c_int]
+    sundials_cvode.CVodeSetMaxHnilWarns(solver.cvode_mem, -1)  # steps that are lost in rounding are told by the end
     if not hasattr(solver, "sunctx"):
         return  # of a SUNDIALS that prints nothing once it has a handler
     from fmpy.sundials.libraries import sundials_core

@@ -15,7 +15,7 @@ from fmu_didim.components import Component, Instance
 from fmu_didim.components.fmu.component import foreign_co_simulation
 from fmu_didim.cosim.execution.buffers import recording_buffer
 from fmu_didim.cosim.execution.instance_pool import InstancePool
-from fmu_didim.cosim.system import REFERENCE, System, split_delay
+from fmu_didim.cosim.system import OF_INPUTS, REFERENCE, System, split_delay
 from fmu_didim.data.signals import Array, Trajectory
 
 CHECK_INTERVAL = 32
@@ -315,10 +315,11 @@ class LoopRun:
     def diverged(self, i: int, time: float) -> DivergedError:
         """The error for signal ``i`` that left its bounds, or is not a number."""
         value = float(self.signals[i])
-        what = f"The closed loop diverged: {self.names[i]} = {value:.3g}"
+        is_loop = self.system.closes
+        what = f"The {'closed loop' if is_loop else 'simulation'} diverged: {self.names[i]} = {value:.3g}"
         if np.isfinite(value):
             what += f", outside {self.lowest[i]:.3g} to {self.highest[i]:.3g}"
-        advice = "Start from the reference trajectory (start: reference), or lower the gains."
+        advice = "Start from the reference trajectory (start: reference), or lower the gains." if is_loop else OF_INPUTS
         return DivergedError(what + ".", time=time, next_step=advice, is_finite=bool(np.isfinite(value)))
 
     def look(self, part: Part, time: float) -> None:
