@@ -11,7 +11,10 @@ from fmu_didim.base.errors import InputError, UnknownNameError
 from fmu_didim.components import Component
 
 REFERENCE = "reference"
-OF_INPUTS = "Check start values and limits of the parameters, and the units of the inputs."
+OF_INPUTS = (
+    "Keep the parameters where the model can be simulated (identify: {name: {minimum: ..., maximum: ..., start: ...}}),"
+    " and check the units of its inputs."
+)
 """What to do about a simulation that diverges where nothing is fed back."""
 LoopTreatment = Literal["refuse", "iterate", "previous"]
 

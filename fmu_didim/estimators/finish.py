@@ -287,7 +287,9 @@ def torque_estimate(
         prior=prior_fit(fit, known),
         unlimited=unlimited,
         remarks=(
-            *minimum.remarks, *_of_failures(iterations), *_of_limits(model, fit.values, known.deviation, unlimited)
+            *minimum.remarks,
+            *_of_failures(iterations),
+            *_of_limits(model, fit.values, known.deviation, unlimited),
         ),
         advice="" if settled else unsettled_advice(model, iterations),
     )

@@ -391,10 +391,7 @@ class Simulation:
         reference = with_external_torques(reference, external)
         if subdivision > 1:
             reference, ticks = held(reference, subdivision, at_instants=system.at_instants), ticks * subdivision
-        try:
-            recording = simulate(system, reference, ticks=ticks, bounds=bounds, observe=observe, pool=model.pool)
-        except DivergedError as error:
-            raise (error if model.loop.shows_torque else _without_loop(error)) from None
+        recording = simulate(system, reference, ticks=ticks, bounds=bounds, observe=observe, pool=model.pool)
         if key is not None:
             model.recordings.keep(key, recording)
         return recording
@@ -489,18 +486,3 @@ class Simulation:
     def sampled(self, table: Array) -> Array:
         """(N, ...) samples of values (K, ...) at the ticks of the log, filtered as it is."""
         return self.model.experiments.compared(self.operator.apply(table), self.label)
-
-
-IN_RANGE = (
-    "Keep the parameters where the model can be simulated (identify: {name: {minimum: ..., maximum: ..., start: ...}}), "
-    "and check the units of its inputs."
-)
-"""What to do where the simulation of a model without loop diverges."""
-
-
-def _without_loop(error: DivergedError) -> DivergedError:
-    """The same error in words for a model that runs in no loop."""
-    what = error.what.replace("The closed loop diverged", "The simulation diverged")
-    return DivergedError(
-        what, time=error.time, where=error.where, next_step=IN_RANGE, is_finite=error.is_finite
-    )  # fmt: skip

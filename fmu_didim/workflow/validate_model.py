@@ -10,10 +10,10 @@ from pydantic import TypeAdapter, ValidationError
 
 from fmu_didim.base.documents import TO_FILL_IN
 from fmu_didim.base.errors import FmuDidimError
-from fmu_didim.case.calibration.names import START, unknown, unknown_parameter
 from fmu_didim.case.files import table_and_time
 from fmu_didim.case.parts import component_of, controller_block
 from fmu_didim.case.sources import ComponentSource, ExperimentSource, InputsFile, MeasuredFile, SignalFile
+from fmu_didim.case.variable_names import START, unknown, unknown_parameter
 from fmu_didim.components import Component, FmuComponent
 from fmu_didim.components.fmu.chosen import visible
 from fmu_didim.data.tables import Column, selected

@@ -12,12 +12,12 @@ from collections.abc import Collection, Mapping
 from pathlib import Path
 
 from fmu_didim.base.errors import InputError
-from fmu_didim.case.calibration.names import NEAREST, START, unknown
 from fmu_didim.case.document import CaseDocument
 from fmu_didim.case.files import NONE_GIVEN, table_and_time
 from fmu_didim.case.memory import Memory
 from fmu_didim.case.parts import component_of, controller_block
 from fmu_didim.case.sources import MeasuredFile
+from fmu_didim.case.variable_names import NEAREST, START, unknown
 from fmu_didim.components import Component, FmuComponent
 from fmu_didim.components.fmu.chosen import (
     all_variables,

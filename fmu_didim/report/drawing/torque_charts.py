@@ -93,7 +93,7 @@ class DrawnInput:
 
 def input_panels(inputs: Sequence[DrawnInput]) -> list[Panel]:
     """The inputs of a model, those of one unit in one panel; some tell most, and there may be hundreds."""
-    panels, by_unit = [], dict[str, list[DrawnInput]]()
+    panels, by_unit = list[Panel](), dict[str, list[DrawnInput]]()
     for one in inputs[:MOST_INPUTS]:
         by_unit.setdefault(pretty_unit(one.unit), []).append(one)
     colours = iter(range(MOST_INPUTS))
