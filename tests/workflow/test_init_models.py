@@ -209,6 +209,6 @@ def test_a_variable_that_is_no_output_is_found_by_its_name(tmp_path: Path) -> No
 
 def test_starts_of_states_are_listed_where_they_can_be_chosen(tmp_path: Path) -> None:
     files = [table(tmp_path / "u.csv", "t,u"), table(tmp_path / "m.csv", "t,y")]
-    model = replace(fmu("u", "y:K", "k:W=1"), states=("y",))
+    model = replace(fmu("u", "y:K der(z)", "k:W=1"), states=("y",))
     texts, _ = model_case(Inventory(data=files, model=(FmuPorts(Path("x.mo"), model), "")), Path())
-    assert "# y.start: {}  # K: where it starts" in texts["case.yaml"]
+    assert "# y.start: {}  # K: where it starts" in texts["case.yaml"] and "# z.start: {}" in texts["case.yaml"]

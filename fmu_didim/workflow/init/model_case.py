@@ -104,7 +104,8 @@ def _starts(fmu: FmuDescription, *, is_source: bool) -> list[dict[str, str]]:
     if not is_source and fmu.interface(CO_SIMULATION) is not None:
         return []
     known = {v.name: v for v in fmu.variables}
-    listed = [(name, known.get(name)) for name in fmu.states]
+    derived = [match[1] for name in known if (match := re.fullmatch(r"der\((.+)\)", name))]
+    listed = [(name, known.get(name)) for name in dict.fromkeys([*fmu.states, *derived])]
     return [
         {"name": flow(f"{name}.start"), "entry": "{}", "said": f"{v.unit if v else ''}: where it starts".strip(": ")}
         for name, v in listed
