@@ -17,10 +17,12 @@ from fmu_didim.checks.held_out_channels import held_out_channel_diagnostics
 from fmu_didim.checks.judgement import Judgement, judgement
 from fmu_didim.checks.motion.dependence import DEPENDS_ON_MOTION, dependence_of_fit, motion_diagnostics
 from fmu_didim.checks.motion.periods import repetition_diagnostics, repetition_of_fit
+from fmu_didim.checks.one_start import one_start_diagnostics
 from fmu_didim.checks.physical import physical_diagnostics
 from fmu_didim.checks.plant.unidentified import unidentified_diagnostics
 from fmu_didim.checks.power.statement import PowerResult, power_of_fit
 from fmu_didim.checks.prior import prior_diagnostics
+from fmu_didim.checks.profiles import profile_diagnostics
 from fmu_didim.checks.residual import (
     RESIDUAL_ABOVE_NOISE,
     RESIDUAL_SLOW,
@@ -29,6 +31,7 @@ from fmu_didim.checks.residual import (
     residual_diagnostics,
     slow_diagnostics,
 )
+from fmu_didim.checks.search import search_diagnostics
 from fmu_didim.checks.validation import TORQUE_ERROR_LARGE, Validation, error_diagnostics
 from fmu_didim.estimators.initial_states import OtherStart, contradicted_starts
 from fmu_didim.fit.estimate import Estimate, Status
@@ -170,7 +173,7 @@ def checked(estimate: Estimate, validations: Sequence[Validation], *, before: It
         found += start_diagnostics(contradicted_starts(estimate.fit))
     motion_hz, cutoff_hz = _bands(model)
     found += [*slow_diagnostics(tests, motion_hz, cutoff_hz), *error_diagnostics(validations, motion_hz)]
-    found += of_any_output(estimate)
+    found += [*of_any_output(estimate), *one_start_diagnostics(estimate, tests)]
     if estimate.fit is not None and MISFITS & {d.code for d in found}:
         found += unidentified_diagnostics(estimate.fit)
     found += [
@@ -178,7 +181,8 @@ def checked(estimate: Estimate, validations: Sequence[Validation], *, before: It
         for name, value in estimate.rivals
     ]
     judged = judgement(found, settled=estimate.status is Status.CONVERGED)
-    power = power_of_fit(estimate.fit) if judged.verdict == "valid" and estimate.fit is not None else None
+    fit = estimate.fit if model.loop.shows_torque else None
+    power = power_of_fit(fit) if judged.verdict == "valid" and fit is not None else None
     return Checks(judged, tests, agreements, power)
 
 
@@ -193,7 +197,7 @@ def of_any_output(estimate: Estimate) -> list[Diagnostic]:
         text = f"Twice the substeps of the plant would still move a value by {shift:.2g} of its standard deviation."
         found.append(Diagnostic(TOO_COARSE, text, value=shift, bound=VISIBLE_SHIFT, unit="standard deviations"))
     return [*found, *roughness_diagnostics(estimate.roughness, model), *channel_diagnostics(estimate),
-            *prior_diagnostics(estimate)]  # fmt: skip
+            *prior_diagnostics(estimate), *search_diagnostics(estimate), *profile_diagnostics(estimate)]  # fmt: skip
 
 
 def held_out_channels(estimate: Estimate, validations: Sequence[Validation]) -> list[Diagnostic]:

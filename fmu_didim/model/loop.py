@@ -87,6 +87,21 @@ class Loop:
             return tuple(f"joint {j}" for j in range(1, self.joint_count + 1))
         return tuple(name.partition(".")[2] for name in self.output_signals)
 
+    @property
+    def quantity(self) -> str:
+        """What is compared, in a word: the torque of joints, or outputs of any model."""
+        return "torque" if self.shows_torque else "output"
+
+    @property
+    def output_names(self) -> tuple[str, ...]:
+        """(n,) names of the outputs that the log shows; none where it shows the torque of joints."""
+        return () if self.shows_torque else self.labels
+
+    @property
+    def whole(self) -> str:
+        """What carries the identified parameters, in a word."""
+        return "plant" if self.shows_torque else "model"
+
     def system(
         self, label: str, experiment: Experiment, theta: Array, others: Mapping[str, Mapping[str, float]]
     ) -> System:

@@ -34,6 +34,7 @@ from fmu_didim.cosim import (
     response_key,
     simulate,
 )  # fmt: skip
+from fmu_didim.cosim.system import OF_INPUTS
 from fmu_didim.data.filters import LowPass
 from fmu_didim.data.signals import Array
 from fmu_didim.dynamics.prior import Prior
@@ -426,10 +427,16 @@ class Simulation:
         found = operator.apply(values[np.searchsorted(self.output_ticks, operator.ticks)])
         if not np.isfinite(found).all():
             raise DivergedError(
-                "A simulated output is not finite.", time=float(recording.time[-1]),
-                next_step="Check the start values and the gains, signs and units of the loop.",
+                "A simulated output is not finite.", time=float(recording.time[-1]), next_step=self.when_diverged
             )  # fmt: skip
         return found
+
+    @property
+    def when_diverged(self) -> str:
+        """What to do about a simulation that is no number."""
+        if self.model.loop.shows_torque:
+            return "Check the start values and the gains, signs and units of the loop."
+        return OF_INPUTS
 
     @property
     def output_ticks(self) -> NDArray[np.int64]:
@@ -449,7 +456,7 @@ class Simulation:
             return self.sampled(torque)
         further = [self._sampled_by(c.operator, signal(self.signal_of(c)), recording) for c in self.experiment.channels]
         return experiments.outputs_of(
-            self.label, experiments.filtered(self._sampled_by(self.operator, torque, recording), self.label), further
+            self.label, experiments.compared(self._sampled_by(self.operator, torque, recording), self.label), further
         )
 
     def sampled_torque(self, recording: Recording) -> Array:
@@ -457,10 +464,10 @@ class Simulation:
         torque = self.operator.apply(self.logged_torque(recording))
         if not np.isfinite(torque).all():
             raise DivergedError(
-                "The simulated torque is not finite.", time=float(recording.time[-1]),
-                next_step="Check the start values and the gains, signs and units of the loop.",
+                f"The simulated {self.model.loop.quantity} is not finite.", time=float(recording.time[-1]),
+                next_step=self.when_diverged,
             )  # fmt: skip
-        return self.model.experiments.filtered(torque, self.label)
+        return self.model.experiments.compared(torque, self.label)
 
     def logged_torque(self, recording: Recording) -> Array:
         """(K, n) what a log would show at the recorded ticks: the inputs without the torques from outside, or outputs
@@ -478,4 +485,4 @@ class Simulation:
 
     def sampled(self, table: Array) -> Array:
         """(N, ...) samples of values (K, ...) at the ticks of the log, filtered as it is."""
-        return self.model.experiments.filtered(self.operator.apply(table), self.label)
+        return self.model.experiments.compared(self.operator.apply(table), self.label)

@@ -52,7 +52,7 @@ def _named(case: Case) -> dict[str, Path]:
             file = located(source, case.folder).rpartition(":")[0] if is_reference(source) else source
             named[source] = case.folder / file
     for run in document.runs.values():
-        for part in (run.reference, run.torque, run.positions, run.instants):
+        for part in (run.reference, run.inputs, run.torque, run.positions, run.instants, *run.measured_files):
             if isinstance(part, DataFile) and part.file not in case.signals:
                 named[part.file] = resolve(part, case.folder)
     return named

@@ -10,6 +10,7 @@ from fmu_didim.checks.plant.influence import check_parameter_influence
 from fmu_didim.checks.plant.reading import reading_diagnostics
 from fmu_didim.checks.plant.start import start_diagnostics
 from fmu_didim.model.loop_model import LoopModel
+from fmu_didim.workflow.model_data import model_diagnostics
 
 
 def case_diagnostics(case: Case, *, causes: bool = True) -> list[Diagnostic]:
@@ -18,6 +19,8 @@ def case_diagnostics(case: Case, *, causes: bool = True) -> list[Diagnostic]:
     Args:
         causes: see :func:`~fmu_didim.checks.data.checks.data_diagnostics`.
     """
+    if case.data is not None:
+        return by_weight(model_diagnostics(case))
     without = [label for label, run in case.document.runs.items() if run.torque is None]
     stated = [name for name, source in case.document.parts.items() if source.outputs_after_step is not None]
     of_reading = reading_diagnostics(case.model.loop.systems[case.model.first], stated)

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from fmu_didim.base.diagnostics import CATALOGUE, PROBLEM, DiagnosedError, Diagnostic
 from fmu_didim.base.errors import SimulationError
+from fmu_didim.checks.plant.wakers import wakers
 from fmu_didim.cosim import Recording
 from fmu_didim.data.signals import Array
 from fmu_didim.fit.solver.admissible import mass_matrix_problem
@@ -53,13 +54,26 @@ def check_parameter_influence(model: LoopModel) -> None:
     except SimulationError:
         return  # the estimator reports a loop that does not run
     if idle:
-        text = f"Some parameters have no effect in the plant: {_listed(model, idle)}."
+        text = (
+            f"Some parameters have no effect in the plant: {_listed(model, idle)}.{_woken(model, theta, total, idle)}"
+        )
         raise DiagnosedError([Diagnostic(PARAMETER_IDLE, text, "plant")])
     if model.parameters.is_probed:
         silent = _silent(model, theta, FIRST_TICKS)
         if silent and (silent := _silent(model, theta, total)):
             text = f"Some parameters have no effect while the plant runs: {_listed(model, silent)}."
             raise DiagnosedError([Diagnostic(PARAMETER_FIXED, text, "identify")])
+
+
+def _woken(model: LoopModel, values: Array, count: int, idle: list[int]) -> str:
+    """What would wake them, a sentence each; of a plant under control its description says what acts."""
+    if model.loop.shows_torque:
+        return ""
+    told = ""
+    for i in idle:
+        ways = wakers(model, values, i, lambda other, at, i=i: bool(_idle(other, at, count, [i])))  # type: ignore[misc]
+        told += f" {model.names[i]} would act with {' or with '.join(ways)}." if ways else ""
+    return told
 
 
 def _listed(model: LoopModel, places: list[int]) -> str:

@@ -24,6 +24,7 @@ from fmu_didim.components.fmu.description import (
     FmuDescription,
     FmuVariable,
     Interface,
+    element_names,
 )
 from fmu_didim.components.fmu.versions.base import DescriptionFile, Signatures
 from fmu_didim.data.units import BASE_UNITS, UnitDefinition
@@ -72,6 +73,7 @@ def description(file: DescriptionFile, version: str, *, negated: frozenset[str] 
         experiment=Experiment(*(float(text) if text else None for text in stated)),
         units={u.name: _unit(u.baseUnit) for u in own.unitDefinitions if u.name and u.baseUnit is not None},
         dependencies={u.variable.name: _inputs(u.dependencies) for u in own.outputs} or None,
+        states=_states(own),
     )
 
 
@@ -105,6 +107,14 @@ def _interfaces(own: Any, root: ET.Element) -> Iterator[Interface]:
 def _inputs(known: Any) -> tuple[str, ...] | None:
     """The inputs among the variables on which an output depends; states, which may be listed too, do not count."""
     return None if known is None else tuple(v.name for v in known if v.causality == "input")
+
+
+def _states(own: Any) -> tuple[str, ...]:
+    """The continuous states in the order of their derivatives; none where a derivative does not say whose it is."""
+    found = [derivative.variable.derivative for derivative in own.derivatives]
+    if any(state is None for state in found):
+        return ()
+    return tuple(name for state in found for name in element_names(state.name, tuple(state.shape or ())))
 
 
 def _variable(own: Any, negated: bool) -> FmuVariable:
