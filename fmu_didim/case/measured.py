@@ -21,7 +21,9 @@ from fmu_didim.model.channel import Channel
 from fmu_didim.model.error_model import ErrorModel
 
 FEWEST = 20
-"""[samples] Of a channel: fewer show neither noise nor its colour."""
+"""[samples] Of a channel beside a torque: fewer show neither noise nor its colour."""
+FEWEST_OF_A_MODEL = 2
+"""[samples] Of an output of a model: a laboratory has few, and whether all of them are enough is asked of all outputs."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,10 +76,11 @@ def read_measured(
                     "Two files show the same signal.", where=where, got=name, next_step="Give one of them."
                 )
             times, values = _part(read.signals, name, file, source)
-            if times.size < FEWEST:
+            fewest = FEWEST_OF_A_MODEL if is_any else FEWEST
+            if times.size < fewest:
                 raise InputError(
                     "There are too few samples.", where=where, got=f"{times.size} of {name}",
-                    valid=f"{FEWEST} or more",
+                    valid=f"{fewest} or more",
                     next_step="Give a log with more samples, or more of its time by from_s and to_s.",
                 )  # fmt: skip
             found[name] = Samples(name, times, values, outputs[name].unit, file.error_model(name), where)
