@@ -160,7 +160,8 @@ def efficient_finish(
         next_step=NEXT_STEP if tolerance is None else 0.0, updates=None, check_all=False, exact=True, whole=True,
     )  # fmt: skip
     fit, model = start, start.model
-    _refuse_confounded(fit)
+    if model.loop.shows_torque:
+        _refuse_confounded(fit)
     sizes = None if fit.prediction is None else parameter_sizes(model, fit.values, fit.prediction)
     for left in reversed(range(MAXIMUM_REFINEMENTS)):
         fit = minimise(
@@ -176,7 +177,7 @@ def efficient_finish(
             change = f"{100 * error.relative:.2g} %"
             remarks.append(f"Substeps of the plant doubled: halving them changed the torque by {change}.")
         fit = replace(fit, model=model, outputs=model.outputs(fit.values))
-    if not model.loop.shows_torque:  # where it began, the outputs may have shown what they do not here
+    if not model.loop.shows_torque:  # whose noise is known now; a start may be far off
         _refuse_confounded(fit)
     if error.excess > 1:
         moved = f"{float(np.max(error.shift)):.2g} of its standard deviation"

@@ -283,5 +283,6 @@ def motion_frequency(reference: Trajectory, joints: int) -> float:
             continue  # a joint that rests, but for rounding
         total = np.cumsum(power) / float(power.sum())
         frequencies = np.fft.rfftfreq(speed.size, reference.step)
-        highest = max(highest, float(frequencies[min(np.searchsorted(total, MOTION_POWER), frequencies.size - 1)]))
+        place = min(int(np.searchsorted(total, MOTION_POWER)), frequencies.size - 1)
+        highest = max(highest, float(frequencies[place]))
     return highest

@@ -115,9 +115,9 @@ def _states(own: Any) -> tuple[str, ...]:
     by_name = {f"der({v.name})": v for v in own.modelVariables}
     derivatives = [unknown.variable for unknown in own.derivatives]
     found = [v.derivative if v.derivative is not None else by_name.get(v.name) for v in derivatives]
-    if any(state is None for state in found):
+    if None in found:
         return ()
-    return tuple(name for state in found for name in element_names(state.name, tuple(state.shape or ())))
+    return tuple(name for state in filter(None, found) for name in element_names(state.name, tuple(state.shape or ())))
 
 
 def _variable(own: Any, negated: bool) -> FmuVariable:
