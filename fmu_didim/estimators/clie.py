@@ -39,6 +39,11 @@ ADVICE = (
     "and the delay of the loop."
 )
 
+ADVICE_OF_OUTPUTS = (
+    "Start nearer to the truth (identify: {name: {start: ...}}), give limits (minimum, maximum), and check units and "
+    "clock of the inputs and of what was measured."
+)
+
 
 OF_OUTPUTS = "output_error"
 """What the same least squares are called where the outputs of a model without controller are fitted."""
@@ -81,6 +86,10 @@ class Clie(Estimator):
         """It does."""
         return True
 
+    def finds_minima(self, model: LoopModel) -> bool:
+        """It does."""
+        return True
+
     def estimate(self, model: LoopModel, *, progress: Progress = no_progress) -> Estimate:
         model = with_free_delay(model) if self.estimate_delay else model
         further = replace(self, start="description", estimate_delay=False)
@@ -92,9 +101,7 @@ class Clie(Estimator):
         values, _ = simulatable(model, model.free_parameters.limited(start_values(model, self.start)))
         reason = mass_matrix_problem(model, values)
         if reason:
-            raise RefusedError(
-                "The start cannot be simulated.", iterations=[], got=reason, next_step=start_advice(model) + ADVICE
-            )
+            raise RefusedError("The start cannot be simulated.", iterations=[], got=reason, next_step=_advice(model))
         model = with_fitting_substeps(model, values)
         if model.experiments.channels and (model.loop.torque_is_given or not model.loop.shows_torque):
             return self._of_motion(model.with_values(values), progress)
@@ -104,16 +111,20 @@ class Clie(Estimator):
         except SimulationError as error:
             raise RefusedError(
                 "The start cannot be simulated.", iterations=[Iteration(self.name, 1, values, np.nan, note=error.what)],
-                got=str(error), next_step=start_advice(model) + ADVICE,
+                got=str(error), next_step=_advice(model),
             ) from error  # fmt: skip
         finish = partial(
-            finish_by_colour, tolerance=self.tolerance, progress=progress, stage=self.name,
+            finish_by_colour, tolerance=self.tolerance, progress=progress, stage=self._stage(model),
             maximum_iterations=self.maximum_iterations,
         )  # fmt: skip
         joint = partial(joint_minimum, experiments=model.experiments, tolerance=self.tolerance, progress=progress)
         return self._concluded(
             with_starts(start, free_starts(start), lambda at: joint(nearer_to_prior(finish(at), finish)))
         )
+
+    def _stage(self, model: LoopModel) -> str:
+        """What the iterations are called."""
+        return self.name if model.loop.shows_torque else OF_OUTPUTS
 
     def _of_motion(self, model: LoopModel, progress: Progress) -> Estimate:
         """All outputs at once: in an open loop, whose torque is given, and of any model, whose outputs may show the
@@ -124,7 +135,7 @@ class Clie(Estimator):
             )  # fmt: skip
         except SimulationError as error:
             raise RefusedError(
-                "The start cannot be simulated.", iterations=[], got=str(error), next_step=start_advice(model) + ADVICE
+                "The start cannot be simulated.", iterations=[], got=str(error), next_step=_advice(model)
             ) from error  # fmt: skip
         return self._concluded(minimum)
 
@@ -132,13 +143,14 @@ class Clie(Estimator):
         """The estimate at a minimum; raises RefusedError where it is not that of a machine."""
         fit, known = minimum.fit, minimum.known
         model = fit.model
-        reason = physical_problem(model, fit.values, known.deviation)
+        reason = ""  # what may be, and what at a limit, says the judgement of any model
         if model.loop.shows_torque:
+            reason = physical_problem(model, fit.values, known.deviation)
             reason = reason or tracking_problem(model.measured, fit.torque)
         if reason:
             raise RefusedError(
                 "The identified model is not physical.", iterations=minimum.iterations, got=reason,
-                next_step=start_advice(model) + ADVICE, values=fit.values, deviation=known.deviation,
+                next_step=_advice(model), values=fit.values, deviation=known.deviation,
             )  # fmt: skip
         if model.loop.shows_torque:
             return self._estimate(minimum, self.name, settled=fit.settled)
@@ -151,3 +163,8 @@ class Clie(Estimator):
             minimum, estimator=name, settled=settled, iterations=minimum.iterations,
             stages={name: Stage(minimum.fit.values, minimum.known.deviation)},
         )  # fmt: skip
+
+
+def _advice(model: LoopModel) -> str:
+    """What to do where there is no answer."""
+    return start_advice(model) + (ADVICE if model.loop.shows_torque else ADVICE_OF_OUTPUTS)

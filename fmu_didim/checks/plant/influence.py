@@ -55,8 +55,9 @@ def check_parameter_influence(model: LoopModel) -> None:
     except SimulationError:
         return  # the estimator reports a loop that does not run
     if idle:
-        text = f"Some parameters have no effect in the plant: {_listed(model, idle)}."
-        raise DiagnosedError([Diagnostic(PARAMETER_IDLE, text, "plant")])
+        whole = model.loop.whole
+        text = f"Some parameters have no effect in the {whole}: {_listed(model, idle)}."
+        raise DiagnosedError([Diagnostic(PARAMETER_IDLE, text, whole)])
     if model.parameters.is_probed:
         silent = _silent(model, theta, FIRST_TICKS)
         if silent and (silent := _silent(model, theta, total)):
@@ -91,7 +92,7 @@ def _listed(model: LoopModel, places: list[int]) -> str:
         parameter = model.free_parameters[i]
         own, owner = parameter.key, parameter.owner
         if owner == BASE:
-            own, owner = model.parameters.plant_names[model.parameters.names.index(parameter.key)], "plant"
+            own, owner = model.parameters.plant_names[model.parameters.names.index(parameter.key)], model.loop.whole
         found.append(parameter.name if parameter.name == own else f"{parameter.name} ({own} in the {owner})")
     return ", ".join(found)
 

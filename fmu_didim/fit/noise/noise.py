@@ -283,6 +283,5 @@ def motion_frequency(reference: Trajectory, joints: int) -> float:
             continue  # a joint that rests, but for rounding
         total = np.cumsum(power) / float(power.sum())
         frequencies = np.fft.rfftfreq(speed.size, reference.step)
-        place = min(int(np.searchsorted(total, MOTION_POWER)), frequencies.size - 1)
-        highest = max(highest, float(frequencies[place]))
+        highest = max(highest, float(frequencies[min(int(np.searchsorted(total, MOTION_POWER)), frequencies.size - 1)]))
     return highest

@@ -63,7 +63,7 @@ def unproven(fit: Fit) -> Unproven | None:
     model = fit.model
     table = model.beside_prior(whitened(fit.jacobian, fit.deviation))
     length = np.linalg.norm(table, axis=0)
-    free = np.flatnonzero((length > 0) & ~_at_limits(fit))
+    free = np.flatnonzero((length > 0) & np.logical_not(_at_limits(fit)))
     if not free.size:
         return None
     _, singular, right = np.linalg.svd(np.linalg.qr(table[:, free] / length[free])[1])

@@ -117,7 +117,7 @@ def _states(own: Any) -> tuple[str, ...]:
     found = [v.derivative if v.derivative is not None else by_name.get(v.name) for v in derivatives]
     if None in found:
         return ()
-    return tuple(name for state in filter(None, found) for name in element_names(state.name, tuple(state.shape or ())))
+    return tuple(name for state in found if state for name in element_names(state.name, tuple(state.shape or ())))
 
 
 def _variable(own: Any, negated: bool) -> FmuVariable:

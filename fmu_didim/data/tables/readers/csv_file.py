@@ -133,10 +133,15 @@ def _parsed(lines: list[str], delimiter: str, decimal: str, skipped: int) -> _Pa
     data: list[list[float]] = []
     count = 0
     calendar = Calendar()
-    for number, cells in _rows(lines, delimiter):
+    for number, row, ends_open in _rows(lines, delimiter):
+        names = len(before[-1][1]) if before else 0
+        wanted = count if data else names
+        cells = [*row, ""] if ends_open and len(row) + 1 == wanted else row
         if not data:
             calendar = Calendar()  # text above the numbers is not one of their stamps
-        numbers = _numbers(cells, decimal, calendar if calendar.columns or not data else None)
+        # A sample that is missing has a name above it, if no number.
+        is_text = not data and "" in cells and len(cells) != names
+        numbers = None if is_text else _numbers(cells, decimal, calendar if calendar.columns or not data else None)
         if not data:
             count = len(cells)
             if numbers is None:
@@ -156,31 +161,33 @@ def _parsed(lines: list[str], delimiter: str, decimal: str, skipped: int) -> _Pa
     return _Parsed(delimiter, decimal, names, units, np.array(data), len(before) - used, calendar)
 
 
-def _rows(lines: list[str], delimiter: str) -> Iterator[tuple[int, list[str]]]:
-    """Line number and cells of the lines that are not empty; a delimiter at the end of a line opens no cell."""
+def _rows(lines: list[str], delimiter: str) -> Iterator[tuple[int, list[str], bool]]:
+    """Line number and cells of the lines that are not empty, and whether a delimiter ends the line: that opens no
+    cell, unless the other lines have one more."""
     if delimiter == NONE:
-        yield from ((i, [line.strip()]) for i, line in enumerate(lines, start=1) if line.strip())
+        yield from ((i, [line.strip()], False) for i, line in enumerate(lines, start=1) if line.strip())
         return
     csv.field_size_limit(LIMIT)
     rows = csv.reader(StringIO("\n".join(lines)), delimiter=delimiter, skipinitialspace=True)
     for row in rows:
         cells = [cell.strip() for cell in row]
-        if len(cells) > 1 and not cells[-1]:
+        ends_open = len(cells) > 1 and not cells[-1]
+        if ends_open:
             cells.pop()
         if any(cells):
-            yield rows.line_num, cells
+            yield rows.line_num, cells, ends_open
 
 
 def _numbers(cells: list[str], decimal: str, calendar: Calendar | None = None) -> list[float] | None:
-    """The numbers of a row; None if it is not a row of numbers.
+    """The numbers of a row, NaN in cells that are empty; None if it is not a row of numbers.
 
     Args:
         calendar: where cells may be its stamps, in the same columns as before, and beside at least one number.
     """
-    plain = cells
+    plain = [cell or "nan" for cell in cells]
     if decimal == ",":
-        plain = [cell.replace(",", ".") if _COMMA.fullmatch(cell) else "" for cell in cells]
-    if any("_" in cell for cell in cells):  # 1_0 is not ten
+        plain = [cell.replace(",", ".") if _COMMA.fullmatch(cell) or cell == "nan" else "" for cell in plain]
+    if any("_" in cell for cell in cells) or not any(cells):  # 1_0 is not ten
         return None
     try:
         found, stamps = [float(cell) for cell in plain], set[int]()
