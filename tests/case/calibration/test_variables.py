@@ -12,7 +12,7 @@ import pytest
 from fmu_didim.base.errors import InputError
 from fmu_didim.case import load_case
 from fmu_didim.case.calibration.model import with_outputs, with_starts
-from fmu_didim.case.calibration.names import unknown
+from fmu_didim.case.variable_names import unknown
 from fmu_didim.checks.plant.influence import check_parameter_influence
 from fmu_didim.components.fmu import FmuComponent, load_fmu
 from fmu_didim.components.fmu.chosen import states_of, visible

@@ -134,18 +134,18 @@ def _parsed(lines: list[str], delimiter: str, decimal: str, skipped: int) -> _Pa
     count = 0
     calendar = Calendar()
     for number, row, ends_open in _rows(lines, delimiter):
-        names = len(before[-1][1]) if before else 0
-        wanted = count if data else names
+        named = len(before[-1][1]) if before else 0
+        wanted = count if data else named
         cells = [*row, ""] if ends_open and len(row) + 1 == wanted else row
         if not data:
             calendar = Calendar()  # text above the numbers is not one of their stamps
         # A sample that is missing has a name above it, if no number.
-        is_text = not data and "" in cells and len(cells) != names
+        is_text = not data and "" in cells and len(cells) != named
         numbers = None if is_text else _numbers(cells, decimal, calendar if calendar.columns or not data else None)
         if not data:
             count = len(cells)
             if numbers is None:
-                before.append((number + skipped, cells))
+                before.append((number + skipped, row))
                 if len(before) > MOST_LINES_BEFORE:
                     return None
                 continue
