@@ -43,8 +43,8 @@ def outlier_diagnostics(found: OutputResiduals) -> list[Diagnostic]:
         )
         code = LOG_OUTLIERS if moved > MOVED else FEW_OUTLIERS
         advice = (
-            f"Look at them; empty the cells of those that are errors of the sensor, or let the fit count what is far off "
-            f"less: measured: {{columns: {{{name}: {{robust: true}}}}}}."
+            f"Look at them; empty the cells of those that are errors of the sensor, or let the fit count what is far "
+            f"off less: measured: {{columns: {{{name}: {{robust: true}}}}}}."
         )
         told.append(Diagnostic(code, text, name, moved, MOVED, "1", next_step=advice))
     return told
