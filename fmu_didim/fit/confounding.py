@@ -94,6 +94,12 @@ def refuse_confounded(
         )  # fmt: skip
 
 
+TELL_APART = (
+    "Take one of them out of identify: (its value is then taken as known: model: {parameters: ...}), measure a further "
+    "output that they change differently, or add an experiment that does"
+)
+
+
 def refuse_ridge(columns: Array, values: Array, names: Sequence[str], *, outputs: float, at: str = "") -> None:
     """Raise IdentificationError where outputs of a model show parameters only together, and how these move.
 
@@ -106,9 +112,7 @@ def refuse_ridge(columns: Array, values: Array, names: Sequence[str], *, outputs
     raise IdentificationError(
         "The data cannot tell some parameters apart.", where="identify",
         got=f"{_ridge(columns, values, names, found)}{at}",
-        next_step="Take one of them out of identify: (its value is then taken as known: model: {parameters: ...}), "
-        "measure a further output that they change differently, or add an experiment that does"
-        f"{'; or start nearer to the truth (start:)' if at else ''}.",
+        next_step=f"{TELL_APART}, or start nearer to the truth (start:)." if at else f"{TELL_APART}.",
     )  # fmt: skip
 
 

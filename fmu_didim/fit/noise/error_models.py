@@ -32,7 +32,10 @@ from fmu_didim.model.error_model import ErrorModel
 from fmu_didim.model.experiment import Experiment
 from fmu_didim.model.loop_model import LoopModel
 
-FREEDOMS = np.concatenate([np.geomspace(1.0, 30.0, 30), [60.0, 120.0]])
+FREEDOMS = (
+    1.0, 1.2, 1.4, 1.6, 1.8, 2.0, 2.2, 2.5, 2.8, 3.2, 3.6, 4.0, 4.5, 5.0, 6.0, 7.0, 8.0, 10.0, 12.0, 15.0, 20.0, 30.0,
+    60.0, 120.0,
+)  # fmt: skip
 """[1] Degrees of freedom that are tried: 1 has no variance, 120 is normal for any number of samples that there is."""
 NORMAL_FROM = 60.0
 """[1] Degrees of freedom from which noise counts as normal: its outliers are those of chance."""
@@ -82,8 +85,8 @@ class Reweighted:
 
 def student_noise(errors: Array, model: ErrorModel) -> Student:
     """The noise of errors (N,) by the largest likelihood, as far as the error model does not state it."""
-    freedoms = FREEDOMS if model.freedom is None else np.array([model.freedom])
-    found = [Student(_scale(errors, nu) if model.stated is None else model.stated, float(nu)) for nu in freedoms]
+    freedoms = FREEDOMS if model.freedom is None else (model.freedom,)
+    found = [Student(_scale(errors, nu) if model.stated is None else model.stated, nu) for nu in freedoms]
     return max(found, key=lambda one: _likelihood(errors, one))
 
 

@@ -12,10 +12,10 @@ import pytest
 from fmu_didim.base.errors import InputError
 from fmu_didim.case import load_case
 from fmu_didim.case.calibration.model import with_outputs, with_starts
-from fmu_didim.case.variable_names import unknown
 from fmu_didim.checks.plant.influence import check_parameter_influence
 from fmu_didim.components.fmu import FmuComponent, load_fmu
 from fmu_didim.components.fmu.chosen import states_of, visible
+from fmu_didim.components.variable_names import unknown
 from fmu_didim.data.signals import trajectory
 from tests.awkward.build import ARRAYS, DEFAULTS, EVENTS, SLAVE, awkward_fmu, library, pack
 from tests.awkward.versions import SLAVE_1, STAND_ALONE, fmi_1
