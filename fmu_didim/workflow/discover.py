@@ -78,6 +78,13 @@ def discover(
     folder = None if out is None else result_folder(out, figures=figures)
     case = checked_case(case, folder, objects)
     model = case.model
+    if not model.loop.shows_torque:
+        raise InputError(
+            "Discovery knows what robots and their drives lack, and this case has a model alone.", where="model",
+            got=", ".join(model.loop.output_names), next_step="Run fmu-didim identify: where its residual follows "
+            "something, the verdict names the suspects, such as an offset, a delay, a drift, an initial state or a "
+            "parameter that is not identified.",
+        )  # fmt: skip
     if model.loop.torque_is_given:
         raise InputError(
             "The loop is open: the torque is given, so that it shows nothing of what the model lacks.",

@@ -77,7 +77,10 @@ def identify(
     if start is not None:
         case = started_from(case, start)
     model = case.model
-    record = provenance(model, case.estimator.describe(), files=case_files(case))
+    described = dict(case.estimator.describe())
+    if not model.loop.shows_torque and described.get("start") == "reference":
+        described["start"] = "model"  # its own values, there being no reference
+    record = provenance(model, described, files=case_files(case))
     record |= repeating("identify", case, None if out is None else Path(out))
     if case.document.plant.parameter_names:
         record["parameter_names"] = dict(case.document.plant.parameter_names)

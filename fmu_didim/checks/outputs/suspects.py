@@ -96,7 +96,9 @@ def _shown(found: OutputResiduals, k: int, name: str, unit: str) -> Iterator[Sus
     )  # fmt: skip
     yield Suspect(
         f"scale of {name}", SMALL, lambda _, a: only(a * (own - own.mean())),
-        lambda a, s: f"{name} that moves {amount(abs(100 * a), 100 * s, '%')} {more(a)} than simulated",
+        lambda a, s: f"{name} that moves {amount(abs(100 * a), 100 * s, '%')} {more(a)} than simulated, by "
+        + ("a wrong scale or too much damping in the model" if a > 0 else "a loss or load that the model lacks or a wrong "
+           "scale"),
         lambda a: f"Check unit and scale of {name} (measured: {{columns: {{{name}: {{unit: ...}}}}}}), and what of the "
         "model sets how far it moves, such as a loss or a load that it lacks.",
         is_linear=True,
