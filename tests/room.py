@@ -8,6 +8,7 @@ q = Ti1/R1 + Ti2/R2, a = exp(-g h/C).
 
 from __future__ import annotations
 
+import re
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -21,6 +22,10 @@ from fmu_didim.export import build_fmu
 
 STEP = 60.0
 """[s] Between two rows."""
+OF_ROBOTS = (
+    "torque joint gain reference controller drive motion encoder robot discover gravity plant machine loop friction"
+)
+"""Words that mean nothing where there is a model alone."""
 TRUTH = {"R1": 0.1, "R2": 0.25, "C": 2000.0, "T0": 20.0}
 
 
@@ -109,3 +114,8 @@ def room_case(folder: Path, **changes: Any) -> Path:
     path = folder / "case.yaml"
     path.write_text(yaml.safe_dump({k: v for k, v in content.items() if v is not None}, sort_keys=False))
     return path
+
+
+def forbidden(text: str) -> list[str]:
+    """The words of robots in a text."""
+    return re.findall(rf"\b(?:{'|'.join(OF_ROBOTS.split())})s?\b", text, re.IGNORECASE)

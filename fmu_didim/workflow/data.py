@@ -5,6 +5,7 @@ from __future__ import annotations
 from fmu_didim.base.diagnostics import DiagnosedError, Diagnostic, by_weight
 from fmu_didim.case import Case
 from fmu_didim.checks.data.checks import data_diagnostics
+from fmu_didim.checks.outputs.data import model_data_diagnostics
 from fmu_didim.checks.outputs.words import of_a_model
 from fmu_didim.checks.plant.consistency import Consistency, check_consistency, plant_diagnostics
 from fmu_didim.checks.plant.influence import check_parameter_influence
@@ -19,9 +20,11 @@ def case_diagnostics(case: Case, *, causes: bool = True) -> list[Diagnostic]:
     Args:
         causes: see :func:`~fmu_didim.checks.data.checks.data_diagnostics`.
     """
-    without = [label for label, run in case.document.runs.items() if run.torque is None and case.data is None]
+    without = [label for label, run in case.document.runs.items() if run.torque is None]
     stated = [name for name, source in case.document.parts.items() if source.outputs_after_step is not None]
     of_reading = reading_diagnostics(case.model.loop.systems[case.model.first], stated)
+    if case.data is not None:
+        return by_weight(of_a_model([*model_data_diagnostics(case.model), *of_reading]))
     return by_weight([*data_diagnostics(case.model, without_torque=without, causes=causes), *of_reading])
 
 

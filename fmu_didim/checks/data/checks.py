@@ -26,8 +26,6 @@ from fmu_didim.checks.data.runs import run_diagnostics
 from fmu_didim.checks.data.timing import timing
 from fmu_didim.checks.data.torque_channel import torque_channel_diagnostics
 from fmu_didim.checks.data.units import position_diagnostics, unit_diagnostics
-from fmu_didim.checks.outputs.data import model_data_diagnostics
-from fmu_didim.checks.outputs.words import of_a_model
 from fmu_didim.cosim.system import REFERENCE
 from fmu_didim.data.signals import Array
 from fmu_didim.model.loop_model import LoopModel, Simulation
@@ -56,8 +54,6 @@ def data_diagnostics(model: LoopModel, *, without_torque: Sequence[str] = (), ca
         causes: whether to test other timings, scales and lengths of links, with some steps of DIDIM; discovery names
             such causes itself.
     """
-    if not model.loop.shows_torque:
-        return by_weight(of_a_model(model_data_diagnostics(model)))
     model = _quick(model)
     found = [*length_unit_diagnostics(model), *run_diagnostics(model, without_torque)]
     found += plant_diagnostics(model.simulation(model.start, model.first))

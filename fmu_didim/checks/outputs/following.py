@@ -43,7 +43,7 @@ STEPS = (0.25, 0.5, 0.75)
 
 OWN_PART = 1e-12
 """[1] Of the squares of what a suspect changes, below which what is identified makes up for it."""
-BEYOND, BEYOND_NOISE = 0.1, 25.0
+BEYOND, BEYOND_NOISE = 0.03, 25.0
 """[1] By how much two things must explain more than one, of what that explains and in squares of the noise."""
 EXCHANGE = Suspect(
     "exchange", 1.0, lambda r, a: np.zeros(r.outputs.shape),

@@ -28,6 +28,8 @@ MOST_PARAMETERS = 40
 TRANSIENTS = (1.0, 3.0, 10.0, 30.0)
 """[samples] Time constants of what a wrong initial state leaves."""
 
+A_LOSS = "a loss or load that the model lacks or a wrong scale"
+
 Moved = Callable[[OutputResiduals, float], Array]
 """From an amount to what it changes of the outputs, (M, m); raises FmuDidimError."""
 
@@ -97,8 +99,7 @@ def _shown(found: OutputResiduals, k: int, name: str, unit: str) -> Iterator[Sus
     yield Suspect(
         f"scale of {name}", SMALL, lambda _, a: only(a * (own - own.mean())),
         lambda a, s: f"{name} that moves {amount(abs(100 * a), 100 * s, '%')} {more(a)} than simulated, by "
-        + ("a wrong scale or too much damping in the model" if a > 0 else "a loss or load that the model lacks or a wrong "
-           "scale"),
+        + ("a wrong scale or too much damping in the model" if a > 0 else A_LOSS),
         lambda a: f"Check unit and scale of {name} (measured: {{columns: {{{name}: {{unit: ...}}}}}}), and what of the "
         "model sets how far it moves, such as a loss or a load that it lacks.",
         is_linear=True,

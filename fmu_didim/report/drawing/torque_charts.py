@@ -93,7 +93,7 @@ class DrawnInput:
 
 def input_panels(inputs: Sequence[DrawnInput]) -> list[Panel]:
     """The inputs of a model, those of one unit in one panel; some tell most, and there may be hundreds."""
-    panels, by_unit = [], dict[str, list[DrawnInput]]()
+    panels, by_unit = list[Panel](), dict[str, list[DrawnInput]]()
     for one in inputs[:MOST_INPUTS]:
         by_unit.setdefault(pretty_unit(one.unit), []).append(one)
     colours = iter(range(MOST_INPUTS))
@@ -119,11 +119,12 @@ class DrawnChannel:
     noise: float | None
 
 
-def channel_chart(name: str, title: str, channels: Sequence[DrawnChannel]) -> Chart:
-    """Signals measured beside the torque as points, simulated as a line, the residual below."""
+def channel_chart(name: str, title: str, channels: Sequence[DrawnChannel], what: str = "its motion") -> Chart:
+    """Signals measured beside the torque as points, simulated as a line, the residual below; ``what``: that errors are
+    related to."""
     panels = []
     for c in channels:
-        head = c.name + (f", error {percentage(c.percent)} of its motion" if c.percent is not None else "")
+        head = c.name + (f", error {percentage(c.percent)} of {what}" if c.percent is not None else "")
         drawn = [
             Series("measured", c.time, c.measured, "measured", "points"),
             Series("simulated", c.time, c.simulated, "simulated"),
