@@ -120,8 +120,8 @@ def _against_fit(
         return []
     ratio = float(np.sqrt(held.variance[0] / fitted.variance[0]))
     text = (
-        f"The error of {name} is {uncertain.size(channel)} against {np.sqrt(fitted.variance[0]):.2g} {channel.unit} in the fit, "
-        f"{ratio:.3g} times as large{_as_a_sensor(channel)}."
+        f"The error of {name} is {uncertain.size(channel)} against {np.sqrt(fitted.variance[0]):.2g} {channel.unit} in "
+        f"the fit, {ratio:.3g} times as large{_as_a_sensor(channel)}."
     )
     return [Diagnostic(WORSE_HELD_OUT, text, f"{uncertain.label}: {name}", ratio, HELD_OUT_RATIO, "1")]
 
@@ -134,8 +134,8 @@ def _against_noise(channel: ChannelValidation, uncertain: _Uncertain, name: str)
     if channel.rms <= LARGER * bound or channel.rms <= LARGER * np.sqrt(bound**2 + uncertain.by_name[name]):
         return []
     text = (
-        f"The error of {name}, which was not fitted, is {uncertain.size(channel)}, {channel.rms / bound:.1f} times the stated "
-        f"noise{_as_a_sensor(channel)}."
+        f"The error of {name}, which was not fitted, is {uncertain.size(channel)}, {channel.rms / bound:.1f} times the "
+        f"stated noise{_as_a_sensor(channel)}."
     )
     return [Diagnostic(CHANNEL_NOISE, text, place, channel.rms, bound, channel.unit)]
 

@@ -18,6 +18,7 @@ from fmu_didim.discovery.run import discover as discover_in
 from fmu_didim.discovery.selection.decide import Options
 from fmu_didim.dynamics.effects import Effect, effect_catalogue, effect_name
 from fmu_didim.dynamics.robot import RobotDescription, RobotModel
+from fmu_didim.model.loop_model import LoopModel
 from fmu_didim.model.workers import one_blas_thread
 from fmu_didim.results.findings import FindingsDocument, save_findings
 from fmu_didim.results.provenance import provenance
@@ -78,20 +79,7 @@ def discover(
     folder = None if out is None else result_folder(out, figures=figures)
     case = checked_case(case, folder, objects)
     model = case.model
-    if not model.loop.shows_torque:
-        raise InputError(
-            "Discovery knows what robots and their drives lack, and this case has a model alone.", where="model",
-            got=", ".join(model.loop.output_names), next_step="Run fmu-didim identify: where its residual follows "
-            "something, the verdict names the suspects, such as an offset, a delay, a drift, an initial state or a "
-            "parameter that is not identified.",
-        )  # fmt: skip
-    if model.loop.torque_is_given:
-        raise InputError(
-            "The loop is open: the torque is given, so that it shows nothing of what the model lacks.",
-            where="connections", got=", ".join(model.experiments.channels) or "no measured:",
-            next_step="Look at identify, whose motion-unexplained says whether the model lacks something; to name it, "
-            "use a log of the closed loop.",
-        )  # fmt: skip
+    _check_torque(model)
     places = (Path(), case.folder)
     forbidden, preferred, further = ([effect_name(e, *places) for e in given] for given in (forbid, prefer, effects))
     catalogue = effect_catalogue(further)
@@ -139,3 +127,21 @@ def _keep(folder: ResultFolder, progress: Progress, document: FindingsDocument) 
             save_findings(document, new)
     except InputError as error:
         progress.say(f"the answer so far could not be written: {error.got}")
+
+
+def _check_torque(model: LoopModel) -> None:
+    """Raise InputError where no torque shows what a model lacks."""
+    if not model.loop.shows_torque:
+        raise InputError(
+            "Discovery knows what robots and their drives lack, and this case has a model alone.", where="model",
+            got=", ".join(model.loop.output_names), next_step="Run fmu-didim identify: where its residual follows "
+            "something, the verdict names the suspects, such as an offset, a delay, a drift, an initial state or a "
+            "parameter that is not identified.",
+        )  # fmt: skip
+    if model.loop.torque_is_given:
+        raise InputError(
+            "The loop is open: the torque is given, so that it shows nothing of what the model lacks.",
+            where="connections", got=", ".join(model.experiments.channels) or "no measured:",
+            next_step="Look at identify, whose motion-unexplained says whether the model lacks something; to name it, "
+            "use a log of the closed loop.",
+        )  # fmt: skip

@@ -19,7 +19,7 @@ from fmu_didim.base.errors import FmuDidimError
 from fmu_didim.checks.motion.colour import orthonormal, rest_of
 from fmu_didim.checks.motion.dependence import Dependence, dependence, independent
 from fmu_didim.checks.outputs.residuals import OutputResiduals
-from fmu_didim.checks.outputs.suspects import Suspect, first_changes, of_inputs, of_outputs, of_parameters
+from fmu_didim.checks.outputs.suspects import MOST_INPUTS, Suspect, first_changes, of_inputs, of_outputs, of_parameters
 from fmu_didim.data.signals import Array
 from fmu_didim.fit.noise.noise import TINY
 
@@ -43,8 +43,14 @@ STEPS = (0.25, 0.5, 0.75)
 
 OWN_PART = 1e-12
 """[1] Of the squares of what a suspect changes, below which what is identified makes up for it."""
-BEYOND, BEYOND_NOISE = 0.03, 25.0
-"""[1] By how much two things must explain more than one, of what that explains and in squares of the noise."""
+BEYOND = 0.03
+"""[1] Of what one suspect explains, by how much two things must explain more to be named in its place,"""
+BEYOND_NOISE = 25.0
+"""[1] and in squares of standard deviations: five of them."""
+SETTLED = 0.3
+"""[standard deviations] Change of an amount from which no further simulation looks for it."""
+LESS = 1e-3
+"""[1] By which a further simulation may explain less and still be the better one: the amounts are hardly apart."""
 EXCHANGE = Suspect(
     "exchange", 1.0, lambda r, a: np.zeros(r.outputs.shape),
     lambda a, s: "an influence that was not recorded and that the model lacks, such as a further source, load, loss or "
@@ -167,7 +173,7 @@ def _functions(found: OutputResiduals, k: int) -> dict[str, Array]:
         "its cube": own**3,
         "its rate and time": turned * rate,
     }
-    for name in found.model.experiments[found.model.first].reference.names[:8]:
+    for name in found.model.experiments[found.model.first].reference.names[:MOST_INPUTS]:
         driven, slope = [], []
         for log in found.logs(k):
             reference = found.model.experiments[log.label].reference
@@ -238,9 +244,9 @@ def _refined(found: OutputResiduals, start: Explained, rest: Array, basis: Array
             break
         column = found.whitened(table)
         other = _explained(best.suspect, best.amount, column, rest, basis) if np.isfinite(column).all() else None
-        if other is None or other.squares < best.squares * (1 - 1e-3):
+        if other is None or other.squares < best.squares * (1 - LESS):
             break
-        settled = abs(other.amount - best.amount) < 0.3 * other.deviation
+        settled = abs(other.amount - best.amount) < SETTLED * other.deviation
         best = other
         if settled:
             break

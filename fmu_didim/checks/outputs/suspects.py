@@ -17,6 +17,7 @@ import numpy as np
 from fmu_didim.base.errors import FmuDidimError
 from fmu_didim.checks.outputs.residuals import OutputResiduals
 from fmu_didim.data.signals import Array
+from fmu_didim.fit.noise.noise import TINY
 from fmu_didim.model.free_parameter import PLANT, FreeParameter
 
 SMALL = 0.01
@@ -89,7 +90,7 @@ def _shown(found: OutputResiduals, k: int, name: str, unit: str) -> Iterator[Sus
         return table
 
     own, time = found.outputs[found.rows(k), k], found.times(k)
-    span = max(float(np.ptp(time)), 1e-300)
+    span = max(float(np.ptp(time)), TINY)
     yield Suspect(
         f"offset of {name}", 1.0, lambda _, a: only(np.full(time.size, a)),
         lambda a, s: f"{name} that shows {amount(abs(a), s, unit)} {more(a)} than it is",
