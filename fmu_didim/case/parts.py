@@ -28,6 +28,7 @@ from fmu_didim.components import (
 from fmu_didim.components.compiled_model import with_compiled_twin
 from fmu_didim.components.fmu.description import MODEL_EXCHANGE
 from fmu_didim.components.parameter_names import name_parameters
+from fmu_didim.components.variable_names import unknown_parameter
 from fmu_didim.controllers import read_controller
 from fmu_didim.dynamics.base_parameters import base_parameters
 from fmu_didim.dynamics.block import Block
@@ -61,6 +62,8 @@ def identified(
     plant_names, ranges = [], []
     for name, entry in chosen.items():
         plant_names.append(entry.parameter or name)
+        if plant_names[-1] not in offered and document.model is not None:
+            raise unknown_parameter(plant, plant_names[-1], where=f"identify.{name}")
         if plant_names[-1] not in offered:
             raise UnknownNameError("parameter of the plant", plant_names[-1], offered, where=f"identify.{name}")
         ranges.append(entry.start_and_limits(name, offered[plant_names[-1]].start))

@@ -12,6 +12,9 @@ from fmu_didim.base.errors import UnknownNameError
 from fmu_didim.checks.agreement import AgreementResult, agreement
 from fmu_didim.checks.channels import channel_diagnostics
 from fmu_didim.checks.data.checks import confirmed
+from fmu_didim.checks.exploration.one_start import one_start_diagnostics
+from fmu_didim.checks.exploration.profiles import profile_diagnostics
+from fmu_didim.checks.exploration.search import search_diagnostics
 from fmu_didim.checks.held_out import WORSE_HELD_OUT, Residual, held_out_diagnostics, not_simulated
 from fmu_didim.checks.held_out_channels import held_out_channel_diagnostics
 from fmu_didim.checks.judgement import Judgement, judgement
@@ -179,7 +182,8 @@ def checked(estimate: Estimate, validations: Sequence[Validation], *, before: It
         found += unidentified_diagnostics(estimate.fit)
     found += rival_diagnostics(estimate)
     judged = judgement(found, settled=estimate.status is Status.CONVERGED)
-    power = power_of_fit(estimate.fit) if judged.verdict == "valid" and estimate.fit is not None else None
+    fit = estimate.fit if model.loop.shows_torque else None
+    power = power_of_fit(fit) if judged.verdict == "valid" and fit is not None else None
     return Checks(judged, tests, agreements, power)
 
 
@@ -190,7 +194,7 @@ def of_any_output(estimate: Estimate) -> list[Diagnostic]:
     asked = model if estimate.unlimited is None else model.with_values(estimate.unlimited)
     found = [*physical_diagnostics(asked, estimate.covariance), *coarse_diagnostics(estimate)]
     return [*found, *roughness_diagnostics(estimate.roughness, model), *channel_diagnostics(estimate),
-            *prior_diagnostics(estimate)]  # fmt: skip
+            *prior_diagnostics(estimate), *search_diagnostics(estimate), *profile_diagnostics(estimate)]  # fmt: skip
 
 
 def coarse_diagnostics(estimate: Estimate) -> list[Diagnostic]:
@@ -237,6 +241,7 @@ def _of_outputs(estimate: Estimate, validations: Sequence[Validation], before: I
         *output_diagnostics(estimate, validations, tests, before), *limit_diagnostics(estimate),
         *agreement_diagnostics(agreements), *coarse_diagnostics(estimate),
         *roughness_diagnostics(estimate.roughness, estimate.model), *rival_diagnostics(estimate),
+        *one_start_diagnostics(estimate, tests), *search_diagnostics(estimate), *profile_diagnostics(estimate),
     ]  # fmt: skip
     return Checks(judgement(of_a_model(found), settled=estimate.status is Status.CONVERGED), tests, agreements)
 

@@ -106,10 +106,10 @@ class Validation:
 
 def validate(model: LoopModel, values: Array, label: str) -> Validation:
     """Simulate an experiment with values (p,) and compare the torques, and what else was measured."""
-    run, measured = model.simulation(values, label), model.experiments.measured_in(label)
+    run, measured = model.simulation(values, label), model.experiments.recorded_in(label)
     every, motion, channels = None, dict[str, Array](), dict[str, ChannelValidation]()
     try:
-        simulated, failure = run.torque(), ""
+        simulated, failure = run.experiment.unscaled(run.torque()), ""
         table = simulated_table(run)
         every = table.first(model.joint_count) if model.loop.shows_torque else table
         motion = motion_at_samples(run, table)
@@ -178,5 +178,6 @@ def validated_channels(run: Simulation) -> dict[str, ChannelValidation]:
         return {}
     simulated = run.channels()
     return {
-        c.name: ChannelValidation(c.unit, c.time, c.values, simulated[c.name], c.deviation) for c in experiment.channels
+        c.name: ChannelValidation(c.unit, c.time, c.measured, simulated[c.name], c.typical_deviation)
+        for c in experiment.channels
     }

@@ -11,7 +11,10 @@ from fmu_didim.base.errors import InputError, UnknownNameError
 from fmu_didim.components import Component
 
 REFERENCE = "reference"
-OF_INPUTS = "Check start values and limits of the parameters, and the units of the inputs."
+OF_INPUTS = (
+    "Keep the parameters where the model can be simulated (identify: {name: {minimum: ..., maximum: ..., start: ...}}),"
+    " and check the units of its inputs."
+)
 """What to do about a simulation that diverges where nothing is fed back."""
 LoopTreatment = Literal["refuse", "iterate", "previous"]
 
@@ -66,8 +69,8 @@ class System:
             ``step_size`` is the nominal period. Components with a sample time run once in so many ticks by their own
             clock, which counts nominal periods, as a law does whose loop runs late; all others step from t_k to
             t_(k+1). A whole delay is a number of ticks, the fraction a time: that part of the nominal period.
-        ramps: columns of the reference that go straight from tick to tick, for the components that follow them
-            (:attr:`~fmu_didim.components.Component.follows_ramps`); the others hold them.
+        ramps: columns of the reference that go straight from tick to tick. A component that does not follow them
+            (:attr:`~fmu_didim.components.Component.follows_ramps`) holds the mean over the step.
     """
 
     components: Mapping[str, Component]

@@ -113,7 +113,7 @@ def _channels(joint: Minimum) -> tuple[ChannelNoise, ...]:
     """What each channel leaves."""
     model, residual, n = joint.fit.model, joint.fit.residual, joint.fit.model.joint_count
     units = {c.name: c.unit for e in model.experiments.values() for c in e.channels}
-    stated, found = model.stated_deviations, []
+    stated, scales, found = model.stated_deviations, model.experiments.typical_scales, []
     for k, name in enumerate(model.experiments.channels, start=n):
         own = [colour for colour in joint.known.colours if colour.joint == k + 1]
         main = max(own, key=lambda colour: colour.samples)
@@ -123,9 +123,9 @@ def _channels(joint: Minimum) -> tuple[ChannelNoise, ...]:
                 name=name,
                 unit=units[name],
                 samples=int(samples),
-                deviation=float(joint.fit.noise.deviation[k]),
+                deviation=float(joint.fit.noise.deviation[k] * scales[k]),
                 is_stated=bool(np.isfinite(stated[k])),
-                rms=float(np.sqrt(np.sum(residual[:, k] ** 2) / samples)),
+                rms=float(np.sqrt(np.sum(residual[:, k] ** 2) / samples) * scales[k]),
                 lag_one=main.lag_one,
                 inflation=max(colour.inflation for colour in own),
             )

@@ -38,6 +38,7 @@ from fmu_didim.results.result import (
     StageResult,
     UnconstrainedResult,
 )
+from fmu_didim.results.searches import local_result, profile_results, search_result
 
 
 def consistency_result(found: Consistency) -> ConsistencyResult:
@@ -100,6 +101,9 @@ def result_document(
         },
         joint=_joint(estimate),
         prior=_prior(estimate),
+        search=search_result(estimate),
+        profiles=profile_results(estimate),
+        sensitivity=local_result(estimate),
         regrouping=model.parameters.relations(),
         correlations=estimate.correlations(),
         correlation=np.round(correlation(estimate.covariance), 4).tolist(),

@@ -24,8 +24,10 @@ from fmu_didim.checks.motion import dependence, periods
 from fmu_didim.checks.outputs import following, outliers, suspects, trusted
 from fmu_didim.data.tables import clock
 from fmu_didim.estimators import finish, initial_states, local_minima, reference_start
+from fmu_didim.estimators.search import best, places
 from fmu_didim.fit import confounding, equations, log_noise, statistics, uncertainty
 from fmu_didim.fit.derivatives import differences
+from fmu_didim.fit.exploration import profile
 from fmu_didim.fit.noise import noise, residual_noise, shared, weighting
 from fmu_didim.fit.solver import linear_step, search, termination
 from fmu_didim.model.experiment import Experiment
@@ -58,6 +60,9 @@ DECIDING = (
     (channels, ("DISAGREEMENT", "EXPLAINED", "CERTAIN", "COLOURED", "LARGER")),
     (prior, ("DISAGREEMENT", "DECIDED")),
     (local_minima, ("OTHER_MINIMA", "HARDLY_WORSE")),
+    (profile, ("DIFFERENT", "FARTHEST", "LOWER")),
+    (places, ("SAME_VALUE", "SAME_DIGITS")),
+    (best, ("HARDLY_WORSE",)),
     (initial_states, ("MOVING", "CHANCE", "STANDS_OUT", "FIRST_PART", "FORGOTTEN", "DETERMINED")),
     (identification, ("NEAR_LIMIT", "VISIBLE_SHIFT", "SECOND_STEP", "JITTER")),
     (residual, ("STILL_NOT_WHITE",)),

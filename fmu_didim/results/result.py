@@ -24,6 +24,7 @@ from fmu_didim.checks.residual import NoiseResult
 from fmu_didim.checks.validation import ChannelValidation, Validation
 from fmu_didim.data.signals import Trajectory, trajectory, write_csv
 from fmu_didim.data.tables import read_table
+from fmu_didim.results.searches import LocalSensitivityResult, ProfileResult, SearchResult
 
 RESULT_FILE = "result.json"
 ALL_DIGITS = 17
@@ -279,6 +280,11 @@ class ResultDocument(Saved):
     stages: dict[str, StageResult]
     joint: JointResult | None = Field(default=None, description="null where the torque alone was fitted")
     prior: PriorResult | None = Field(default=None, description="null where the case has none")
+    search: SearchResult | None = Field(default=None, description="other minima; null where there was one start")
+    profiles: dict[str, ProfileResult] = Field(default={}, description="of the parameters for which they were asked")
+    sensitivity: LocalSensitivityResult | None = Field(
+        default=None, description="what each parameter does to the outputs; null where that is not known"
+    )
     regrouping: list[str] = Field(description="relations such as ZZ1R = ZZ1 + Ia1")
     correlations: list[tuple[str, str, float]] = Field(description="pairs with |correlation| > 0.9")
     correlation: list[list[Number]] = Field(default=[], description="of all parameters, in their order")

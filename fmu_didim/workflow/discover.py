@@ -18,7 +18,6 @@ from fmu_didim.discovery.run import discover as discover_in
 from fmu_didim.discovery.selection.decide import Options
 from fmu_didim.dynamics.effects import Effect, effect_catalogue, effect_name
 from fmu_didim.dynamics.robot import RobotDescription, RobotModel
-from fmu_didim.model.loop_model import LoopModel
 from fmu_didim.model.workers import one_blas_thread
 from fmu_didim.results.findings import FindingsDocument, save_findings
 from fmu_didim.results.provenance import provenance
@@ -51,7 +50,8 @@ def discover(
 
     Args:
         case: a loaded case, the path of its file, or its content; its validation experiments are the held-out data.
-        robot, plant, controller, log, reference, validation, loop: objects in the place of what the case has, as of
+        robot, plant, controller, log, reference, validation, loop, model, inputs, measured, parameters: objects in the
+            place of what the case has, as of
             :func:`identify`.
         out: folder for ``findings.json``, the signals, the augmented robot, FMUs and case, and ``discovery.html``;
             ``findings.json`` holds the best answer so far while the search goes on. Each time all that an earlier run
@@ -78,8 +78,8 @@ def discover(
     search = Progress.limited(progress or (lambda text: None), time_limit)
     folder = None if out is None else result_folder(out, figures=figures)
     case = checked_case(case, folder, objects)
+    _check_can_discover(case)
     model = case.model
-    _check_torque(model)
     places = (Path(), case.folder)
     forbidden, preferred, further = ([effect_name(e, *places) for e in given] for given in (forbid, prefer, effects))
     catalogue = effect_catalogue(further)
@@ -111,6 +111,25 @@ def discover(
     return answer
 
 
+def _check_can_discover(case: Case) -> None:
+    """Raise InputError where nothing can be found: in an open loop, and of a model that is no robot."""
+    if case.document.model is not None:
+        raise InputError(
+            "Discovery names physical effects of robots and drives; this case is of a model alone.", where="model",
+            got=case.document.model.source,
+            next_step="Run fmu-didim identify: where the residual follows something, its verdict names the suspects, "
+            "such as an offset, a delay, a drift, an initial state, or a parameter that is not identified.",
+        )  # fmt: skip
+    model = case.model
+    if model.loop.torque_is_given:
+        raise InputError(
+            "The loop is open: the torque is given, so that it shows nothing of what the model lacks.",
+            where="connections", got=", ".join(model.experiments.channels) or "no measured:",
+            next_step="Look at identify, whose motion-unexplained says whether the model lacks something; to name it, "
+            "use a log of the closed loop.",
+        )  # fmt: skip
+
+
 def _description(case: Case) -> RobotDescription | None:
     """The robot, if the plant is built from it; effects can only be added around any other plant."""
     source = case.document.plant_source
@@ -127,21 +146,3 @@ def _keep(folder: ResultFolder, progress: Progress, document: FindingsDocument) 
             save_findings(document, new)
     except InputError as error:
         progress.say(f"the answer so far could not be written: {error.got}")
-
-
-def _check_torque(model: LoopModel) -> None:
-    """Raise InputError where no torque shows what a model lacks."""
-    if not model.loop.shows_torque:
-        raise InputError(
-            "Discovery knows what robots and their drives lack, and this case has a model alone.", where="model",
-            got=", ".join(model.loop.output_names), next_step="Run fmu-didim identify: where its residual follows "
-            "something, the verdict names the suspects, such as an offset, a delay, a drift, an initial state or a "
-            "parameter that is not identified.",
-        )  # fmt: skip
-    if model.loop.torque_is_given:
-        raise InputError(
-            "The loop is open: the torque is given, so that it shows nothing of what the model lacks.",
-            where="connections", got=", ".join(model.experiments.channels) or "no measured:",
-            next_step="Look at identify, whose motion-unexplained says whether the model lacks something; to name it, "
-            "use a log of the closed loop.",
-        )  # fmt: skip

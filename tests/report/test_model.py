@@ -203,7 +203,7 @@ def test_the_error_is_that_of_what_the_output_moves(found: Result) -> None:
 
 
 def test_discovery_says_what_to_do_instead(room: Path) -> None:
-    with pytest.raises(InputError, match="this case has a model alone") as caught:
+    with pytest.raises(InputError, match="of a model alone") as caught:
         discover(room / "case.yaml")
     assert "Run fmu-didim identify" in str(caught.value)
 

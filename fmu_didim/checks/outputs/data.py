@@ -7,6 +7,7 @@ import numpy as np
 from fmu_didim.base.diagnostics import CATALOGUE, REMARK, Diagnostic
 from fmu_didim.checks.data.log import column_diagnostics
 from fmu_didim.checks.data.runs import VALIDATION_COPIED, copied
+from fmu_didim.checks.outputs.before import before_the_fit
 from fmu_didim.model.loop_model import LoopModel
 
 COPIED = 0.5
@@ -30,6 +31,7 @@ def model_data_diagnostics(model: LoopModel) -> list[Diagnostic]:
         if not np.ptp(values):
             text = f"It is {values[0]:.4g} throughout: what it does when it moves is not known from these data."
             found.append(Diagnostic(INPUT_RESTS, text, f"input {name}"))
+    found += before_the_fit(model)
     for label, experiment in experiments.items():
         columns = dict(zip(model.loop.labels, experiment.torque.T, strict=True))
         columns |= {channel.name: channel.values for channel in experiment.channels}

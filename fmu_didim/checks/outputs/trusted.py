@@ -47,7 +47,7 @@ def trusted_diagnostics(found: OutputResiduals, deviation: Array) -> list[Diagno
             continue
         if not np.isfinite(column).all() or np.linalg.norm(rest_of(column, basis)) > UNSEEN:
             continue
-        moved: Array = -np.linalg.lstsq(table, column, rcond=None)[0].astype(np.float64)
+        moved = np.asarray(-np.linalg.lstsq(table, column, rcond=None)[0], dtype=np.float64)
         shown = [i for i in np.argsort(-np.abs(moved / deviation)) if abs(moved[i]) > MOVES * deviation[i]]
         if shown:
             told.append(_told(found, free.key, with_unit(f"{free.value:.4g}", free.unit), moved, shown))

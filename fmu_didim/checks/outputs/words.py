@@ -27,8 +27,7 @@ ADVICE: Mapping[str, str] = {
     "log-coarse": "Log with a finer resolution, or over the full range of the converter.",
     "log-constant": "Check that the column is the one of this output.",
     "log-saturated": "Leave those samples empty, or widen the range of the sensor.",
-    "parameter-idle": "Leave it out, name the parameter that has an effect, or export the model with parameters "
-    "that can be set.",
+    "parameter-idle": "Leave it out, name the parameter that acts, or export the model with tunable parameters.",
     "another-minimum": "Give limits (identify: {name: {minimum: ..., maximum: ...}}) or its value.",
     "validation-copied": "Record an experiment with other inputs for the validation, or leave the validation out.",
 }

@@ -121,7 +121,8 @@ class FmuInstance(RestartableInstance):
         component = self._component
         self._binding.set_up_experiment(time)
         values = {**component.start_values, **component.parameter_values()}
-        self._set_own({name: values[name] for name in values if name in component.changed})
+        at_first = component.changed - component.state_starts.keys()
+        self._set_own({name: values[name] for name in values if name in at_first})
         for name, value in component.options.items():
             self._binding.set_option(component.option_types[name], component.references[name], value)
         self._binding.enter_initialisation(time)
@@ -137,15 +138,33 @@ class FmuInstance(RestartableInstance):
         if not self._binding.gives_initial_outputs:
             self._connect()
         self._check_taken(component.parameter_values())
+        self._put_states()
         for name, value in component.options.items():
             kind = component.option_types[name]
             found = None if kind == "String" else self._binding.read_back(kind, [component.references[name]], 1)
             if found is not None and found[0] != value:
                 raise _not_taken(component, name, value, found[0])
 
+    def _put_states(self) -> None:
+        """Let continuous states start elsewhere than the initialisation says, from event mode to event mode."""
+        component, binding = self._component, self._binding
+        places = {name: i for name, i in component.state_starts.items() if name in component.changed}
+        if not places:
+            return
+        binding.update_discrete_states()
+        binding.call("EnterContinuousTimeMode")
+        states, values = np.zeros(component.fmu.state_count), component.parameter_values()
+        for verb in ("Get", "Set"):
+            function, arguments = binding.exchange_call(f"{verb}ContinuousStates", states)
+            binding.check(f"{binding.prefix}{verb}ContinuousStates", function(*arguments))
+            for name, i in places.items():
+                states[i] = component.parameter_conversion(name).to_own(values[name])
+        binding.call("EnterEventMode")
+
     def _check_taken(self, values: Mapping[str, float]) -> None:
         component = self._component
-        wanted = self._own_values({name: values[name] for name in values if name in component.changed})
+        at_first = component.changed - component.state_starts.keys()
+        wanted = self._own_values({name: values[name] for name in values if name in at_first})
         numbers = np.array([x for group in wanted.values() for x in group])
         found = self._binding.read_back(self._binding.real_type, list(wanted), numbers.size) if wanted else None
         if found is None:
@@ -308,8 +327,12 @@ def _references_of(variables: Sequence[FmuVariable]) -> Any:
     return references([v.reference for v in variables if v.size])
 
 
-def _not_taken(component: FmuSettings, name: str, wanted: float, found: float) -> FmuError:
-    return FmuError(
+class NotTakenError(FmuError, SimulationError):
+    """An FMU does not take a value: a run with it cannot be made, others can."""
+
+
+def _not_taken(component: FmuSettings, name: str, wanted: float, found: float) -> NotTakenError:
+    return NotTakenError(
         f"The FMU did not take the value of '{name}': another value is read back.",
         where=component.path.name,
         got=f"{found:.9g} after {wanted:.9g} was set, in the FMU's own units",

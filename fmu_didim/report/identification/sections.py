@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from fmu_didim.checks.validation import Validation
@@ -15,6 +16,9 @@ from fmu_didim.report.identification.charts import saved_charts
 from fmu_didim.report.identification.joint import joint_sections
 from fmu_didim.report.identification.power import power_sections
 from fmu_didim.report.identification.prior import prior_sections, share_text
+from fmu_didim.report.identification.profiles import interval_texts, profile_sections
+from fmu_didim.report.identification.search import search_sections
+from fmu_didim.report.identification.sensitivities import sensitivity_sections
 from fmu_didim.report.numbers import (
     MISSING,
     Rounding,
@@ -117,6 +121,9 @@ def result_report(document: ResultDocument, parts: Sequence[ExperimentCharts] = 
         _plant(document),
         *joint_sections(document),
         *prior_sections(document),
+        *search_sections(document),
+        *profile_sections(document),
+        *sensitivity_sections(document),
         *_correlations(document),
         _stages(document),
         *_iterations(document),
@@ -148,7 +155,12 @@ def _parameters(document: ResultDocument) -> Section:
     """The parameters; those of one experiment and those of the loop form groups."""
     groups = experiments.parameter_groups(document)
     listed = [(name, p) for group in groups for name, p in group.parameters.items()]
+    bent = {name for name, one in document.profiles.items() if one.is_bent}
     texts = [experiments.shown_parameter(name, p) for name, p in listed]
+    texts = [
+        replace(text, interval=interval_texts(document, name)) if name in bent else text
+        for text, (name, _) in zip(texts, listed, strict=True)
+    ]
     shown = aligned_parameters(texts)
     marks = [" *" if text.insignificant else "" for text in texts]
     bars = [_bar(p.rel_std_percent) for _, p in listed]
@@ -159,7 +171,11 @@ def _parameters(document: ResultDocument) -> Section:
         Column("%σ", [text.percent for text in shown], page_head="σ / |value| (%)"),
         words("", [""] * len(texts), bars=bars, shown="page"),
         words("unit", [text.unit or MISSING for text in texts]),
-        Column("95 % interval", ["  ".join(text.interval) for text in shown]),
+        Column(
+            "95 % interval",
+            ["  ".join(text.interval) for text in shown],
+            marks=[" !" if name in bent else "" for name, _ in listed] if bent else (),
+        ),
         *_from_data(document, [name for name, _ in listed]),
         *_further_values(document, listed),
         words("carried by", [p.standard or p.of for _, p in listed], shown="page"),
@@ -167,6 +183,8 @@ def _parameters(document: ResultDocument) -> Section:
     blocks: list[Block] = [Table(columns, [(group.head, len(group.parameters)) for group in groups])]
     if any(marks):
         blocks.append(Text("* not significantly different from zero"))
+    if bent:
+        blocks.append(Text("! by its profile, which differs from the linear interval by more than a third"))
     blocks += [Text(line) for line in experiments.delay_lines(document)]
     blocks.append(note(
         "σ: standard deviation, two significant digits. Bars: σ / |value| from 0.1 % to 100 %, logarithmic; full up to "

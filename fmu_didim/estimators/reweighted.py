@@ -1,0 +1,69 @@
+"""Fits of outputs whose error models follow what is simulated: again with new scales until the values stay."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from fmu_didim.base.errors import SimulationError
+from fmu_didim.fit.estimate import Estimate, Status
+from fmu_didim.fit.noise.error_models import NORMAL_FROM, Reweighted, reweighted
+from fmu_didim.model.loop_model import LoopModel
+
+ROUNDS = 20
+"""[fits] With scales of their own: each divides what the last one moved by some ten, with many outliers by two."""
+STAYS = 0.01
+"""[standard deviations] By which a round may move a value at the end: it changes no conclusion."""
+SHOWN = 6
+"""[samples] Outliers whose instants are told."""
+
+
+def with_error_models(model: LoopModel, fit: Callable[[LoopModel], Estimate]) -> Estimate:
+    """The estimate of a model whose error models follow what is simulated; ``fit``: the estimate with scales held.
+
+    Raises:
+        RefusedError, IdentificationError: as of ``fit``.
+    """
+    estimate = fit(model)
+    if not model.experiments.has_error_models:
+        return estimate
+    iterations, moved, found = list(estimate.iterations), np.inf, None
+    for _ in range(ROUNDS):
+        try:
+            found = reweighted(estimate.model, estimate.value)
+        except SimulationError:
+            break
+        before, estimate = estimate.value, fit(found.model)
+        iterations += estimate.iterations
+        moved = float(np.max(np.abs(estimate.value - before) / estimate.standard_deviation))
+        if moved <= STAYS:
+            break
+    told = (*estimate.remarks, *(() if found is None else _words(found)))
+    estimate = replace(estimate, iterations=tuple(iterations), remarks=told)
+    if moved <= STAYS:
+        return estimate
+    advice = (
+        f"The weights of the error models had not settled after {ROUNDS} fits: the last one moved a value by "
+        f"{moved:.2g} standard deviations. Start nearer to the truth (start: {{name: value}}), or state the noise."
+    )
+    return replace(estimate, status=Status.MAXIMUM_ITERATIONS, advice=advice)
+
+
+def _words(found: Reweighted) -> list[str]:
+    """What the noise of robust outputs is, and which samples count little."""
+    told = []
+    for name, noise in found.noises.items():
+        if noise.freedom >= NORMAL_FROM:
+            told.append(f"{name}: the residual has no more outliers than normal noise; robust: changes nothing.")
+            continue
+        off = [f"{t:g} s" + (f" of {label}" if len(found.outliers[name]) > 1 else "")
+               for label, times in found.outliers[name] for t in times]  # fmt: skip
+        more = f" and {len(off) - SHOWN} others" if len(off) > SHOWN else ""
+        where = f": t = {', '.join(off[:SHOWN])}{more}" if off else ""
+        told.append(
+            f"{name}: noise of Student's t with {noise.freedom:.2g} degrees of freedom; {len(off)} outliers count less "
+            f"than half of an ordinary sample{where}."
+        )
+    return told
