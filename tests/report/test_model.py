@@ -36,6 +36,7 @@ Iterations          V
 Correlations > 0.9  R1-R2 +0.V
 
 Remarks
+  One start: at a few values elsewhere the misfit is no lower; other minima were not looked for.
   C: its 2000 J/K are taken on trust: with 10 % more the data would be explained as well, by other
     values: R1 -V %, R2 -V %.
   No experiment was held out: the prediction of another one is untested.

@@ -61,7 +61,7 @@ EXCHANGE = Suspect(
 """What neither an offset nor a scale explains alone."""
 
 OUTPUT_FOLLOWS = CATALOGUE(
-    "residual-follows", DOUBT, rank=59,
+    "residual-follows", DOUBT, rank=54,
     meaning="What a model leaves of an output follows its inputs, the output itself or time, which noise does not: "
     "inputs, sensors, clocks, the initial state or the model differ from what the case says. The values absorb a part.",
     next_step="Begin with the suspect that is named first.",
