@@ -323,6 +323,7 @@ def _identify(options: argparse.Namespace) -> int:
         from fmu_didim.case import load_case  # what takes a second to import comes after the first line
         from fmu_didim.workflow import identify
         from fmu_didim.workflow.output.result import OWN_ROBOT_FILE, ROBOT_FILE, result_folder
+        from fmu_didim.workflow.output.values import SSV_FILE, VALUES_FILE
 
         result_folder(out).check()
         case = load_case(options.case)
@@ -345,6 +346,8 @@ def _identify(options: argparse.Namespace) -> int:
             print(f"  with those of {label}: {out / OWN_ROBOT_FILE.format(label=label)}")
         if outcome.outside_robot:
             print(f"  not in it, because not of the robot: {', '.join(outcome.outside_robot)}")
+    if outcome.document.outputs and outcome.parameters:
+        print(f"\nThe values, to set in the FMU: {out / SSV_FILE}   as an entry of a case: {out / VALUES_FILE}")
     print(f"\nReport: {out / 'report.html'}   Result: {out / 'result.json'}   ({since_start():.1f} s)")
     return outcome.exit_code
 
