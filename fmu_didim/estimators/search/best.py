@@ -99,7 +99,9 @@ class _Run:
                 note += ", the lowest so far" if cost < lowest - VISIBLE else ""
                 lowest = min(lowest, cost)
             values = starts[k] if end.problem else np.array([end.values[name] for name in self.model.names])
-            self.progress(Iteration("start", k + 1, values, end.error_percent, note=note))
+            self.progress(
+                Iteration("start", k + 1, values, end.error_percent, note=note, quantity=self.model.loop.quantity)
+            )
             limit = self.search.time_s
             if limit is not None and clock.monotonic() - self.begun > limit and len(found) < len(starts):
                 self.stopped = f"its time of {limit:g} s was over"

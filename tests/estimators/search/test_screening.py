@@ -125,7 +125,7 @@ def test_parameters_that_make_up_for_each_other_are_a_ridge() -> None:
     assert result.document.sensitivity is not None
     (ridge,) = result.document.sensitivity.ridges
     assert set(ridge.parts) == {"K", "T"}
-    assert "with it" in ridge.text
+    assert "times that" in ridge.text
     assert ridge.std > 0.1
 
 
@@ -135,7 +135,7 @@ def test_a_ridge_is_one_of_several_parameters_that_is_less_known_than_each() -> 
     open_ = np.outer(along, along) + np.diag([1e-4, 1e-2])
     (ridge,) = ridges_of(names, size, open_)
     assert ridge.std == pytest.approx(0.5, rel=0.01)
-    assert ridge.text == "a may move by 50 % (b against it) and the outputs hardly change"
+    assert ridge.text == "a may move by 50 %, b by -1 times that, relative to themselves, and the outputs hardly change"
     assert ridges_of(names, size, np.diag([0.25, 25.0])) == ()  # each alone is as little known
     assert ridges_of(names, size, 1e-4 * open_) == ()  # all are known well
 
