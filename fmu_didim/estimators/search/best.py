@@ -54,7 +54,7 @@ def searched(
     run = _Run(model, search, crew, progress)
     if search.method == EVOLUTION:
         lowest, evaluations, stopped = evolved(model, box, search, crew, progress)
-        ends = run.fits([begin, lowest])
+        ends = run.fits([lowest, begin])  # the former in any case, also where the time is over
         run.stopped = stopped
     else:
         ends, evaluations = run.fits([begin, *box.drawn(search.starts - 1, search.seed)]), 0
