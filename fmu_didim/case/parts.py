@@ -65,8 +65,7 @@ def identified(
         if plant_names[-1] not in offered and document.model is not None:
             raise unknown_parameter(plant, plant_names[-1], where=f"identify.{name}")
         if plant_names[-1] not in offered:
-            whole = "plant" if units is None else "model"
-            raise UnknownNameError(f"parameter of the {whole}", plant_names[-1], offered, where=f"identify.{name}")
+            raise UnknownNameError("parameter of the plant", plant_names[-1], offered, where=f"identify.{name}")
         ranges.append(entry.start_and_limits(name, offered[plant_names[-1]].start))
     return NamedParameters(
         names=tuple(chosen),

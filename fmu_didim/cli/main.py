@@ -122,7 +122,8 @@ def _logged(*, quiet: bool) -> Iterator[None]:
 def command_parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="fmu-didim",
-        description="Identify the dynamic parameters of robots and drives from motor torque alone (DIDIM).",
+        description="Identify the dynamic parameters of robots and drives from motor torque alone (DIDIM),\n"
+        "or those of any FMU from recorded inputs and measured outputs.",
         epilog=_BEGIN,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
@@ -150,6 +151,7 @@ _BEGIN = """begin with an example that ships with the package:
 
 examples:
   fmu-didim init log.csv
+  fmu-didim init house.fmu weather.csv room.csv
   fmu-didim validate case.yaml
   fmu-didim identify case.yaml"""
 _DEBUG = "show the traceback of an error"
@@ -179,10 +181,14 @@ def _add_case_verbs(commands: _Commands) -> None:
     checked.add_argument("--samples", type=at_least_two, metavar="N", help=help_)
     checked.add_argument("--seed", type=not_negative, default=0, metavar="N", help="of --sensitivity (0)")
     checked.add_argument("--figure", type=Path, metavar="FILE.svg", help="draw --sensitivity, as .svg, .png or .pdf")
-    two = _case_verb(commands, "simulate", _simulate, "simulate the closed loop of a case")
-    two.add_argument("--out", type=Path, metavar="FILE.csv", help="table of torque and motion (results/<case>.csv)")
-    two.add_argument("--set", action="append", default=[], metavar="NAME=VALUE", help="value of a base parameter")
-    two.add_argument("--experiment", metavar="LABEL", help="whose reference: estimation (the first), validation, ...")
+    two = _case_verb(commands, "simulate", _simulate, "simulate the closed loop of a case, or its model")
+    two.add_argument(
+        "--out", type=Path, metavar="FILE.csv", help="table of torque and motion, or outputs (results/<case>.csv)"
+    )
+    two.add_argument(
+        "--set", action="append", default=[], metavar="NAME=VALUE", help="value of a parameter that is identified"
+    )
+    two.add_argument("--experiment", metavar="LABEL", help="whose reference or inputs: estimation (the first), ...")
     help_ = "find, name and add the physical effects that the model lacks"
     found = _case_verb(commands, "discover", _discover, help_, case="the case file; its validation is held out")
     found.add_argument("--out", type=Path, metavar="DIR", help="folder for findings.json and all else (results/<case>)")
@@ -397,7 +403,7 @@ def _discover(options: argparse.Namespace) -> int:
 
 
 def _simulate(options: argparse.Namespace) -> int:
-    """Simulate the closed loop of a case with the values of its robot description, write a CSV table."""
+    """Simulate the closed loop of a case with the values of its robot description, or its model, write a CSV table."""
     from fmu_didim.data.signals import write_csv
     from fmu_didim.workflow import simulate
     from fmu_didim.workflow.output.result_folder import check_writable, write_whole

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fmu_didim.data.signals import Array
-from fmu_didim.fit.confounding import ANOTHER_MOTION, OTHER_INPUTS, refuse_confounded
+from fmu_didim.fit.confounding import refuse_confounded, refuse_ridge
 from fmu_didim.fit.derivatives.sensitivity import parameter_sizes
 from fmu_didim.fit.ending import Ending
 from fmu_didim.fit.estimate import Estimate, JointFit, Stage, Status
@@ -161,12 +161,7 @@ def efficient_finish(
         next_step=NEXT_STEP if tolerance is None else 0.0, updates=None, check_all=False, exact=True, whole=True,
     )  # fmt: skip
     fit, model = start, start.model
-    known = [k.scale if k.is_start else v for k, v in zip(model.free_parameters, fit.values, strict=True)]
-    refuse_confounded(
-        model.beside_prior(whitened(fit.jacobian, fit.deviation)), np.array(known), model.names,
-        torque=float(np.linalg.norm(model.measured_outputs / fit.deviation)),
-        other=ANOTHER_MOTION if model.loop.shows_torque else OTHER_INPUTS,
-    )  # fmt: skip
+    _refuse_confounded(fit, at_start=True)
     sizes = None if fit.prediction is None else parameter_sizes(model, fit.values, fit.prediction)
     for left in reversed(range(MAXIMUM_REFINEMENTS)):
         fit = minimise(
@@ -187,6 +182,8 @@ def efficient_finish(
         remarks.append(
             f"Steps are divided into {fit.model.loop.subdivision}: over each of them linear inputs are held."
         )
+    if not model.loop.shows_torque:  # where it began, the outputs may have shown what they do not here
+        _refuse_confounded(fit)
     if error.excess > 1:
         moved = f"{float(np.max(error.shift)):.2g} of its standard deviation"
         told = (
@@ -198,6 +195,19 @@ def efficient_finish(
         )
         remarks.append(told)
     return Minimum(fit, error, fit_uncertainty(fit), tuple(iterations), tuple(remarks), roughness(fit, sizes))
+
+
+def _refuse_confounded(fit: Fit, *, at_start: bool = False) -> None:
+    """Raise IdentificationError where the data do not tell the parameters apart at a fit; at a start of any model only
+    where no data would: its noise is not known yet, and elsewhere the outputs may show more."""
+    model = fit.model
+    known = [k.scale if k.is_start else v for k, v in zip(model.free_parameters, fit.values, strict=True)]
+    table = model.beside_prior(whitened(fit.jacobian, fit.deviation))
+    size = float(np.linalg.norm(model.measured_outputs / fit.deviation))
+    if model.loop.shows_torque:
+        refuse_confounded(table, np.array(known), model.names, torque=size)
+    else:
+        refuse_ridge(table, np.array(known), model.names, outputs=math.inf if at_start else size)
 
 
 def _finer(model: LoopModel, values: Array, excess: float) -> LoopModel:

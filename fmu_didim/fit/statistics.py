@@ -174,4 +174,5 @@ def relative_error_percent(measured: Array, simulated: Array) -> tuple[float, Ar
     size = np.where(error > 0, np.linalg.norm(measured, axis=0), 1.0)
     with np.errstate(divide="ignore"):
         per_joint = 100 * error / size
-    return float(100 * np.linalg.norm(measured - simulated) / np.linalg.norm(measured)), per_joint
+        total = np.divide(100 * np.linalg.norm(measured - simulated), np.linalg.norm(measured))
+    return float(total), per_joint

@@ -28,7 +28,7 @@ from fmu_didim.estimators.search.screening import GlobalSensitivity, Method, scr
 from fmu_didim.estimators.start import start_sequence, start_text, start_values, with_free_delay
 from fmu_didim.fit.exploration.local import LocalSensitivity
 from fmu_didim.fit.solver.admissible import mass_matrix_problem
-from fmu_didim.fit.statistics import relative_error_percent
+from fmu_didim.fit.statistics import error_percent
 from fmu_didim.model.experiment import Experiment
 from fmu_didim.model.loop_model import LoopModel
 from fmu_didim.report.drawing.sensitivity_charts import sensitivity_chart
@@ -152,7 +152,8 @@ class Checked:
             *(("Loop" if self.quantity == "torque" else "Model", line) for line in self.loop),
         ]
         if self.error_percent:
-            errors = ", ".join(f"{significant(v)} % on {label}" for label, v in self.error_percent.items())
+            known = {label: v for label, v in self.error_percent.items() if np.isfinite(v)}
+            errors = ", ".join(f"{significant(v)} % on {label}" for label, v in known.items()) or "not known"
             entries.append(("Start", f"{self.quantity} error {errors}, from {self.start}"))
         if self.consistency is not None and self.consistency.points and not self.consistency.warnings():
             worst = significant(self.consistency.worst, 2)
@@ -214,7 +215,7 @@ def check(
         name=case.name,
         parameters=model.names,
         experiments=model.experiments,
-        loop=tuple(loop_lines(described_loop(case, model.loop.systems[model.first].describe()))),
+        loop=_lines_of_the_loop(case, model),
         diagnostics=tuple(diagnostics),
         consistency=consistency,
         quantity="torque" if model.loop.shows_torque else "output",
@@ -224,6 +225,15 @@ def check(
     if sensitivity is not None:
         found = _with_sensitivity(case, model, found, sensitivity, samples, seed, say or (lambda _: None))
     return replace(found, diagnostics=tuple(by_weight(found.diagnostics)))
+
+
+def _lines_of_the_loop(case: Case, model: LoopModel) -> tuple[str, ...]:
+    """A line a component, and one for the timing; of a model for the steps of its simulation."""
+    lines = loop_lines(described_loop(case, model.loop.systems[model.first].describe()))
+    if case.data is None:
+        return tuple(lines)
+    steps = "at the rows of inputs and samples" if case.data.at_instants else f"of {case.step_size:g} s"
+    return (*lines[:-1], f"steps {steps}")
 
 
 def _at_the_start(case: Case, model: LoopModel, found: Checked) -> Checked:
@@ -240,7 +250,7 @@ def _at_the_start(case: Case, model: LoopModel, found: Checked) -> Checked:
             reasons.append(f"{place}: {error.what}" + (f" ({error.got})" if error.got else ""))
             continue
         errors = {
-            label: relative_error_percent(model.experiments.measured_in(label), t)[0] for label, t in torque.items()
+            label: error_percent(model.loop, model.experiments.measured_in(label), t)[0] for label, t in torque.items()
         }
         fitted = np.concatenate([torque[label] for label in model.estimation_labels])
         alike, ahead, effects = predict_accuracy(model, values, fitted)

@@ -9,12 +9,13 @@ from typing import Any
 from pydantic import TypeAdapter, ValidationError
 
 from fmu_didim.base.documents import TO_FILL_IN
-from fmu_didim.base.errors import FmuDidimError, UnknownNameError
+from fmu_didim.base.errors import FmuDidimError
 from fmu_didim.case.files import table_and_time
 from fmu_didim.case.parts import component_of, controller_block
 from fmu_didim.case.sources import ComponentSource, ExperimentSource, InputsFile, MeasuredFile, SignalFile
-from fmu_didim.components import Component
-from fmu_didim.data.signals import Variable
+from fmu_didim.case.variable_names import START, unknown, unknown_parameter
+from fmu_didim.components import Component, FmuComponent
+from fmu_didim.components.fmu.chosen import visible
 from fmu_didim.data.tables import Column, selected
 
 
@@ -39,7 +40,7 @@ def mistakes_of_a_model(
         parts: list[InputsFile | MeasuredFile] = [*run.measured_files, *([run.inputs] if run.inputs else [])]
         for part in parts:
             is_input = isinstance(part, InputsFile)
-            offered = None if model is None else {v.name: v for v in (model.inputs if is_input else model.outputs)}
+            offered = None if model is None else _inputs_of(model) if is_input else _outputs_of(model)
             where = f"{label}: {'inputs' if is_input else 'measured'}: {part.file}"
             yield from ((error, where) for error in _of_file(part, offered, folder, where))
 
@@ -57,19 +58,29 @@ def _component(given: Any, folder: Path) -> Component | None:
 
 def _of_parameter(name: str, entry: Any, model: Component) -> Iterator[tuple[FmuDidimError, str]]:
     own = entry.get("parameter") if isinstance(entry, Mapping) else None
-    meant, offered = own or name, [v.name for v in model.parameters]
-    if meant != TO_FILL_IN and meant not in offered:
-        yield UnknownNameError("parameter of the model", str(meant), offered, where=f"identify.{name}"), "identify"
+    meant, offered = str(own or name), [v.name for v in model.parameters]
+    is_start = meant.endswith(START) and meant.removesuffix(START) in _outputs_of(model)
+    if meant != TO_FILL_IN and meant not in offered and not is_start:
+        yield unknown_parameter(model, meant, where=f"identify.{name}"), "identify"
 
 
-def _of_file(
-    part: SignalFile, offered: Mapping[str, Variable] | None, folder: Path, where: str
-) -> Iterator[FmuDidimError]:
+def _inputs_of(model: Component) -> dict[str, str]:
+    """Name of each input -> its unit."""
+    return {v.name: v.unit for v in model.inputs}
+
+
+def _outputs_of(model: Component) -> dict[str, str]:
+    """Name of all that can be measured -> its unit: outputs, and any other variable that an FMU computes."""
+    others = {n: v.unit for n, v in visible(model).items()} if isinstance(model, FmuComponent) else {}
+    return others | {v.name: v.unit for v in model.outputs}
+
+
+def _of_file(part: SignalFile, offered: Mapping[str, str] | None, folder: Path, where: str) -> Iterator[FmuDidimError]:
     kind = "input" if isinstance(part, InputsFile) else "output"
     names = dict.fromkeys([*part.columns, *getattr(part, "signals", ()), *getattr(part, "std", ())])
     for name in names:
         if offered is not None and name not in offered and name != TO_FILL_IN:
-            yield UnknownNameError(f"{kind} of the model", name, offered, where=where)
+            yield unknown(f"{kind} of the model", name, offered, where=where)
     try:
         table, time = table_and_time(part, folder)
     except FmuDidimError as error:
@@ -78,7 +89,7 @@ def _of_file(
     found = [n for n in offered or {} if table.find(n) is not None] if kind == "input" or not names else []
     columns = {n: Column(name=n) for n in found} | {n: part.columns.get(n, Column(name=n)) for n in names}
     for name, column in columns.items():
-        unit = offered[name].unit if offered is not None and name in offered else None
+        unit = None if offered is None else offered.get(name)
         try:
             selected(table, time=time, columns={name: column}, units={} if unit is None else {name: unit},
                      others=False, sparse=True)  # fmt: skip

@@ -17,6 +17,7 @@ from fmu_didim.campaigns.planning.plan import Plan
 from fmu_didim.campaigns.planning.recorded import with_simulated_outputs, written_out
 from fmu_didim.campaigns.planning.truth import noisy_logs, simulated_truth, with_simulated_logs
 from fmu_didim.campaigns.reporting.page import write_campaign_report
+from fmu_didim.campaigns.running.single_run import write_single_run
 from fmu_didim.case import load_case
 from fmu_didim.case.memory import Memory
 from tests.conftest import ROOT
@@ -72,6 +73,15 @@ def test_data_of_a_model_have_its_true_values_and_the_noise_that_is_asked_for() 
     relative = noisy_logs(truth, {"relative": 0.5}, plan.runs[0].data)["measured_estimation_T.csv"]
     size = np.std(still["measured_estimation_T.csv"].values)
     assert np.std(relative.values - still["measured_estimation_T.csv"].values) == pytest.approx(size / 2, rel=0.1)
+
+
+def test_one_run_is_written_with_its_own_data(tmp_path: Path) -> None:
+    plan = plan_of(truth=TRUTH, noise={"std": [0.1]}, seeds=2)
+    written = load_case(write_single_run(plan, plan.runs[1], tmp_path))
+    content = plan.content(())
+    truth = simulated_truth(content.truth or {}, Path(content.folder))
+    drawn = noisy_logs(truth, content.noise, plan.runs[1].data)["measured_estimation_T.csv"]
+    assert written.model.measured == pytest.approx(drawn.values, abs=1e-12)
 
 
 def test_what_a_case_says_of_the_noise_stays() -> None:

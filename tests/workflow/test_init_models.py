@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -195,3 +196,19 @@ def test_the_user_may_say_that_it_is_a_model(tmp_path: Path) -> None:
         start_case([robot], tmp_path / "b", model=HOUSE / "house.fmu", law="pd")
     with pytest.raises(InputError, match="Only an FMU"):
         start_case([robot], tmp_path / "b", model=robot)
+
+
+def test_a_variable_that_is_no_output_is_found_by_its_name(tmp_path: Path) -> None:
+    model = fmu("u", "y")
+    inner = FmuVariable("tank.level", 9, "Real", "local", "continuous", "calculated", unit="m")
+    model = replace(model, variables=(*model.variables, inner))
+    files = table(tmp_path / "u.csv", "t,u"), table(tmp_path / "m.csv", "t,Tank.Level [cm],other")
+    assert content_of(model, *files)["measured"]["columns"] == {"tank.level": "Tank.Level [cm]"}
+    assert content_of(model, files[0], table(tmp_path / "n.csv", "t,y"))["measured"].endswith("n.csv")
+
+
+def test_starts_of_states_are_listed_where_they_can_be_chosen(tmp_path: Path) -> None:
+    files = [table(tmp_path / "u.csv", "t,u"), table(tmp_path / "m.csv", "t,y")]
+    model = replace(fmu("u", "y:K der(z)", "k:W=1"), states=("y",))
+    texts, _ = model_case(Inventory(data=files, model=(FmuPorts(Path("x.mo"), model), "")), Path())
+    assert "# y.start: {}  # K: where it starts" in texts["case.yaml"] and "# z.start: {}" in texts["case.yaml"]

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from fmu_didim.base.documents import TO_FILL_IN
-from fmu_didim.components.fmu.description import FLOAT_TYPES, FmuDescription, FmuVariable
+from fmu_didim.components.fmu.description import CO_SIMULATION, FLOAT_TYPES, FmuDescription, FmuVariable
 from fmu_didim.data.units import known_unit
 from fmu_didim.workflow.init.data_file import DataFile
 from fmu_didim.workflow.init.inventory import Inventory
@@ -43,6 +43,7 @@ def model_case(found: Inventory, out: Path) -> tuple[dict[str, str], list[tuple[
     short = len(fitted) == 1 and len(runs) <= 2
     entries = [{"label": run.label, "held_out": run.held_out, **_entries(run, out)} for run in runs]
     active, others = _parameters(fmu)
+    others += _starts(fmu, is_source=ports.source.suffix.lower() == ".mo")
     text = rendered(
         "model.yaml.j2", name=ports.source.stem, model=named_from(out, ports.source), short=short, runs=entries,
         edit=TO_FILL_IN, active=active, others=others[:MOST_LISTED], more=len(others[MOST_LISTED:]),
@@ -98,6 +99,19 @@ def _parameters(fmu: FmuDescription) -> tuple[list[dict[str, str]], list[dict[st
     return [_listed(v) for v in active], [_listed(v) for v in offered if v not in active]
 
 
+def _starts(fmu: FmuDescription, *, is_source: bool) -> list[dict[str, str]]:
+    """Where the states start, which can be identified where this project integrates the model."""
+    if not is_source and fmu.interface(CO_SIMULATION) is not None:
+        return []
+    known = {v.name: v for v in fmu.variables}
+    derived = [match[1] for name in known if (match := re.fullmatch(r"der\((.+)\)", name))]
+    listed = [(name, known.get(name)) for name in dict.fromkeys([*fmu.states, *derived])]
+    return [
+        {"name": flow(f"{name}.start"), "entry": "{}", "said": f"{v.unit if v else ''}: where it starts".strip(": ")}
+        for name, v in listed
+    ]
+
+
 def _is_likely(v: FmuVariable) -> bool:
     return (
         float(v.start or 0) != 0 and not re.search(_INITIAL, v.name, re.IGNORECASE) and not re.search(_NATURE, v.name)
@@ -125,7 +139,7 @@ def _number(v: FmuVariable) -> float:
 
 def _told(fmu: FmuDescription, files: Sequence[ModelFile], runs: Sequence[ModelRun]) -> Iterator[tuple[str, str, str]]:
     """File, column and what it was taken for."""
-    outputs = {v.name for v in variables(fmu, "output")}
+    inputs = {v.name for v in variables(fmu, "input")}
     for file in files:
         data = file.data
         used = any(file is run.inputs or file in run.measured for run in runs)
@@ -134,7 +148,7 @@ def _told(fmu: FmuDescription, files: Sequence[ModelFile], runs: Sequence[ModelR
             if clock:
                 yield data.path.name, clock, f"time{f', a row in {1 / rate:.3g} s' if rate else ''}"
         for match in file.matches if used else ():
-            kind = "output" if match.name in outputs or match.name == TO_FILL_IN else "input"
+            kind = "input" if match.name in inputs else "output"
             for column in match.columns:
                 if match.is_clear:
                     unit = data.table.unit(column)

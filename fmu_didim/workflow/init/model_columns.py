@@ -74,7 +74,7 @@ def matched(fmu: FmuDescription, files: Sequence[DataFile]) -> list[ModelFile]:
     shares with the variable or its description. What is left is taken by its unit, or as the only one that is left, and
     asked for where there are several.
     """
-    inputs, outputs = variables(fmu, "input"), variables(fmu, "output")
+    inputs, outputs = variables(fmu, "input"), [*variables(fmu, "output"), *_shown_locals(fmu, files)]
     best = _best(files, [*inputs, *outputs])
     found = [_by_name(data, inputs, outputs, best) for data in files]
     driving = [file for file in found if file.inputs] or [file for file in found if not file.outputs][:1] or found[:1]
@@ -82,8 +82,16 @@ def matched(fmu: FmuDescription, files: Sequence[DataFile]) -> list[ModelFile]:
     found = [replace(f, inputs=(*f.inputs, *_left_over(f, open_, asks=True))) if f in driving else f for f in found]
     named = [file for file in found if file.outputs]
     shown = named or [file for file in found if not file.inputs] or found
-    open_ = [v for v in outputs if not best[v.name]]
+    open_ = [v for v in outputs if not best[v.name]]  # no local variable is among them
     return [replace(f, outputs=(*f.outputs, *_left_over(f, open_, asks=not named))) if f in shown else f for f in found]
+
+
+def _shown_locals(fmu: FmuDescription, files: Sequence[DataFile]) -> list[FmuVariable]:
+    """Variables that the model computes and does not give as outputs, if a column has the name of one and of nothing
+    else."""
+    taken = {_plain(v.name) for causality in ("input", "output") for v in variables(fmu, causality)}
+    columns = {_plain(_bare(data, column)) for data in files for column in _columns(data)} - taken - {""}
+    return [v for v in variables(fmu, "local") if _plain(v.name) in columns]
 
 
 def named_alike(fmu: FmuDescription, files: Sequence[DataFile]) -> bool:
