@@ -69,7 +69,7 @@ def searched(
     outcome = SearchOutcome(
         search.method, search.seed, len(ends), run.asked, tuple(model.names[i] for i in box.place),
         tuple(name for i, name in enumerate(model.names) if i not in box.place), told,
-        sum(one.settled and one.worse < HARDLY_WORSE * max(inflation, 1.0) ** 2 for one in told[1:]),
+        sum(one.worse < HARDLY_WORSE * max(inflation, 1.0) ** 2 for one in told[1:]),
         Counter(end.problem for end in ends if end.problem), evaluations, run.stopped,
     )  # fmt: skip
     return replace(found, search=outcome)

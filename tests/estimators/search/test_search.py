@@ -134,7 +134,7 @@ def test_another_minimum_within_the_noise_is_a_doubt() -> None:
     found, _ = answer(wave_case(), Search(starts=6, seed=1))
     assert found.search is not None
     best, *others = found.search.minima
-    close = replace(found.search, minima=(best, replace(others[0], worse=3.0, settled=True)), alike=1)
+    close = replace(found.search, minima=(best, replace(others[0], worse=3.0)), alike=1)
     codes = [d.code.name for d in search_diagnostics(replace(found, search=close))]
     assert codes[0] == "minima-alike"
     assert [d.code.name for d in search_diagnostics(replace(found, search=None))] == []
