@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -89,6 +90,16 @@ def test_what_fails_takes_its_trajectory_with_it_and_is_counted() -> None:
 def test_without_bounds_it_asks_for_them() -> None:
     with pytest.raises(InputError, match="need bounds"):
         made(heater_case(STEPS, identify={"k": {}, "tau": {"minimum": 0.1}}), "morris")
+
+
+def test_without_salib_it_says_how_to_get_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in [name for name in sys.modules if name.partition(".")[0] == "SALib"]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setitem(sys.modules, "SALib", None)
+    case = heater_case(STEPS)
+    with pytest.raises(InputError, match="need SALib") as caught:
+        screened(case.model, case.model.start, "morris", InThisProcess(case.estimator, case.model))
+    assert "fmu_didim[sensitivity]" in str(caught.value)
 
 
 def test_check_shows_effects_at_the_start_and_between_the_bounds(tmp_path: Path) -> None:
