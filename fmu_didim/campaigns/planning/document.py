@@ -176,8 +176,8 @@ class CampaignDocument(Strict):
             ``truth.``, ``noise.``, ``options.`` or ``label.`` (a remark, which changes nothing).
         seeds: how many noise seeds, or which.
         truth: entries in which the simulated machine differs from the case, or the model, ``{model: {parameters: {R1:
-            0.02}}}``; ``{}`` for none. Without ``truth`` and ``noise`` the data are those that the case names. Outputs of
-            a model are simulated at the instants of its files.
+            0.02}}}``; ``{}`` for none. Without ``truth`` and ``noise`` the data are those that the case names. Outputs
+            of a model are simulated at the instants of its files.
         noise: of the simulated data.
         options: of ``discover``; limits: of a run.
         keep: whether all result files of every run are kept, its page and the tables of its torque among them.
