@@ -20,7 +20,7 @@ from fmu_didim.case.calibration.experiment import (
     model_system,
     read_calibration,
 )
-from fmu_didim.case.calibration.model import at_once, model_component
+from fmu_didim.case.calibration.model import model_component
 from fmu_didim.case.changes import CaseChanges, CaseParts, changes_by, merged
 from fmu_didim.case.document import MODEL, CaseDocument, make_estimator, read_case
 from fmu_didim.case.experiment import read_experiment
@@ -164,7 +164,7 @@ class Case:
         if label not in runs:
             raise UnknownNameError("experiment", label, runs, where=self.name)
         if self.data is not None:
-            return self.data.reference(label, at_once(self.plant))
+            return self.data.reference(label)
         return read_motion(
             runs[label], self.folder, step=self.step_size, torque_units=self.parameters.torque_units,
             needed=self.needed, signals=self.signals,

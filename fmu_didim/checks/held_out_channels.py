@@ -48,7 +48,8 @@ def held_out_channel_diagnostics(
     Args:
         fitted: channels of each fitted experiment, by name; held: label -> those of each held-out one.
     """
-    names, outputs = model.experiments.channels, model.joint_count + len(model.experiments.channels)
+    names = (*model.loop.output_names, *model.experiments.channels)
+    outputs = model.joint_count + len(model.experiments.channels)
     before = {
         name: _residual([channels[name] for channels in fitted if name in channels])
         for name in names if any(name in channels for channels in fitted)
@@ -77,12 +78,15 @@ class _Uncertain:
     def by_name(self) -> dict[str, float]:
         """Of each channel; zero where the experiment cannot be simulated near the values."""
         alone = self.model.on(self.label)
-        experiments, names = alone.experiments, alone.experiments.channels
+        experiments, names = alone.experiments, (*alone.loop.output_names, *alone.experiments.channels)
         try:
             table = sensitivity(alone, alone.start, alone.outputs(alone.start))
         except SimulationError:
             return dict.fromkeys(names, 0.0)
-        columns = experiments.channels_of(self.label, table)
+        own = experiments[self.label]
+        log = table[own.row_of(own.time)] if experiments.channels else table
+        columns = {name: log[:, j] for j, name in enumerate(alone.loop.output_names)}
+        columns |= experiments.channels_of(self.label, table)
         return {name: float(np.einsum("kp,pq,kq->", c, self.covariance, c) / c.shape[0]) for name, c in columns.items()}
 
 

@@ -195,8 +195,13 @@ class Component(ABC):
 
     @property
     def follows_ramps(self) -> bool:
-        """Whether its inputs may go straight from one communication point to the next; else they are held."""
+        """Whether its inputs may go straight from one communication point to the next; else it holds them."""
         return False
+
+    @property
+    def takes_any_step(self) -> bool:
+        """Whether its communication steps may differ in size."""
+        return True
 
     def feedthrough(self) -> frozenset[tuple[str, str]] | None:
         """Pairs (output, input) where the output depends on the present input at once; None if unknown."""

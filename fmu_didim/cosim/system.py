@@ -69,8 +69,8 @@ class System:
             ``step_size`` is the nominal period. Components with a sample time run once in so many ticks by their own
             clock, which counts nominal periods, as a law does whose loop runs late; all others step from t_k to
             t_(k+1). A whole delay is a number of ticks, the fraction a time: that part of the nominal period.
-        ramps: columns of the reference that go straight from tick to tick, for the components that follow them
-            (:attr:`~fmu_didim.components.Component.follows_ramps`); the others hold them.
+        ramps: columns of the reference that go straight from tick to tick. A component that does not follow them
+            (:attr:`~fmu_didim.components.Component.follows_ramps`) holds the mean over the step.
     """
 
     components: Mapping[str, Component]

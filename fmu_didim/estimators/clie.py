@@ -31,6 +31,7 @@ from fmu_didim.fit.iteration import Iteration
 from fmu_didim.fit.noise.weighting import NoiseOfResidual
 from fmu_didim.fit.solver.accuracy import with_fitting_substeps
 from fmu_didim.fit.solver.admissible import mass_matrix_problem, physical_problem, tracking_problem
+from fmu_didim.fit.solver.proof import unproven
 from fmu_didim.model.loop_model import LoopModel
 
 ADVICE = (
@@ -46,6 +47,14 @@ ADVICE_OF_OUTPUTS = (
 
 OF_OUTPUTS = "output_error"
 """What the same least squares are called where the outputs of a model without controller are fitted."""
+
+
+ROUGH = (
+    "The slopes are not those of the model, as where an FMU's own solver makes its outputs rough: run it in model "
+    "exchange (model: {interface: model-exchange}), give it a smaller tolerance (model: {tolerance: 1e-9}), or start "
+    "nearer to the truth (estimator: {start: {name: value}})."
+)
+"""What to do where a fit of outputs has settled and is not known to be at a minimum."""
 
 
 @dataclass(frozen=True)
@@ -143,10 +152,16 @@ class Clie(Estimator):
                 "The identified model is not physical.", iterations=minimum.iterations, got=reason,
                 next_step=_advice(model), values=fit.values, deviation=known.deviation,
             )  # fmt: skip
-        name = self._stage(model)
+        if model.loop.shows_torque:
+            return self._estimate(minimum, self.name, settled=fit.settled)
+        doubt = unproven(fit) if fit.settled else None
+        found = self._estimate(minimum, OF_OUTPUTS, settled=fit.settled and doubt is None)
+        return found if doubt is None else replace(found, advice=f"{doubt.text[:1].upper()}{doubt.text[1:]}. {ROUGH}")
+
+    def _estimate(self, minimum: Minimum, name: str, *, settled: bool) -> Estimate:
         return torque_estimate(
-            minimum, estimator=name, settled=fit.settled, iterations=minimum.iterations,
-            stages={name: Stage(fit.values, known.deviation)},
+            minimum, estimator=name, settled=settled, iterations=minimum.iterations,
+            stages={name: Stage(minimum.fit.values, minimum.known.deviation)},
         )  # fmt: skip
 
 

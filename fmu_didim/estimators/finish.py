@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fmu_didim.data.signals import Array
-from fmu_didim.fit.confounding import ANOTHER_MOTION, OTHER_INPUTS, refuse_confounded
+from fmu_didim.fit.confounding import refuse_confounded, refuse_ridge
 from fmu_didim.fit.derivatives.sensitivity import parameter_sizes
 from fmu_didim.fit.ending import Ending
 from fmu_didim.fit.estimate import Estimate, JointFit, Stage, Status
@@ -32,6 +32,7 @@ from fmu_didim.fit.solver.search import FAILED, NO_STEP
 from fmu_didim.fit.solver.termination import Stopping
 from fmu_didim.fit.statistics import covariance_white
 from fmu_didim.fit.uncertainty import Uncertainty
+from fmu_didim.model.loop import MOST_SUBDIVISIONS
 from fmu_didim.model.loop_model import LoopModel
 
 INTEGRATION_TOLERANCE = 1e-5
@@ -160,12 +161,7 @@ def efficient_finish(
         next_step=NEXT_STEP if tolerance is None else 0.0, updates=None, check_all=False, exact=True, whole=True,
     )  # fmt: skip
     fit, model = start, start.model
-    known = [k.scale if k.is_start else v for k, v in zip(model.free_parameters, fit.values, strict=True)]
-    refuse_confounded(
-        model.beside_prior(whitened(fit.jacobian, fit.deviation)), np.array(known), model.names,
-        torque=float(np.linalg.norm(model.measured_outputs / fit.deviation)),
-        other=ANOTHER_MOTION if model.loop.shows_torque else OTHER_INPUTS,
-    )  # fmt: skip
+    _refuse_confounded(fit, at_start=True)
     sizes = None if fit.prediction is None else parameter_sizes(model, fit.values, fit.prediction)
     for left in reversed(range(MAXIMUM_REFINEMENTS)):
         fit = minimise(
@@ -177,22 +173,49 @@ def efficient_finish(
         if error.excess <= 1 or not left:
             break
         model = _finer(fit.model, fit.values, error.excess)
-        if fit.model.loop.substeps is None:  # more than the case or the rule says
+        if fit.model.loop.substeps is None and not model.loop.holds_ramps:  # more than the case or the rule says
             change = f"{100 * error.relative:.2g} %"
             whole, quantity = model.loop.whole, model.loop.quantity
             remarks.append(f"Substeps of the {whole} doubled: halving them changed the {quantity} by {change}.")
         fit = replace(fit, model=model, outputs=model.outputs(fit.values))
+    if fit.model.loop.holds_ramps and fit.model.loop.subdivision > 1:
+        remarks.append(
+            f"Steps are divided into {fit.model.loop.subdivision}: over each of them linear inputs are held."
+        )
+    if not model.loop.shows_torque:  # where it began, the outputs may have shown what they do not here
+        _refuse_confounded(fit)
     if error.excess > 1:
         moved = f"{float(np.max(error.shift)):.2g} of its standard deviation"
-        remarks.append(
-            f"Twice the substeps of the {model.loop.whole} would still move a value by {moved}: state more substeps."
+        told = (
+            f"Steps half as long, over which linear inputs are held, would still move a value by {moved}: give the "
+            "inputs at more instants."
+            if model.loop.holds_ramps
+            else f"Twice the substeps of the {model.loop.whole} would still move a value by {moved}: state more "
+            "substeps."
         )
+        remarks.append(told)
     return Minimum(fit, error, fit_uncertainty(fit), tuple(iterations), tuple(remarks), roughness(fit, sizes))
+
+
+def _refuse_confounded(fit: Fit, *, at_start: bool = False) -> None:
+    """Raise IdentificationError where the data do not tell the parameters apart at a fit; at a start of any model only
+    where no data would: its noise is not known yet, and elsewhere the outputs may show more."""
+    model = fit.model
+    known = [k.scale if k.is_start else v for k, v in zip(model.free_parameters, fit.values, strict=True)]
+    table = model.beside_prior(whitened(fit.jacobian, fit.deviation))
+    size = float(np.linalg.norm(model.measured_outputs / fit.deviation))
+    if model.loop.shows_torque:
+        refuse_confounded(table, np.array(known), model.names, torque=size)
+    else:
+        refuse_ridge(table, np.array(known), model.names, outputs=math.inf if at_start else size)
 
 
 def _finer(model: LoopModel, values: Array, excess: float) -> LoopModel:
     """The model with more substeps: as many as errors of second order ask for, at most those of the rule, which are
-    doubled."""
+    doubled; or with so many shorter steps over which linear inputs are held."""
+    if model.loop.holds_ramps:
+        wanted = model.loop.subdivision * 2 ** math.ceil(math.log2(excess) / 2)
+        return model.with_loop(subdivision=min(wanted, MOST_SUBDIVISIONS))
     if model.loop.substeps is None:
         return model.with_loop(substep_factor=2 * model.loop.substep_factor)
     more = max(model.loop.substeps, model.fewest_substeps(values)) * 2 ** math.ceil(math.log2(excess) / 2)
@@ -215,15 +238,16 @@ class IntegrationError:
 
 
 def integration_error(fit: Fit) -> IntegrationError:
-    """The error of the integration at a fit, by a run with twice the substeps.
+    """The error of the integration at a fit, by a run with steps half as long.
 
     The values would move by (S'S)^-1 S' d tau, which can be far more, in standard deviations, than the torque changes
     in those of the noise: errors of the integration are systematic.
     """
     model = fit.model
-    if not model.can_refine:
+    finer = model.twice_as_fine()
+    if finer is None:
         return IntegrationError(np.nan, np.full(fit.values.size, np.nan), 0.0)
-    outputs = model.with_loop(substep_factor=2 * model.loop.substep_factor).outputs(fit.values)
+    outputs = finer.outputs(fit.values)
     change, torque = outputs - fit.outputs, model.torque_of(outputs)
     relative = float(np.linalg.norm(torque - fit.torque) / np.linalg.norm(torque))
     sensitivity = whitened(fit.jacobian, fit.deviation)

@@ -23,6 +23,8 @@ UNKNOWN_SIZE = 1.0
 """[1] A parameter is not known at all if its standard deviation is more than this fraction of its value,"""
 UNKNOWN_TORQUE = 0.05
 """[1] and moves the torque by more than this fraction of it: small parameters are often not significant."""
+STEP_ALONG = 0.01
+"""[1] Change of the parameter that moves most along a ridge, in the message that tells of it."""
 INFLATION = 10.0
 """[1] Ratio of the standard deviation to that with all others known, from which a parameter is unknown because of
 others."""
@@ -90,3 +92,36 @@ def refuse_confounded(
             next_step="Leave one of them out (its value is then taken as known), or add an experiment that separates "
             f"them, with {other}.",
         )  # fmt: skip
+
+
+def refuse_ridge(columns: Array, values: Array, names: Sequence[str], *, outputs: float) -> None:
+    """Raise IdentificationError where outputs of a model show parameters only together, and how these move.
+
+    Args:
+        columns, values: as of :func:`confounded`; outputs: norm of the whitened outputs.
+    """
+    found = confounded(columns, values, names, torque=outputs)
+    if not found:
+        return
+    raise IdentificationError(
+        "The data cannot tell some parameters apart.", where="identify", got=_ridge(columns, values, names, found),
+        next_step="Take one of them out of identify: (its value is then taken as known: model: {parameters: ...}), "
+        "measure a further output that they change differently, or add an experiment that does.",
+    )  # fmt: skip
+
+
+def _ridge(columns: Array, values: Array, names: Sequence[str], found: Sequence[str]) -> str:
+    """The parameters that are not told apart, and by how much they move together along the weakest direction."""
+    length = np.linalg.norm(columns, axis=0)
+    if (length == 0).any():
+        return ", ".join(found)
+    _, _, vectors = np.linalg.svd(np.linalg.qr(columns / length)[1])
+    size = np.where(values != 0, np.abs(values), 1.0)
+    moves = vectors[-1] / length / size
+    most = int(np.argmax(np.abs(moves)))
+    moves = moves / moves[most]
+    told = [
+        f"{name} {100 * STEP_ALONG * move:+.2g} %" for name, move in zip(names, moves, strict=True)
+        if abs(move) > LEADING or name in found
+    ]  # fmt: skip
+    return f"{', '.join(told)} together change the outputs least of all"

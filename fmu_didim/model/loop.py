@@ -22,6 +22,11 @@ NO_COMPONENTS = (PLANT, DELAY, LOG, EXTERNAL_TORQUE)
 """Owners of free parameters that are no component beside the plant."""
 
 
+MOST_SUBDIVISIONS = 64
+"""[1] Of a step over which linear inputs are held: the error falls with its square, and what 64 do not reach is a file
+of inputs with far too few rows."""
+
+
 @dataclass(frozen=True)
 class StartValue:
     """A state of the loop whose start can be set.
@@ -79,6 +84,13 @@ class Loop:
     def shows_torque(self) -> bool:
         """Whether the log is that of the torque of joints; else of outputs of any model."""
         return not self.output_signals
+
+    @cached_property
+    def holds_ramps(self) -> bool:
+        """Whether the plant holds inputs that are linear between their rows, so that the length of its steps counts."""
+        plant = self.plant
+        ramps = next(iter(self.systems.values())).ramps
+        return bool(ramps) and plant.sample_time is None and plant.takes_any_step and not plant.follows_ramps
 
     @cached_property
     def labels(self) -> tuple[str, ...]:

@@ -44,7 +44,7 @@ from fmu_didim.model.experiments import Experiments
 from fmu_didim.model.external_torque import EXTERNAL_TORQUE, ExternalTorque, held, with_external_torques
 from fmu_didim.model.free_parameter import LOG, FreeParameter, FreeParameters
 from fmu_didim.model.integration import Integration, divided, integration
-from fmu_didim.model.loop import Loop
+from fmu_didim.model.loop import MOST_SUBDIVISIONS, Loop
 from fmu_didim.model.parameters import Parameters
 from fmu_didim.model.workers import default_workers, may_run_side_by_side
 
@@ -258,6 +258,15 @@ class LoopModel:
         known = loop.parameters.substeps(loop.parameters.nominal(), start, loop.systems[label].step_size)
         return known is not None and loop.plant.with_substeps(2) is not None
 
+    def twice_as_fine(self) -> LoopModel | None:
+        """The same model with steps half as long: of the integration of the plant, or those over which it holds linear
+        inputs; None where they cannot be chosen."""
+        loop = self.loop
+        if loop.holds_ramps:
+            fine = 2 * loop.subdivision
+            return self.with_loop(subdivision=fine) if fine <= MOST_SUBDIVISIONS else None
+        return self.with_loop(substep_factor=2 * loop.substep_factor) if self.can_refine else None
+
     def fewest_substeps(self, values: Array) -> int:
         """The fewest substeps of the plant that are stable in all fitted experiments."""
         fewest = self.with_loop(substeps=1, substep_factor=1)
@@ -390,7 +399,8 @@ class Simulation:
                 return known
         reference = with_external_torques(reference, external)
         if subdivision > 1:
-            reference, ticks = held(reference, subdivision, at_instants=system.at_instants), ticks * subdivision
+            reference = held(reference, subdivision, at_instants=system.at_instants, ramps=system.ramps)
+            ticks = ticks * subdivision
         recording = simulate(system, reference, ticks=ticks, bounds=bounds, observe=observe, pool=model.pool)
         if key is not None:
             model.recordings.keep(key, recording)

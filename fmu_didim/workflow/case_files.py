@@ -72,7 +72,7 @@ def repeating(verb: str, case: Case, out: Path | None, options: Mapping[str, obj
         values = value if isinstance(value, list | tuple) else [value]
         for each in values:
             if each is not None:
-                words += [f"--{name.replace('_', '-')}", str(each)]
+                words += [f"--{name.replace('_', '-')}", *([] if each is True else [str(each)])]
     return {"folder": str(Path.cwd()), "command": shell_line(words)}
 
 

@@ -18,9 +18,10 @@ from fmu_didim.checks.data.expected_accuracy import (
     predict_accuracy,
     resonance_diagnostics,
 )
+from fmu_didim.checks.exploration.search import unsearchable
+from fmu_didim.checks.exploration.sensitivities import idle_between_bounds
 from fmu_didim.checks.judgement import diagnostic_result
 from fmu_didim.checks.plant.consistency import Consistency
-from fmu_didim.checks.sensitivities import idle_between_bounds
 from fmu_didim.data.signals import Array
 from fmu_didim.estimators.search import crew_of
 from fmu_didim.estimators.search.screening import GlobalSensitivity, Method, screened
@@ -209,6 +210,7 @@ def check(
     model = with_free_delay(case.model) if getattr(case.estimator, "estimate_delay", False) else case.model
     consistency, diagnostics = check_plant(case, model)
     diagnostics += case_diagnostics(case)
+    diagnostics += [] if case.document.search is None else unsearchable(model)
     found = Checked(
         name=case.name,
         parameters=model.names,

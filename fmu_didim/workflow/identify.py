@@ -26,7 +26,7 @@ from fmu_didim.workflow.data import case_diagnostics, check_plant
 from fmu_didim.workflow.output.loop import described_loop
 from fmu_didim.workflow.output.result import Result, result_folder
 from fmu_didim.workflow.output.result_folder import ResultFolder, checked_case
-from fmu_didim.workflow.search import estimated
+from fmu_didim.workflow.search import estimated, profile_names
 from fmu_didim.workflow.start import started_from
 
 _log = logging.getLogger(__name__)
@@ -83,11 +83,10 @@ def identify(
     case = checked_case(case, folder, objects)
     if start is not None:
         case = started_from(case, start)
-    if profile is not None:
-        case = case.with_(profile=profile)
+    names = profile_names(case, profile)
     model = case.model
     record = provenance(model, case.estimator.describe(), files=case_files(case))
-    record |= repeating("identify", case, None if out is None else Path(out))
+    record |= repeating("identify", case, None if out is None else Path(out), {"profile": True} if profile else {})
     if case.document.plant.parameter_names:
         record["parameter_names"] = dict(case.document.plant.parameter_names)
     if case.document.search is not None:
@@ -106,7 +105,7 @@ def identify(
         refusal.known["consistency"] = consistency_result(consistency)
     model.pool.failure = None  # what was tried before may have gone beyond what the components stand
     try:
-        estimate = estimated(case, model, progress or no_progress)
+        estimate = estimated(case, model, names, progress or no_progress)
     except (RefusedError, SimulationError) as caught:
         refused = caught if isinstance(caught, RefusedError) else RefusedError(
             caught.what, iterations=(), got=caught.got, next_step=caught.next_step, where=caught.where

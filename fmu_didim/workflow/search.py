@@ -2,17 +2,47 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
+from fmu_didim.base.errors import UnknownNameError
 from fmu_didim.case import Case
 from fmu_didim.estimators import Progress
-from fmu_didim.estimators.search import crew_of, profiled, searched
+from fmu_didim.estimators.search import check_minima, crew_of, profiled, searched
+from fmu_didim.estimators.start import with_free_delay
 from fmu_didim.fit.estimate import Estimate
 from fmu_didim.model.loop_model import LoopModel
 
 
-def estimated(case: Case, model: LoopModel, progress: Progress) -> Estimate:
-    """The estimate of a case, on a model of it; raises what its estimator raises."""
-    search, names = case.document.search, case.document.profiled
-    found = _found(case, model, progress)
+def profile_names(case: Case, asked: bool | Sequence[str] | None) -> tuple[str, ...] | None:
+    """Names of the parameters that are to be profiled, none for all of them; None where none are.
+
+    Args:
+        asked: in the place of what the case says; None: what it says.
+
+    Raises:
+        InputError: the answer of the estimator is no minimum; UnknownNameError: no parameter of this name is free.
+    """
+    names: tuple[str, ...] | None
+    if asked is None:
+        names = case.document.profiled
+    elif isinstance(asked, bool):
+        names = () if asked else None
+    else:
+        names = tuple(asked) or None
+    if names is None:
+        return None
+    check_minima(case.estimator, case.model, "profile")
+    known = with_free_delay(case.model).names
+    for name in names:
+        if name not in known and "[" not in name:  # as of an initial state, which an estimator may free
+            raise UnknownNameError("free parameter", name, case.model.names, where="profile")
+    return names
+
+
+def estimated(case: Case, model: LoopModel, names: tuple[str, ...] | None, progress: Progress) -> Estimate:
+    """The estimate of a case, on a model of it, with the profiles of these parameters; raises what its estimator
+    raises."""
+    found, search = _found(case, model, progress), case.document.search
     if names is None:
         return found
     processes = None if search is None else search.processes

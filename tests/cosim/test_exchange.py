@@ -6,11 +6,12 @@ from dataclasses import replace
 from pathlib import Path
 
 import casadi as ca
+import control
 import numpy as np
 import pytest
 
 from fmu_didim.base.errors import SimulationError
-from fmu_didim.components import Component, load_fmu
+from fmu_didim.components import Component, load_fmu, wrap_control
 from fmu_didim.components.fmu import model_exchange
 from fmu_didim.cosim import Connection, Recording, System, simulate
 from fmu_didim.data.signals import Trajectory, Variable, trajectory
@@ -92,12 +93,34 @@ def test_a_second_run_holds_its_inputs_again() -> None:
     pool.close()
 
 
-def test_co_simulation_holds_its_inputs() -> None:
+@pytest.mark.parametrize("kind", ["fmu 2", "fmu 3", "linear"])
+def test_what_holds_its_inputs_holds_them_halfway(kind: str) -> None:
+    """Outputs at a tick are those of the inputs there; the step begins with the mean over it."""
     inputs = zigzag()
-    made = load_fmu(build_fmu(lag()), interface="co-simulation")
+    u = inputs.values[:, 0]
+    made: Component
+    if kind == "linear":
+        made = wrap_control(control.ss([[-RATE]], [[1.0]], [[1.0]], [[0.5]]), substeps=20)
+        through = 0.5
+    else:
+        found = load_fmu(build_fmu(lag(), fmi_version=f"{kind[-1]}.0")).with_substeps(200)
+        assert found is not None
+        made, through = found, 0.0
     assert not made.follows_ramps
-    got = simulate(driven(made, inputs), inputs)
-    np.testing.assert_allclose(outputs(got), exact(inputs, ramps=False), rtol=0, atol=1e-4)
+    made = replace_names(made)
+    fast, slow = (simulate(driven(made, inputs), inputs, compiled=c) for c in (True, False))
+    np.testing.assert_array_equal(outputs(fast), outputs(slow))
+    means = trajectory(inputs.time, {"u": np.append((u[1:] + u[:-1]) / 2, u[-1])})
+    wanted = exact(means, ramps=False) + through * u
+    np.testing.assert_allclose(outputs(fast), wanted, rtol=0, atol=1e-6)
+    np.testing.assert_array_equal(fast.inputs["model.u"], u)  # what is recorded is what acts at the tick
+
+
+def replace_names(component: Component) -> Component:
+    """The component with an input u and an output y."""
+    return component.with_names(
+        (replace(component.inputs[0], name="u"),), (replace(component.outputs[0], name="y"),)
+    )  # fmt: skip
 
 
 @pytest.mark.parametrize("solver", ["rk4", "cvode"])

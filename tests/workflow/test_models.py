@@ -99,23 +99,11 @@ def test_check_names_another_unit_another_start_and_a_dead_sensor(house: Path) -
     assert "output-constant" in codes(house, measured="dead.csv")
 
 
-@pytest.mark.gate
-def test_check_names_inputs_that_a_step_does_not_follow(house: Path) -> None:
-    rows = np.loadtxt(house / "weather.csv", delimiter=",", skiprows=1)
-    rows[:, 1] += np.random.default_rng(1).normal(0, 5, len(rows))
-    np.savetxt(house / "gusts.csv", rows, delimiter=",", header="t,T_out,T_beside", comments="")
-    light = {"source": "house.fmu", "parameters": {"C": 8e4}}  # a time constant of half an hour, rows of ten minutes
-    changed = {"model": light, "inputs": "gusts.csv"}
-    step = codes(house, **changed)["inputs-vary-in-a-step"]
-    rate = float(step.partition("rate_hz: ")[2].partition("}")[0])
-    assert "inputs-vary-in-a-step" not in codes(house, **changed, loop={"rate_hz": rate})
-
-
 def test_an_input_that_never_changes_is_told(house: Path) -> None:
     rows = np.loadtxt(house / "weather.csv", delimiter=",", skiprows=1)
     table = np.c_[rows[:, :2], np.full(len(rows), 20.0)]
     np.savetxt(house / "still.csv", table, delimiter=",", header="t,T_out,T_beside", comments="")
-    assert "input-constant" in codes(house, inputs="still.csv")
+    assert "input-rests" in codes(house, inputs="still.csv")
 
 
 def test_simulate_gives_outputs_with_any_values(house: Path, capsys: pytest.CaptureFixture[str]) -> None:

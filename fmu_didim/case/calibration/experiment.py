@@ -57,9 +57,9 @@ class CalibrationData:
             name for by_name in drives for name, one in by_name.items() if not one.is_linear
         )
 
-    def reference(self, label: str, at_once: frozenset[str]) -> Trajectory:
-        """The inputs of an experiment at its ticks; ``at_once``: as of :meth:`RecordedInputs.along`."""
-        return self.runs[label].inputs.along(self.ticks[label].time, at_once=at_once)
+    def reference(self, label: str) -> Trajectory:
+        """The inputs of an experiment at its ticks."""
+        return self.runs[label].inputs.along(self.ticks[label].time)
 
 
 def read_calibration(

@@ -161,12 +161,3 @@ def _instead(component: FmuComponent, is_state: bool) -> str:
     if is_state and component.fmu.interface(MODEL_EXCHANGE) is not None:
         step = f"Run the FMU in model exchange: model: {{source: ..., interface: {MODEL_EXCHANGE}}}. Or i{step[1:]}"
     return f"{step}."
-
-
-def at_once(model: Component) -> frozenset[str]:
-    """The inputs of a model that are handed over as they are at the tick: all where it follows ramps, else those that
-    some output follows at once, as far as it says so, and all where it does not."""
-    known = model.feedthrough()
-    if known is None or model.follows_ramps:
-        return frozenset(v.name for v in model.inputs)
-    return frozenset(name for _, name in known)

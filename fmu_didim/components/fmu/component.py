@@ -83,7 +83,6 @@ class FmuComponent(FmuSettings):
 
     @property
     def takes_any_step(self) -> bool:
-        """Whether its communication steps may differ in size; in model exchange it is integrated here."""
         return self.interface.kind == MODEL_EXCHANGE or self.interface.has_variable_step
 
     @property

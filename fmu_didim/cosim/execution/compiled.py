@@ -182,6 +182,9 @@ def _part(run: LoopRun, index: int, native: Native, keep: list[Any]) -> _Part:
         first_output=part.place.start, read_before=read_before, read_between=read_between,
         read_after=read_after, instants=_address(part.instants, keep), longest=part.longest,
     )  # fmt: skip
+    if part.ramps:
+        ramps = np.array(part.ramps, dtype=_RAMP)
+        result.ramps, result.ramp_count = _address(ramps, keep), ramps.size
     if isinstance(native, NativeLinear):
         linear = _linear(native, part, keep)
         result.kind, result.linear = LINEAR, ctypes.addressof(linear)
@@ -190,8 +193,6 @@ def _part(run: LoopRun, index: int, native: Native, keep: list[Any]) -> _Part:
     if native.exchange is not None:
         exchange = _exchange(native, native.exchange, part, keep)
         result.exchange = ctypes.addressof(exchange)
-        ramps = np.array(part.ramps, dtype=_RAMP)
-        result.ramps, result.ramp_count = _address(ramps, keep), ramps.size
     result.set, result.get, result.step = native.set_address, native.get_address, native.step_address
     keep += [native.input_references, native.output_references]
     result.input_reference_count = len(native.input_references)

@@ -298,15 +298,22 @@ static inline int apply_part(Loop *l, int64_t index, int64_t row, int64_t tick) 
     return DONE;
 }
 
-/* Behind the last row of the table its inputs are held. */
-static void set_slopes(const Loop *l, Part *p, int64_t tick) {
+/* Let the inputs of a part go straight to the next row of the table: by their slopes, or held halfway for components
+   that hold them. Behind the last row they stay. */
+static int lead_part(const Loop *l, Part *p, int64_t tick) {
     const bool last = tick + 1 >= l->table_rows;
     const double *now = l->table + tick * l->table_columns, *next = now + l->table_columns;
-    const double size = last ? 1.0 : time_of(l, tick + 1) - time_of(l, tick);
-    memset(p->exchange->slopes, 0, (size_t)p->input_count * sizeof(double));
-    if (last) return;
-    for (const Ramp *r = p->ramps; r < p->ramps + p->ramp_count; r++)
-        p->exchange->slopes[r->input] += r->gain * (next[r->column] - now[r->column]) / size;
+    const Ramp *const end = p->ramps + p->ramp_count;
+    if (p->exchange) {
+        const double size = last ? 1.0 : time_of(l, tick + 1) - time_of(l, tick);
+        memset(p->exchange->slopes, 0, (size_t)p->input_count * sizeof(double));
+        for (const Ramp *r = p->ramps; !last && r < end; r++)
+            p->exchange->slopes[r->input] += r->gain * (next[r->column] - now[r->column]) / size;
+        return 0;
+    }
+    if (last) return 0;
+    for (const Ramp *r = p->ramps; r < end; r++) p->inputs[r->input] += r->gain * (next[r->column] - now[r->column]) / 2;
+    return set_part(p);
 }
 
 static inline int advance_part(Loop *l, int64_t index, int64_t tick) {
@@ -314,7 +321,7 @@ static inline int advance_part(Loop *l, int64_t index, int64_t tick) {
     if (p->after_step || (p->every > 1 && tick % p->every != p->every - 1)) return DONE;
     const Period period = period_of(l, p, tick - p->every + 1);
     const double time = period.begin;
-    if (p->ramp_count) set_slopes(l, p, tick);
+    if (p->ramp_count) TRY(lead_part(l, p, tick), CALL_SET);
     TRY(step_part(p, time + period.late, period.rest), CALL_STEP);
     const int64_t read = tick + 1 == l->ticks ? p->output_count : p->read_after;
     if (read) TRY(get_part(p, read), CALL_GET);
@@ -408,7 +415,7 @@ static bool is_plain(const Loop *l) {
     if (l->jacobi || l->delayed || l->instants || l->part_count > MOST_PLAIN) return false;
     for (int64_t i = 0; i < l->part_count; i++) {
         const Part *p = &l->parts[i];
-        if (p->kind != FMI2 || !p->single || p->after_step || p->every > 1 || p->substeps > 1 || p->line || p->part > 0 ||
+        if (p->kind != FMI2 || !p->single || p->after_step || p->every > 1 || p->substeps > 1 || p->line || p->ramp_count || p->part > 0 ||
             p->input_factor || p->output_factor || p->own_inputs != p->inputs || p->own_outputs != p->outputs)
             return false;
     }

@@ -87,7 +87,8 @@ class Part:
         whole, part: the delay of its inputs in its own periods.
         after_step: its outputs at an instant are those after the step that begins there.
         between: whether outputs are read between inputs and step; None: where somebody looks at them.
-        ramps: (input, column of the reference, gain) of inputs that go straight from tick to tick.
+        ramps: (input, column of the reference, gain) of inputs that go straight from tick to tick; follows_ramps:
+            whether the component does; else it holds them halfway.
         start, instants: where its ticks lie, see :meth:`follow`; longest: step beyond which it does several equal ones.
     """
 
@@ -109,6 +110,7 @@ class Part:
         self.step_size = system.step_size
         self.line: list[Array] = []
         self.ramps: list[tuple[int, int, float]] = []
+        self.follows_ramps = False
         self.start, self.instants, self.longest = 0.0, None, np.inf
 
     def follow(self, start: float, instants: Array | None) -> None:
@@ -144,14 +146,19 @@ class Part:
         self.wiring.gather(signals, self.inputs)
 
     def lead(self, table: Array, tick: int) -> None:
-        """Let the inputs go straight to where they are at the next tick; behind the last row they are held."""
+        """Let the inputs go straight to where they are at the next tick: by their slopes, or held halfway where the
+        component holds them. Behind the last row they stay."""
         if not self.ramps:
             return
-        slopes, (_, _, size) = np.zeros(self.inputs.size), self._period(tick)
+        changes = np.zeros(self.inputs.size)
         if tick + 1 < table.shape[0]:
             for place, column, gain in self.ramps:
-                slopes[place] += gain * (table[tick + 1, column] - table[tick, column]) / size
-        self.instance.slopes = slopes
+                changes[place] += gain * (table[tick + 1, column] - table[tick, column])
+        if self.follows_ramps:
+            self.instance.slopes = changes / self._period(tick)[2]
+        elif tick + 1 < table.shape[0]:
+            self.inputs += changes / 2
+            self.instance.set()
 
     def apply(self, tick: int) -> None:
         """Inputs into the component, its outputs into the signals; a fraction of delay is stepped through."""
@@ -371,7 +378,8 @@ def assemble(system: System, reference: Trajectory, pool: InstancePool | None, b
             # An input that nothing is connected to keeps its start value.
             run.values[given] = [v.start for v in component.inputs]
             part = Part(name, system, instance, Wiring(entries), run.values, places[name], given)
-            if component.follows_ramps and not part.delayed and part.every == part.substeps == 1:
+            part.follows_ramps = component.follows_ramps
+            if system.ramps and component.sample_time is None and not part.delayed and part.every == 1:
                 columns = {f"{REFERENCE}.{column}": i for i, column in enumerate(reference.names)}
                 part.ramps = [
                     (rows[c.target], columns[c.source], c.gain)

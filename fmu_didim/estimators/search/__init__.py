@@ -4,9 +4,9 @@ bounds -> starts (p,) -> crew: local fits, side by side -> minima, told apart ->
 """
 
 from fmu_didim.estimators.search.best import searched
-from fmu_didim.estimators.search.crew import Crew, Ended, InThisProcess
+from fmu_didim.estimators.search.crew import Crew, Ended, InThisProcess, check_minima
 from fmu_didim.estimators.search.options import Search
 from fmu_didim.estimators.search.processes import crew_of
 from fmu_didim.estimators.search.profiles import profiled
 
-__all__ = ["Crew", "Ended", "InThisProcess", "Search", "crew_of", "profiled", "searched"]
+__all__ = ["Crew", "Ended", "InThisProcess", "Search", "check_minima", "crew_of", "profiled", "searched"]

@@ -9,11 +9,10 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from fmu_didim.base.errors import InputError
 from fmu_didim.data.signals import Array
 from fmu_didim.estimators.base import Estimator, Progress
 from fmu_didim.estimators.search.box import Box
-from fmu_didim.estimators.search.crew import Crew, Ended
+from fmu_didim.estimators.search.crew import Crew, Ended, check_minima
 from fmu_didim.estimators.search.evolution import evolved
 from fmu_didim.estimators.search.options import EVOLUTION, Search
 from fmu_didim.estimators.search.places import Place, distinct
@@ -23,6 +22,8 @@ from fmu_didim.fit.exploration.minima import SearchOutcome
 from fmu_didim.fit.iteration import Iteration
 from fmu_didim.model.loop_model import LoopModel
 
+VISIBLE = 0.1
+"""[chi-square] A misfit that is lower by less is told as the same: the rest of the iterations."""
 HARDLY_WORSE = 10.8
 """[chi-square] Another minimum that is worse by less is not excluded by the data: 0.1 % by chance, with one degree of
 freedom."""
@@ -42,12 +43,7 @@ def searched(
         InputError: the answer of the estimator is not a minimum of the misfit; and as of the estimator, where the fit
             from the start of the case fails with all others.
     """
-    if not estimator.finds_minima(model):
-        raise InputError(
-            f"The answers of {estimator.name} from several starts cannot be compared here.", where="search",
-            got=estimator.name, valid="didim with its finish, clie; output_error of a model:",
-            next_step="Use one of these, or take search: out of the case.",
-        )  # fmt: skip
+    check_minima(estimator, model, "search")
     if getattr(estimator, "estimate_delay", False):
         model = with_free_delay(model)
     begin = model.free_parameters.limited(start_values(model, estimator.start))  # type: ignore[attr-defined]
@@ -100,7 +96,7 @@ class _Run:
             note = end.problem or f"{len(found)} of {len(starts)} starts"
             if not end.problem:
                 cost = Place.of(self.model, end).misfit
-                note += ", the lowest so far" if cost < lowest else ""
+                note += ", the lowest so far" if cost < lowest - VISIBLE else ""
                 lowest = min(lowest, cost)
             values = starts[k] if end.problem else np.array([end.values[name] for name in self.model.names])
             self.progress(Iteration("start", k + 1, values, end.error_percent, note=note))

@@ -11,7 +11,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from fmu_didim.base.errors import FmuDidimError, FmuError, IdentificationError, SimulationError
+from fmu_didim.base.errors import FmuDidimError, FmuError, IdentificationError, InputError, SimulationError
 from fmu_didim.data.signals import Array
 from fmu_didim.estimators.base import Estimator
 from fmu_didim.fit.estimate import Status
@@ -91,6 +91,17 @@ class Crew(ABC):
         """(m,) sums of squares of each output at each of these values (p,); None where they cannot be simulated."""
         found = dict(self.run(squares_or_none, points, repeats=GENERATIONS))
         return [None if isinstance(found[k], FmuDidimError) else found[k] for k in range(len(points))]
+
+
+def check_minima(estimator: Estimator, model: LoopModel, where: str) -> None:
+    """Raise InputError where the answers of an estimator are no minima of the misfit, so that nothing can be compared
+    with them; ``where``: the entry that asks for it."""
+    if not estimator.finds_minima(model):
+        raise InputError(
+            f"The answer of {estimator.name} is no minimum of the misfit that could be compared with other values.",
+            where=where, got=estimator.name, valid="didim with its finish, clie; output_error of a model:",
+            next_step=f"Use one of these, or take {where}: out.",
+        )  # fmt: skip
 
 
 def local_fit(estimator: Estimator, model: LoopModel, values: Array) -> Ended:

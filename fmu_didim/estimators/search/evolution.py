@@ -42,25 +42,27 @@ def evolved(
 
     count, begun, spent = box.place.size, clock.monotonic(), [0, 0]
     members = min(MEMBERS * count, max(search.evaluations // FEWEST_GENERATIONS, 5))
-    generations = max(math.ceil(search.evaluations / members) - 1, 1)
-    lowest: list[tuple[float, Array]] = [(math.inf, box.begin)]
+    generations = max(search.evaluations // members - 1, 1)
+    lowest: list[tuple[float, Array, float]] = [(math.inf, box.begin, math.nan)]
     stopped = [""]
 
     def all_at_once(_: Callable[[Array], float], units: Iterable[Array]) -> list[float]:
         points = [box.point(np.asarray(unit)) for unit in units]
+        found = crew.squares(points)
         costs = [
             FAILED if squares is None else misfit(model, squares, values)
-            for values, squares in zip(points, crew.squares(points), strict=True)
+            for values, squares in zip(points, found, strict=True)
         ]
         spent[0] += len(points)
         best = int(np.argmin(costs))
-        lowest[0] = min(lowest[0], (costs[best], points[best]), key=lambda pair: pair[0])
+        if costs[best] < lowest[0][0]:
+            lowest[0] = costs[best], points[best], _error_percent(model, found[best])
         return costs
 
     def after(*_: Any, **__: Any) -> bool:
         spent[1] += 1
         note = f"{spent[0]} of at most {search.evaluations} simulations"
-        progress(Iteration("search", spent[1], lowest[0][1], _error_percent(model, crew, lowest[0][1]), note=note))
+        progress(Iteration("search", spent[1], *lowest[0][1:], note=note))
         if search.time_s is not None and clock.monotonic() - begun > search.time_s:
             stopped[0] = f"its time of {search.time_s:g} s was over"
         return bool(stopped[0])
@@ -82,7 +84,6 @@ def _first(members: int, count: int, rng: np.random.Generator) -> Array:
     return np.asarray(qmc.LatinHypercube(count, seed=rng).random(members))
 
 
-def _error_percent(model: LoopModel, crew: Crew, values: Array) -> float:
+def _error_percent(model: LoopModel, squares: Array | None) -> float:
     """100 |y - y_s| / |y| over all outputs."""
-    squares = crew.squares([values])[0]
     return math.nan if squares is None else float(100 * np.sqrt(squares.sum() / np.sum(model.measured_outputs**2)))

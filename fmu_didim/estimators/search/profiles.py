@@ -7,9 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from fmu_didim.base.errors import FmuDidimError, InputError, UnknownNameError
+from fmu_didim.base.errors import FmuDidimError, UnknownNameError
 from fmu_didim.estimators.base import Estimator, Progress
-from fmu_didim.estimators.search.crew import Crew
+from fmu_didim.estimators.search.crew import Crew, check_minima
 from fmu_didim.fit.estimate import Estimate
 from fmu_didim.fit.exploration.profile import HalfProfile, Side, followed, joined, sides_of
 from fmu_didim.fit.iteration import Iteration
@@ -34,12 +34,8 @@ def profiled(
         InputError: the answer of the estimator is no minimum of the misfit; UnknownNameError: a name is not free.
     """
     fit = estimate.minimum
-    if fit is None or not estimator.finds_minima(estimate.model):
-        raise InputError(
-            f"There is nothing to profile: the answer of {estimator.name} is no minimum of the misfit.",
-            where="profile", got=estimator.name, valid="didim with its finish, clie; output_error of a model:",
-            next_step="Use one of these, or take profile: out.",
-        )  # fmt: skip
+    check_minima(estimator, estimate.model, "profile")
+    assert fit is not None  # of all that find minima
     for name in names:
         if name not in estimate.names:
             raise UnknownNameError("free parameter", name, estimate.names, where="profile")

@@ -74,14 +74,9 @@ class LocalSensitivity:
 
 def output_names(model: LoopModel) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Names and units of all outputs: of the joints, or of what was measured of any model, and what stands beside."""
-    n = model.joint_count
-    if model.loop.shows_torque:
-        names = [f"joint {j + 1}" for j in range(n)]
-    else:
-        names = [signal.partition(".")[2] for signal in model.loop.output_signals]
     channels = {c.name: c.unit for e in model.experiments.values() for c in e.channels}
     further = model.experiments.channels
-    return (*names, *further), (*model.parameters.torque_units, *(channels[name] for name in further))
+    return (*model.loop.labels, *further), (*model.parameters.torque_units, *(channels[name] for name in further))
 
 
 def local_sensitivity(

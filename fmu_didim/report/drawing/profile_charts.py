@@ -14,6 +14,8 @@ from fmu_didim.results.searches import ProfileResult
 
 PARABOLA_POINTS = 61
 """[points] Of the curve by linear theory."""
+FIRST = 2
+"""[1] Number of the first colour of the other parameters: those before look like profile and parabola."""
 MOVES = 0.5
 """[standard deviations] By which another parameter moves along a profile before it is drawn."""
 
@@ -33,7 +35,7 @@ def profile_chart(name: str, number: int, found: ProfileResult, parameters: Mapp
     panels = [Panel("chi-square", series, levels=[found.height])]
     moved = _moves(found, parameters)
     if moved:
-        lines = [Series(other, value, y, f"series{k % SERIES}") for k, (other, y) in enumerate(moved.items())]
+        lines = [Series(other, value, y, f"series{k}") for k, (other, y) in enumerate(moved.items(), start=FIRST)]
         panels.append(Panel("others (σ)", lines, head="What makes up for it, in standard deviations of the answer"))
     return Chart(f"profile-{number}", f"Profile of {name}", panels, f"{name} ({unit})" if unit else name)
 
@@ -45,5 +47,5 @@ def _moves(found: ProfileResult, parameters: Mapping[str, ParameterResult]) -> d
         for name, values in found.others.items()
         if name in parameters and parameters[name].std > 0
     }
-    ordered = sorted(moves, key=lambda name: -float(np.ptp(moves[name])))[:SERIES]
+    ordered = sorted(moves, key=lambda name: -float(np.ptp(moves[name])))[: SERIES - FIRST]
     return {name: moves[name] for name in ordered if np.ptp(moves[name]) > MOVES}

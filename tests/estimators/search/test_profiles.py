@@ -11,7 +11,8 @@ from scipy.optimize import brentq, minimize_scalar
 
 from fmu_didim import identify
 from fmu_didim.base.errors import InputError, UnknownNameError
-from fmu_didim.checks.profiles import profile_diagnostics
+from fmu_didim.checks.exploration.profiles import profile_diagnostics
+from fmu_didim.estimators import IdimLs
 from fmu_didim.estimators.search import InThisProcess, profiled
 from fmu_didim.fit.estimate import Estimate
 from fmu_didim.fit.exploration import profile as profile_module
@@ -130,9 +131,16 @@ def test_what_cannot_be_profiled_is_refused() -> None:
     case = rise_case(LONG)
     with pytest.raises(UnknownNameError, match="'X'"):
         with_profiles(case, "X")
-    found = replace(case.estimator.estimate(case.model), minimum=None)
-    with pytest.raises(InputError, match="nothing to profile"):
-        profiled(case.estimator, found, (), lambda of: InThisProcess(case.estimator, of), progress=lambda _: None)
+    with pytest.raises(UnknownNameError, match="'X'"):
+        identify(case, profile=["X"])  # before any fit
+    found = case.estimator.estimate(case.model)
+    with pytest.raises(InputError, match="idim_ls is no minimum"):
+        profiled(IdimLs(), found, (), lambda of: InThisProcess(case.estimator, of), progress=lambda _: None)
+
+
+def test_the_command_that_repeats_it_asks_for_it() -> None:
+    result = identify(ROOT / "examples/scara/identify.yaml", profile=["ZZ1R"])
+    assert result.document.provenance["command"].split()[-1] == "--profile"
 
 
 def test_result_terminal_and_page_show_it(tmp_path: Path) -> None:

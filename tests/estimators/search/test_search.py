@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fmu_didim import identify
+from fmu_didim import check, identify
 from fmu_didim.base.errors import InputError, SimulationError
 from fmu_didim.case import Case
-from fmu_didim.checks.search import search_diagnostics
+from fmu_didim.checks.exploration.search import search_diagnostics
 from fmu_didim.estimators import IdimLs
 from fmu_didim.estimators.search import Crew, Ended, InThisProcess, Search, crew_of, searched
 from fmu_didim.estimators.search.box import Box
@@ -175,7 +175,7 @@ def test_after_its_time_no_further_start_begins() -> None:
 
 def test_an_estimator_without_minima_of_the_misfit_is_refused() -> None:
     case = wave_case()
-    with pytest.raises(InputError, match="idim_ls from several starts"):
+    with pytest.raises(InputError, match="idim_ls is no minimum"):
         searched(IdimLs(), case.model, Search(), InThisProcess(IdimLs(), case.model), progress=print)
 
 
@@ -234,3 +234,9 @@ def test_many_starts_find_the_best_minimum_in_nearly_all_draws() -> None:
 def test_threads_serve_compiled_loops() -> None:
     case = wave_case()
     assert isinstance(crew_of(case.estimator, replace(case.model, workers=2)), InThisProcess)
+
+
+def test_check_says_before_any_fit_that_nothing_can_be_searched() -> None:
+    without = check(wave_case(identify={"f": {"start": 1.02}}, search={"starts": 5}))
+    assert "nothing-searched" in {d.code.name for d in without.diagnostics}
+    assert "nothing-searched" not in {d.code.name for d in check(wave_case(search={"starts": 5})).diagnostics}

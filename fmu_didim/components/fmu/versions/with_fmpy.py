@@ -110,11 +110,14 @@ def _inputs(known: Any) -> tuple[str, ...] | None:
 
 
 def _states(own: Any) -> tuple[str, ...]:
-    """The continuous states in the order of their derivatives; none where a derivative does not say whose it is."""
-    found = [derivative.variable.derivative for derivative in own.derivatives]
-    if any(state is None for state in found):
+    """The continuous states in the order of their derivatives; none where a derivative does not say whose it is, by its
+    attribute or, as ``der(x)``, by its name."""
+    by_name = {f"der({v.name})": v for v in own.modelVariables}
+    derivatives = [unknown.variable for unknown in own.derivatives]
+    found = [v.derivative if v.derivative is not None else by_name.get(v.name) for v in derivatives]
+    if None in found:
         return ()
-    return tuple(name for state in found for name in element_names(state.name, tuple(state.shape or ())))
+    return tuple(name for state in found if state for name in element_names(state.name, tuple(state.shape or ())))
 
 
 def _variable(own: Any, negated: bool) -> FmuVariable:

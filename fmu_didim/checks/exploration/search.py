@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from fmu_didim.base.diagnostics import CATALOGUE, DOUBT, REMARK, Diagnostic
+from fmu_didim.estimators.search.box import is_bounded
 from fmu_didim.fit.estimate import Estimate
 from fmu_didim.fit.exploration.minima import FoundMinimum, SearchOutcome
+from fmu_didim.model.loop_model import LoopModel
 
 RARE = 0.1
 """[1] Share of the starts that end in the best minimum, below which as many starts again may well find a better one
@@ -27,6 +29,14 @@ NOT_SEARCHED = CATALOGUE(
     "start.",
     next_step="Give minimum: and maximum: of parameters under identify:.",
 )  # fmt: skip
+
+
+def unsearchable(model: LoopModel) -> list[Diagnostic]:
+    """That a search would find no parameter with bounds."""
+    if any(is_bounded(one) for one in model.free_parameters):
+        return []
+    text = "Nothing can be searched: no parameter has both a minimum and a maximum."
+    return [Diagnostic(NOT_SEARCHED, text, "search")]
 
 
 def search_diagnostics(estimate: Estimate) -> list[Diagnostic]:

@@ -65,13 +65,13 @@ def one_start_diagnostics(estimate: Estimate, tests: tuple[NoiseResult, ...]) ->
     """
     if estimate.model.loop.shows_torque:
         return []
-    names = [signal.rpartition(".")[2] for signal in estimate.model.loop.output_signals]
+    labels = estimate.model.loop.labels
     found = [
         Diagnostic(
             RESIDUAL_COLOURED,
             f"The residual is far from white: neighbouring samples correlate by {test.lag1:.2f}, and standard "
             f"deviations are some {test.inflation:.2g} times those with white noise.",
-            names[test.joint - 1] if test.joint <= len(names) else f"output {test.joint}",
+            labels[test.joint - 1],
             test.inflation, FAR_FROM_WHITE, "1",
         )
         for test in tests if test.order and test.inflation > FAR_FROM_WHITE

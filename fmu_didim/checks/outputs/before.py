@@ -1,32 +1,22 @@
-"""What is wrong with the data of a case of a ``model:``, before any fit."""
+"""What was measured of a model against what it gives before any fit: a dead sensor, another unit, another start."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import suppress
-from dataclasses import replace
 
 import numpy as np
 
-from fmu_didim.base.diagnostics import CATALOGUE, DOUBT, PROBLEM, REMARK, Diagnostic
+from fmu_didim.base.diagnostics import CATALOGUE, DOUBT, PROBLEM, Diagnostic
 from fmu_didim.base.errors import SimulationError
-from fmu_didim.case import Case
-from fmu_didim.case.calibration.experiment import CalibrationData
-from fmu_didim.case.calibration.ticks import Ticks
 from fmu_didim.data.signals import Array
 from fmu_didim.model.loop_model import LoopModel
 
-STEPS_OFF = 0.1
-"""[standard deviations] Of the noise of an output, from which the error of the steps of a simulation counts: over a
-thousand samples that look alike it moves a value by three of its standard deviations at most."""
 START_OFF = 6.0
 """[standard deviations] Of the noise, by which an output may lie beside its start in the model."""
 RANGES_OFF = 5.0
 """[ranges] By which an output that was measured may lie beside that of the model, with any values of its parameters."""
 MOVED = 0.05
 """[1] Of a parameter, by which it is changed to see whether an output depends on it at the start."""
-MOST_STEPS = 20_000
-"""[ticks] Of a simulation up to which it is run again with finer steps."""
 SAME = 1e-9
 """[1] Relative difference up to which two values are one."""
 
@@ -49,43 +39,19 @@ START_ELSEWHERE = CATALOGUE(
     next_step="Identify where it starts, by the parameter or the state that says so, or give it its value: "
     "model: {parameters: {...}}.",
 )  # fmt: skip
-STEPS_COARSE = CATALOGUE(
-    "inputs-vary-in-a-step", DOUBT, rank=21,
-    meaning="The inputs change so much within a step of the simulation, in which they are held, that its error counts "
-    "beside the noise: it moves the values.",
-    next_step="Simulate in shorter steps: loop: {rate_hz: ...}.",
-)  # fmt: skip
-INPUT_CONSTANT = CATALOGUE(
-    "input-constant",
-    REMARK,
-    rank=62,
-    meaning="An input never changes. What acts by its changes alone cannot be identified from these data.",
-    next_step="",
-)
 
 
-def model_diagnostics(case: Case) -> list[Diagnostic]:
-    """Problems, doubts and remarks about the data of a model; raises nothing where it cannot be simulated."""
-    assert case.data is not None
-    model, found = case.model, list[Diagnostic]()
-    for label, experiment in model.experiments.items():
-        found += experiment.told
-        found += _constant_inputs(case.data, label)
+def before_the_fit(model: LoopModel) -> list[Diagnostic]:
+    """What the outputs that were measured have against those of the model at its start; nothing where that cannot be
+    simulated."""
+    found = list[Diagnostic]()
+    for label in model.experiments:
         try:
-            simulated = model.torque(model.start, label)
-            of_outputs = list(_of_outputs(model, label, simulated))
+            of_outputs = list(_of_outputs(model, label, model.torque(model.start, label)))
             found += of_outputs or _of_start(model, label)
         except SimulationError:  # the estimator starts elsewhere, or says why not
             continue
-    with suppress(SimulationError):
-        found += _of_steps(case)
     return found
-
-
-def _constant_inputs(data: CalibrationData, label: str) -> Iterator[Diagnostic]:
-    for name, one in data.runs[label].inputs.by_name.items():
-        if not np.ptp(one.values):
-            yield Diagnostic(INPUT_CONSTANT, f"{name} is {one.values[0]:g} all the time.", label)
 
 
 def _of_outputs(model: LoopModel, label: str, simulated: Array) -> Iterator[Diagnostic]:
@@ -146,41 +112,3 @@ def rough_noise(measured: Array) -> Array:
     if measured.shape[0] < 3:
         return np.zeros(measured.shape[1])
     return np.asarray(np.sqrt(np.mean(np.diff(measured, 2, axis=0) ** 2, axis=0) / 6))
-
-
-def _of_steps(case: Case) -> Iterator[Diagnostic]:
-    """Whether shorter steps of the simulation give other outputs in the first experiment."""
-    assert case.data is not None
-    model, label = case.model, case.model.first
-    inputs = case.data.runs[label].inputs
-    if case.plant.follows_ramps:
-        return
-    if not any(one.is_linear for one in inputs.by_name.values()) or case.data.ticks[label].time.size > MOST_STEPS:
-        return
-    finer = finer_steps(case).model
-    away = finer.torque(finer.start, label) - model.torque(model.start, label)
-    measured = model.experiments[label].torque
-    noise = rough_noise(measured)
-    if model.torque_deviation is not None:
-        noise = model.torque_deviation
-    for j, name in enumerate(model.loop.labels):
-        error, size = float(np.sqrt(np.mean(away[:, j] ** 2))) * 4 / 3, float(noise[j])  # of second order
-        if size and error > STEPS_OFF * size:
-            text = f"With steps of {case.step_size / 2:g} s it is {error:.2g} off those of {case.step_size:g} s in the "
-            text += f"mean, {error / size:.2g} of its noise."
-            rate = 1 / case.step_size * 2.0 ** np.ceil(np.log2(error / (STEPS_OFF * size)) / 2)
-            step = f"Simulate in shorter steps: loop: {{rate_hz: {rate:.4g}}}."
-            yield Diagnostic(STEPS_COARSE, text, f"{label}: {name}", error / size, STEPS_OFF, next_step=step)
-
-
-def finer_steps(case: Case) -> Case:
-    """The case with half the steps of its simulation."""
-    data = case.data
-    assert data is not None
-    ticks = {
-        label: Ticks(np.sort(np.concatenate([one.time, (one.time[1:] + one.time[:-1]) / 2])),
-                     None if one.step is None else one.step / 2)
-        for label, one in data.ticks.items()
-    }  # fmt: skip
-    step = data.step / 2
-    return replace(case, data=replace(data, ticks=ticks, step=step), step_size=step)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from fmu_didim.base.diagnostics import CATALOGUE, DOUBT, REMARK, Diagnostic
-from fmu_didim.checks.one_start import LOWER_ELSEWHERE
+from fmu_didim.checks.exploration.one_start import LOWER_ELSEWHERE
 from fmu_didim.fit.estimate import Estimate
 from fmu_didim.fit.exploration.profile import LOWER, Profile
 
