@@ -9,12 +9,11 @@ identified; of the best ones the amount is found by a few further simulations.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from fmu_didim.base.diagnostics import CATALOGUE, DOUBT, Diagnostic
-from fmu_didim.base.distributions import f_sf
 from fmu_didim.base.errors import FmuDidimError
 from fmu_didim.checks.motion.colour import orthonormal, rest_of
 from fmu_didim.checks.motion.dependence import Dependence, dependence, independent
@@ -94,8 +93,6 @@ def following_diagnostics(found: OutputResiduals) -> list[Diagnostic]:
     tables = first_changes(found, _without_parameters(found))
     tests = {k: _test(found, k, tables) for k in range(len(found.names))}
     level = CHANCE / len(tests)
-    if tables and not any(d.p_value < level or d.samples is not None for d in tests.values()):
-        tests = {k: _alone(found, k, d, tables) for k, d in tests.items()}
     told = {k: d for k, d in tests.items() if d.p_value < level and d.share > LEAST}
     short = [
         Diagnostic(OUTPUT_UNTESTED, f"{d.samples} samples beside what was fitted are too few.", found.names[k])
@@ -121,44 +118,8 @@ def _test(found: OutputResiduals, k: int, tables: Mapping[Suspect, Array]) -> De
     scaled = [column / np.linalg.norm(column) for column in columns.values()]
     return dependence(
         found.residual[rows, k], found.jacobian[rows, k], np.column_stack(scaled), list(columns), joint=k + 1,
-        noise=found.noise(k),
+        logs=found.placed(k),
     )  # fmt: skip
-
-
-def _alone(found: OutputResiduals, k: int, before: Dependence, tables: Mapping[Suspect, Array]) -> Dependence:
-    """The same test of the suspect alone that explains most of output ``k`` as it is: a slow misfit, such as a drift,
-    hides in the colour of the noise where that is learnt without it."""
-    rows = found.rows(k)
-    basis = orthonormal(independent(found.jacobian[rows, k]))
-    rest, squares = rest_of(found.residual[rows, k], basis), dict[Suspect, float]()
-    for suspect, table in tables.items():
-        beside = rest_of(table[rows, k], basis)
-        power = float(beside @ beside)
-        if power > OWN_PART * float(table[rows, k] @ table[rows, k]):
-            squares[suspect] = float(beside @ rest) ** 2 / power
-    if not squares:
-        return before
-    best = max(squares, key=lambda s: squares[s])
-    one = _beside(found, k, best.name, tables[best][rows, k])
-    p_value = min(2 * len(squares) * one.p_value, 1.0)  # of as many suspects, after the test of all
-    return before if before.p_value < p_value else replace(one, p_value=p_value)
-
-
-def _beside(found: OutputResiduals, k: int, name: str, column: Array) -> Dependence:
-    """How output ``k`` follows one column (N,), by the colour that the noise has beside it."""
-    rows = found.rows(k)
-    residual, used = found.residual[rows, k], independent(found.jacobian[rows, k])
-    both = orthonormal(column[:, None], orthonormal(used))
-    noise = found.noise(k).learnt(rest_of(residual, both), both)
-    table = noise.whitened(np.column_stack([used, residual, column]))
-    left = rest_of(table[:, used.shape[1] :], orthonormal(table[:, : used.shape[1]]))
-    rest, own = left[:, 0], left[:, 1]
-    total, explained = float(rest @ rest), float(own @ rest) ** 2 / max(float(own @ own), TINY)
-    freedom = max(rest.size - used.shape[1] - 1, 1)
-    variance = max(total - explained, TINY) / freedom
-    plain = rest_of(np.column_stack([residual, column]), orthonormal(used))  # as it is, whatever the colour
-    share = float(plain[:, 0] @ plain[:, 1]) ** 2 / max(float(np.prod(np.sum(plain**2, axis=0))), TINY)
-    return Dependence(k + 1, float(f_sf(explained / variance, 1, freedom)), share, name, 1.0)
 
 
 def _functions(found: OutputResiduals, k: int) -> dict[str, Array]:

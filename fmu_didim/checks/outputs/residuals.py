@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from fmu_didim.checks.motion.colour import LogNoise
+from fmu_didim.checks.motion.colour import Logs
 from fmu_didim.cosim import Indices
 from fmu_didim.data.signals import Array
 from fmu_didim.fit.derivatives.sensitivity import sensitivity
@@ -73,9 +73,9 @@ class OutputResiduals:
         """(N,) rows of the samples of output ``k``."""
         return np.concatenate([self._indices(log.rows) for log in self.logs(k)])
 
-    def noise(self, k: int) -> LogNoise:
-        """The noise of output ``k``, whose colour is learnt."""
-        return LogNoise(tuple(stretches([log.time for log in self.logs(k)])))
+    def placed(self, k: int) -> Logs:
+        """Where the samples of output ``k`` stand in a table of these alone, log by log."""
+        return Logs(tuple(stretches([log.time for log in self.logs(k)])))
 
     def times(self, k: int) -> Array:
         """(N,) instants of the samples of output ``k``, s."""
