@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from math import nan
 from pathlib import Path
 
 import numpy as np
@@ -273,3 +274,20 @@ def test_damaged_files_are_refused(tmp_path: Path, suffix: str) -> None:
     path.write_bytes(b"no signals " * 50)
     with pytest.raises(InputError, match=rf"a\{suffix}"):
         read_table(path)
+
+
+@pytest.mark.parametrize(
+    ("text", "wanted"),
+    [
+        ("t,a,b\n0,1,2\n1,,3\n2,4,\n3,,\n", [[0, 1, 2], [1, nan, 3], [2, 4, nan], [3, nan, nan]]),
+        ("t,a\n0,\n1,5\n", [[0, nan], [1, 5]]),
+        ("t;a;b\n0;1,5;\n1;;2\n", [[0, 1.5, nan], [1, nan, 2]]),
+        ("t,a,\n0,1,\n1,,\n", [[0, 1], [1, nan]]),  # a delimiter ends each line
+        ("# log,,\nt,a,b\n0,,1\n", [[0, nan, 1]]),
+    ],
+)
+def test_empty_cells_are_no_numbers(tmp_path: Path, text: str, wanted: list[list[float]]) -> None:
+    path = tmp_path / "log.csv"
+    path.write_text(text, encoding="utf-8")
+    table = read_table(path)
+    np.testing.assert_array_equal(np.column_stack(list(table.columns.values())), np.array(wanted, dtype=float))

@@ -142,12 +142,11 @@ def _parsed(lines: list[str], delimiter: str, decimal: str, skipped: int) -> _Pa
                 count += 1
         cells = cells[:-1] if len(cells) == count + 1 and not cells[-1] else cells
         numbers = _numbers(cells, decimal, calendar if calendar.columns or not data else None)
-        if not data:
-            if numbers is None:
-                before.append((number + skipped, _closed(cells)))
-                if len(before) > MOST_LINES_BEFORE:
-                    return None
-                continue
+        if not data and numbers is None:
+            before.append((number + skipped, _closed(cells)))
+            if len(before) > MOST_LINES_BEFORE:
+                return None
+            continue
         if numbers is None or len(numbers) != count:
             raise _MisfitError(number + skipped, cells, count, delimiter, decimal)
         data.append(numbers)
