@@ -14,9 +14,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from fmu_didim.base.diagnostics import CATALOGUE, DOUBT, Diagnostic
+from fmu_didim.base.distributions import chi2_sf
 from fmu_didim.base.errors import FmuDidimError
 from fmu_didim.checks.motion.colour import orthonormal, rest_of
 from fmu_didim.checks.motion.dependence import Dependence, dependence, independent
+from fmu_didim.checks.outputs.outliers import NORMAL
 from fmu_didim.checks.outputs.residuals import OutputResiduals
 from fmu_didim.checks.outputs.suspects import MOST_INPUTS, Suspect, first_changes, of_inputs, of_outputs, of_parameters
 from fmu_didim.data.signals import Array
@@ -46,6 +48,10 @@ BEYOND = 0.03
 """[1] Of what one suspect explains, by how much two things must explain more to be named in its place,"""
 BEYOND_NOISE = 25.0
 """[1] and in squares of standard deviations: five of them."""
+FIRST = 5
+"""[samples] In which a start that is off shows at least,"""
+FAR_START = 5.0
+"""[standard deviations] and by how much: noise of any colour is so far off once in a million samples."""
 SETTLED = 0.3
 """[standard deviations] Change of an amount from which no further simulation looks for it."""
 LESS = 1e-3
@@ -93,6 +99,7 @@ def following_diagnostics(found: OutputResiduals) -> list[Diagnostic]:
     tables = first_changes(found, _without_parameters(found))
     tests = {k: _test(found, k, tables) for k in range(len(found.names))}
     level = CHANCE / len(tests)
+    tests = {k: d if d.p_value < level else _start_of(found, k, d) for k, d in tests.items()}
     told = {k: d for k, d in tests.items() if d.p_value < level and d.share > LEAST}
     short = [
         Diagnostic(OUTPUT_UNTESTED, f"{d.samples} samples beside what was fitted are too few.", found.names[k])
@@ -118,15 +125,29 @@ def _test(found: OutputResiduals, k: int, tables: Mapping[Suspect, Array]) -> De
     scaled = [column / np.linalg.norm(column) for column in columns.values()]
     return dependence(
         found.residual[rows, k], found.jacobian[rows, k], np.column_stack(scaled), list(columns), joint=k + 1,
-        logs=found.placed(k),
+        logs=found.tables(k),
     )  # fmt: skip
+
+
+def _start_of(found: OutputResiduals, k: int, before: Dependence) -> Dependence:
+    """The same by the first samples alone, where a start that is off is forgotten soon: too few for the test above."""
+    residual = found.residual[found.rows(k), k]
+    spread = NORMAL * float(np.median(np.abs(residual - np.median(residual))))
+    p_value, squares = 1.0, 0.0
+    for log in found.logs(k):
+        first = found.residual[found.indices(log.rows)[:FIRST], k]
+        if spread and np.abs(first).max() > FAR_START * spread:
+            chance = float(chi2_sf(float(np.sum((first / spread) ** 2)), first.size)) * len(found.logs(k))
+            p_value, squares = min(p_value, chance), squares + float(first @ first)
+    share = squares / max(float(residual @ residual), TINY)
+    return replace(before, p_value=p_value, share=share) if p_value < before.p_value else before
 
 
 def _functions(found: OutputResiduals, k: int) -> dict[str, Array]:
     """Further functions (N,) at the samples of output ``k``: of the output, the inputs and time."""
     rows, time = found.rows(k), found.times(k)
     own = found.outputs[rows, k] - found.outputs[rows, k].mean()
-    rate = np.concatenate([np.gradient(found.outputs[found._indices(log.rows), k], log.time) for log in found.logs(k)])
+    rate = np.concatenate([np.gradient(found.outputs[found.indices(log.rows), k], log.time) for log in found.logs(k)])
     turned = 2 * (time - time.min()) / max(float(np.ptp(time)), TINY) - 1
     named = {
         "size of its rate": np.abs(rate),

@@ -71,10 +71,10 @@ class OutputResiduals:
 
     def rows(self, k: int) -> Indices:
         """(N,) rows of the samples of output ``k``."""
-        return np.concatenate([self._indices(log.rows) for log in self.logs(k)])
+        return np.concatenate([self.indices(log.rows) for log in self.logs(k)])
 
-    def placed(self, k: int) -> Logs:
-        """Where the samples of output ``k`` stand in a table of these alone, log by log."""
+    def tables(self, k: int) -> Logs:
+        """The logs of output ``k`` in tables of its samples, whose noise has a colour."""
         return Logs(tuple(stretches([log.time for log in self.logs(k)])))
 
     def times(self, k: int) -> Array:
@@ -101,5 +101,6 @@ class OutputResiduals:
         return np.asarray((table / size)[self.measured_at])
 
     @staticmethod
-    def _indices(rows: slice | Indices) -> Indices:
+    def indices(rows: slice | Indices) -> Indices:
+        """Rows as numbers."""
         return np.arange(rows.start, rows.stop) if isinstance(rows, slice) else np.asarray(rows)
