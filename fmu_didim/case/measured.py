@@ -21,7 +21,12 @@ from fmu_didim.model.channel import Channel
 from fmu_didim.model.error_model import ErrorModel
 
 FEWEST = 20
-"""[samples] Of a channel: fewer show neither noise nor its colour."""
+"""[samples] Of a channel beside a torque: fewer show neither noise nor its colour."""
+FEWEST_ESTIMATED = 5
+"""[samples] Of an output of a model whose noise is estimated: fewer do not show it within a third, white as it counts
+there. Samples of a culture are taken by hand, ten in a day."""
+FEWEST_STATED = 2
+"""[samples] Of one whose noise is stated: a rate needs two."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,13 +79,16 @@ def read_measured(
                     "Two files show the same signal.", where=where, got=name, next_step="Give one of them."
                 )
             times, values = _part(read.signals, name, file, source)
-            if times.size < FEWEST:
+            errors = file.error_model(name)
+            fewest = (FEWEST_ESTIMATED if errors.stated is None else FEWEST_STATED) if is_any else FEWEST
+            if times.size < fewest:
                 raise InputError(
                     "There are too few samples.", where=where, got=f"{times.size} of {name}",
-                    valid=f"{FEWEST} or more",
-                    next_step="Give a log with more samples, or more of its time by from_s and to_s.",
+                    valid=f"{fewest} or more",
+                    next_step="State its noise (std:), or give more of it." if is_any and errors.stated is None else
+                    "Give a log with more samples, or more of its time by from_s and to_s.",
                 )  # fmt: skip
-            found[name] = Samples(name, times, values, outputs[name].unit, file.error_model(name), where)
+            found[name] = Samples(name, times, values, outputs[name].unit, errors, where)
             told += read.told
     return found, tuple(dict.fromkeys(told))
 

@@ -13,7 +13,6 @@ from fmu_didim.base.imports import import_object, run_code
 from fmu_didim.case.document import CaseDocument, make_estimator
 from fmu_didim.case.memory import check_at_hand
 from fmu_didim.case.sources import ComponentSource
-from fmu_didim.case.variable_names import unknown_parameter
 from fmu_didim.components import (
     Component,
     FmuComponent,
@@ -29,6 +28,7 @@ from fmu_didim.components import (
 from fmu_didim.components.compiled_model import with_compiled_twin
 from fmu_didim.components.fmu.description import MODEL_EXCHANGE
 from fmu_didim.components.parameter_names import name_parameters
+from fmu_didim.components.variable_names import unknown_parameter
 from fmu_didim.controllers import read_controller
 from fmu_didim.dynamics.base_parameters import base_parameters
 from fmu_didim.dynamics.block import Block

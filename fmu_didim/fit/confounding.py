@@ -94,19 +94,25 @@ def refuse_confounded(
         )  # fmt: skip
 
 
-def refuse_ridge(columns: Array, values: Array, names: Sequence[str], *, outputs: float) -> None:
+TELL_APART = (
+    "Take one of them out of identify: (its value is then taken as known: model: {parameters: ...}), measure a further "
+    "output that they change differently, or add an experiment that does"
+)
+
+
+def refuse_ridge(columns: Array, values: Array, names: Sequence[str], *, outputs: float, at: str = "") -> None:
     """Raise IdentificationError where outputs of a model show parameters only together, and how these move.
 
     Args:
-        columns, values: as of :func:`confounded`; outputs: norm of the whitened outputs.
+        columns, values: as of :func:`confounded`; outputs: norm of the whitened outputs; at: where, in words.
     """
     found = confounded(columns, values, names, torque=outputs)
     if not found:
         return
     raise IdentificationError(
-        "The data cannot tell some parameters apart.", where="identify", got=_ridge(columns, values, names, found),
-        next_step="Take one of them out of identify: (its value is then taken as known: model: {parameters: ...}), "
-        "measure a further output that they change differently, or add an experiment that does.",
+        "The data cannot tell some parameters apart.", where="identify",
+        got=f"{_ridge(columns, values, names, found)}{at}",
+        next_step=f"{TELL_APART}, or start nearer to the truth (start:)." if at else f"{TELL_APART}.",
     )  # fmt: skip
 
 
@@ -118,8 +124,8 @@ def _ridge(columns: Array, values: Array, names: Sequence[str], found: Sequence[
     _, _, vectors = np.linalg.svd(np.linalg.qr(columns / length)[1])
     size = np.where(values != 0, np.abs(values), 1.0)
     moves = vectors[-1] / length / size
-    most = int(np.argmax(np.abs(moves)))
-    moves = moves / moves[most]
+    moves = moves / np.abs(moves).max()
+    moves = moves * np.sign(moves[np.argmax(np.abs(moves) > LEADING)])
     told = [
         f"{name} {100 * STEP_ALONG * move:+.2g} %" for name, move in zip(names, moves, strict=True)
         if abs(move) > LEADING or name in found

@@ -13,9 +13,9 @@ from fmu_didim.base.errors import FmuDidimError
 from fmu_didim.case.files import table_and_time
 from fmu_didim.case.parts import component_of, controller_block
 from fmu_didim.case.sources import ComponentSource, ExperimentSource, InputsFile, MeasuredFile, SignalFile
-from fmu_didim.case.variable_names import START, unknown, unknown_parameter
 from fmu_didim.components import Component, FmuComponent
 from fmu_didim.components.fmu.chosen import visible
+from fmu_didim.components.variable_names import START, unknown, unknown_parameter
 from fmu_didim.data.tables import Column, selected
 
 

@@ -148,6 +148,13 @@ def test_arrays_in_the_place_of_all_files(arrays: tuple[np.ndarray, np.ndarray],
     assert found.values == identify(case(house)).values
 
 
+def test_a_model_that_explodes_beyond_its_limits_is_found_from_names_alone(house: Path) -> None:
+    """Steps lead to resistances below zero; a parabola through the misfit there would leave nothing of them."""
+    found = identify(load_case(case(house)).with_(identify={"R1": {"minimum": None}, "R2": {"minimum": None}}))
+    assert found.verdict == "valid" and found.document.iterations <= 12
+    assert found.values == pytest.approx(identify(case(house)).values, rel=1e-5)
+
+
 def test_frames_units_gaps_and_noise(arrays: tuple[np.ndarray, np.ndarray], house: Path) -> None:
     weather, room = arrays
     frame = pd.DataFrame(weather, columns=["time", "T_out", "T_beside"])

@@ -17,7 +17,6 @@ from fmu_didim.case.files import NONE_GIVEN, table_and_time
 from fmu_didim.case.memory import Memory
 from fmu_didim.case.parts import component_of, controller_block
 from fmu_didim.case.sources import MeasuredFile
-from fmu_didim.case.variable_names import NEAREST, START, unknown
 from fmu_didim.components import Component, FmuComponent
 from fmu_didim.components.fmu.chosen import (
     all_variables,
@@ -30,6 +29,7 @@ from fmu_didim.components.fmu.chosen import (
 from fmu_didim.components.fmu.description import MODEL_EXCHANGE
 from fmu_didim.components.fmu.reuse.starting import find_start
 from fmu_didim.components.parameter_names import name_parameters
+from fmu_didim.components.variable_names import NEAREST, START, unknown
 from fmu_didim.data.signals import Trajectory
 from fmu_didim.data.tables import clock_column
 

@@ -9,16 +9,17 @@ identified; of the best ones the amount is found by a few further simulations.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from fmu_didim.base.diagnostics import CATALOGUE, DOUBT, Diagnostic
+from fmu_didim.base.distributions import f_sf
 from fmu_didim.base.errors import FmuDidimError
 from fmu_didim.checks.motion.colour import orthonormal, rest_of
 from fmu_didim.checks.motion.dependence import Dependence, dependence, independent
 from fmu_didim.checks.outputs.residuals import OutputResiduals
-from fmu_didim.checks.outputs.suspects import Suspect, first_changes, of_inputs, of_outputs, of_parameters
+from fmu_didim.checks.outputs.suspects import MOST_INPUTS, Suspect, first_changes, of_inputs, of_outputs, of_parameters
 from fmu_didim.data.signals import Array
 from fmu_didim.fit.noise.noise import TINY
 
@@ -40,8 +41,16 @@ NAMED = 3
 STEPS = (0.25, 0.5, 0.75)
 """[1] Of an experiment, after which a change is looked for."""
 
-BEYOND, BEYOND_NOISE = 0.1, 25.0
-"""[1] By how much two things must explain more than one, of what that explains and in squares of the noise."""
+OWN_PART = 1e-12
+"""[1] Of the squares of what a suspect changes, below which what is identified makes up for it."""
+BEYOND = 0.03
+"""[1] Of what one suspect explains, by how much two things must explain more to be named in its place,"""
+BEYOND_NOISE = 25.0
+"""[1] and in squares of standard deviations: five of them."""
+SETTLED = 0.3
+"""[standard deviations] Change of an amount from which no further simulation looks for it."""
+LESS = 1e-3
+"""[1] By which a further simulation may explain less and still be the better one: the amounts are hardly apart."""
 EXCHANGE = Suspect(
     "exchange", 1.0, lambda r, a: np.zeros(r.outputs.shape),
     lambda a, s: "an influence that was not recorded and that the model lacks, such as a further source, load, loss or "
@@ -52,7 +61,7 @@ EXCHANGE = Suspect(
 """What neither an offset nor a scale explains alone."""
 
 OUTPUT_FOLLOWS = CATALOGUE(
-    "residual-follows", DOUBT, rank=59,
+    "residual-follows", DOUBT, rank=54,
     meaning="What a model leaves of an output follows its inputs, the output itself or time, which noise does not: "
     "inputs, sensors, clocks, the initial state or the model differ from what the case says. The values absorb a part.",
     next_step="Begin with the suspect that is named first.",
@@ -85,6 +94,8 @@ def following_diagnostics(found: OutputResiduals) -> list[Diagnostic]:
     tables = first_changes(found, _without_parameters(found))
     tests = {k: _test(found, k, tables) for k in range(len(found.names))}
     level = CHANCE / len(tests)
+    if tables and not any(d.p_value < level or d.samples is not None for d in tests.values()):
+        tests = {k: _alone(found, k, d, tables) for k, d in tests.items()}
     told = {k: d for k, d in tests.items() if d.p_value < level and d.share > LEAST}
     short = [
         Diagnostic(OUTPUT_UNTESTED, f"{d.samples} samples beside what was fitted are too few.", found.names[k])
@@ -114,6 +125,42 @@ def _test(found: OutputResiduals, k: int, tables: Mapping[Suspect, Array]) -> De
     )  # fmt: skip
 
 
+def _alone(found: OutputResiduals, k: int, before: Dependence, tables: Mapping[Suspect, Array]) -> Dependence:
+    """The same test of the suspect alone that explains most of output ``k`` as it is: a slow misfit, such as a drift,
+    hides in the colour of the noise where that is learnt without it."""
+    rows = found.rows(k)
+    basis = orthonormal(independent(found.jacobian[rows, k]))
+    rest, squares = rest_of(found.residual[rows, k], basis), dict[Suspect, float]()
+    for suspect, table in tables.items():
+        beside = rest_of(table[rows, k], basis)
+        power = float(beside @ beside)
+        if power > OWN_PART * float(table[rows, k] @ table[rows, k]):
+            squares[suspect] = float(beside @ rest) ** 2 / power
+    if not squares:
+        return before
+    best = max(squares, key=lambda s: squares[s])
+    one = _beside(found, k, best.name, tables[best][rows, k])
+    p_value = min(2 * len(squares) * one.p_value, 1.0)  # of as many suspects, after the test of all
+    return before if before.p_value < p_value else replace(one, p_value=p_value)
+
+
+def _beside(found: OutputResiduals, k: int, name: str, column: Array) -> Dependence:
+    """How output ``k`` follows one column (N,), by the colour that the noise has beside it."""
+    rows = found.rows(k)
+    residual, used = found.residual[rows, k], independent(found.jacobian[rows, k])
+    both = orthonormal(column[:, None], orthonormal(used))
+    noise = found.noise(k).learnt(rest_of(residual, both), both)
+    table = noise.whitened(np.column_stack([used, residual, column]))
+    left = rest_of(table[:, used.shape[1] :], orthonormal(table[:, : used.shape[1]]))
+    rest, own = left[:, 0], left[:, 1]
+    total, explained = float(rest @ rest), float(own @ rest) ** 2 / max(float(own @ own), TINY)
+    freedom = max(rest.size - used.shape[1] - 1, 1)
+    variance = max(total - explained, TINY) / freedom
+    plain = rest_of(np.column_stack([residual, column]), orthonormal(used))  # as it is, whatever the colour
+    share = float(plain[:, 0] @ plain[:, 1]) ** 2 / max(float(np.prod(np.sum(plain**2, axis=0))), TINY)
+    return Dependence(k + 1, float(f_sf(explained / variance, 1, freedom)), share, name, 1.0)
+
+
 def _functions(found: OutputResiduals, k: int) -> dict[str, Array]:
     """Further functions (N,) at the samples of output ``k``: of the output, the inputs and time."""
     rows, time = found.rows(k), found.times(k)
@@ -126,7 +173,7 @@ def _functions(found: OutputResiduals, k: int) -> dict[str, Array]:
         "its cube": own**3,
         "its rate and time": turned * rate,
     }
-    for name in found.model.experiments[found.model.first].reference.names[:8]:
+    for name in found.model.experiments[found.model.first].reference.names[:MOST_INPUTS]:
         driven, slope = [], []
         for log in found.logs(k):
             reference = found.model.experiments[log.label].reference
@@ -180,7 +227,7 @@ def _explained(suspect: Suspect, amount: float, column: Array, rest: Array, basi
     """What a suspect explains by the amount whose change is this column."""
     beside = rest_of(column, basis)
     power = float(beside @ beside)
-    if power <= 1e-12 * float(column @ column):
+    if power <= OWN_PART * float(column @ column):
         return None
     along = float(beside @ rest)
     left = max(float(rest @ rest) - along**2 / power, TINY) / max(rest.size - basis.shape[1] - 1, 1)
@@ -197,9 +244,9 @@ def _refined(found: OutputResiduals, start: Explained, rest: Array, basis: Array
             break
         column = found.whitened(table)
         other = _explained(best.suspect, best.amount, column, rest, basis) if np.isfinite(column).all() else None
-        if other is None or other.squares < best.squares * (1 - 1e-3):
+        if other is None or other.squares < best.squares * (1 - LESS):
             break
-        settled = abs(other.amount - best.amount) < 0.3 * other.deviation
+        settled = abs(other.amount - best.amount) < SETTLED * other.deviation
         best = other
         if settled:
             break

@@ -41,5 +41,10 @@ def outlier_diagnostics(found: OutputResiduals) -> list[Diagnostic]:
             f"{count} up to {np.abs(wrong).max():.3g} standard deviations from the model, the first at t = {first:.6g} "
             f"s; they move the values by {moved:.2g} standard deviations, all together."
         )
-        told.append(Diagnostic(LOG_OUTLIERS if moved > MOVED else FEW_OUTLIERS, text, name, moved, MOVED, "1"))
+        code = LOG_OUTLIERS if moved > MOVED else FEW_OUTLIERS
+        advice = (
+            f"Look at them; empty the cells of those that are errors of the sensor, or let the fit count what is far "
+            f"off less: measured: {{columns: {{{name}: {{robust: true}}}}}}."
+        )
+        told.append(Diagnostic(code, text, name, moved, MOVED, "1", next_step=advice))
     return told

@@ -32,7 +32,10 @@ from fmu_didim.model.error_model import ErrorModel
 from fmu_didim.model.experiment import Experiment
 from fmu_didim.model.loop_model import LoopModel
 
-FREEDOMS = np.concatenate([np.geomspace(1.0, 30.0, 30), [60.0, 120.0]])
+FREEDOMS = (
+    1.0, 1.2, 1.4, 1.6, 1.8, 2.0, 2.2, 2.5, 2.8, 3.2, 3.6, 4.0, 4.5, 5.0, 6.0, 7.0, 8.0, 10.0, 12.0, 15.0, 20.0, 30.0,
+    60.0, 120.0,
+)  # fmt: skip
 """[1] Degrees of freedom that are tried: 1 has no variance, 120 is normal for any number of samples that there is."""
 NORMAL_FROM = 60.0
 """[1] Degrees of freedom from which noise counts as normal: its outliers are those of chance."""
@@ -42,8 +45,8 @@ SETTLED_SCALE = 1e-6
 """[1] Relative change of that scale at which it has settled."""
 LEAST_SLOPE = 0.1
 """[1] Part of the usual mean of psi' below which it does not fall, however many outliers there are."""
-COUNTS_LITTLE = 0.5
-"""[1] Weight (nu + 1) / (nu + t^2) of a sample below which it is told as an outlier: it counts less than half."""
+COUNTS_LITTLE = 0.2
+"""[1] Weight (nu + 1) / (nu + t^2) of a sample below which it is told as an outlier: three scales off and more."""
 
 
 @dataclass(frozen=True)
@@ -73,17 +76,17 @@ class Student:
 @dataclass(frozen=True)
 class Reweighted:
     """A model with samples and scales by what it simulates; noises: name of each robust output -> its noise; outliers:
-    name -> (experiment, instants (K,)) of the samples that count little."""
+    name -> experiment and instant of each sample that counts little, the farthest one first."""
 
     model: LoopModel
     noises: Mapping[str, Student]
-    outliers: Mapping[str, Sequence[tuple[str, Array]]]
+    outliers: Mapping[str, Sequence[tuple[str, float]]]
 
 
 def student_noise(errors: Array, model: ErrorModel) -> Student:
     """The noise of errors (N,) by the largest likelihood, as far as the error model does not state it."""
-    freedoms = FREEDOMS if model.freedom is None else np.array([model.freedom])
-    found = [Student(_scale(errors, nu) if model.stated is None else model.stated, float(nu)) for nu in freedoms]
+    freedoms = FREEDOMS if model.freedom is None else (model.freedom,)
+    found = [Student(_scale(errors, nu) if model.stated is None else model.stated, nu) for nu in freedoms]
     return max(found, key=lambda one: _likelihood(errors, one))
 
 
@@ -121,8 +124,13 @@ class _Output:
         return self.errors.errors(self.measured, self.simulated)
 
 
-def reweighted(model: LoopModel, values: Array) -> Reweighted:
+def reweighted(model: LoopModel, values: Array, *, by_weights: bool = False) -> Reweighted:
     """The model with samples and scales by what it simulates with values (p,).
+
+    Args:
+        by_weights: whether samples of robust outputs stay as they are and their scales are divided by the roots of
+            their weights: that comes nearer from anywhere, to the same values, but by half the way a time, and the
+            covariance there is not that of the values.
 
     Raises:
         SimulationError: an experiment cannot be simulated.
@@ -134,16 +142,23 @@ def reweighted(model: LoopModel, values: Array) -> Reweighted:
         fitted = [one for one in every if one.name == name and one.is_fitted]
         if fitted:
             noises[name] = student_noise(np.concatenate([one.own for one in fitted]), fitted[0].errors)
-    experiments, found = model.experiments, dict[str, list[tuple[str, Array]]]()
+    experiments = model.experiments
     for label, outputs in tables.items():
-        experiments = experiments.with_experiment(label, _compared(experiments[label], outputs, noises))
-        for one in outputs:
-            noise = noises.get(one.name)
-            if noise is not None and noise.freedom < NORMAL_FROM and one.is_fitted:
-                off = one.time[noise.weights(one.own) < COUNTS_LITTLE]
-                found.setdefault(one.name, []).append((label, off))
+        experiments = experiments.with_experiment(label, _compared(experiments[label], outputs, noises, by_weights))
     changed = replace(model, experiments=experiments, torque_deviation=_stated_of_log(model, tables, noises))
-    return Reweighted(changed, noises, found)
+    return Reweighted(changed, noises, {name: _outliers(every, name, noise) for name, noise in noises.items()})
+
+
+def _outliers(every: Sequence[_Output], name: str, noise: Student) -> list[tuple[str, float]]:
+    """Experiment and instant of the samples of an output that count little, the farthest one first."""
+    if noise.freedom >= NORMAL_FROM:
+        return []
+    weighed = [
+        (float(weight), one.label, float(time))
+        for one in every if one.name == name and one.is_fitted
+        for weight, time in zip(noise.weights(one.own), one.time, strict=True)
+    ]  # fmt: skip
+    return [(label, time) for weight, label, time in sorted(weighed) if weight < COUNTS_LITTLE]
 
 
 def _outputs(model: LoopModel, values: Array, label: str) -> list[_Output]:
@@ -159,9 +174,11 @@ def _outputs(model: LoopModel, values: Array, label: str) -> list[_Output]:
     return found
 
 
-def _compared(experiment: Experiment, outputs: Sequence[_Output], noises: Mapping[str, Student]) -> Experiment:
+def _compared(
+    experiment: Experiment, outputs: Sequence[_Output], noises: Mapping[str, Student], by_weights: bool
+) -> Experiment:
     """The experiment with what a fit takes for its samples, and their scales."""
-    pairs = [_sample(one, noises.get(one.name)) for one in outputs]
+    pairs = [_sample(one, noises.get(one.name), by_weights) for one in outputs]
     n = len(experiment.errors)
     channels = tuple(
         _channel(channel, one, *pair, noises.get(one.name))
@@ -183,13 +200,17 @@ def _channel(channel: Channel, one: _Output, values: Array, scale: Array, noise:
     return replace(channel, values=values, scale=scale, recorded=one.measured, deviation=deviation)
 
 
-def _sample(one: _Output, noise: Student | None) -> tuple[Array, Array]:
+def _sample(one: _Output, noise: Student | None, by_weights: bool) -> tuple[Array, Array]:
     """(N,) what a fit takes for the samples of an output, and their scales; of a held-out one its own samples."""
     scale = one.errors.scale(one.simulated)
     if not one.is_fitted or one.errors.is_plain:
         return one.measured, scale
     errors = one.own
-    return one.simulated + scale * (errors if noise is None else noise.modified(errors)), scale
+    if noise is None:
+        return one.simulated + scale * errors, scale
+    if by_weights:
+        return one.simulated + scale * errors, scale / np.sqrt(noise.weights(errors))
+    return one.simulated + scale * noise.modified(errors), scale
 
 
 def _stated(errors: ErrorModel, noise: Student | None) -> float | None:

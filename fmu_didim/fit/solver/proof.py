@@ -14,6 +14,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fmu_didim.base.errors import SimulationError
 from fmu_didim.data.signals import Array
@@ -80,7 +81,7 @@ def unproven(fit: Fit) -> Unproven | None:
     return None
 
 
-def _at_limits(fit: Fit) -> Array:
+def _at_limits(fit: Fit) -> NDArray[np.bool_]:
     low, high = fit.model.free_parameters.limits
     return np.asarray((fit.values <= low) | (fit.values >= high))
 

@@ -1,4 +1,4 @@
-"""Names in a case of a ``model:`` that the model lacks."""
+"""Names of variables that a component lacks, or that are not of the kind that is asked for."""
 
 from __future__ import annotations
 
