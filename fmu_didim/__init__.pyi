@@ -9,7 +9,9 @@ from .campaigns.campaign import campaign as campaign
 from .campaigns.campaign import study as study
 from .campaigns.reporting.results import Results as Results
 from .case import Case as Case
+from .case import Inputs as Inputs
 from .case import Log as Log
+from .case import Measured as Measured
 from .case import Reference as Reference
 from .case import load_case as load_case
 from .checks.validation import Validation as Validation

@@ -6,6 +6,7 @@ import os
 import runpy
 import subprocess
 import sys
+import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -13,13 +14,14 @@ import pytest
 import yaml
 
 from fmu_didim.case import load_case
+from fmu_didim.components import ModelComponent
 from fmu_didim.estimators import Didim
 from fmu_didim.workflow import discover, identify
 from tests.conftest import ROOT, needs_emps
 
 SCARA = Path("examples/scara")
 CAMPAIGNS = (
-    "arm2r_hidden", "controller_swap", "emps", "scara_controllers", "scara_robustness", "tx40_estimators",
+    "arm2r_hidden", "controller_swap", "emps", "house", "scara_controllers", "scara_robustness", "tx40_estimators",
 )  # fmt: skip
 """Run by tests/campaigns/test_ready.py."""
 
@@ -119,6 +121,42 @@ def test_a_real_robot_is_identified_from_the_default_start() -> None:
     assert found.parameters["Fv2"].interval[0] == 0.0
 
 
+HOUSE = Path("examples/house")
+
+
+def test_a_model_that_is_no_robot_is_calibrated() -> None:
+    """The truth within three standard deviations, from fifteen lines, and another week that was not fitted."""
+    text = (HOUSE / "identify.yaml").read_text(encoding="utf-8")
+    assert len(text.splitlines()) <= 15
+    script = load("examples/house/make_data.py")
+    found = identify(HOUSE / "identify.yaml")
+    assert found.verdict == "valid" and found.document.status == "converged"
+    for name, value in found.parameters.items():
+        assert abs(value.value - script[name]) < 3 * value.std, name  # type: ignore[operator]
+        assert value.std < 0.01 * value.value
+    percent = found.document.relative_error_percent
+    assert percent["validation"].total < 1.2 * percent["estimation"].total  # type: ignore[operator]
+
+
+def test_data_and_fmu_of_the_house_are_what_its_scripts_make(tmp_path: Path) -> None:
+    """The tables come from SciPy; the FMU holds sources alone, and computes what its equations say."""
+    copy = tmp_path / "make_data.py"
+    copy.write_text((HOUSE / "make_data.py").read_text(encoding="utf-8"), encoding="utf-8")
+    runpy.run_path(str(copy), run_name="__main__")
+    for name in ("weather", "room", "weather_2", "room_2"):
+        made, shipped = (np.loadtxt(at / f"{name}.csv", delimiter=",", skiprows=1) for at in (tmp_path, HOUSE))
+        np.testing.assert_allclose(made, shipped, atol=1e-4, err_msg=name)
+    with zipfile.ZipFile(HOUSE / "house.fmu") as archive:
+        assert not [member for member in archive.namelist() if member.startswith("binaries/")]
+    block = load("examples/house/make_fmu.py")["house"]()  # type: ignore[operator]
+    case = load_case(HOUSE / "identify.yaml")
+    described = {v.name: v.start for v in case.plant.parameters}
+    assert described == {v.name: v.start for v in block.parameters}
+    of_block = case.with_(model=ModelComponent(block))
+    values = np.array([0.03, 0.02])
+    assert of_block.model.torque(values) == pytest.approx(case.model.torque(values), abs=1e-4)
+
+
 @pytest.mark.gate
 @needs_emps
 def test_emps_examples(capsys: pytest.CaptureFixture[str]) -> None:
@@ -159,6 +197,7 @@ def test_every_case_file_is_named_here() -> None:
             for name in ("controller", "discover", "identify", "prior", "published", "robot")
         ),
         "examples/pendulum_modelica/identify.yaml",
+        "examples/house/identify.yaml",
         "examples/emps/identify.yaml",
         "examples/emps/identify_idim_ls.yaml",
         "examples/emps/discover.yaml",

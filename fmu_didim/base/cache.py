@@ -48,6 +48,7 @@ KINDS = {
     "variational": "compiled sensitivities",
     "reruns": "how FMUs are run again",
     "readings": "what reading their outputs before a step does",
+    "starts": "what says where the states of FMUs start",
     "proofs": "which FMUs of other tools have run and ended well",
     "fmu_slots": "which runs use an FMU at the same time",
     COMPILER: "parts of the C compiler",

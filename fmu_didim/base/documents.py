@@ -299,6 +299,7 @@ KINDS = {
     "a campaign": ("vary", "fmu-didim campaign run takes it."),
     "a case": ("train", "fmu-didim identify, check and discover take it; with --ssp export does, too."),
     "a case of several experiments": ("experiments", "fmu-didim identify, check and discover take it."),
+    "a case of a model": ("model", "fmu-didim identify, check and simulate take it; with --ssp export does, too."),
     "a robot description": ("joints", "Name it in a case, robot: ...; fmu-didim export makes an FMU."),
 }
 """Kind of a file -> the key that identifies it, and its purpose."""

@@ -1,15 +1,18 @@
-"""Arrays in the place of data files: a torque log and a reference trajectory."""
+"""Arrays in the place of data files: a torque log and a reference; inputs of a model and what was measured of it."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 
-from fmu_didim.base.errors import InputError
+from fmu_didim.base.errors import InputError, UnknownNameError
 from fmu_didim.data.signals import Array, Trajectory, Variable
+
+NO_UNITS: Mapping[str, str] = MappingProxyType({})
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,6 +84,137 @@ class Reference:
     def columns(self) -> dict[str, Any]:
         """The columns that have another unit than SI, as a case file writes them."""
         return _with_units(self.signals, self.unit, {"q": "", "dq": "/s", "ddq": "/s2"})
+
+
+class _Named:
+    """Signals in memory by the names of variables of a model: arrays, or a table that has columns (pandas)."""
+
+    kind = ""
+
+    def __init__(self, time: Any, table: Any, units: Mapping[str, str] | str, signals: Mapping[str, Any]) -> None:
+        if table is None and hasattr(time, "columns") and not signals:
+            time, table = _clock_of(time)
+        given = {} if table is None else {str(name): table[name] for name in _names_of(table)}
+        self._time = _numbers(time, f"{self.kind}: time")
+        self._columns = {name: _one_column(v, name, self._time, self.kind) for name, v in {**given, **signals}.items()}
+        if not self._columns:
+            raise InputError(
+                "No signal was given.", where=self.kind, valid=f"{self.kind}(t, NAME=values), {self.kind}(t, {{...}})",
+                next_step="Give the arrays by the names of the variables of the model.",
+            )  # fmt: skip
+        self._units = dict.fromkeys(self._columns, units) if isinstance(units, str) else dict(units)
+        if unknown := [name for name in self._units if name not in self._columns]:
+            raise UnknownNameError("signal", unknown[0], self._columns, where=f"{self.kind}: units")
+
+    def __repr__(self) -> str:
+        return f"{self.kind}({self._time.size} rows, {', '.join(self._columns)})"
+
+    @property
+    def parts(self) -> list[Trajectory]:
+        """The signals, those together that have numbers at the same instants."""
+        groups: dict[bytes, list[str]] = {}
+        for name, values in self._columns.items():
+            groups.setdefault(np.isfinite(values).tobytes(), []).append(name)
+        made = []
+        for names in groups.values():
+            kept = np.isfinite(self._columns[names[0]]) & np.isfinite(self._time)
+            values = np.column_stack([self._columns[name][kept] for name in names])
+            made.append(Trajectory(self._time[kept], values, tuple(map(Variable, names)), source=self.kind))
+        return made
+
+    def entry(self, part: Trajectory) -> dict[str, Any]:
+        """What a case file says of such a file beside its name."""
+        units = {name: {"name": name, "unit": self._units[name]} for name in part.names if self._units.get(name)}
+        return {"columns": {name: units.get(name, {"name": name}) for name in part.names}}
+
+
+class Inputs(_Named):
+    """Recorded inputs of a model in memory: ``Inputs(t, T_out=..., T_beside=...)``.
+
+    Args:
+        time: (N,) instants in s; or a pandas DataFrame with a column ``t`` or ``time``, or with them as its index.
+        table: mapping or DataFrame of columns (N,) by the names of the inputs, for names that are none in Python.
+        interpolation: ``linear`` between the rows, or ``held`` from each row to the next.
+        outside: what acts before the first row and after the last one: ``refuse``, or ``hold`` that row.
+        units: of the numbers, for all signals or by name; by default those of the model.
+        signals: (N,) by the name of the input.
+
+    Raises:
+        InputError: the shapes do not belong together, a number is missing, or the time does not increase.
+    """
+
+    kind = "Inputs"
+
+    def __init__(
+        self, time: Any, table: Any = None, *, interpolation: str = "linear", outside: str = "refuse",
+        units: Mapping[str, str] | str = NO_UNITS, **signals: Any,
+    ) -> None:  # fmt: skip
+        super().__init__(time, table, units, signals)
+        self._entries = {"interpolation": interpolation, "outside": outside}
+        lacking = [name for name, values in self._columns.items() if not np.isfinite(values).all()]
+        if lacking:
+            raise InputError(
+                "An input has no number in some rows.", where=self.kind, got=", ".join(lacking),
+                next_step="Fill the rows in or take them out: nothing is invented for an input.",
+            )  # fmt: skip
+        _ = self.parts
+
+    def entry(self, part: Trajectory) -> dict[str, Any]:
+        """What a case file says of such a file beside its name."""
+        return {**super().entry(part), **self._entries}
+
+
+class Measured(_Named):
+    """Measured outputs of a model in memory: ``Measured(t, T=...)``.
+
+    Args:
+        time: (N,) instants in s, on the clock of the inputs; or a DataFrame, as of :class:`Inputs`.
+        table: mapping or DataFrame of columns (N,) by the names of the outputs; not a number (NaN) is no sample.
+        std: known standard deviation of the noise, for all signals or by name; estimated by default.
+        units: of the numbers, for all signals or by name; by default those of the model.
+        signals: (N,) by the name of the output.
+
+    Raises:
+        InputError: the shapes do not belong together, or the time does not increase.
+    """
+
+    kind = "Measured"
+
+    def __init__(
+        self, time: Any, table: Any = None, *, std: Mapping[str, float] | float | None = None,
+        units: Mapping[str, str] | str = NO_UNITS, **signals: Any,
+    ) -> None:  # fmt: skip
+        super().__init__(time, table, units, signals)
+        self._std = dict(std) if isinstance(std, Mapping) else {} if std is None else dict.fromkeys(self._columns, std)
+        _ = self.parts
+
+    def entry(self, part: Trajectory) -> dict[str, Any]:
+        """What a case file says of such a file beside its name."""
+        own = {name: float(self._std[name]) for name in part.names if name in self._std}
+        return {**super().entry(part), **({"std": own} if own else {})}
+
+
+def _clock_of(frame: Any) -> tuple[Any, Any]:
+    """The instants of a table of columns, and the table without them."""
+    for name in frame.columns:
+        if str(name) == "t" or str(name).lower() == "time":
+            return frame[name], frame.drop(columns=name)
+    return frame.index, frame
+
+
+def _names_of(table: Any) -> list[Any]:
+    return list(table.columns) if hasattr(table, "columns") else list(table)
+
+
+def _one_column(values: Any, name: str, time: Array, kind: str) -> Array:
+    found = _numbers(values, f"{kind}: {name}")
+    if found.shape != time.shape or time.ndim != 1:
+        raise InputError(
+            "A signal does not have one number for each instant.", where=f"{kind}: {name}",
+            got=f"{found.shape}, and {time.shape} instants", valid="(N,) and (N,)",
+            next_step="Give as many numbers as the time has, one signal an array.",
+        )  # fmt: skip
+    return found
 
 
 def _signals(kind: str, time: Any, parts: Mapping[str, tuple[str, Any]]) -> Trajectory:

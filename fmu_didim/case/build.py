@@ -20,8 +20,8 @@ from fmu_didim.case.calibration.experiment import (
     model_system,
     read_calibration,
 )
-from fmu_didim.case.calibration.model import at_once, model_component
-from fmu_didim.case.changes import CaseChanges, CaseObjects, changes_by, merged
+from fmu_didim.case.calibration.model import model_component
+from fmu_didim.case.changes import CaseChanges, CaseParts, changes_by, merged
 from fmu_didim.case.document import MODEL, CaseDocument, make_estimator, read_case
 from fmu_didim.case.experiment import read_experiment
 from fmu_didim.case.free import free_parameters, prior
@@ -139,7 +139,10 @@ class Case:
         for name in signals:
             if name not in self.document.files:
                 raise UnknownNameError("file in the case", name, self.document.files, where=self.name)
-        changed = replace(self, memory=self.memory | Memory(signals))
+        memory = self.memory | Memory(signals)
+        changed = replace(self, memory=memory)
+        if self.data is not None:
+            changed = replace(changed, data=read_calibration(self.document, self.folder, self.plant, memory.signals))
         if "model" in self.__dict__:
             _ = changed.model  # errors are found now
         return changed
@@ -161,7 +164,7 @@ class Case:
         if label not in runs:
             raise UnknownNameError("experiment", label, runs, where=self.name)
         if self.data is not None:
-            return self.data.reference(label, at_once(self.plant))
+            return self.data.reference(label)
         return read_motion(
             runs[label], self.folder, step=self.step_size, torque_units=self.parameters.torque_units,
             needed=self.needed, signals=self.signals,
@@ -170,7 +173,8 @@ class Case:
     def system(self, reference: Trajectory, *, at_instants: bool = False) -> System:
         """The loop of the case along a reference, whose rows are the instants of the controller or a period apart."""
         if self.data is not None:
-            own = model_system(self.plant, reference, self.step_size, at_instants=self.data.at_instants)
+            data = self.data
+            own = model_system(self.plant, reference, self.step_size, at_instants=data.at_instants, ramps=data.ramps)
             return with_reading(own, self.document)
         system = self.base
         if system is None:
@@ -213,7 +217,7 @@ class Case:
         if self.data is None:
             return None if self.document.torque_std is None else np.array(self.document.torque_std)
         outputs = self.data.runs[next(iter(experiments))].outputs
-        stated = [outputs[name].deviation for name in self.data.together]
+        stated = [outputs[name].errors.stated for name in self.data.together]
         return None if None in stated else np.array(stated)
 
 
@@ -247,7 +251,7 @@ def load_case(
 
 def case_of(
     case: Case | Path | str | Mapping[str, Any] | None,
-    objects: CaseObjects,
+    objects: CaseParts,
     *,
     require_torque: bool = True,
 ) -> Case:
@@ -388,7 +392,15 @@ def _of_a_model(case: Case, data: CalibrationData) -> LoopModel:
     for label in data.runs:
         reference = case.reference(label)
         experiments[label] = calibration_experiment(data, label, case.system(reference), reference)
-    return case.model_on(experiments)
+    model = case.model_on(experiments)
+    samples, values = int(model.output_counts.sum()), model.start.size
+    if samples <= values:
+        raise InputError(
+            "There are no more samples than values to be identified.", where="measured",
+            got=f"{samples} samples in all fitted experiments, {values} values", valid=f"{values + 1} samples or more",
+            next_step="Give further samples or outputs, or take parameters out of identify:.",
+        )  # fmt: skip
+    return model
 
 
 def _with_channels(case: Case, label: str, experiment: Experiment) -> Experiment:

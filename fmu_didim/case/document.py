@@ -28,6 +28,7 @@ from fmu_didim.case.sources import (
 )
 from fmu_didim.cosim.system import REFERENCE
 from fmu_didim.estimators import ESTIMATORS, Estimator
+from fmu_didim.estimators.search.options import Search
 from fmu_didim.model.free_parameter import BASE, DELAY, LOG, PLANT
 
 DEFAULT_ESTIMATOR = "didim"
@@ -38,7 +39,7 @@ MODEL = "model"
 """Name of a ``model:`` among the components of its system."""
 BESIDE_A_MODEL = frozenset({
     "schema_version", "name", "description", "model", "inputs", "measured", "identify", "loop", "experiments", "train",
-    "validation", "estimator", "acknowledged",
+    "validation", "estimator", "search", "profile", "acknowledged",
 })  # fmt: skip
 """Entries of a case with a ``model:``; the others are about robots and their loops."""
 OF_A_ROBOT = ("reference", "torque", "positions", "instants")
@@ -88,6 +89,9 @@ class CaseDocument(Strict):
         train, validation: the short form for two of them, with the labels ``estimation`` and ``validation``; cross
             validation is optional.
         estimator: ``{kind: didim, ...}`` with the options of that estimator; without ``kind`` those of ``didim``.
+        search: where one start is not enough: local fits from many starts, or a global search, inside the bounds
+            (``minimum``, ``maximum``) of the parameters.
+        profile: ``true``, or names of parameters: their intervals by the profile of the misfit, too.
         torque_std: known standard deviation of the torque noise, one a joint.
         joint_weights: ``estimated`` or ``equal``.
         low_pass: optional filter.
@@ -114,6 +118,8 @@ class CaseDocument(Strict):
     train: ExperimentSource | None = None
     validation: ExperimentSource | None = None
     estimator: Mapping[str, Any] = Field(default_factory=dict)
+    search: Search | None = None
+    profile: bool | tuple[str, ...] = False
     torque_std: tuple[Positive, ...] | None = None
     joint_weights: Literal["estimated", "equal"] = "estimated"
     low_pass: LowPassSource | None = None
@@ -299,10 +305,18 @@ class CaseDocument(Strict):
     @classmethod
     def _known_estimator(cls, value: Mapping[str, Any], info: ValidationInfo) -> Mapping[str, Any]:
         of_model = info.data.get("model") is not None
-        found = make_estimator({"kind": MODEL_ESTIMATOR if of_model else DEFAULT_ESTIMATOR, **value})
+        value = {"kind": MODEL_ESTIMATOR if of_model else DEFAULT_ESTIMATOR, **value}
+        found = make_estimator(value)
         if of_model and not found.fits_outputs:
             raise ValueError(f"{found.name} is for robots, whose torque it fits; a model: takes {MODEL_ESTIMATOR}")
         return value
+
+    @property
+    def profiled(self) -> tuple[str, ...] | None:
+        """Names of the parameters whose profiles are asked for, none for all of them; None where none are asked for."""
+        if isinstance(self.profile, bool):
+            return () if self.profile else None
+        return self.profile or None
 
     @property
     def estimator_options(self) -> dict[str, Any]:

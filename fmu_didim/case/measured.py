@@ -18,22 +18,33 @@ from fmu_didim.data.signals import Array, Trajectory, Variable
 from fmu_didim.data.tables import Column
 from fmu_didim.data.tables.table import split_unit
 from fmu_didim.model.channel import Channel
+from fmu_didim.model.error_model import ErrorModel
 
 FEWEST = 20
-"""[samples] Of a channel: fewer show neither noise nor its colour."""
+"""[samples] Of a channel beside a torque: fewer show neither noise nor its colour."""
+FEWEST_ESTIMATED = 5
+"""[samples] Of an output of a model whose noise is estimated: fewer do not show it within a third, white as it counts
+there. Samples of a culture are taken by hand, ten in a day."""
+FEWEST_STATED = 2
+"""[samples] Of one whose noise is stated: a rate needs two."""
 
 
 @dataclass(frozen=True, eq=False)
 class Samples:
-    """What was measured of an output: (N,) instants in s and values in a unit, and the standard deviation of its noise
-    that the case states; ``where``: the file, for messages."""
+    """What was measured of an output: (N,) instants in s and values in a unit, and the error model of its noise that
+    the case states; ``where``: the file, for messages."""
 
     name: str
     time: Array
     values: Array
     unit: str
-    deviation: float | None
+    errors: ErrorModel
     where: str
+
+    @property
+    def scale(self) -> Array | None:
+        """(N,) scales of its samples before anything is simulated; None where all are alike."""
+        return None if self.errors.is_plain else self.errors.scale(self.values)
 
 
 def read_measured(
@@ -68,13 +79,16 @@ def read_measured(
                     "Two files show the same signal.", where=where, got=name, next_step="Give one of them."
                 )
             times, values = _part(read.signals, name, file, source)
-            if times.size < FEWEST:
+            errors = file.error_model(name)
+            fewest = (FEWEST_ESTIMATED if errors.stated is None else FEWEST_STATED) if is_any else FEWEST
+            if times.size < fewest:
                 raise InputError(
                     "There are too few samples.", where=where, got=f"{times.size} of {name}",
-                    valid=f"{FEWEST} or more",
-                    next_step="Give a log with more samples, or more of its time by from_s and to_s.",
+                    valid=f"{fewest} or more",
+                    next_step="State its noise (std:), or give more of it." if is_any and errors.stated is None else
+                    "Give a log with more samples, or more of its time by from_s and to_s.",
                 )  # fmt: skip
-            found[name] = Samples(name, times, values, outputs[name].unit, file.std.get(name), where)
+            found[name] = Samples(name, times, values, outputs[name].unit, errors, where)
             told += read.told
     return found, tuple(dict.fromkeys(told))
 
@@ -168,7 +182,8 @@ def channel_of(one: Samples, reference: Trajectory, system: System, plant: str) 
     # A sample in the last period follows from the last tick.
     operator = output_operator(np.clip(times, start, end), reference, system)
     signal = measured_output(system, f"{plant}.{one.name}")
-    return Channel(one.name, signal, one.unit, times, one.values, operator, one.deviation)
+    errors, scale = one.errors, one.scale
+    return Channel(one.name, signal, one.unit, times, one.values, operator, errors.stated, errors, scale)
 
 
 def output_operator(times: Array, reference: Trajectory, system: System) -> SampleOperator:

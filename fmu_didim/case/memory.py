@@ -23,7 +23,7 @@ import numpy as np
 from fmu_didim.base.documents import validate
 from fmu_didim.base.errors import InputError
 from fmu_didim.base.imports import is_reference
-from fmu_didim.case.arrays import Log, Reference
+from fmu_didim.case.arrays import Inputs, Log, Measured, Reference
 from fmu_didim.components import Component, is_control
 from fmu_didim.data.excitation import Excitation
 from fmu_didim.data.signals import Trajectory
@@ -109,8 +109,10 @@ class _Named:
         for key, value in given.items():
             if key == "robot":
                 found[key] = self._robot(value)
-            elif key in ("plant", "controller"):
+            elif key in ("plant", "controller", "model"):
                 found[key] = self._part(value, key)
+            elif key in ("inputs", "measured"):
+                found[key] = self._recorded(value, f"{key} of estimation", Inputs if key == "inputs" else Measured)
             elif key == "components" and isinstance(value, Mapping):
                 found[key] = {name: self._part(part, name) for name, part in value.items()}
             elif key in RUNS:
@@ -143,7 +145,8 @@ class _Named:
             raise InputError(
                 "This is nothing that runs in the loop.", where=name, got=type(source).__name__,
                 valid="a path, a component (load_fmu), a python-control system, a block (read_controller), a function",
-                next_step="A control law is a function of q_ref, dq_ref, q, dq that returns the (n,) commands.",
+                next_step="Give the path of an FMU or a .mo file." if name == "model" else
+                "A control law is a function of q_ref, dq_ref, q, dq that returns the (n,) commands.",
             )  # fmt: skip
         self.objects[f"<{name}>"] = source
         return Whole({"kind": "control", **rest, "source": f"<{name}>"})
@@ -157,9 +160,43 @@ class _Named:
         for key, kinds in (("reference", Reference), ("torque", Log), ("positions", Reference)):
             if key in found:
                 found[key] = self._signals(found[key], f"{key} of {label}", kinds)
+        for key, kind in (("inputs", Inputs), ("measured", Measured)):
+            if key in found:
+                found[key] = self._recorded(found[key], f"{key} of {label}", kind)
         if "instants" in found:
             found["instants"] = self._instants(found["instants"], f"instants of {label}")
         return found
+
+    def _recorded(self, value: Any, what: str, kind: type[Inputs] | type[Measured]) -> Any:
+        """The entry of inputs or of what was measured of a model: the object alone, a mapping with it as ``file``, or a
+        list of them."""
+        if isinstance(value, list | tuple):
+            parts = [self._recorded(each, f"{what}, {i}", kind) for i, each in enumerate(value, 1)]
+            return [one for part in parts for one in (part if isinstance(part, list) else [part])]
+        rest = dict(value) if isinstance(value, Mapping) else {}
+        source = rest.pop("file", None) if isinstance(value, Mapping) else value
+        if isinstance(source, Path):
+            return {"file": str(source), **rest}
+        if source is None or isinstance(source, str):
+            return value
+        if isinstance(source, Trajectory):
+            self.signals[f"<{what}>"] = source
+            return InMemory({"file": f"<{what}>", **rest})
+        if hasattr(source, "columns") and hasattr(source, "index"):  # a DataFrame
+            source = kind(source)
+        if not isinstance(source, kind):
+            own = "Inputs(t, NAME=...)" if kind is Inputs else "Measured(t, NAME=...)"
+            raise InputError(
+                f"These are no {'inputs' if kind is Inputs else 'measurements'} of a model.", where=what,
+                got=type(source).__name__, valid=f"{own}, a Trajectory or a path",
+                next_step="Make one from your arrays or your DataFrame, or give the path of a file.",
+            )  # fmt: skip
+        made = []
+        for i, part in enumerate(source.parts):
+            name = f"<{what}>" if i == 0 else f"<{what}, part {i + 1}>"
+            self.signals[name] = replace(part, source=name)
+            made.append(InMemory({"file": name, **source.entry(part), **rest}))
+        return made[0] if len(made) == 1 else made
 
     def _instants(self, value: Any, what: str) -> Any:
         """The entry of the instants of a controller, which may be an array (N,) or the log of the loop itself."""
@@ -206,13 +243,14 @@ class _Named:
 
 
 def pair(values: Sequence[Any], label: str) -> dict[str, Any]:
-    """The entry of an experiment from its log and its reference, in any order."""
-    keys = {Log: "torque", Reference: "reference"}
+    """The entry of an experiment from its log and its reference, or its inputs and what was measured, in any order."""
+    keys = {Log: "torque", Reference: "reference", Inputs: "inputs", Measured: "measured"}
     found = {keys[type(value)]: value for value in values if type(value) in keys}
-    if len(found) != len(values) or len(values) > len(keys):
+    if len(found) != len(values) or ({"torque", "reference"} & set(found) and {"inputs", "measured"} & set(found)):
         raise InputError(
-            "An experiment is a log and a reference.", where=label,
-            got=", ".join(type(value).__name__ for value in values), valid="(Log(t, tau), Reference(t, q))",
+            "An experiment is a log and a reference; of a model its inputs and what was measured.", where=label,
+            got=", ".join(type(value).__name__ for value in values),
+            valid="(Log(t, tau), Reference(t, q)) or (Inputs(t, u=...), Measured(t, y=...))",
             next_step="Give both for each experiment, in this order.",
         )  # fmt: skip
     return found

@@ -28,6 +28,7 @@ from fmu_didim.components import (
 from fmu_didim.components.compiled_model import with_compiled_twin
 from fmu_didim.components.fmu.description import MODEL_EXCHANGE
 from fmu_didim.components.parameter_names import name_parameters
+from fmu_didim.components.variable_names import unknown_parameter
 from fmu_didim.controllers import read_controller
 from fmu_didim.dynamics.base_parameters import base_parameters
 from fmu_didim.dynamics.block import Block
@@ -61,6 +62,8 @@ def identified(
     plant_names, ranges = [], []
     for name, entry in chosen.items():
         plant_names.append(entry.parameter or name)
+        if plant_names[-1] not in offered and document.model is not None:
+            raise unknown_parameter(plant, plant_names[-1], where=f"identify.{name}")
         if plant_names[-1] not in offered:
             raise UnknownNameError("parameter of the plant", plant_names[-1], offered, where=f"identify.{name}")
         ranges.append(entry.start_and_limits(name, offered[plant_names[-1]].start))
@@ -101,12 +104,14 @@ def component_of(
     *,
     objects: Mapping[str, Any] = NO_OBJECTS,
     joint_count: int = 0,
+    si_units: bool = True,
 ) -> Component:
     """The component of a source.
 
     Args:
         make_block: from the path of a description, or None, to its block.
         objects: what sources in memory are; joint_count: n, for a control law among them.
+        si_units: whether an FMU shows SI units; else its own.
 
     Raises:
         InputError, FmuError, BuildError: the source does not fit its kind, or cannot be read.
@@ -120,7 +125,7 @@ def component_of(
                 "An .fmu file is of the kind fmu.", got=source.kind, where=named,
                 next_step="Leave kind: out, or give kind: fmu.",
             )  # fmt: skip
-        component = _fmu(folder / named, source)
+        component = _fmu(folder / named, source, si_units=si_units)
     elif named is not None and named.endswith(".mo"):
         if source.kind != "fmu":
             raise InputError(
@@ -128,7 +133,7 @@ def component_of(
                 next_step="Leave kind: out, or give kind: fmu.",
             )  # fmt: skip
         in_exchange = source.model_copy(update={"interface": source.interface or MODEL_EXCHANGE})
-        component = _fmu(build_modelica(folder / named, model=source.model), in_exchange)
+        component = _fmu(build_modelica(folder / named, model=source.model), in_exchange, si_units=si_units)
     elif named is not None and ":" in named:
         if source.kind != "control":
             raise InputError(
@@ -161,11 +166,11 @@ def _of_object(found: Any, named: str, source: ComponentSource, joint_count: int
     return wrap_control(found, origin=named, initial_state=source.initial_state, substeps=source.substeps)
 
 
-def _fmu(path: Path, source: ComponentSource) -> FmuComponent:
+def _fmu(path: Path, source: ComponentSource, *, si_units: bool = True) -> FmuComponent:
     return load_fmu(
         path, interface=source.interface, solver=source.solver, substeps=source.substeps, isolated=source.isolated,
         time_limit_s=source.time_limit_s, rerun=source.rerun, event_mode=source.event_mode,
-        tolerance=source.tolerance,
+        tolerance=source.tolerance, si_units=si_units,
     )  # fmt: skip
 
 

@@ -15,6 +15,7 @@ from fmu_didim.cosim.system import LoopTreatment
 from fmu_didim.data.excitation import AnyExcitation
 from fmu_didim.data.tables import Column, CsvLayout, TimeColumn
 from fmu_didim.export.versions import DEFAULT_VERSION, VERSIONS
+from fmu_didim.model.error_model import ErrorModel
 from fmu_didim.model.experiment import Role
 
 
@@ -238,6 +239,11 @@ class TorqueFile(SignalFile):
     outliers: Literal["keep", "leave_out"] = "keep"
 
 
+OF_NOISE = ("std", "relative_std", "log_normal", "robust")
+"""Keys of a measured file that say how the noise of a signal is distributed, which may stand with its column."""
+Freedom = Annotated[float, Field(ge=1)]
+
+
 class MeasuredFile(SignalFile):
     """What was measured beside the torque and is fitted with it by ``identify`` and ``discover``, or outputs of a
     ``model:``, at instants of their own: a cell that is empty is no sample. Written short as the path alone.
@@ -248,12 +254,22 @@ class MeasuredFile(SignalFile):
             a driver computes from positions are no second measurement of them.
         std: known standard deviation of the noise of a signal, in its SI unit or in that of the variable of a
             ``model:``; estimated from the residual by default. Also written with the column: ``{unit: K, std: 0.1}``.
+        relative_std: of a ``model:``: standard deviation of the noise as a part of the value; with ``std``, which is
+            that at zero, both: s^2 = std^2 + (relative_std y)^2 with the simulated y. Also written with the column.
+        log_normal: of a ``model:``: ``true`` where the noise is normal in logarithms, so that these are fitted; ``std``
+            then is theirs. Also written with the column.
+        robust: of a ``model:``: ``true`` where some samples are far off: noise of Student's t, whose degrees of freedom
+            are estimated, or stated by a number; ``std`` then is its scale, that of ordinary samples. Also written with
+            the column.
         rate_hz: use samples at this rate at most, each as the file has it; all by default.
         offset_s: added to the time of the file, to bring it on the clock of the reference.
     """
 
     signals: tuple[str, ...] = ()
     std: Mapping[str, Positive] = Field(default_factory=dict)
+    relative_std: Mapping[str, Positive] = Field(default_factory=dict)
+    log_normal: Mapping[str, bool] = Field(default_factory=dict)
+    robust: Mapping[str, bool | Freedom] = Field(default_factory=dict)
     rate_hz: Positive | None = None
     offset_s: float = 0.0
 
@@ -265,19 +281,38 @@ class MeasuredFile(SignalFile):
         columns = value.get("columns") if isinstance(value, Mapping) else None
         if not isinstance(columns, Mapping):
             return value
-        own = {k: v["std"] for k, v in columns.items() if isinstance(v, Mapping) and "std" in v}
-        if not own:
-            return value
-        plain = {k: {x: y for x, y in v.items() if x != "std"} if k in own else v for k, v in columns.items()}
-        return {**value, "columns": plain, "std": {**own, **(value.get("std") or {})}}
+        found = dict[str, Any]()
+        for key in OF_NOISE:
+            own = {k: v[key] for k, v in columns.items() if isinstance(v, Mapping) and key in v}
+            if own:
+                found[key] = {**own, **(value.get(key) or {})}
+        plain = {
+            k: {x: y for x, y in v.items() if x not in OF_NOISE} if isinstance(v, Mapping) else v
+            for k, v in columns.items()
+        }
+        return {**value, "columns": plain, **found} if found else value
 
     @model_validator(mode="after")
     def _of_its_signals(self) -> MeasuredFile:
         named = self.signals or tuple(self.columns)
-        absent = [name for name in self.std if named and name not in named]
-        if absent:
-            raise ValueError(f"std: names {', '.join(absent)}, which is not among the signals {', '.join(named)}")
+        for key in OF_NOISE:
+            absent = [name for name in getattr(self, key) if named and name not in named]
+            if absent:
+                raise ValueError(f"{key}: names {', '.join(absent)}, which is not among the signals {', '.join(named)}")
+        if both := [name for name, wanted in self.log_normal.items() if wanted and name in self.relative_std]:
+            raise ValueError(
+                f"{', '.join(both)}: give log_normal or relative_std, not both: noise of logarithms is relative as it "
+                "is (std: is its deviation)"
+            )
         return self
+
+    def error_model(self, name: str) -> ErrorModel:
+        """The error model of a signal."""
+        robust = self.robust.get(name, False)
+        return ErrorModel(
+            self.std.get(name), self.relative_std.get(name), self.log_normal.get(name, False), robust is not False,
+            None if isinstance(robust, bool) else robust,
+        )  # fmt: skip
 
 
 def one_or_several(value: Any, handler: Any) -> Any:

@@ -75,6 +75,12 @@ def channel_diagnostics(estimate: Estimate) -> list[Diagnostic]:
     return [*_disagreement(joint, estimate), *_beyond_noise(joint), *_off(estimate), *_coloured(joint, is_open)]
 
 
+def noise_diagnostics(estimate: Estimate) -> list[Diagnostic]:
+    """What further outputs of a model leave, beside the noise that the case states for them."""
+    joint = estimate.joint
+    return [] if joint is None else [*_beyond_noise(joint), *_coloured(joint, is_open=False)]
+
+
 def _coloured(joint: JointFit, is_open: bool) -> list[Diagnostic]:
     """Residuals that are not white; in an open loop nothing else shows that the model is wrong."""
     code = MOTION_UNEXPLAINED if is_open else CHANNEL_COLOURED

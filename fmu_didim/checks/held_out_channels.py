@@ -48,7 +48,8 @@ def held_out_channel_diagnostics(
     Args:
         fitted: channels of each fitted experiment, by name; held: label -> those of each held-out one.
     """
-    names, outputs = model.experiments.channels, model.joint_count + len(model.experiments.channels)
+    names = (*model.loop.output_names, *model.experiments.channels)
+    outputs = model.joint_count + len(model.experiments.channels)
     before = {
         name: _residual([channels[name] for channels in fitted if name in channels])
         for name in names if any(name in channels for channels in fitted)
@@ -73,17 +74,30 @@ class _Uncertain:
     covariance: Array
     label: str
 
+    def size(self, channel: ChannelValidation) -> str:
+        """The error of a channel, beside what it moves."""
+        return _size(channel, "its motion" if self.model.loop.shows_torque else "what it moves")
+
     @cached_property
     def by_name(self) -> dict[str, float]:
         """Of each channel; zero where the experiment cannot be simulated near the values."""
         alone = self.model.on(self.label)
-        experiments, names = alone.experiments, alone.experiments.channels
+        experiments, names = alone.experiments, (*alone.loop.output_names, *alone.experiments.channels)
         try:
             table = sensitivity(alone, alone.start, alone.outputs(alone.start))
         except SimulationError:
             return dict.fromkeys(names, 0.0)
-        columns = experiments.channels_of(self.label, table)
+        own = experiments[self.label]
+        log = table[own.row_of(own.time)] if experiments.channels else table
+        columns = {name: log[:, j] for j, name in enumerate(alone.loop.output_names)}
+        columns |= experiments.channels_of(self.label, table)
         return {name: float(np.einsum("kp,pq,kq->", c, self.covariance, c) / c.shape[0]) for name, c in columns.items()}
+
+
+def _size(channel: ChannelValidation, moves: str) -> str:
+    percent = channel.relative_error_percent
+    of_motion = "" if not np.isfinite(percent) else f" ({percent:.2g} % of {moves})"
+    return f"{channel.rms:.2g} {channel.unit}{of_motion}"
 
 
 def _residual(channels: Sequence[ChannelValidation]) -> Residual:
@@ -106,8 +120,8 @@ def _against_fit(
         return []
     ratio = float(np.sqrt(held.variance[0] / fitted.variance[0]))
     text = (
-        f"The error of {name} is {_size(channel)} against {np.sqrt(fitted.variance[0]):.2g} {channel.unit} in the fit, "
-        f"{ratio:.3g} times as large{_as_a_sensor(channel)}."
+        f"The error of {name} is {uncertain.size(channel)} against {np.sqrt(fitted.variance[0]):.2g} {channel.unit} in "
+        f"the fit, {ratio:.3g} times as large{_as_a_sensor(channel)}."
     )
     return [Diagnostic(WORSE_HELD_OUT, text, f"{uncertain.label}: {name}", ratio, HELD_OUT_RATIO, "1")]
 
@@ -115,21 +129,15 @@ def _against_fit(
 def _against_noise(channel: ChannelValidation, uncertain: _Uncertain, name: str) -> list[Diagnostic]:
     place, bound = f"{uncertain.label}: {name}", channel.deviation
     if bound is None:
-        text = f"The error of {name} is {_size(channel)}{_as_a_sensor(channel)}; its noise is not stated."
+        text = f"The error of {name} is {uncertain.size(channel)}{_as_a_sensor(channel)}; its noise is not stated."
         return [Diagnostic(NOT_JUDGED, text, place, channel.rms, unit=channel.unit)]
     if channel.rms <= LARGER * bound or channel.rms <= LARGER * np.sqrt(bound**2 + uncertain.by_name[name]):
         return []
     text = (
-        f"The error of {name}, which was not fitted, is {_size(channel)}, {channel.rms / bound:.1f} times the stated "
-        f"noise{_as_a_sensor(channel)}."
+        f"The error of {name}, which was not fitted, is {uncertain.size(channel)}, {channel.rms / bound:.1f} times the "
+        f"stated noise{_as_a_sensor(channel)}."
     )
     return [Diagnostic(CHANNEL_NOISE, text, place, channel.rms, bound, channel.unit)]
-
-
-def _size(channel: ChannelValidation) -> str:
-    percent = channel.relative_error_percent
-    of_motion = "" if not np.isfinite(percent) else f" ({percent:.2g} % of its motion)"
-    return f"{channel.rms:.2g} {channel.unit}{of_motion}"
 
 
 def _as_a_sensor(channel: ChannelValidation) -> str:

@@ -12,11 +12,16 @@ from fmu_didim.base.errors import UnknownNameError
 from fmu_didim.checks.agreement import AgreementResult, agreement
 from fmu_didim.checks.channels import channel_diagnostics
 from fmu_didim.checks.data.checks import confirmed
+from fmu_didim.checks.exploration.one_start import one_start_diagnostics
+from fmu_didim.checks.exploration.profiles import profile_diagnostics
+from fmu_didim.checks.exploration.search import search_diagnostics
 from fmu_didim.checks.held_out import WORSE_HELD_OUT, Residual, held_out_diagnostics, not_simulated
 from fmu_didim.checks.held_out_channels import held_out_channel_diagnostics
 from fmu_didim.checks.judgement import Judgement, judgement
 from fmu_didim.checks.motion.dependence import DEPENDS_ON_MOTION, dependence_of_fit, motion_diagnostics
 from fmu_didim.checks.motion.periods import repetition_diagnostics, repetition_of_fit
+from fmu_didim.checks.outputs.judged import output_diagnostics
+from fmu_didim.checks.outputs.words import of_a_model
 from fmu_didim.checks.physical import physical_diagnostics
 from fmu_didim.checks.plant.unidentified import unidentified_diagnostics
 from fmu_didim.checks.power.statement import PowerResult, power_of_fit
@@ -146,6 +151,8 @@ def checked(estimate: Estimate, validations: Sequence[Validation], *, before: It
     """
     model = estimate.model
     held = [v for v in validations if v.role == "validation"]
+    if not model.loop.shows_torque:
+        return _of_outputs(estimate, validations, before)
     if model.loop.torque_is_given:
         return _of_motion(estimate, validations, before)
     tests = residual_tests(estimate)
@@ -173,12 +180,10 @@ def checked(estimate: Estimate, validations: Sequence[Validation], *, before: It
     found += of_any_output(estimate)
     if estimate.fit is not None and MISFITS & {d.code for d in found}:
         found += unidentified_diagnostics(estimate.fit)
-    found += [
-        Diagnostic(OTHER_MINIMUM, f"{name} = {value:.4g} explains the log nearly as well.", name, value)
-        for name, value in estimate.rivals
-    ]
+    found += rival_diagnostics(estimate)
     judged = judgement(found, settled=estimate.status is Status.CONVERGED)
-    power = power_of_fit(estimate.fit) if judged.verdict == "valid" and estimate.fit is not None else None
+    fit = estimate.fit if model.loop.shows_torque else None
+    power = power_of_fit(fit) if judged.verdict == "valid" and fit is not None else None
     return Checks(judged, tests, agreements, power)
 
 
@@ -187,13 +192,27 @@ def of_any_output(estimate: Estimate) -> list[Diagnostic]:
     torque, and a prior."""
     model = estimate.model
     asked = model if estimate.unlimited is None else model.with_values(estimate.unlimited)
-    found = [*physical_diagnostics(asked, estimate.covariance)]
-    shift = float(np.max(estimate.integration_shift))
-    if shift > VISIBLE_SHIFT:
-        text = f"Twice the substeps of the plant would still move a value by {shift:.2g} of its standard deviation."
-        found.append(Diagnostic(TOO_COARSE, text, value=shift, bound=VISIBLE_SHIFT, unit="standard deviations"))
+    found = [*physical_diagnostics(asked, estimate.covariance), *coarse_diagnostics(estimate)]
     return [*found, *roughness_diagnostics(estimate.roughness, model), *channel_diagnostics(estimate),
-            *prior_diagnostics(estimate)]  # fmt: skip
+            *prior_diagnostics(estimate), *search_diagnostics(estimate), *profile_diagnostics(estimate)]  # fmt: skip
+
+
+def coarse_diagnostics(estimate: Estimate) -> list[Diagnostic]:
+    """Integration steps that a value still depends on."""
+    shift = float(np.max(estimate.integration_shift))
+    if not shift > VISIBLE_SHIFT:
+        return []
+    whole = estimate.model.loop.whole
+    text = f"Twice the substeps of the {whole} would still move a value by {shift:.2g} of its standard deviation."
+    return [Diagnostic(TOO_COARSE, text, value=shift, bound=VISIBLE_SHIFT, unit="standard deviations")]
+
+
+def rival_diagnostics(estimate: Estimate) -> list[Diagnostic]:
+    """Other minima that explain the data nearly as well."""
+    return [
+        Diagnostic(OTHER_MINIMUM, f"{name} = {value:.4g} explains the log nearly as well.", name, value)
+        for name, value in estimate.rivals
+    ]
 
 
 def held_out_channels(estimate: Estimate, validations: Sequence[Validation]) -> list[Diagnostic]:
@@ -212,6 +231,19 @@ def _of_motion(estimate: Estimate, validations: Sequence[Validation], before: It
         Diagnostic(TORQUE_GIVEN, "The loop is open: the torque is given, and its error says nothing.", "connections"),
     ]  # fmt: skip
     return Checks(judgement(found, settled=estimate.status is Status.CONVERGED), (), {})
+
+
+def _of_outputs(estimate: Estimate, validations: Sequence[Validation], before: Iterable[Diagnostic]) -> Checks:
+    """The checks of a model without controller."""
+    tests = residual_tests(estimate)
+    agreements = {} if estimate.fit is None else agreement(estimate.fit)
+    found = [
+        *output_diagnostics(estimate, validations, tests, before), *limit_diagnostics(estimate),
+        *agreement_diagnostics(agreements), *coarse_diagnostics(estimate),
+        *roughness_diagnostics(estimate.roughness, estimate.model), *rival_diagnostics(estimate),
+        *one_start_diagnostics(estimate, tests), *search_diagnostics(estimate), *profile_diagnostics(estimate),
+    ]  # fmt: skip
+    return Checks(judgement(of_a_model(found), settled=estimate.status is Status.CONVERGED), tests, agreements)
 
 
 def _bands(model: LoopModel) -> tuple[float, float]:
@@ -247,8 +279,8 @@ def roughness_diagnostics(rough: Roughness | None, model: LoopModel) -> list[Dia
         found.append(Diagnostic(ROUGH, text, rough.parameter, rough.change, SECOND_STEP, "1"))
     if rough.jitter > JITTER:
         text = (
-            f"When a parameter changes ever so little, the simulated torque jitters by {rough.jitter:.2g} standard "
-            "deviations of its residual: the values scatter by it."
+            f"When a parameter changes ever so little, the simulated {model.loop.quantity} jitters by "
+            f"{rough.jitter:.2g} standard deviations of its residual: the values scatter by it."
         )
         found.append(Diagnostic(ROUGH, text, "", rough.jitter, JITTER, "standard deviations"))
     cause = smoother_after_step(model) if found else ""

@@ -121,11 +121,11 @@ def lack_of_fit(colours: Sequence[Colour], deviation: Array | None, *, stated: b
     return tuple(found)
 
 
-def residual_diagnostics(tests: Sequence[NoiseResult]) -> list[Diagnostic]:
-    """The diagnostics of these tests."""
+def residual_diagnostics(tests: Sequence[NoiseResult], labels: Sequence[str] = ()) -> list[Diagnostic]:
+    """The diagnostics of these tests; ``labels``: of the columns, where they are no joints."""
     found, rates = [], {test.rate_hz for test in tests}
     for test in tests:
-        place = f"joint {test.joint}" + (f", logs at {test.rate_hz:g} Hz" if len(rates) > 1 else "")
+        place = _place(test, labels) + (f", logs at {test.rate_hz:g} Hz" if len(rates) > 1 else "")
         ratio, most, least = test.chi_square_per_sample, test.chi_square_bound, test.chi_square_least
         if test.exceeds_noise:
             text = (
@@ -154,7 +154,18 @@ def residual_diagnostics(tests: Sequence[NoiseResult]) -> list[Diagnostic]:
     return found
 
 
-def slow_diagnostics(tests: Sequence[NoiseResult], motion_hz: float, cutoff_hz: float = np.inf) -> list[Diagnostic]:
+def _place(test: NoiseResult, labels: Sequence[str]) -> str:
+    return labels[test.joint - 1] if labels else f"joint {test.joint}"
+
+
+def slow_diagnostics(
+    tests: Sequence[NoiseResult],
+    motion_hz: float,
+    cutoff_hz: float = np.inf,
+    *,
+    labels: Sequence[str] = (),
+    what: str = "where the motion is",
+) -> list[Diagnostic]:
     """The joints whose residual is as slow as the motion, by the spectrum of its autoregression.
 
         S(f) = 1 / |1 - sum_k a_k exp(-2 pi i f k / rate)|^2
@@ -162,6 +173,7 @@ def slow_diagnostics(tests: Sequence[NoiseResult], motion_hz: float, cutoff_hz: 
     Args:
         motion_hz: highest frequency of the motion; cutoff_hz: of a low-pass of torque and model, above which nothing
             is compared.
+        labels: of the columns, where they are no joints; what: what lies below that frequency.
     """
     found = []
     for test in tests:
@@ -173,10 +185,10 @@ def slow_diagnostics(tests: Sequence[NoiseResult], motion_hz: float, cutoff_hz: 
         share, contrast = slow / (slow + fast), below / above
         if share > SLOW_SHARE and contrast > SLOW_CONTRAST:
             text = (
-                f"{100 * share:.0f} % of the squared residual lies below {motion_hz:.2g} Hz, where the motion is, with "
+                f"{100 * share:.0f} % of the squared residual lies below {motion_hz:.2g} Hz, {what}, with "
                 f"{contrast:.2g} times the density of what lies above."
             )
-            found.append(Diagnostic(RESIDUAL_SLOW, text, f"joint {test.joint}", share, SLOW_SHARE, "1"))
+            found.append(Diagnostic(RESIDUAL_SLOW, text, _place(test, labels), share, SLOW_SHARE, "1"))
     return found
 
 

@@ -13,7 +13,7 @@ from fmu_didim.base.diagnostics import CATALOGUE, REMARK, Diagnostic
 from fmu_didim.base.errors import SimulationError
 from fmu_didim.data.signals import Array, Trajectory
 from fmu_didim.fit.noise.noise import TINY
-from fmu_didim.fit.statistics import relative_error_percent
+from fmu_didim.fit.statistics import error_percent, relative_error_percent
 from fmu_didim.model.experiment import Role
 from fmu_didim.model.loop_model import LoopModel, Simulation
 from fmu_didim.model.simulated_table import motion_at_samples, simulated_table
@@ -81,10 +81,13 @@ class Validation:
     Attributes:
         label: of the experiment; role: whether the parameters were fitted to it.
         time: (N,) s; measured, simulated: (N, n) N.m or N.
-        total_percent, per_joint_percent: 100 |y - y_s| / |y|, (n,) for the joints.
+        total_percent, per_joint_percent: 100 |y - y_s| / |y|, (n,) for the joints; of the outputs of a model in per
+            cent of what they move.
         failure: why the simulation failed, or empty; the values are then NaN.
-        every: simulated torque ``tau<j>`` at every control period; None where the simulation failed.
-        motion: ``q<j>``, ``dq<j>`` -> (N,) simulated motion at the samples, as far as the plant gives it.
+        every: simulated torque ``tau<j>`` at every control period, or outputs of a model and behind them its inputs;
+            None where the simulation failed.
+        motion: ``q<j>``, ``dq<j>`` -> (N,) simulated motion at the samples, as far as the plant gives it; or the inputs
+            of a model.
         channels: name of each signal that was measured beside the torque -> that; empty where the simulation failed.
     """
 
@@ -103,16 +106,17 @@ class Validation:
 
 def validate(model: LoopModel, values: Array, label: str) -> Validation:
     """Simulate an experiment with values (p,) and compare the torques, and what else was measured."""
-    run, measured = model.simulation(values, label), model.experiments.measured_in(label)
+    run, measured = model.simulation(values, label), model.experiments.recorded_in(label)
     every, motion, channels = None, dict[str, Array](), dict[str, ChannelValidation]()
     try:
-        simulated, failure = run.torque(), ""
+        simulated, failure = run.experiment.unscaled(run.torque()), ""
         table = simulated_table(run)
-        every, motion = table.first(model.joint_count), motion_at_samples(run, table)
+        every = table.first(model.joint_count) if model.loop.shows_torque else table
+        motion = motion_at_samples(run, table)
         channels = validated_channels(run)
     except SimulationError as error:
         simulated, failure = np.full_like(measured, np.nan), str(error)
-    total, per_joint = relative_error_percent(measured, simulated)
+    total, per_joint = error_percent(model.loop, measured, simulated)
     return Validation(
         label, run.experiment.role, run.experiment.time, measured, simulated, total, per_joint, failure, every, motion,
         channels,
@@ -174,5 +178,6 @@ def validated_channels(run: Simulation) -> dict[str, ChannelValidation]:
         return {}
     simulated = run.channels()
     return {
-        c.name: ChannelValidation(c.unit, c.time, c.values, simulated[c.name], c.deviation) for c in experiment.channels
+        c.name: ChannelValidation(c.unit, c.time, c.measured, simulated[c.name], c.typical_deviation)
+        for c in experiment.channels
     }

@@ -136,7 +136,7 @@ class Display:
         now = since_start()
         if self._live is None:
             error = iteration.relative_error_percent
-            text = f"torque error {error:7.3f} %" if math.isfinite(error) else "no simulation       "
+            text = f"{iteration.quantity} error {error:7.3f} %" if math.isfinite(error) else "no simulation       "
             change = f", change {iteration.change:.2e}" if math.isfinite(iteration.change) else ""
             note = f"  [{iteration.note}]" if iteration.note else ""
             print(f"{now:6.1f} s  {iteration.stage:>6} {iteration.number}: {text}{change}{note}", flush=True)
@@ -161,7 +161,7 @@ class Display:
         from rich.table import Table
 
         table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
-        for name in ("time", "step", "torque error", "change", ""):
+        for name in ("time", "step", f"{rows[-1][1].quantity} error", "change", ""):
             table.add_column(name, justify="left" if name in ("step", "") else "right")
         for now, it in rows:
             percent = it.relative_error_percent

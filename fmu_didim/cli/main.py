@@ -23,8 +23,9 @@ from fmu_didim.base.terminal import json_shown, printable, quoted, unforeseen
 from fmu_didim.base.version import __version__
 from fmu_didim.cli.campaign import add_campaign
 from fmu_didim.cli.console import CurrentStderr, Display, begin, is_terminal, show, since_start
-from fmu_didim.cli.numbers import not_negative, positive
+from fmu_didim.cli.numbers import at_least_two, not_negative, positive
 from fmu_didim.cli.prepare import add_prepare_verbs
+from fmu_didim.cli.printed_by_fmus import LastLines, kept_apart
 
 if TYPE_CHECKING:
     from fmu_didim.workflow import Discovered, Result
@@ -37,12 +38,12 @@ FIGURES = "write the charts of the page as PNG and SVG, too, for a paper"
 def main(arguments: list[str] | None = None) -> int:
     """Entry point of ``fmu-didim``: 0 success, 1 error or refusal, 2 wrong usage, 3 not settled, 4 doubtful."""
     begin()
-    with printable():
+    with kept_apart() as last_lines, printable():
         typed = sys.argv[1:] if arguments is None else arguments
-        return _run(command_parser().parse_args(typed), typed)
+        return _run(command_parser().parse_args(typed), typed, last_lines)
 
 
-def _run(options: argparse.Namespace, typed: Sequence[str]) -> int:
+def _run(options: argparse.Namespace, typed: Sequence[str], last_lines: LastLines) -> int:
     try:
         with _logged(quiet=getattr(options, "quiet", False)), _code_allowed(not getattr(options, "no_code", False)):
             _check_names(typed)
@@ -58,6 +59,8 @@ def _run(options: argparse.Namespace, typed: Sequence[str]) -> int:
             what, where, step = (getattr(told, name, "") for name in ("what", "where", "next_step"))
             print(json.dumps({"error": what or str(told), "where": where, "next_step": step}, indent=1))
         show(f"\nfmu-didim: {told}", stream=sys.stderr)
+        if printed := last_lines():
+            show("\nThe last lines that FMUs printed:\n" + "\n".join(printed), stream=sys.stderr)
         return EXIT_ERROR
 
 
@@ -122,7 +125,8 @@ def _logged(*, quiet: bool) -> Iterator[None]:
 def command_parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="fmu-didim",
-        description="Identify the dynamic parameters of robots and drives from motor torque alone (DIDIM).",
+        description="Identify the dynamic parameters of robots and drives from motor torque alone (DIDIM),\n"
+        "or those of any FMU from recorded inputs and measured outputs.",
         epilog=_BEGIN,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
@@ -150,6 +154,7 @@ _BEGIN = """begin with an example that ships with the package:
 
 examples:
   fmu-didim init log.csv
+  fmu-didim init house.fmu weather.csv room.csv
   fmu-didim validate case.yaml
   fmu-didim identify case.yaml"""
 _DEBUG = "show the traceback of an error"
@@ -166,15 +171,27 @@ def _add_common(verb: argparse.ArgumentParser, *, code: bool = False) -> None:
 def _add_case_verbs(commands: _Commands) -> None:
     one = _case_verb(commands, "identify", _identify, "identify the parameters of a case")
     one.add_argument("--out", type=Path, metavar="DIR", help="folder for result.json and report.html (results/<case>)")
+    help_ = "intervals of all parameters by the profile of the misfit, too (profile: in the case)"
+    one.add_argument("--profile", action="store_true", default=None, help=help_)
     one.add_argument("--figures", action="store_true", help=FIGURES)
     _add_output(one, "the result")
     checked = _case_verb(commands, "check", _check, "check a case before any long work", optional=True)
     checked.add_argument("--codes", action="store_true", help="print all codes of diagnostics instead")
     checked.add_argument("--json", action="store_true", help="print what was found as JSON")
-    two = _case_verb(commands, "simulate", _simulate, "simulate the closed loop of a case")
-    two.add_argument("--out", type=Path, metavar="FILE.csv", help="table of torque and motion (results/<case>.csv)")
-    two.add_argument("--set", action="append", default=[], metavar="NAME=VALUE", help="value of a base parameter")
-    two.add_argument("--experiment", metavar="LABEL", help="whose reference: estimation (the first), validation, ...")
+    help_ = "which parameters matter between their bounds, too (pip install 'fmu_didim[sensitivity]')"
+    checked.add_argument("--sensitivity", choices=("morris", "sobol"), help=help_)
+    help_ = "of --sensitivity: trajectories of Morris (20), base points of Sobol (64)"
+    checked.add_argument("--samples", type=at_least_two, metavar="N", help=help_)
+    checked.add_argument("--seed", type=not_negative, default=0, metavar="N", help="of --sensitivity (0)")
+    checked.add_argument("--figure", type=Path, metavar="FILE.svg", help="draw --sensitivity, as .svg, .png or .pdf")
+    two = _case_verb(commands, "simulate", _simulate, "simulate the closed loop of a case, or its model")
+    two.add_argument(
+        "--out", type=Path, metavar="FILE.csv", help="table of torque and motion, or outputs (results/<case>.csv)"
+    )
+    two.add_argument(
+        "--set", action="append", default=[], metavar="NAME=VALUE", help="value of a parameter that is identified"
+    )
+    two.add_argument("--experiment", metavar="LABEL", help="whose reference or inputs: estimation (the first), ...")
     help_ = "find, name and add the physical effects that the model lacks"
     found = _case_verb(commands, "discover", _discover, help_, case="the case file; its validation is held out")
     found.add_argument("--out", type=Path, metavar="DIR", help="folder for findings.json and all else (results/<case>)")
@@ -231,9 +248,14 @@ EXAMPLES: Mapping[str, Sequence[str]] = {
     "identify": (
         "fmu-didim identify examples/scara/identify.yaml",
         "fmu-didim identify case.yaml --out results/first --quiet",
+        "fmu-didim identify case.yaml --profile",
         "fmu-didim identify case.yaml --json | jq .parameters",
     ),
-    "check": ("fmu-didim check case.yaml", "fmu-didim check --codes"),
+    "check": (
+        "fmu-didim check case.yaml",
+        "fmu-didim check case.yaml --sensitivity morris --figure effects.svg",
+        "fmu-didim check --codes",
+    ),
     "simulate": (
         "fmu-didim simulate case.yaml --out loop.csv",
         "fmu-didim simulate case.yaml --set Fc1=0.5 --set Fv1=0 --experiment validation",
@@ -301,12 +323,18 @@ def _identify(options: argparse.Namespace) -> int:
         from fmu_didim.case import load_case  # what takes a second to import comes after the first line
         from fmu_didim.workflow import identify
         from fmu_didim.workflow.output.result import OWN_ROBOT_FILE, ROBOT_FILE, result_folder
+        from fmu_didim.workflow.output.values import SSV_FILE, VALUES_FILE
 
         result_folder(out).check()
         case = load_case(options.case)
         display.say(f"Identifying {case.name} ...")
         outcome = identify(
-            case, out=out, figures=options.figures, progress=display.iteration, show=_summary_on(display, options)
+            case,
+            out=out,
+            figures=options.figures,
+            profile=options.profile,
+            progress=display.iteration,
+            show=_summary_on(display, options),
         )
     if options.json:
         print(json_shown(outcome.document.model_dump_json(indent=1, by_alias=True)))
@@ -318,6 +346,8 @@ def _identify(options: argparse.Namespace) -> int:
             print(f"  with those of {label}: {out / OWN_ROBOT_FILE.format(label=label)}")
         if outcome.outside_robot:
             print(f"  not in it, because not of the robot: {', '.join(outcome.outside_robot)}")
+    if outcome.document.outputs and outcome.parameters:
+        print(f"\nThe values, to set in the FMU: {out / SSV_FILE}   as an entry of a case: {out / VALUES_FILE}")
     print(f"\nReport: {out / 'report.html'}   Result: {out / 'result.json'}   ({since_start():.1f} s)")
     return outcome.exit_code
 
@@ -325,16 +355,29 @@ def _identify(options: argparse.Namespace) -> int:
 def _check(options: argparse.Namespace) -> int:
     """Check plant, parameters, data and start of a case; the exit code is 1 where something must be fixed."""
     from fmu_didim.workflow import check
+    from fmu_didim.workflow.output.result_folder import check_writable, write_whole
     from fmu_didim.workflow.reference.codes import codes_text
 
     if options.codes:
         print(codes_text(), end="")
         return 0
+    if options.figure is not None:
+        if options.sensitivity is None or options.figure.suffix not in (".svg", ".png", ".pdf"):
+            raise InputError(
+                "--figure draws what --sensitivity finds.", where="--figure", got=options.figure,
+                valid="a file .svg, .png or .pdf, with --sensitivity",
+                next_step="Add --sensitivity morris, or take it out.",
+            )  # fmt: skip
+        check_writable(options.figure.parent)
     if options.case is None:
         raise InputError("check needs a case.", next_step="fmu-didim check CASE.yaml, or fmu-didim check --codes.")
     with Display(quiet=options.json or not is_terminal(sys.stdout)) as display:
         display.say(f"Checking {options.case} ...")
-        found = check(options.case)
+        found = check(
+            options.case, sensitivity=options.sensitivity, samples=options.samples, seed=options.seed, say=display.say
+        )  # fmt: skip
+    if options.figure is not None:
+        write_whole(options.figure, partial(found.plot().savefig, format=options.figure.suffix[1:]))
     if options.json:
         print(json.dumps(found.saved(str(options.case)), indent=1))
     else:
@@ -366,7 +409,7 @@ def _discover(options: argparse.Namespace) -> int:
 
 
 def _simulate(options: argparse.Namespace) -> int:
-    """Simulate the closed loop of a case with the values of its robot description, write a CSV table."""
+    """Simulate the closed loop of a case with the values of its robot description, or its model, write a CSV table."""
     from fmu_didim.data.signals import write_csv
     from fmu_didim.workflow import simulate
     from fmu_didim.workflow.output.result_folder import check_writable, write_whole

@@ -11,6 +11,11 @@ def at_least_one(text: str) -> int:
     return _whole(text, 1)
 
 
+def at_least_two(text: str) -> int:
+    """A whole number from 2 on; raises ArgumentTypeError."""
+    return _whole(text, 2)
+
+
 def not_negative(text: str) -> int:
     """A whole number from 0 on; raises ArgumentTypeError."""
     return _whole(text, 0)

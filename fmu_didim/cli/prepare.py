@@ -19,6 +19,7 @@ _EXAMPLE = """examples:
   fmu-didim example scara                         written to the folder scara
   fmu-didim example arm2r my/arm"""
 _INIT = """examples:
+  fmu-didim init house.fmu weather.csv room.csv   a model, what drove it, and what was measured
   fmu-didim init log.csv                          reference and torque in one file
   fmu-didim init ref.csv torque.csv ref_test.csv torque_test.csv --out mycase
   fmu-didim init log.mf4 vendor_controller.fmu robot.yaml
@@ -90,7 +91,10 @@ def _add_example(commands: Commands) -> argparse.ArgumentParser:
 
 def _add_init(commands: Commands) -> argparse.ArgumentParser:
     verb = _verb(
-        commands, "init", "write a commented case, with robot and controller, for the files that you have", _INIT
+        commands,
+        "init",
+        "write a case for the files that you have: of a model, or of a robot with its controller",
+        _INIT,
     )
     verb.add_argument(
         "files", type=Path, nargs="*", metavar="FILE", help="logs, FMUs, .mo files, robot and controller descriptions"
@@ -101,6 +105,8 @@ def _add_init(commands: Commands) -> argparse.ArgumentParser:
     )
     verb.add_argument("--plant", type=Path, metavar="FILE", help="the FMU or .mo file that is the plant")
     verb.add_argument("--controller", type=Path, metavar="FILE", help="the FMU or .mo file that is the controller")
+    help_ = "the FMU or .mo file that is calibrated as it is, with neither robot nor controller"
+    verb.add_argument("--model", type=Path, metavar="FILE", help=help_)
     verb.set_defaults(run=_init)
     return verb
 
@@ -130,7 +136,7 @@ def _needed(what: str) -> str:
 
 
 def _init(options: argparse.Namespace) -> int:
-    if not options.files:
+    if not options.files and options.model is None:
         raise InputError(
             "init needs the files that you have.", valid="logs, FMUs, robot and controller descriptions",
             next_step="fmu-didim init LOG.csv; without files of your own: fmu-didim example.",
@@ -138,7 +144,10 @@ def _init(options: argparse.Namespace) -> int:
     from fmu_didim.report.terminal import wrapped
     from fmu_didim.workflow.init import start_case
 
-    made = start_case(options.files, options.out, law=options.law, plant=options.plant, controller=options.controller)
+    made = start_case(
+        options.files, options.out, law=options.law, plant=options.plant, controller=options.controller,
+        model=options.model,
+    )  # fmt: skip
     width = max((len(f"{file}: {column}") for file, column, _ in made.found), default=0)
     print("Found, by names and units (correct it in the case where it is wrong):")
     for file, column, taken in made.found:

@@ -42,6 +42,8 @@ class Instance(ABC):
     outputs: Array
     input_names: tuple[str, ...]
     output_names: tuple[str, ...]
+    slopes: Array | None = None
+    """(nu,) By how much its inputs change a second within a step, of a component that follows ramps; None: held."""
 
     def take_variables(self, inputs: Sequence[Variable], outputs: Sequence[Variable]) -> None:
         """Take the names of these variables, and new buffers: inputs at their start values, outputs 0."""
@@ -190,6 +192,16 @@ class Component(ABC):
     @abstractmethod
     def describe(self) -> dict[str, Any]:
         """Kind, origin and options, for the provenance of a result."""
+
+    @property
+    def follows_ramps(self) -> bool:
+        """Whether its inputs may go straight from one communication point to the next; else it holds them."""
+        return False
+
+    @property
+    def takes_any_step(self) -> bool:
+        """Whether its communication steps may differ in size."""
+        return True
 
     def feedthrough(self) -> frozenset[tuple[str, str]] | None:
         """Pairs (output, input) where the output depends on the present input at once; None if unknown."""

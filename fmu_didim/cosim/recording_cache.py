@@ -72,5 +72,5 @@ def response_key(system: System) -> Hashable | None:
     return (
         tuple(answers.items()), system.connections, system.order, system.step_size, tuple(system.delays.items()),
         system.jacobi, tuple(system.every.items()), tuple(system.substeps.items()), system.after_step,
-        system.algebraic_loops, system.at_instants,
+        system.algebraic_loops, system.at_instants, system.ramps,
     )  # fmt: skip

@@ -11,6 +11,11 @@ from fmu_didim.base.errors import InputError, UnknownNameError
 from fmu_didim.components import Component
 
 REFERENCE = "reference"
+OF_INPUTS = (
+    "Keep the parameters where the model can be simulated (identify: {name: {minimum: ..., maximum: ..., start: ...}}),"
+    " and check the units of its inputs."
+)
+"""What to do about a simulation that diverges where nothing is fed back."""
 LoopTreatment = Literal["refuse", "iterate", "previous"]
 
 
@@ -64,6 +69,8 @@ class System:
             ``step_size`` is the nominal period. Components with a sample time run once in so many ticks by their own
             clock, which counts nominal periods, as a law does whose loop runs late; all others step from t_k to
             t_(k+1). A whole delay is a number of ticks, the fraction a time: that part of the nominal period.
+        ramps: columns of the reference that go straight from tick to tick. A component that does not follow them
+            (:attr:`~fmu_didim.components.Component.follows_ramps`) holds the mean over the step.
     """
 
     components: Mapping[str, Component]
@@ -77,6 +84,7 @@ class System:
     after_step: frozenset[str] = frozenset()
     algebraic_loops: LoopTreatment = "refuse"
     at_instants: bool = False
+    ramps: frozenset[str] = frozenset()
 
     def __post_init__(self) -> None:
         if not self.step_size > 0:
@@ -130,6 +138,11 @@ class System:
     def _check_name(self, name: str, where: str) -> None:
         if name not in self.components:
             raise UnknownNameError("component", name, self.components, where=where)
+
+    @property
+    def closes(self) -> bool:
+        """Whether outputs are fed back to inputs, or components drive each other; else all comes from outside."""
+        return any(not c.source.startswith(f"{REFERENCE}.") for c in self.connections)
 
     def replace(self, name: str, component: Component) -> System:
         """The same system with another component of that name; all else untouched."""

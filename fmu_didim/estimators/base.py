@@ -47,6 +47,11 @@ class Estimator(ABC):
         """Whether it counts what is known of the robot before (:mod:`fmu_didim.dynamics.prior`) beside the data."""
         return False
 
+    def finds_minima(self, model: LoopModel) -> bool:
+        """Whether its answer is a minimum of the misfit of all outputs of a model: those from several starts may then
+        be compared, and the misfit around it profiled."""
+        return False
+
     @abstractmethod
     def estimate(self, model: LoopModel, *, progress: Progress = no_progress) -> Estimate:
         """Estimate the free parameters from the experiments for the estimation; ``progress`` gets each iteration.

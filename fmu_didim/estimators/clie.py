@@ -9,8 +9,9 @@ with DIDIM.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
+from itertools import chain, repeat
 from typing import Any
 
 import numpy as np
@@ -22,6 +23,7 @@ from fmu_didim.estimators.finish import Minimum, finish_by_colour, torque_estima
 from fmu_didim.estimators.initial_states import free_starts, start_advice, with_starts
 from fmu_didim.estimators.joint import joint_minimum, motion_minimum
 from fmu_didim.estimators.local_minima import nearer_to_prior
+from fmu_didim.estimators.reweighted import with_error_models
 from fmu_didim.estimators.start import simulatable, start_values, with_free_delay
 from fmu_didim.fit.estimate import Estimate, RefusedError, Stage
 from fmu_didim.fit.fit import point
@@ -29,6 +31,7 @@ from fmu_didim.fit.iteration import Iteration
 from fmu_didim.fit.noise.weighting import NoiseOfResidual
 from fmu_didim.fit.solver.accuracy import with_fitting_substeps
 from fmu_didim.fit.solver.admissible import mass_matrix_problem, physical_problem, tracking_problem
+from fmu_didim.fit.solver.proof import unproven
 from fmu_didim.model.loop_model import LoopModel
 
 ADVICE = (
@@ -36,9 +39,22 @@ ADVICE = (
     "and the delay of the loop."
 )
 
+ADVICE_OF_OUTPUTS = (
+    "Start nearer to the truth (identify: {name: {start: ...}}), give limits (minimum, maximum), and check units and "
+    "clock of the inputs and of what was measured."
+)
+
 
 OF_OUTPUTS = "output_error"
 """What the same least squares are called where the outputs of a model without controller are fitted."""
+
+
+ROUGH = (
+    "The slopes are not those of the model, as where an FMU's own solver makes its outputs rough: run it in model "
+    "exchange (model: {interface: model-exchange}), give it a smaller tolerance (model: {tolerance: 1e-9}), or start "
+    "nearer to the truth (estimator: {start: {name: value}})."
+)
+"""What to do where a fit of outputs has settled and is not known to be at a minimum."""
 
 
 @dataclass(frozen=True)
@@ -70,14 +86,22 @@ class Clie(Estimator):
         """It does."""
         return True
 
+    def finds_minima(self, model: LoopModel) -> bool:
+        """It does."""
+        return True
+
     def estimate(self, model: LoopModel, *, progress: Progress = no_progress) -> Estimate:
         model = with_free_delay(model) if self.estimate_delay else model
+        further = replace(self, start="description", estimate_delay=False)
+        ways = chain([self], repeat(further))
+        return with_error_models(model, lambda at: next(ways)._fitted(at, progress))
+
+    def _fitted(self, model: LoopModel, progress: Progress) -> Estimate:
+        """The estimate with the scales of error models held."""
         values, _ = simulatable(model, model.free_parameters.limited(start_values(model, self.start)))
         reason = mass_matrix_problem(model, values)
         if reason:
-            raise RefusedError(
-                "The start cannot be simulated.", iterations=[], got=reason, next_step=start_advice(model) + ADVICE
-            )
+            raise RefusedError("The start cannot be simulated.", iterations=[], got=reason, next_step=_advice(model))
         model = with_fitting_substeps(model, values)
         if model.experiments.channels and (model.loop.torque_is_given or not model.loop.shows_torque):
             return self._of_motion(model.with_values(values), progress)
@@ -87,10 +111,10 @@ class Clie(Estimator):
         except SimulationError as error:
             raise RefusedError(
                 "The start cannot be simulated.", iterations=[Iteration(self.name, 1, values, np.nan, note=error.what)],
-                got=str(error), next_step=start_advice(model) + ADVICE,
+                got=str(error), next_step=_advice(model),
             ) from error  # fmt: skip
         finish = partial(
-            finish_by_colour, tolerance=self.tolerance, progress=progress, stage=self.name,
+            finish_by_colour, tolerance=self.tolerance, progress=progress, stage=self._stage(model),
             maximum_iterations=self.maximum_iterations,
         )  # fmt: skip
         joint = partial(joint_minimum, experiments=model.experiments, tolerance=self.tolerance, progress=progress)
@@ -98,16 +122,21 @@ class Clie(Estimator):
             with_starts(start, free_starts(start), lambda at: joint(nearer_to_prior(finish(at), finish)))
         )
 
+    def _stage(self, model: LoopModel) -> str:
+        """What the iterations are called."""
+        return self.name if model.loop.shows_torque else OF_OUTPUTS
+
     def _of_motion(self, model: LoopModel, progress: Progress) -> Estimate:
         """All outputs at once: in an open loop, whose torque is given, and of any model, whose outputs may show the
         values only together."""
         try:
             minimum = motion_minimum(
-                model, tolerance=self.tolerance, progress=progress, maximum=self.maximum_iterations
+                model, tolerance=self.tolerance, progress=progress, maximum=self.maximum_iterations,
+                stage="joint" if model.loop.shows_torque else OF_OUTPUTS,
             )  # fmt: skip
         except SimulationError as error:
             raise RefusedError(
-                "The start cannot be simulated.", iterations=[], got=str(error), next_step=start_advice(model) + ADVICE
+                "The start cannot be simulated.", iterations=[], got=str(error), next_step=_advice(model)
             ) from error  # fmt: skip
         return self._concluded(minimum)
 
@@ -115,16 +144,28 @@ class Clie(Estimator):
         """The estimate at a minimum; raises RefusedError where it is not that of a machine."""
         fit, known = minimum.fit, minimum.known
         model = fit.model
-        reason = physical_problem(model, fit.values, known.deviation)
+        reason = ""  # what may be, and what at a limit, says the judgement of any model
         if model.loop.shows_torque:
+            reason = physical_problem(model, fit.values, known.deviation)
             reason = reason or tracking_problem(model.measured, fit.torque)
         if reason:
             raise RefusedError(
                 "The identified model is not physical.", iterations=minimum.iterations, got=reason,
-                next_step=start_advice(model) + ADVICE, values=fit.values, deviation=known.deviation,
+                next_step=_advice(model), values=fit.values, deviation=known.deviation,
             )  # fmt: skip
-        name = self.name if model.loop.shows_torque else OF_OUTPUTS
+        if model.loop.shows_torque:
+            return self._estimate(minimum, self.name, settled=fit.settled)
+        doubt = unproven(fit) if fit.settled else None
+        found = self._estimate(minimum, OF_OUTPUTS, settled=fit.settled and doubt is None)
+        return found if doubt is None else replace(found, advice=f"{doubt.text[:1].upper()}{doubt.text[1:]}. {ROUGH}")
+
+    def _estimate(self, minimum: Minimum, name: str, *, settled: bool) -> Estimate:
         return torque_estimate(
-            minimum, estimator=name, settled=fit.settled, iterations=minimum.iterations,
-            stages={name: Stage(fit.values, known.deviation)},
+            minimum, estimator=name, settled=settled, iterations=minimum.iterations,
+            stages={name: Stage(minimum.fit.values, minimum.known.deviation)},
         )  # fmt: skip
+
+
+def _advice(model: LoopModel) -> str:
+    """What to do where there is no answer."""
+    return start_advice(model) + (ADVICE if model.loop.shows_torque else ADVICE_OF_OUTPUTS)

@@ -98,6 +98,10 @@ class Didim(Estimator):
         """With its finish, whose covariance counts it."""
         return self.finish
 
+    def finds_minima(self, model: LoopModel) -> bool:
+        """With its finish."""
+        return self.finish
+
     def estimate(self, model: LoopModel, *, progress: Progress = no_progress) -> Estimate:
         model = with_free_delay(model) if self.estimate_delay else model
         parameters = model.parameters

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fmu_didim.data.signals import Array
-from fmu_didim.fit.confounding import refuse_confounded
+from fmu_didim.fit.confounding import refuse_confounded, refuse_ridge
 from fmu_didim.fit.derivatives.sensitivity import parameter_sizes
 from fmu_didim.fit.ending import Ending
 from fmu_didim.fit.estimate import Estimate, JointFit, Stage, Status
@@ -28,10 +28,11 @@ from fmu_didim.fit.region import Region
 from fmu_didim.fit.solver.accuracy import integration_change
 from fmu_didim.fit.solver.least_squares import minimise
 from fmu_didim.fit.solver.numerical_noise import Roughness, roughness
-from fmu_didim.fit.solver.search import NO_STEP
+from fmu_didim.fit.solver.search import FAILED, NO_STEP
 from fmu_didim.fit.solver.termination import Stopping
 from fmu_didim.fit.statistics import covariance_white
 from fmu_didim.fit.uncertainty import Uncertainty
+from fmu_didim.model.loop import MOST_SUBDIVISIONS
 from fmu_didim.model.loop_model import LoopModel
 
 INTEGRATION_TOLERANCE = 1e-5
@@ -160,11 +161,7 @@ def efficient_finish(
         next_step=NEXT_STEP if tolerance is None else 0.0, updates=None, check_all=False, exact=True, whole=True,
     )  # fmt: skip
     fit, model = start, start.model
-    known = [k.scale if k.is_start else v for k, v in zip(model.free_parameters, fit.values, strict=True)]
-    refuse_confounded(
-        model.beside_prior(whitened(fit.jacobian, fit.deviation)), np.array(known), model.names,
-        torque=float(np.linalg.norm(model.measured_outputs / fit.deviation)),
-    )  # fmt: skip
+    _refuse_confounded(fit, at_start=True)
     sizes = None if fit.prediction is None else parameter_sizes(model, fit.values, fit.prediction)
     for left in reversed(range(MAXIMUM_REFINEMENTS)):
         fit = minimise(
@@ -176,19 +173,49 @@ def efficient_finish(
         if error.excess <= 1 or not left:
             break
         model = _finer(fit.model, fit.values, error.excess)
-        if fit.model.loop.substeps is None:  # more than the case or the rule says
+        if fit.model.loop.substeps is None and not model.loop.holds_ramps:  # more than the case or the rule says
             change = f"{100 * error.relative:.2g} %"
-            remarks.append(f"Substeps of the plant doubled: halving them changed the torque by {change}.")
+            whole, quantity = model.loop.whole, model.loop.quantity
+            remarks.append(f"Substeps of the {whole} doubled: halving them changed the {quantity} by {change}.")
         fit = replace(fit, model=model, outputs=model.outputs(fit.values))
+    if fit.model.loop.holds_ramps and fit.model.loop.subdivision > 1:
+        remarks.append(
+            f"Steps are divided into {fit.model.loop.subdivision}: over each of them linear inputs are held."
+        )
+    if not model.loop.shows_torque:  # where it began, the outputs may have shown what they do not here
+        _refuse_confounded(fit)
     if error.excess > 1:
         moved = f"{float(np.max(error.shift)):.2g} of its standard deviation"
-        remarks.append(f"Twice the substeps of the plant would still move a value by {moved}: state more substeps.")
+        told = (
+            f"Steps half as long, over which linear inputs are held, would still move a value by {moved}: give the "
+            "inputs at more instants."
+            if model.loop.holds_ramps
+            else f"Twice the substeps of the {model.loop.whole} would still move a value by {moved}: state more "
+            "substeps."
+        )
+        remarks.append(told)
     return Minimum(fit, error, fit_uncertainty(fit), tuple(iterations), tuple(remarks), roughness(fit, sizes))
+
+
+def _refuse_confounded(fit: Fit, *, at_start: bool = False) -> None:
+    """Raise IdentificationError where the data do not tell the parameters apart at a fit; at a start of any model only
+    where no data would: its noise is not known yet, and elsewhere the outputs may show more."""
+    model = fit.model
+    known = [k.scale if k.is_start else v for k, v in zip(model.free_parameters, fit.values, strict=True)]
+    table = model.beside_prior(whitened(fit.jacobian, fit.deviation))
+    size = float(np.linalg.norm(model.measured_outputs / fit.deviation))
+    if model.loop.shows_torque:
+        refuse_confounded(table, np.array(known), model.names, torque=size)
+    else:
+        refuse_ridge(table, np.array(known), model.names, outputs=math.inf if at_start else size)
 
 
 def _finer(model: LoopModel, values: Array, excess: float) -> LoopModel:
     """The model with more substeps: as many as errors of second order ask for, at most those of the rule, which are
-    doubled."""
+    doubled; or with so many shorter steps over which linear inputs are held."""
+    if model.loop.holds_ramps:
+        wanted = model.loop.subdivision * 2 ** math.ceil(math.log2(excess) / 2)
+        return model.with_loop(subdivision=min(wanted, MOST_SUBDIVISIONS))
     if model.loop.substeps is None:
         return model.with_loop(substep_factor=2 * model.loop.substep_factor)
     more = max(model.loop.substeps, model.fewest_substeps(values)) * 2 ** math.ceil(math.log2(excess) / 2)
@@ -211,15 +238,16 @@ class IntegrationError:
 
 
 def integration_error(fit: Fit) -> IntegrationError:
-    """The error of the integration at a fit, by a run with twice the substeps.
+    """The error of the integration at a fit, by a run with steps half as long.
 
     The values would move by (S'S)^-1 S' d tau, which can be far more, in standard deviations, than the torque changes
     in those of the noise: errors of the integration are systematic.
     """
     model = fit.model
-    if not model.can_refine:
+    finer = model.twice_as_fine()
+    if finer is None:
         return IntegrationError(np.nan, np.full(fit.values.size, np.nan), 0.0)
-    outputs = model.with_loop(substep_factor=2 * model.loop.substep_factor).outputs(fit.values)
+    outputs = finer.outputs(fit.values)
     change, torque = outputs - fit.outputs, model.torque_of(outputs)
     relative = float(np.linalg.norm(torque - fit.torque) / np.linalg.norm(torque))
     sensitivity = whitened(fit.jacobian, fit.deviation)
@@ -262,9 +290,9 @@ def torque_estimate(
         covariance=known.covariance,
         freedom=degrees_of_freedom(model, fit.values.size, known.inflation),
         time=model.experiments.time,
-        measured=model.measured,
-        simulated=fit.torque,
-        noise=fit.noise.deviation[:n],
+        measured=np.concatenate([model.experiments.recorded_in(label) for label in model.estimation_labels]),
+        simulated=model.experiments.unscaled(fit.torque),
+        noise=(fit.noise.deviation * model.experiments.typical_scales)[:n],
         condition_number=fit.condition_number,
         status=Status.CONVERGED if settled else Status.MAXIMUM_ITERATIONS,
         iterations=tuple(iterations),
@@ -276,12 +304,17 @@ def torque_estimate(
         known_noise=known_noise(model),
         noise_is_stated=model.torque_deviation is not None,
         fit=fit.torque_alone,
+        minimum=fit,
         roughness=minimum.roughness,
         rivals=minimum.rivals,
         joint=minimum.joint,
         prior=prior_fit(fit, known),
         unlimited=unlimited,
-        remarks=(*minimum.remarks, *_of_limits(model, fit.values, known.deviation, unlimited)),
+        remarks=(
+            *minimum.remarks,
+            *_of_failures(iterations),
+            *_of_limits(model, fit.values, known.deviation, unlimited),
+        ),
         advice="" if settled else unsettled_advice(model, iterations),
     )
 
@@ -294,6 +327,17 @@ def unlimited_values(fit: Fit) -> Array | None:
     free = equations.step(fit.values, replace(region, low=fit.model.free_parameters.limits[0], machines=()), 0.0)[0]
     held = equations.step(fit.values, region, 0.0)[0]
     return None if (free == held).all() else fit.values + free
+
+
+def _of_failures(iterations: Sequence[Iteration]) -> list[str]:
+    """Steps to values with which a model cannot be simulated."""
+    failed = [one.note.partition(FAILED)[2] for one in iterations if FAILED in one.note]
+    if not failed:
+        return []
+    if len(failed) == 1:
+        return [f"A step was shortened, because the model cannot be simulated where it led: {failed[0]}."]
+    begin = f"{len(failed)} steps were shortened, because the model cannot be simulated where they led"
+    return [f"{begin}; first {failed[0]}."]
 
 
 def _of_limits(model: LoopModel, values: Array, deviation: Array, unlimited: Array | None) -> list[str]:
@@ -309,6 +353,8 @@ def _of_limits(model: LoopModel, values: Array, deviation: Array, unlimited: Arr
     ]
     if not told:
         return []
+    if not model.loop.shows_torque:
+        return [f"At the limits of the case; without them the data ask for others: {', '.join(told)}."]
     ask = "the data alone ask" if model.prior is None else "data and prior ask"
     return [
         f"These values are the nearest that a machine can have, with friction that is not negative and links of "
@@ -320,6 +366,11 @@ def unsettled_advice(model: LoopModel, iterations: Sequence[Iteration]) -> str:
     """Advice for a fit that has not settled; empty where the status gives it."""
     begin = "The iterations did not settle: the values are those of the last one. "
     if iterations and iterations[-1].note == NO_STEP:
+        if not model.loop.shows_torque:
+            return (
+                f"{begin}{Ending.NO_STEP.value} Where the model's own step control makes its outputs jitter, give it a "
+                "tolerance (model: {tolerance: 1e-9}) or run it in model exchange; or start nearer to the truth."
+            )
         finer = "state more substeps of it" if model.can_refine else "give it a tolerance or run it in model exchange"
         return (
             f"{begin}{Ending.NO_STEP.value} Where the plant's own step "
@@ -327,6 +378,8 @@ def unsettled_advice(model: LoopModel, iterations: Sequence[Iteration]) -> str:
         )
     if model.parameters.has_regressor:
         return ""
+    if not model.loop.shows_torque:
+        return f"{begin}Increase maximum_iterations, or start nearer to the truth (identify: {{name: {{start: ...}}}})."
     return (
         f"{begin}Increase maximum_iterations, start nearer to the truth (start: {{name: value}}), or check the "
         "controller and the delay of the loop."

@@ -477,8 +477,14 @@ def _chance(fit: Fit, start: _Start) -> float:
 
 
 def _by_chance(off: Array, covariance: Array) -> float:
-    """Probability of as large a distance (m,) with this covariance (m, m)."""
-    return float(chi2_sf(off @ np.linalg.solve(covariance, off), off.size))
+    """Probability of as large a distance (m,) with this covariance (m, m).
+
+    In units of the deviations, and without directions of which nothing is known: nothing can be far off there.
+    """
+    deviation = np.sqrt(np.diag(covariance))
+    distance = off / deviation
+    correlation = covariance / np.outer(deviation, deviation)
+    return float(chi2_sf(distance @ np.linalg.lstsq(correlation, distance, rcond=None)[0], off.size))
 
 
 def _move(fit: Fit, start: _Start) -> tuple[Array, Array]:

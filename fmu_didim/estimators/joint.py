@@ -64,19 +64,20 @@ def motion_minimum(
     tolerance: float | None,
     progress: Callable[[Iteration], None],
     maximum: int = FINISH_ITERATIONS,
+    stage: str = "joint",
 ) -> Minimum:
     """The minimum of the error of all outputs, from the values of a model; of the channels alone where the loop is
     open, since a torque that is given depends on no value.
 
     Args:
-        maximum: iterations of each round; the others as of :func:`joint_minimum`.
+        maximum: iterations of each round; stage: names the iterations; the others as of :func:`joint_minimum`.
 
     Raises:
         IdentificationError, SimulationError: as of that.
     """
     start = point(model, NoiseOfResidual(model))
     found = finish_by_colour(
-        start, tolerance=tolerance, progress=progress, stage="joint", maximum_iterations=maximum
+        start, tolerance=tolerance, progress=progress, stage=stage, maximum_iterations=maximum
     )  # fmt: skip
     return replace(found, joint=JointFit(_channels(found), None, np.zeros(0), np.zeros(0), 1.0))
 
@@ -112,7 +113,7 @@ def _channels(joint: Minimum) -> tuple[ChannelNoise, ...]:
     """What each channel leaves."""
     model, residual, n = joint.fit.model, joint.fit.residual, joint.fit.model.joint_count
     units = {c.name: c.unit for e in model.experiments.values() for c in e.channels}
-    stated, found = model.stated_deviations, []
+    stated, scales, found = model.stated_deviations, model.experiments.typical_scales, []
     for k, name in enumerate(model.experiments.channels, start=n):
         own = [colour for colour in joint.known.colours if colour.joint == k + 1]
         main = max(own, key=lambda colour: colour.samples)
@@ -122,9 +123,9 @@ def _channels(joint: Minimum) -> tuple[ChannelNoise, ...]:
                 name=name,
                 unit=units[name],
                 samples=int(samples),
-                deviation=float(joint.fit.noise.deviation[k]),
+                deviation=float(joint.fit.noise.deviation[k] * scales[k]),
                 is_stated=bool(np.isfinite(stated[k])),
-                rms=float(np.sqrt(np.sum(residual[:, k] ** 2) / samples)),
+                rms=float(np.sqrt(np.sum(residual[:, k] ** 2) / samples) * scales[k]),
                 lag_one=main.lag_one,
                 inflation=max(colour.inflation for colour in own),
             )

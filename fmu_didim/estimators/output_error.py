@@ -62,6 +62,10 @@ class OutputError(Estimator):
         """It does."""
         return True
 
+    def finds_minima(self, model: LoopModel) -> bool:
+        """Where it is the least squares of outputs; of robots it fits positions."""
+        return not model.loop.shows_torque
+
     def estimate(self, model: LoopModel, *, progress: Progress = no_progress) -> Estimate:
         if not model.loop.shows_torque:  # the least squares of CLIE, with outputs in the place of the torque
             own = Clie(self.start, self.tolerance or Clie.tolerance, self.maximum_iterations)

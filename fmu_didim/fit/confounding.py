@@ -23,9 +23,14 @@ UNKNOWN_SIZE = 1.0
 """[1] A parameter is not known at all if its standard deviation is more than this fraction of its value,"""
 UNKNOWN_TORQUE = 0.05
 """[1] and moves the torque by more than this fraction of it: small parameters are often not significant."""
+STEP_ALONG = 0.01
+"""[1] Change of the parameter that moves most along a ridge, in the message that tells of it."""
 INFLATION = 10.0
 """[1] Ratio of the standard deviation to that with all others known, from which a parameter is unknown because of
 others."""
+ANOTHER_MOTION = "another payload, gain or motion"
+OTHER_INPUTS = "inputs that move otherwise, or another output"
+"""What an experiment has that separates parameters, of a loop and of any model."""
 
 
 def shown_directions(columns: Array) -> tuple[Array, Array]:
@@ -75,12 +80,54 @@ def confounded(columns: Array, values: Array, names: Sequence[str], *, torque: f
     return tuple(names[i] for i in sorted(found))
 
 
-def refuse_confounded(columns: Array, values: Array, names: Sequence[str], *, torque: float) -> None:
-    """Raise IdentificationError with the names of what :func:`confounded` finds."""
+def refuse_confounded(
+    columns: Array, values: Array, names: Sequence[str], *, torque: float, other: str = ANOTHER_MOTION
+) -> None:
+    """Raise IdentificationError with the names of what :func:`confounded` finds; ``other``: what an experiment that
+    separates them has."""
     found = confounded(columns, values, names, torque=torque)
     if found:
         raise IdentificationError(
             "The data cannot tell some parameters apart.", got=", ".join(found), where="identify",
             next_step="Leave one of them out (its value is then taken as known), or add an experiment that separates "
-            "them, with another payload, gain or motion.",
+            f"them, with {other}.",
         )  # fmt: skip
+
+
+TELL_APART = (
+    "Take one of them out of identify: (its value is then taken as known: model: {parameters: ...}), measure a further "
+    "output that they change differently, or add an experiment that does"
+)
+
+
+def refuse_ridge(columns: Array, values: Array, names: Sequence[str], *, outputs: float, at: str = "") -> None:
+    """Raise IdentificationError where outputs of a model show parameters only together, and how these move.
+
+    Args:
+        columns, values: as of :func:`confounded`; outputs: norm of the whitened outputs; at: where, in words.
+    """
+    found = confounded(columns, values, names, torque=outputs)
+    if not found:
+        return
+    raise IdentificationError(
+        "The data cannot tell some parameters apart.", where="identify",
+        got=f"{_ridge(columns, values, names, found)}{at}",
+        next_step=f"{TELL_APART}, or start nearer to the truth (start:)." if at else f"{TELL_APART}.",
+    )  # fmt: skip
+
+
+def _ridge(columns: Array, values: Array, names: Sequence[str], found: Sequence[str]) -> str:
+    """The parameters that are not told apart, and by how much they move together along the weakest direction."""
+    length = np.linalg.norm(columns, axis=0)
+    if (length == 0).any():
+        return ", ".join(found)
+    _, _, vectors = np.linalg.svd(np.linalg.qr(columns / length)[1])
+    size = np.where(values != 0, np.abs(values), 1.0)
+    moves = vectors[-1] / length / size
+    moves = moves / np.abs(moves).max()
+    moves = moves * np.sign(moves[np.argmax(np.abs(moves) > LEADING)])
+    told = [
+        f"{name} {100 * STEP_ALONG * move:+.2g} %" for name, move in zip(names, moves, strict=True)
+        if abs(move) > LEADING or name in found
+    ]  # fmt: skip
+    return f"{', '.join(told)} together change the outputs least of all"

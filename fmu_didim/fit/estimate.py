@@ -11,6 +11,8 @@ import numpy as np
 
 from fmu_didim.base.errors import FmuDidimError, IdentificationError
 from fmu_didim.data.signals import Array
+from fmu_didim.fit.exploration.minima import SearchOutcome
+from fmu_didim.fit.exploration.profile import Profile
 from fmu_didim.fit.fit import Fit
 from fmu_didim.fit.iteration import Iteration
 from fmu_didim.fit.prior_fit import PriorFit
@@ -111,6 +113,9 @@ class Estimate:
         joint: beside the torque alone, where further channels were fitted with it; None otherwise.
         prior: what of the values comes from a prior; None without one.
         unlimited: (p,) values that the data alone ask for, where no machine has them; None where one does.
+        minimum: the same with all outputs.
+        profiles: of the parameters for which they were asked.
+        search: what a search for other minima has found; None where there was one start.
         remarks: what the user should know; advice: what to do, if more is known than the status.
         provenance: versions, options, hashes, loop.
     """
@@ -139,6 +144,9 @@ class Estimate:
     joint: JointFit | None = None
     prior: PriorFit | None = None
     unlimited: Array | None = None
+    minimum: Fit | None = None
+    profiles: tuple[Profile, ...] = ()
+    search: SearchOutcome | None = None
     remarks: tuple[str, ...] = ()
     advice: str = ""
     provenance: Mapping[str, Any] = field(default_factory=dict)

@@ -9,6 +9,7 @@ import numpy as np
 
 from fmu_didim.data.signals import Array
 from fmu_didim.dynamics.prior import Prior
+from fmu_didim.fit.confounding import refuse_ridge
 from fmu_didim.fit.derivatives.differences import Steps
 from fmu_didim.fit.derivatives.sensitivity import parameter_sizes, sensitivity
 from fmu_didim.fit.ending import Ending
@@ -16,9 +17,13 @@ from fmu_didim.fit.equations import Equations
 from fmu_didim.fit.iteration import Iteration
 from fmu_didim.fit.noise.noise import Noise
 from fmu_didim.fit.noise.shared import counted_once, variance_by_sharing
-from fmu_didim.fit.noise.weighting import Weighting
+from fmu_didim.fit.noise.weighting import Weighting, whitened
 from fmu_didim.model.loop_model import LoopModel, Simulation
 from fmu_didim.model.prediction import Prediction, predict
+
+LITTLE_NOISE = 1e-3
+"""[1] Of an output: noise that is less than that of nearly all sensors, so that what it hides at a start, the noise of
+the data, which is known at the end, hides all the more."""
 
 
 @dataclass(frozen=True)
@@ -154,6 +159,8 @@ def point(model: LoopModel, weighting: Weighting, prediction: Prediction | None 
     steps: Steps = {}
     jacobian = sensitivity(model, values, outputs, sizes=sizes, steps=steps)
     residual = model.measured_outputs - outputs
+    if not model.loop.shows_torque:
+        _refuse_ridge_of_start(model, outputs, jacobian)
     deviation = weighting.deviation(residual, jacobian)
     return Fit(
         model,
@@ -166,6 +173,16 @@ def point(model: LoopModel, weighting: Weighting, prediction: Prediction | None 
         prediction=prediction,
         steps=steps,
     )
+
+
+def _refuse_ridge_of_start(model: LoopModel, outputs: Array, jacobian: Array) -> None:
+    """Raise IdentificationError where outputs with hardly any noise would not tell parameters apart at a start: a fit
+    would wander along them."""
+    size = np.sqrt((outputs**2).sum(axis=0) / np.maximum(model.output_counts, 1.0))
+    noise = LITTLE_NOISE * np.where(size > 0, size, 1.0)
+    norm = float(np.linalg.norm(outputs / noise))
+    known = [k.scale if k.is_start else v for k, v in zip(model.free_parameters, model.start, strict=True)]
+    refuse_ridge(whitened(jacobian, noise), np.array(known), model.names, outputs=norm, at=", at the start of the fit")
 
 
 def prior_rows(prior: Prior | None, values: Array) -> tuple[Array, Array] | None:

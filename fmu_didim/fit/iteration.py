@@ -19,6 +19,7 @@ class Iteration:
         change: relative change of the parameters that the step proposes, in units of torque.
         note: what was caught and how it was recovered from.
         restarts: whether the estimator begins anew after it, from another start.
+        quantity: what y is, in a word: ``torque``, or ``output`` of any model; then the error is that of what it moves.
     """
 
     stage: str
@@ -29,6 +30,7 @@ class Iteration:
     condition_number: float = float("nan")
     note: str = ""
     restarts: bool = False
+    quantity: str = "torque"
 
 
 @dataclass(frozen=True)

@@ -22,6 +22,7 @@ import numpy as np
 from fmu_didim.base.distributions import t_ppf, t_sf
 from fmu_didim.base.errors import IdentificationError
 from fmu_didim.data.signals import Array
+from fmu_didim.model.loop import Loop
 
 CONDITION_LIMIT = 1e12
 """[1] Condition number, of columns of length one, beyond which rounding decides what a solution is."""
@@ -153,10 +154,25 @@ def correlation(covariance: Array) -> Array:
     return np.asarray(covariance / np.outer(scale, scale))
 
 
+def error_percent(loop: Loop, measured: Array, simulated: Array) -> tuple[float, Array]:
+    """The relative error of what the log of a loop shows (N, n), in total and of each column (n,)."""
+    return (relative_error_percent if loop.shows_torque else output_error_percent)(measured, simulated)
+
+
+def output_error_percent(measured: Array, simulated: Array) -> tuple[float, Array]:
+    """100 |y - y_s| / |y - mean(y)|, of what outputs move, wherever their zeros are: of each (n,), 0 where both are the
+    same and infinite where an output rests; in total the root mean square of those that move."""
+    moved = measured - measured.mean(axis=0)
+    each = relative_error_percent(moved, simulated - measured.mean(axis=0))[1]
+    moving = each[np.isfinite(each)]
+    return float(np.sqrt(np.mean(moving**2))) if moving.size else np.inf, each
+
+
 def relative_error_percent(measured: Array, simulated: Array) -> tuple[float, Array]:
     """100 |y - y_s| / |y|: in total, and of each joint (n,); 0 where both are zero."""
     error = np.linalg.norm(measured - simulated, axis=0)
     size = np.where(error > 0, np.linalg.norm(measured, axis=0), 1.0)
     with np.errstate(divide="ignore"):
         per_joint = 100 * error / size
-    return float(100 * np.linalg.norm(measured - simulated) / np.linalg.norm(measured)), per_joint
+        total = np.divide(100 * np.linalg.norm(measured - simulated), np.linalg.norm(measured))
+    return float(total), per_joint

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +14,7 @@ from fmu_didim.base.diagnostics import Diagnostic
 from fmu_didim.cosim import Indices, SampleOperator, grid_places
 from fmu_didim.data.signals import Array, Trajectory
 from fmu_didim.model.channel import Channel
+from fmu_didim.model.error_model import ErrorModel
 from fmu_didim.model.external_torque import ExternalTorque
 
 Role = Literal["estimation", "validation"]
@@ -56,6 +57,8 @@ class Experiment:
         told: diagnostics of reading its files.
         initial_state: where its motion starts.
         channels: what else was measured and is fitted beside the torque.
+        errors: (n,) error models of the columns of the log, or none; scale: (N, n) that its samples are divided by in a
+            fit; recorded: (N, n) what was measured where a fit takes other values for it; as of :class:`Channel`.
         leaves_out_outliers: whether samples that are outliers are left out before a fit.
     """
 
@@ -71,7 +74,18 @@ class Experiment:
     told: tuple[Diagnostic, ...] = ()
     initial_state: InitialState = field(default_factory=InitialState)
     channels: tuple[Channel, ...] = ()
+    errors: tuple[ErrorModel, ...] = ()
+    scale: Array | None = None
+    recorded: Array | None = None
     leaves_out_outliers: bool = False
+
+    def scaled(self, values: Array) -> Array:
+        """Values (N, n, ...) at the samples of the log as a fit compares them."""
+        return values if self.scale is None else values / _like(self.scale, values)
+
+    def unscaled(self, values: Array) -> Array:
+        """The reverse of :meth:`scaled`."""
+        return values if self.scale is None else values * _like(self.scale, values)
 
     @property
     def rate_hz(self) -> float:
@@ -110,15 +124,33 @@ class Experiment:
         first = int(np.searchsorted(self.time, begin))
         return replace(
             self, time=self.time[first:], torque=self.torque[first:], operator=self.operator.after(first),
-            channels=tuple(channel.after(begin) for channel in self.channels),
+            channels=tuple(channel.after(begin) for channel in self.channels), **self._tables(slice(first, None)),
         )  # fmt: skip
 
     def at(self, rows: Indices) -> Experiment:
         """The same with these samples of the torque alone."""
-        return replace(self, time=self.time[rows], torque=self.torque[rows], operator=self.operator.at(rows))
+        tables = self._tables(rows)
+        return replace(self, time=self.time[rows], torque=self.torque[rows], operator=self.operator.at(rows), **tables)
+
+    def _tables(self, rows: slice | Indices) -> dict[str, Any]:
+        """Some rows of the tables beside the log."""
+        return {
+            "scale": None if self.scale is None else self.scale[rows],
+            "recorded": None if self.recorded is None else self.recorded[rows],
+        }
 
     def before(self, count: int) -> Experiment:
         """The first samples of the torque alone."""
         return replace(
-            self, time=self.time[:count], torque=self.torque[:count], operator=self.operator.before(count), channels=()
+            self,
+            time=self.time[:count],
+            torque=self.torque[:count],
+            operator=self.operator.before(count),
+            channels=(),
+            **self._tables(slice(count)),
         )
+
+
+def _like(scale: Array, values: Array) -> Array:
+    """A scale (N, n) as a table of as many axes as values (N, n, ...)."""
+    return scale.reshape(*scale.shape, *(1,) * (values.ndim - 2))

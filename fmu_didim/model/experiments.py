@@ -93,13 +93,46 @@ class Experiments(Mapping[str, Experiment]):
         return np.concatenate([self[label].time for label in self.estimation_labels])
 
     def measured_in(self, label: str) -> Array:
-        """(N, n) torque that the prediction of one experiment is compared with: the log, filtered if asked for."""
-        return self.filtered(self[label].torque, label)
+        """(N, n) torque that the prediction of one experiment is compared with: the log, filtered if asked for, or
+        divided by the scales of its samples."""
+        return self.compared(self[label].torque, label)
+
+    def compared(self, values: Array, label: str) -> Array:
+        """Values at the samples (N, n, ...) of an experiment as a fit compares them: filtered, or scaled."""
+        return self[label].scaled(self.filtered(values, label))
 
     @property
     def measured(self) -> Array:
         """(N, n) the same of all experiments that are fitted."""
         return np.concatenate([self.measured_in(label) for label in self.estimation_labels])
+
+    def recorded_in(self, label: str) -> Array:
+        """(N, n) what was logged of an experiment, in its unit, filtered if asked for."""
+        own = self[label]
+        return self.filtered(own.torque, label) if own.recorded is None else own.recorded
+
+    def unscaled(self, table: Array) -> Array:
+        """A table (N, n) of the torque of all experiments that are fitted, in its unit."""
+        return np.concatenate([self[label].unscaled(table[rows]) for label, rows in self.rows.items()])
+
+    @property
+    def has_error_models(self) -> bool:
+        """Whether the scale of some noise follows from what is simulated."""
+        models = (m for e in self.values() for m in (*e.errors, *(channel.errors for channel in e.channels)))
+        return any(model.follows_simulation for model in models)
+
+    @property
+    def typical_scales(self) -> Array:
+        """(m,) root mean square of the scales of each output in the experiments that are fitted; one where it has
+        none."""
+        squares = np.concatenate([np.zeros(self[self.first].torque.shape[1]), np.zeros(len(self.channels))])
+        n = squares.size - len(self.channels)
+        for experiment in self._fitted:
+            squares[:n] += experiment.time.size if experiment.scale is None else (experiment.scale**2).sum(axis=0)
+            for channel in experiment.channels:
+                size = channel.time.size if channel.scale is None else float(np.sum(channel.scale**2))
+                squares[n + self.channels.index(channel.name)] += size
+        return np.asarray(np.sqrt(squares / np.maximum(self.output_counts_in(self.estimation_labels), 1.0)))
 
     def filtered(self, values: Array, label: str) -> Array:
         """Values at the samples (N, ...) of an experiment, filtered if asked for."""
@@ -153,7 +186,7 @@ class Experiments(Mapping[str, Experiment]):
         table[experiment.row_of(experiment.time), :n] = torque
         for channel, values in zip(experiment.channels, further, strict=True):
             if channel.name in self.channels:
-                table[experiment.row_of(channel.time), n + self.channels.index(channel.name)] = values
+                table[experiment.row_of(channel.time), n + self.channels.index(channel.name)] = channel.scaled(values)
         return table
 
     def blocks(self, table: Array) -> list[tuple[slice, Array]]:
@@ -175,10 +208,13 @@ class Experiments(Mapping[str, Experiment]):
         return counts
 
     def channels_of(self, label: str, table: Array) -> dict[str, Array]:
-        """Name of each channel of an experiment -> its samples (N,) in a table (M, m) over all outputs of that."""
+        """Name of each channel of an experiment -> its samples (N,) in a table (M, m) over all outputs of that, in its
+        unit."""
         experiment, n = self[label], self[label].torque.shape[1]
         return {
-            channel.name: table[experiment.row_of(channel.time), n + self.channels.index(channel.name)]
+            channel.name: channel.unscaled(
+                table[experiment.row_of(channel.time), n + self.channels.index(channel.name)]
+            )
             for channel in experiment.channels
         }
 

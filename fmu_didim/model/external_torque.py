@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -50,15 +50,22 @@ def with_external_torques(reference: Trajectory, external_torques: Sequence[Exte
     return trajectory(reference.time, columns)
 
 
-def held(reference: Trajectory, count: int, *, at_instants: bool = False) -> Trajectory:
+def held(reference: Trajectory, count: int, *, at_instants: bool = False, ramps: Collection[str] = ()) -> Trajectory:
     """A reference with ``count`` rows for each, held.
 
     Args:
         at_instants: whether its rows are not equally spaced, so that each period is divided by itself.
+        ramps: names of the columns that go straight from row to row instead.
     """
     if at_instants:
         parts = np.diff(reference.time, append=2 * reference.time[-1] - reference.time[-2]) / count
         time = (reference.time[:, None] + parts[:, None] * np.arange(count)).ravel()
     else:
         time = reference.time[0] + reference.step / count * np.arange(reference.time.size * count)
-    return replace(reference, time=time, values=np.repeat(reference.values, count, axis=0))
+    values = np.repeat(reference.values, count, axis=0)
+    for i, name in enumerate(reference.names):
+        if name in ramps:
+            values[:, i] = np.interp(
+                np.arange(time.size) / count, np.arange(reference.time.size), reference.values[:, i]
+            )
+    return replace(reference, time=time, values=values)

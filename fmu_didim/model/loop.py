@@ -22,6 +22,11 @@ NO_COMPONENTS = (PLANT, DELAY, LOG, EXTERNAL_TORQUE)
 """Owners of free parameters that are no component beside the plant."""
 
 
+MOST_SUBDIVISIONS = 64
+"""[1] Of a step over which linear inputs are held: the error falls with its square, and what 64 do not reach is a file
+of inputs with far too few rows."""
+
+
 @dataclass(frozen=True)
 class StartValue:
     """A state of the loop whose start can be set.
@@ -81,11 +86,33 @@ class Loop:
         return not self.output_signals
 
     @cached_property
+    def holds_ramps(self) -> bool:
+        """Whether the plant holds inputs that are linear between their rows, so that the length of its steps counts."""
+        plant = self.plant
+        ramps = next(iter(self.systems.values())).ramps
+        return bool(ramps) and plant.sample_time is None and plant.takes_any_step and not plant.follows_ramps
+
+    @cached_property
     def labels(self) -> tuple[str, ...]:
         """(n,) what the columns of the log are called: ``joint 1``, or the output."""
         if self.shows_torque:
             return tuple(f"joint {j}" for j in range(1, self.joint_count + 1))
         return tuple(name.partition(".")[2] for name in self.output_signals)
+
+    @property
+    def quantity(self) -> str:
+        """What is compared, in a word: the torque of joints, or outputs of any model."""
+        return "torque" if self.shows_torque else "output"
+
+    @property
+    def output_names(self) -> tuple[str, ...]:
+        """(n,) names of the outputs that the log shows; none where it shows the torque of joints."""
+        return () if self.shows_torque else self.labels
+
+    @property
+    def whole(self) -> str:
+        """What carries the identified parameters, in a word."""
+        return "plant" if self.shows_torque else "model"
 
     def system(
         self, label: str, experiment: Experiment, theta: Array, others: Mapping[str, Mapping[str, float]]

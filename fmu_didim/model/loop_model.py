@@ -34,6 +34,7 @@ from fmu_didim.cosim import (
     response_key,
     simulate,
 )  # fmt: skip
+from fmu_didim.cosim.system import OF_INPUTS
 from fmu_didim.data.filters import LowPass
 from fmu_didim.data.signals import Array
 from fmu_didim.dynamics.prior import Prior
@@ -43,7 +44,7 @@ from fmu_didim.model.experiments import Experiments
 from fmu_didim.model.external_torque import EXTERNAL_TORQUE, ExternalTorque, held, with_external_torques
 from fmu_didim.model.free_parameter import LOG, FreeParameter, FreeParameters
 from fmu_didim.model.integration import Integration, divided, integration
-from fmu_didim.model.loop import Loop
+from fmu_didim.model.loop import MOST_SUBDIVISIONS, Loop
 from fmu_didim.model.parameters import Parameters
 from fmu_didim.model.workers import default_workers, may_run_side_by_side
 
@@ -257,6 +258,15 @@ class LoopModel:
         known = loop.parameters.substeps(loop.parameters.nominal(), start, loop.systems[label].step_size)
         return known is not None and loop.plant.with_substeps(2) is not None
 
+    def twice_as_fine(self) -> LoopModel | None:
+        """The same model with steps half as long: of the integration of the plant, or those over which it holds linear
+        inputs; None where they cannot be chosen."""
+        loop = self.loop
+        if loop.holds_ramps:
+            fine = 2 * loop.subdivision
+            return self.with_loop(subdivision=fine) if fine <= MOST_SUBDIVISIONS else None
+        return self.with_loop(substep_factor=2 * loop.substep_factor) if self.can_refine else None
+
     def fewest_substeps(self, values: Array) -> int:
         """The fewest substeps of the plant that are stable in all fitted experiments."""
         fewest = self.with_loop(substeps=1, substep_factor=1)
@@ -389,7 +399,8 @@ class Simulation:
                 return known
         reference = with_external_torques(reference, external)
         if subdivision > 1:
-            reference, ticks = held(reference, subdivision, at_instants=system.at_instants), ticks * subdivision
+            reference = held(reference, subdivision, at_instants=system.at_instants, ramps=system.ramps)
+            ticks = ticks * subdivision
         recording = simulate(system, reference, ticks=ticks, bounds=bounds, observe=observe, pool=model.pool)
         if key is not None:
             model.recordings.keep(key, recording)
@@ -426,10 +437,16 @@ class Simulation:
         found = operator.apply(values[np.searchsorted(self.output_ticks, operator.ticks)])
         if not np.isfinite(found).all():
             raise DivergedError(
-                "A simulated output is not finite.", time=float(recording.time[-1]),
-                next_step="Check the start values and the gains, signs and units of the loop.",
+                "A simulated output is not finite.", time=float(recording.time[-1]), next_step=self.when_diverged
             )  # fmt: skip
         return found
+
+    @property
+    def when_diverged(self) -> str:
+        """What to do about a simulation that is no number."""
+        if self.model.loop.shows_torque:
+            return "Check the start values and the gains, signs and units of the loop."
+        return OF_INPUTS
 
     @property
     def output_ticks(self) -> NDArray[np.int64]:
@@ -449,7 +466,7 @@ class Simulation:
             return self.sampled(torque)
         further = [self._sampled_by(c.operator, signal(self.signal_of(c)), recording) for c in self.experiment.channels]
         return experiments.outputs_of(
-            self.label, experiments.filtered(self._sampled_by(self.operator, torque, recording), self.label), further
+            self.label, experiments.compared(self._sampled_by(self.operator, torque, recording), self.label), further
         )
 
     def sampled_torque(self, recording: Recording) -> Array:
@@ -457,10 +474,10 @@ class Simulation:
         torque = self.operator.apply(self.logged_torque(recording))
         if not np.isfinite(torque).all():
             raise DivergedError(
-                "The simulated torque is not finite.", time=float(recording.time[-1]),
-                next_step="Check the start values and the gains, signs and units of the loop.",
+                f"The simulated {self.model.loop.quantity} is not finite.", time=float(recording.time[-1]),
+                next_step=self.when_diverged,
             )  # fmt: skip
-        return self.model.experiments.filtered(torque, self.label)
+        return self.model.experiments.compared(torque, self.label)
 
     def logged_torque(self, recording: Recording) -> Array:
         """(K, n) what a log would show at the recorded ticks: the inputs without the torques from outside, or outputs
@@ -478,4 +495,4 @@ class Simulation:
 
     def sampled(self, table: Array) -> Array:
         """(N, ...) samples of values (K, ...) at the ticks of the log, filtered as it is."""
-        return self.model.experiments.filtered(self.operator.apply(table), self.label)
+        return self.model.experiments.compared(self.operator.apply(table), self.label)

@@ -22,6 +22,8 @@ class ResidualCharts:
     draw: Callable[[Residual], Sequence[Chart]]
 
 
+OF_A_MODEL = "simulated output and the inputs"
+"""Over what the residuals of a model are drawn, in the place of the motion."""
 RESIDUAL_CHARTS = (
     ResidualCharts(
         "Residual against the simulated motion. Means of bins with equally many samples, ± twice their standard error "
@@ -69,7 +71,8 @@ def residual_sections(parts: Sequence[ExperimentCharts], heading: str, advice: s
         blocks = list[Block]()
         for kind in RESIDUAL_CHARTS:
             charts = Charts(kind.draw(part.residual), in_grid=True)
-            blocks += [note(kind.text), charts] if charts else []
+            text = kind.text.replace("simulated motion", OF_A_MODEL) if part.residual.names else kind.text
+            blocks += [note(text), charts] if charts else []
         if blocks:
             found.append(Section(capitalised(part.title), [note(advice), *blocks]))
     return [Section(heading, [], anchor="residual"), *found] if found else []

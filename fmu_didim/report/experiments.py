@@ -15,6 +15,8 @@ from fmu_didim.results.result import ExperimentResult, ParameterResult, ResultDo
 
 DELAY = "delay"
 """Value of ``of`` for parameters that count control periods."""
+OF_PLANT = ("plant", "model")
+"""The same for parameters of the plant, or of a model without controller."""
 ALL_FITTED = "all fitted"
 
 
@@ -28,13 +30,13 @@ class ParameterGroup:
 
 def parameter_groups(document: ResultDocument) -> list[ParameterGroup]:
     """Shared parameters of the plant, those that belong to one experiment, those of the loop."""
-    plant = {name: p for name, p in document.parameters.items() if p.of == "plant"}
+    plant = {name: p for name, p in document.parameters.items() if p.of in OF_PLANT}
     shared = {name: p for name, p in plant.items() if p.experiment is None}
     groups = [ParameterGroup("", shared)]
     for label in dict.fromkeys(p.experiment for p in plant.values() if p.experiment is not None):
         own = {name: p for name, p in plant.items() if p.experiment == label}
         groups.append(ParameterGroup(f"own to {label}", own))
-    groups.append(ParameterGroup("the loop", {n: p for n, p in document.parameters.items() if p.of != "plant"}))
+    groups.append(ParameterGroup("the loop", {n: p for n, p in document.parameters.items() if p.of not in OF_PLANT}))
     return [group for group in groups if group.parameters]
 
 
@@ -45,7 +47,7 @@ def shown_unit(parameter: ParameterResult) -> str:
 
 def shown_parameter(name: str, parameter: ParameterResult) -> ParameterText:
     """The texts of a parameter; the name of a component other than the plant is added: ``Kp1 (controller)``."""
-    shown = name if parameter.of in ("plant", DELAY, "log") else f"{name} ({parameter.of})"
+    shown = name if parameter.of in (*OF_PLANT, DELAY, "log") else f"{name} ({parameter.of})"
     return parameter_text(shown, parameter, shown_unit(parameter))
 
 

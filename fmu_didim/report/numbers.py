@@ -140,9 +140,10 @@ def joint_unit(units: Sequence[str], joint: int) -> str:
     return pretty_unit(item_or_none(units, joint) or "")
 
 
-def noise_text(stds: Sequence[float | None], units: Sequence[str]) -> str:
-    """The noise of each joint; empty if unknown."""
-    texts = [f"joint {j + 1} {significant(std, 2)} {joint_unit(units, j)}".rstrip() for j, std in enumerate(stds)]
+def noise_text(stds: Sequence[float | None], units: Sequence[str], labels: Sequence[str] = ()) -> str:
+    """The noise of each joint, or output of these labels; empty if unknown."""
+    names = labels or [f"joint {j + 1}" for j in range(len(stds))]
+    texts = [f"{names[j]} {significant(std, 2)} {joint_unit(units, j)}".rstrip() for j, std in enumerate(stds)]
     return ", ".join(texts)
 
 
@@ -151,6 +152,11 @@ def pretty_unit(unit: str) -> str:
     if unit in ("", "1"):
         return ""
     return re.sub(r"(?<=[A-Za-z])-?\d+", lambda m: m.group().translate(_SUPERSCRIPT), unit).replace(".", "·")
+
+
+def with_unit(name: str, unit: str) -> str:
+    """A name with its unit behind it, if it has one: for axes."""
+    return f"{name} ({unit})" if unit else name
 
 
 def decimal_aligned(texts: Sequence[str]) -> list[str]:
@@ -206,5 +212,7 @@ def loop_lines(loop: Mapping[str, Any]) -> list[str]:
     step = loop.get("step_size_s")
     delays = {name: samples for name, samples in dict(loop.get("delay_samples") or {}).items() if samples}
     delay = ", ".join(f"{name} {samples:.6g} samples" for name, samples in delays.items()) or "none"
+    if list(components) == ["model"]:
+        return [*lines, f"a step every {step:.6g} s, inputs and samples at their instants"]
     rate = f"{1 / step:.6g} Hz, " if isinstance(step, int | float) else ""
     return [*lines, f"{rate}{loop.get('algorithm', '')}, delay: {delay}".strip(", ")]

@@ -18,7 +18,7 @@ from fmu_didim.checks.validation import Validation
 from fmu_didim.data.signals import Array
 from fmu_didim.fit.estimate import Estimate, RefusedError, Status
 from fmu_didim.fit.iteration import Iteration
-from fmu_didim.fit.statistics import correlation, relative_error_percent
+from fmu_didim.fit.statistics import correlation, error_percent
 from fmu_didim.model.free_parameter import BASE, PLANT
 from fmu_didim.model.loop_model import LoopModel
 from fmu_didim.results.result import (
@@ -38,6 +38,7 @@ from fmu_didim.results.result import (
     StageResult,
     UnconstrainedResult,
 )
+from fmu_didim.results.searches import local_result, profile_results, search_result
 
 
 def consistency_result(found: Consistency) -> ConsistencyResult:
@@ -100,6 +101,9 @@ def result_document(
         },
         joint=_joint(estimate),
         prior=_prior(estimate),
+        search=search_result(estimate),
+        profiles=profile_results(estimate),
+        sensitivity=local_result(estimate),
         regrouping=model.parameters.relations(),
         correlations=estimate.correlations(),
         correlation=np.round(correlation(estimate.covariance), 4).tolist(),
@@ -109,20 +113,32 @@ def result_document(
         noise=list(checks.residual),
         power=checks.power,
         torque_unit=list(model.parameters.torque_units),
+        **_outputs_and_inputs(model),
         experiments={v.label: _experiment(model, v, checks.agreements.get(v.label)) for v in validations},
         relative_error_percent={v.label: _errors(v.total_percent, v.per_joint_percent) for v in validations},
-        fitted_error_percent=_fitted_errors(validations),
+        fitted_error_percent=_fitted_errors(model, validations),
         integration_error=float(estimate.integration_error),
         integration_shift=float(np.max(estimate.integration_shift)),
         integration=IntegrationResult(**asdict(estimate.integration)) if estimate.integration is not None else None,
         history=_history(estimate.names, estimate.iterations),
         loop=model.system(model.start).describe(),
-        signals={v.label: f"torque_{v.label}.csv" for v in validations if not v.failure},
+        signals={v.label: f"{model.loop.quantity}_{v.label}.csv" for v in validations if not v.failure},
         simulated={v.label: f"simulated_{v.label}.csv" for v in validations if v.every is not None},
         checks=model.parameters.checks(),
         remarks=[*judgement.acknowledged_remarks, *estimate.remarks, *notes],
         provenance=dict(estimate.provenance),
     )  # fmt: skip
+
+
+def _outputs_and_inputs(model: LoopModel) -> dict[str, Any]:
+    """The names of what a model without controller gives and takes; none of the loop of a robot."""
+    if model.loop.shows_torque:
+        return {}
+    plant, used = model.loop.plant, set(model.experiments[model.first].reference.names)
+    return {
+        "outputs": list(model.loop.output_names),
+        "inputs": {v.name: v.unit for v in plant.inputs if v.name in used},
+    }
 
 
 def _joint(estimate: Estimate) -> JointResult | None:
@@ -172,7 +188,7 @@ def _parameters(estimate: Estimate) -> dict[str, ParameterResult]:
             interval=(float(intervals[i, 0]), float(intervals[i, 1])),
             unit=estimate.units[i],
             standard=standard[parameter.key] if parameter.owner == BASE else "",
-            of=PLANT if parameter.owner == BASE else parameter.owner,
+            of=model.loop.whole if parameter.owner in (BASE, PLANT) else parameter.owner,
             experiment=parameter.experiment,
             described=described.get(parameter.key) if parameter.owner == BASE else None,
         )
@@ -184,11 +200,11 @@ def _errors(total: float, per_joint: Array) -> ErrorResult:
     return ErrorResult(total=total, per_joint=[float(e) for e in per_joint])
 
 
-def _fitted_errors(validations: Sequence[Validation]) -> ErrorResult:
+def _fitted_errors(model: LoopModel, validations: Sequence[Validation]) -> ErrorResult:
     """The errors over all fitted experiments together."""
     fitted = [v for v in validations if v.role == "estimation"]
     measured, simulated = (np.concatenate([getattr(v, name) for v in fitted]) for name in ("measured", "simulated"))
-    return _errors(*relative_error_percent(measured, simulated))
+    return _errors(*error_percent(model.loop, measured, simulated))
 
 
 def _experiment(model: LoopModel, validation: Validation, agreement: AgreementResult | None) -> ExperimentResult:
@@ -217,11 +233,16 @@ def _data(model: LoopModel, label: str) -> ExperimentResult:
     """The data of an experiment, without a result."""
     experiment = model.experiments[label]
     return ExperimentResult(
-        role=experiment.role, samples=int(experiment.time.size), rate_hz=round(experiment.rate_hz, 6), noise_std=[],
+        role=experiment.role, samples=int(experiment.time.size), rate_hz=_rate(model, experiment.rate_hz), noise_std=[],
         relative_error_percent=ErrorResult(total=None, per_joint=[]),
         own=[p.name for p in model.free_parameters if p.experiment == label], agreement=None,
         initial_state=_initial_state(model, label),
     )  # fmt: skip
+
+
+def _rate(model: LoopModel, rate_hz: float) -> float:
+    """A rate without the rounding of stamps; those of slow models in all their digits."""
+    return round(rate_hz, 6) if model.loop.shows_torque else float(f"{rate_hz:.9g}")
 
 
 def _initial_state(model: LoopModel, label: str) -> InitialStateResult:
@@ -229,7 +250,7 @@ def _initial_state(model: LoopModel, label: str) -> InitialStateResult:
         return InitialStateResult(kind="free")
     state = model.experiments[label].initial_state
     if not state.values:
-        return InitialStateResult()
+        return InitialStateResult(kind="reference" if model.loop.shows_torque else "model")
     values = {name: float(value) for name, value in state.values.items()}
     return InitialStateResult(kind="found" if state.kind == "found" else "given", values=values)
 
@@ -261,6 +282,7 @@ def refused_document(
         condition_number=None,
         noise_std=[],
         torque_unit=list(model.parameters.torque_units),
+        **_outputs_and_inputs(model),
         experiments={label: _data(model, label) for label in model.experiments},
         relative_error_percent={},
         integration_error=None,

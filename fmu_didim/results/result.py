@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-from pydantic import Field, ValidationError
+from pydantic import Field, SerializerFunctionWrapHandler, ValidationError, model_serializer
 
 from fmu_didim.base.documents import Number, Saved, why_unread
 from fmu_didim.base.errors import InputError
@@ -24,6 +24,7 @@ from fmu_didim.checks.residual import NoiseResult
 from fmu_didim.checks.validation import ChannelValidation, Validation
 from fmu_didim.data.signals import Trajectory, trajectory, write_csv
 from fmu_didim.data.tables import read_table
+from fmu_didim.results.searches import LocalSensitivityResult, ProfileResult, SearchResult
 
 RESULT_FILE = "result.json"
 ALL_DIGITS = 17
@@ -39,7 +40,7 @@ class ParameterResult(Saved):
     interval: tuple[float, float] = Field(description="95 % confidence interval")
     unit: str = Field(description="FMI unit string")
     standard: str = Field(description="parameter of the plant that carries it; empty for parameters of the loop")
-    of: str = Field(default="plant", description="plant, delay, log, or the name of another component of the loop")
+    of: str = Field(default="plant", description="plant, delay, log, or the name of another component; model")
     experiment: str | None = Field(default=None, description="label of the experiment whose own it is; null: of all")
     described: Number = Field(
         default=None, description="value of the robot description, such as from CAD, regrouped likewise; null without"
@@ -67,10 +68,10 @@ class StageResult(Saved):
 
 
 class ErrorResult(Saved):
-    """Relative torque error 100 |y - y_s| / |y|.
+    """Relative torque error 100 |y - y_s| / |y|; of the outputs of a model 100 |y - y_s| / |y - mean(y)|.
 
     Attributes:
-        total: over all joints, in percent; per_joint: of each joint, in percent.
+        total: over all joints, in percent; per_joint: of each joint, or output, in percent.
     """
 
     total: Number
@@ -124,11 +125,12 @@ class InitialStateResult(Saved):
 
     Attributes:
         kind: ``reference``: on its reference, controllers as they are built; ``free``: by parameters of its own;
-            ``given``: by the case; ``found``: by the first part of a held-out log.
+            ``given``: by the case; ``found``: by the first part of a held-out log;
+            ``model``: in the state of a model alone.
         values: those that are held, by their names (``q1``, ``integral1``), in SI units.
     """
 
-    kind: Literal["reference", "free", "given", "found"] = "reference"
+    kind: Literal["reference", "free", "given", "found", "model"] = "reference"
     values: dict[str, float] = Field(default_factory=dict)
 
 
@@ -278,6 +280,11 @@ class ResultDocument(Saved):
     stages: dict[str, StageResult]
     joint: JointResult | None = Field(default=None, description="null where the torque alone was fitted")
     prior: PriorResult | None = Field(default=None, description="null where the case has none")
+    search: SearchResult | None = Field(default=None, description="other minima; null where there was one start")
+    profiles: dict[str, ProfileResult] = Field(default={}, description="of the parameters for which they were asked")
+    sensitivity: LocalSensitivityResult | None = Field(
+        default=None, description="what each parameter does to the outputs; null where that is not known"
+    )
     regrouping: list[str] = Field(description="relations such as ZZ1R = ZZ1 + Ia1")
     correlations: list[tuple[str, str, float]] = Field(description="pairs with |correlation| > 0.9")
     correlation: list[list[Number]] = Field(default=[], description="of all parameters, in their order")
@@ -287,7 +294,12 @@ class ResultDocument(Saved):
         description="standard deviation of the torque residual of all fitted experiments, per joint"
     )
     noise: list[NoiseResult] = Field(default=[], description="by rate and joint, with its colour")
-    torque_unit: list[str] = Field(description="per joint")
+    torque_unit: list[str] = Field(description="per joint, or output")
+    outputs: list[str] = Field(
+        default=[], description="of a model without controller: names of the outputs that stand in the place of the "
+        "torques of joints, in the same order; absent where the torque was measured"
+    )  # fmt: skip
+    inputs: dict[str, str] = Field(default={}, description="name of each input of such a model -> its unit")
     power: PowerResult | None = Field(
         default=None, description="what a valid verdict excludes; null where it is another one, or that is not known"
     )
@@ -316,6 +328,29 @@ class ResultDocument(Saved):
     )
     provenance: dict[str, Any]
 
+    @model_serializer(mode="wrap")
+    def _without_outputs_of_none(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Only the result of a model has outputs and inputs."""
+        found: dict[str, Any] = handler(self)
+        return found if self.outputs else {k: v for k, v in found.items() if k not in ("outputs", "inputs")}
+
+    @property
+    def labels(self) -> list[str]:
+        """What the columns of the log are called: ``joint 1``, ..., or the outputs of a model."""
+        return self.outputs or [f"joint {j}" for j in range(1, len(self.torque_unit) + 1)]
+
+    @property
+    def quantity(self) -> str:
+        """What was compared, in a word: the torque, or outputs of a model."""
+        return "output" if self.outputs else "torque"
+
+    @property
+    def table_columns(self) -> list[tuple[str, str]]:
+        """Names of the measured and the simulated column of each joint, or output, in the tables of ``signals``."""
+        if self.outputs:
+            return [(f"measured {name}", f"simulated {name}") for name in self.outputs]
+        return [(f"tau_measured{j}", f"tau_simulated{j}") for j in range(1, len(self.torque_unit) + 1)]
+
 
 def result_schema() -> dict[str, Any]:
     """JSON Schema of ``result.json``."""
@@ -327,9 +362,9 @@ def saved_tables(document: ResultDocument, validations: Sequence[Validation]) ->
     found: dict[str, Trajectory] = {}
     for v in validations:
         if v.label in document.signals:
-            joints = range(1, v.measured.shape[1] + 1)
-            columns = {f"tau_measured{j}": v.measured[:, j - 1] for j in joints}
-            columns |= {f"tau_simulated{j}": v.simulated[:, j - 1] for j in joints}
+            names = list(enumerate(document.table_columns))
+            columns = {measured: v.measured[:, j] for j, (measured, _) in names}
+            columns |= {simulated: v.simulated[:, j] for j, (_, simulated) in names}
             columns |= v.motion
             found[document.signals[v.label]] = trajectory(np.asarray(v.time), columns)
         if v.label in document.simulated and v.every is not None:
@@ -381,9 +416,10 @@ def read_validations(document: ResultDocument, directory: Path) -> tuple[Validat
     for label, name in document.signals.items():
         if not is_file(directory / name):
             continue
-        table, joints = _table(directory / name), range(1, len(document.torque_unit) + 1)
-        measured, simulated = (table.select([f"tau_{kind}{j}" for j in joints]) for kind in ("measured", "simulated"))
-        motion = {name: table.column(name) for name in table.names if not name.startswith("tau_")}
+        table, pairs = _table(directory / name), document.table_columns
+        measured, simulated = (table.select([pair[k] for pair in pairs]) for k in (0, 1))
+        own = {name for pair in pairs for name in pair}
+        motion = {name: table.column(name) for name in table.names if name not in own}
         errors, every = document.experiments[label].relative_error_percent, document.simulated.get(label, "")
         found.append(
             Validation(

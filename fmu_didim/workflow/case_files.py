@@ -52,7 +52,7 @@ def _named(case: Case) -> dict[str, Path]:
             file = located(source, case.folder).rpartition(":")[0] if is_reference(source) else source
             named[source] = case.folder / file
     for run in document.runs.values():
-        for part in (run.reference, run.torque, run.positions, run.instants):
+        for part in (run.reference, run.inputs, run.torque, run.positions, run.instants, *run.measured_files):
             if isinstance(part, DataFile) and part.file not in case.signals:
                 named[part.file] = resolve(part, case.folder)
     return named
@@ -72,7 +72,7 @@ def repeating(verb: str, case: Case, out: Path | None, options: Mapping[str, obj
         values = value if isinstance(value, list | tuple) else [value]
         for each in values:
             if each is not None:
-                words += [f"--{name.replace('_', '-')}", str(each)]
+                words += [f"--{name.replace('_', '-')}", *([] if each is True else [str(each)])]
     return {"folder": str(Path.cwd()), "command": shell_line(words)}
 
 

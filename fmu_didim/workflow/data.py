@@ -5,6 +5,8 @@ from __future__ import annotations
 from fmu_didim.base.diagnostics import DiagnosedError, Diagnostic, by_weight
 from fmu_didim.case import Case
 from fmu_didim.checks.data.checks import data_diagnostics
+from fmu_didim.checks.outputs.data import model_data_diagnostics
+from fmu_didim.checks.outputs.words import of_a_model
 from fmu_didim.checks.plant.consistency import Consistency, check_consistency, plant_diagnostics
 from fmu_didim.checks.plant.influence import check_parameter_influence
 from fmu_didim.checks.plant.reading import reading_diagnostics
@@ -21,6 +23,8 @@ def case_diagnostics(case: Case, *, causes: bool = True) -> list[Diagnostic]:
     without = [label for label, run in case.document.runs.items() if run.torque is None]
     stated = [name for name, source in case.document.parts.items() if source.outputs_after_step is not None]
     of_reading = reading_diagnostics(case.model.loop.systems[case.model.first], stated)
+    if case.data is not None:
+        return by_weight(of_a_model([*model_data_diagnostics(case.model), *of_reading]))
     return by_weight([*data_diagnostics(case.model, without_torque=without, causes=causes), *of_reading])
 
 
@@ -31,10 +35,17 @@ def check_plant(case: Case, model: LoopModel) -> tuple[Consistency | None, list[
     """
     if case.document.plant_source is None and case.base is None:
         return None, []
+    if case.data is not None:
+        return None, of_a_model(_of_influence(model))
     consistency = check_consistency(model) if model.parameters.has_regressor else None
-    found = plant_diagnostics(consistency)
+    found = [*plant_diagnostics(consistency), *_of_influence(model)]
+    return consistency, [*found, *start_diagnostics(model)]
+
+
+def _of_influence(model: LoopModel) -> list[Diagnostic]:
+    """Parameters that do nothing."""
     try:
         check_parameter_influence(model)
     except DiagnosedError as error:
-        found += error.found
-    return consistency, [*found, *start_diagnostics(model)]
+        return error.found
+    return []

@@ -50,7 +50,8 @@ def discover(
 
     Args:
         case: a loaded case, the path of its file, or its content; its validation experiments are the held-out data.
-        robot, plant, controller, log, reference, validation, loop: objects in the place of what the case has, as of
+        robot, plant, controller, log, reference, validation, loop, model, inputs, measured, parameters: objects in the
+            place of what the case has, as of
             :func:`identify`.
         out: folder for ``findings.json``, the signals, the augmented robot, FMUs and case, and ``discovery.html``;
             ``findings.json`` holds the best answer so far while the search goes on. Each time all that an earlier run
@@ -77,14 +78,8 @@ def discover(
     search = Progress.limited(progress or (lambda text: None), time_limit)
     folder = None if out is None else result_folder(out, figures=figures)
     case = checked_case(case, folder, objects)
+    _check_can_discover(case)
     model = case.model
-    if model.loop.torque_is_given:
-        raise InputError(
-            "The loop is open: the torque is given, so that it shows nothing of what the model lacks.",
-            where="connections", got=", ".join(model.experiments.channels) or "no measured:",
-            next_step="Look at identify, whose motion-unexplained says whether the model lacks something; to name it, "
-            "use a log of the closed loop.",
-        )  # fmt: skip
     places = (Path(), case.folder)
     forbidden, preferred, further = ([effect_name(e, *places) for e in given] for given in (forbid, prefer, effects))
     catalogue = effect_catalogue(further)
@@ -114,6 +109,25 @@ def discover(
     if show is not None:
         show(answer)
     return answer
+
+
+def _check_can_discover(case: Case) -> None:
+    """Raise InputError where nothing can be found: in an open loop, and of a model that is no robot."""
+    if case.document.model is not None:
+        raise InputError(
+            "Discovery names physical effects of robots and drives; this case is of a model alone.", where="model",
+            got=case.document.model.source,
+            next_step="Run fmu-didim identify: where the residual follows something, its verdict names the suspects, "
+            "such as an offset, a delay, a drift, an initial state, or a parameter that is not identified.",
+        )  # fmt: skip
+    model = case.model
+    if model.loop.torque_is_given:
+        raise InputError(
+            "The loop is open: the torque is given, so that it shows nothing of what the model lacks.",
+            where="connections", got=", ".join(model.experiments.channels) or "no measured:",
+            next_step="Look at identify, whose motion-unexplained says whether the model lacks something; to name it, "
+            "use a log of the closed loop.",
+        )  # fmt: skip
 
 
 def _description(case: Case) -> RobotDescription | None:

@@ -44,6 +44,12 @@ def export_fmu(
                 next_step="Leave out --fmi and --platform.",
             )  # fmt: skip
         return build_modelica(description, directory=directory)
+    if description.suffix == ".fmu":
+        raise InputError(
+            "This is an FMU already.", where=str(description),
+            next_step="Identified values go into an archive with it, with an SSV file: fmu-didim export CASE.yaml "
+            "--result result.json --ssp FILE.ssp.",
+        )  # fmt: skip
     is_controller = "law" in load_yaml(description)
     block = read_controller(description) if is_controller else RobotModel(read_robot(description)).block()
     check_writable(directory)

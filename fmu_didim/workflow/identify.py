@@ -23,9 +23,10 @@ from fmu_didim.results.result import save_result
 from fmu_didim.workflow.acknowledged import acknowledged
 from fmu_didim.workflow.case_files import case_files, repeating
 from fmu_didim.workflow.data import case_diagnostics, check_plant
-from fmu_didim.workflow.output.loop import described_loop
+from fmu_didim.workflow.output.loop import described_estimator, described_loop
 from fmu_didim.workflow.output.result import Result, result_folder
 from fmu_didim.workflow.output.result_folder import ResultFolder, checked_case
+from fmu_didim.workflow.search import estimated, profile_names
 from fmu_didim.workflow.start import started_from
 
 _log = logging.getLogger(__name__)
@@ -38,6 +39,7 @@ def identify(
     out: Path | str | None = None,
     *,
     start: Result | None = None,
+    profile: bool | Sequence[str] | None = None,
     figures: bool = False,
     progress: Progress | None = None,
     show: Callable[[Result], None] | None = None,
@@ -53,11 +55,16 @@ def identify(
             their names: ``q_ref``, ``dq_ref``, ``ddq_ref``, ``q``, ``dq``, ``ddq``, ``t``.
         log, reference: ``Log(t, tau)`` and ``Reference(t, q)`` of the experiment that is fitted; what the case says of
             sampling and clock holds for them.
-        validation: ``(log, reference)`` of the held-out experiment.
+        validation: ``(log, reference)`` of the held-out experiment, or ``(inputs, measured)``.
         loop: entries of the case, such as ``{"rate_hz": 1000}`` for a controller that states no rate.
-            These seven take the place of what the case has, or are a case themselves.
+        model: an FMU, a Modelica file or a component that is calibrated as it is, with neither robot nor controller.
+        inputs, measured: ``Inputs(t, u=...)`` and ``Measured(t, y=...)`` of it, by the names of its variables.
+        parameters: names of those that are identified, or name -> ``{"start": 1, "minimum": 0}``.
+            These eleven take the place of what the case has, or are a case themselves.
         start: a result to start from: of the same parameters, here or on another motion. Those that it lacks start at
             the values of the description.
+        profile: whether the interval of each parameter is found by its profile, too, or names of those for which it is;
+            by default what the case says.
         out: folder for ``result.json``, the torque tables, ``report.html``, ``robot_identified.yaml`` with the values
             that all experiments share, and ``robot_identified_<label>.yaml`` for each that has some of its own. They
             replace all that an earlier run left there, or nothing of it.
@@ -76,11 +83,14 @@ def identify(
     case = checked_case(case, folder, objects)
     if start is not None:
         case = started_from(case, start)
+    names = profile_names(case, profile)
     model = case.model
-    record = provenance(model, case.estimator.describe(), files=case_files(case))
-    record |= repeating("identify", case, None if out is None else Path(out))
+    record = provenance(model, described_estimator(case), files=case_files(case))
+    record |= repeating("identify", case, None if out is None else Path(out), {"profile": True} if profile else {})
     if case.document.plant.parameter_names:
         record["parameter_names"] = dict(case.document.plant.parameter_names)
+    if case.document.search is not None:
+        record["search"] = case.document.search.model_dump(mode="json")
     sentences = acknowledged(case)
     refusal = _Refusal(case, folder, record)
     try:
@@ -95,7 +105,7 @@ def identify(
         refusal.known["consistency"] = consistency_result(consistency)
     model.pool.failure = None  # what was tried before may have gone beyond what the components stand
     try:
-        estimate = case.estimator.estimate(model, progress=progress or no_progress)
+        estimate = estimated(case, model, names, progress or no_progress)
     except (RefusedError, SimulationError) as caught:
         refused = caught if isinstance(caught, RefusedError) else RefusedError(
             caught.what, iterations=(), got=caught.got, next_step=caught.next_step, where=caught.where

@@ -1,4 +1,4 @@
-"""The verb ``simulate``: the loop of a case at the control rate."""
+"""The verb ``simulate``: the loop of a case at the control rate, or a model with its inputs."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any, Unpack
 import numpy as np
 
 from fmu_didim.base.errors import InputError, UnknownNameError
-from fmu_didim.case import Case, CaseObjects, case_of, with_objects
+from fmu_didim.case import Case, CaseParts, case_of, with_objects
 from fmu_didim.cosim import Instants, sample_operator
 from fmu_didim.data.signals import Array, Trajectory
 from fmu_didim.fit.solver.admissible import mass_matrix_problem
@@ -24,20 +24,22 @@ def simulate(
     *,
     parameters: Mapping[str, float] | None = None,
     experiment: str | None = None,
-    **objects: Unpack[CaseObjects],
+    **objects: Unpack[CaseParts],
 ) -> Trajectory:
-    """Simulate the loop of a case at the control rate.
+    """Simulate the loop of a case at the control rate, or the model of a case with the inputs of an experiment.
 
     Args:
         case: a loaded case, the path of its file, or its content; torque logs are not needed.
-        robot, plant, controller, log, reference, validation, loop: objects in the place of what the case has, as of
+        robot, plant, controller, log, reference, validation, loop, model, inputs, measured: objects in the place of
+            what the case has, as of
             :func:`identify`.
-        parameters: free parameters by name; the values of the robot description by default.
-        experiment: label of the experiment whose reference is followed; the first one by default.
+        parameters: free parameters by name; the values of the robot description, or of the model, by default.
+        experiment: label of the experiment whose reference is followed, or whose inputs act; the first one by default.
 
     Returns:
         Columns ``tau<j>`` (N.m or N), ``q<j>``, ``dq<j>``, ``ddq<j>`` (rad or m, per s, per s2) at the ticks; motions
-        that the plant does not give are left out.
+        that the plant does not give are left out. Of a model its outputs that were measured, and its inputs, in its
+        own units.
 
     Raises:
         InputError, UnknownNameError: the case or a name is wrong; SimulationError: the loop diverged.
@@ -55,9 +57,12 @@ def simulate(
 
 
 def model_without_data(case: Case, label: str | None) -> LoopModel:
-    """The loop of a case along the reference of an experiment, by default the first, whose torque is not needed."""
+    """The loop of a case along the reference of an experiment, by default the first, whose torque is not needed; of a
+    model with the inputs of that experiment."""
     label = label or next(iter(case.document.runs))
     reference = case.reference(label)
+    if case.data is not None:
+        return case.model.on(label)
     nothing = np.zeros((1, case.parameters.joint_count))
     changes = case.document.runs[label].instants is not None
     every = sample_operator(
@@ -72,6 +77,6 @@ def named_values(model: LoopModel, given: Mapping[str, float]) -> Array:
     values = model.start
     for name, value in given.items():
         if name not in model.names:
-            raise UnknownNameError("base parameter", name, model.names, where="parameters")
+            raise UnknownNameError("parameter that is identified", name, model.names, where="parameters")
         values[model.names.index(name)] = value
     return values

@@ -7,8 +7,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from pydantic import TypeAdapter, ValidationError
-
 from fmu_didim.base.documents import TO_FILL_IN, load_yaml
 from fmu_didim.base.errors import FmuDidimError
 from fmu_didim.case import load_case, read_case
@@ -18,6 +16,7 @@ from fmu_didim.controllers import read_law
 from fmu_didim.dynamics.effects import UNITS
 from fmu_didim.dynamics.robot import RobotDescription, read_robot
 from fmu_didim.workflow.acknowledged import acknowledged
+from fmu_didim.workflow.validate_model import mistakes_of_a_model, runs_of
 
 NOT_YAML = (".fmu", ".ssp", ".mo")
 
@@ -35,7 +34,7 @@ class Mistake:
 
 
 def mistakes(path: Path | str) -> list[Mistake]:
-    """All mistakes in a case file, in its robot and controller, in the columns of its data files.
+    """All mistakes in a case file, in its robot and controller or its model, in the columns of its data files.
 
     A case without any of these is loaded as a whole, which may tell one more: nothing is simulated.
 
@@ -54,7 +53,11 @@ def mistakes(path: Path | str) -> list[Mistake]:
     if isinstance(source, str) and ":" not in source and not source.endswith(NOT_YAML):
         _tried(found, path.parent / source, read_law)
     units = () if robot is None else tuple(UNITS[joint.type].torque for joint in robot.joints)
-    for label, run in _runs(content):
+    runs = dict(runs_of(content))
+    if content.get("model") is not None:
+        of_model = mistakes_of_a_model(content, runs, path.parent)
+        found += [Mistake.of(error, where) for error, where in of_model if error.got != TO_FILL_IN]
+    for label, run in ({} if content.get("model") is not None else runs).items():
         found += _of_run(label, run, path.parent, units)
     if not found:
         _tried(found, path, lambda path: load_case(path).model)
@@ -69,18 +72,6 @@ def _tried(found: list[Mistake], path: Path, read: Any) -> RobotDescription | No
         found.append(Mistake.of(error, str(path)))
         return None
     return made if isinstance(made, RobotDescription) else None
-
-
-def _runs(content: dict[str, Any]) -> Iterator[tuple[str, ExperimentSource]]:
-    """The experiments that can be understood; what is wrong with the others is reported with the case."""
-    given = {key: content[key] for key in ("train", "validation") if isinstance(content.get(key), dict)}
-    experiments = content.get("experiments")
-    given |= experiments if isinstance(experiments, dict) else {}
-    for label, value in given.items():
-        try:
-            yield label, TypeAdapter(ExperimentSource).validate_python(value)
-        except ValidationError:
-            continue
 
 
 def _of_run(label: str, run: ExperimentSource, folder: Path, units: tuple[str, ...]) -> Iterator[Mistake]:

@@ -121,3 +121,13 @@ def test_hidden_effects_are_named(tmp_path: Path) -> None:
     assert found.loc["stribeck@1", "stribeck@1"] == 1
     assert found.to_numpy().sum() == 6
     assert (results.folder / "campaign.json").is_file()
+
+
+@pytest.mark.gate
+def test_the_intervals_of_a_model_hold(tmp_path: Path) -> None:
+    """Of both starts alike, and with five times the noise, five times as wide."""
+    vary = vary_of("house") | {"noise.std": {"0.1 K": [0.1], "0.5 K": [0.5]}}
+    found = part_of("house", tmp_path, vary, 4).by_parameter()
+    assert (found["used"] == 4).all() and (found["bias_in_sigma"].abs() < 3).all()
+    stated = found.set_index(["identify.R1.start", "noise.std", "parameter"])["stated"].unstack("noise.std")
+    assert stated["0.5 K"].to_numpy() == pytest.approx(5 * stated["0.1 K"].to_numpy(), rel=0.3)

@@ -47,6 +47,10 @@ def parts(kind: str) -> tuple[Component, Component]:
     if kind == "fmu 3":
         plant, law = (load_fmu(build_fmu(b, fmi_version="3.0")) for b in (scara().block(), scara_cascade()))
         return plant, law
+    if kind.startswith("exchange"):
+        version = f"{kind[-1]}.0"
+        plant = load_fmu(build_fmu(scara().block(), fmi_version=version), interface="model-exchange", substeps=4)
+        return plant, load_fmu(build_fmu(scara_cascade(), fmi_version=version), interface="model-exchange")
     if kind == "model":
         return tuple(with_compiled_twin(ModelComponent(b)) for b in (scara().block(), scara_cascade()))  # type: ignore[return-value]
     return load_fmu(build_fmu(scara().block())), block_as_control(scara_pd())  # linear, native
@@ -65,7 +69,7 @@ def assert_same(first: Recording, second: Recording) -> None:
             np.testing.assert_array_equal(mine[name], other[name], err_msg=f"{group}: {name}")
 
 
-@pytest.mark.parametrize("kind", ["fmu 2", "fmu 3", "model", "linear"])
+@pytest.mark.parametrize("kind", ["fmu 2", "fmu 3", "exchange 2", "exchange 3", "model", "linear"])
 @pytest.mark.parametrize("timing", TIMINGS)
 def test_both_loops_give_the_same_bits(kind: str, timing: str) -> None:
     system, ticks = system_of(kind, **TIMINGS[timing]), np.array([0, 1, 5, 40, 41, 150, 199])

@@ -170,6 +170,7 @@ STATED: Mapping[str, Mapping[str, str]] = {
         "Python 3.11 to 3.14": "versions", "glibc 2.28": "a version", "Jinja2 3.1.4": "a version",
         "0.24 to 0.24.3": "versions", "FMI 2.0 and 3.0": "versions",
     },
+    "calibrate-an-fmu": {"simulated with 0.02 and 0.01 K/W": MADE},
     "campaigns": {"less than 1 h and 4 GB": "an example of limits"},
     "find-an-effect": {"stops after 60 s": "what the option says"},
     "choose-a-motion": {"0.1 Hz is usual": "an example"},

@@ -116,7 +116,9 @@ def test_idle_parameters_stay() -> None:
     model = loop("scara/identify")
     table = drawn(model.start.size, 7)
     table[:, 2] = 0.0
-    equations = Equations.of(table[:, None, :], (table @ -model.start)[:, None])
+    wanted = 0.1 * model.start
+    wanted[model.names.index("ZZ2")] *= -1.0
+    equations = Equations.of(table[:, None, :], (table @ (wanted - model.start))[:, None])
     step = equations.step(model.start, Region.of(model), 0.0)[0]
     assert step[2] == 0.0
     assert mass_matrix_problem(model, model.start + step) == ""

@@ -115,7 +115,8 @@ class Noise(Strict):
     """Noise that is added to simulated data.
 
     Attributes:
-        relative: standard deviation of the torque as a part of each joint's RMS torque; std: in N.m or N, one a joint.
+        relative: standard deviation of the torque as a part of each joint's RMS torque, of a model of each output as a
+            part of how far that deviates from its mean; std: in N.m or N, one a joint, or in its unit, one an output.
         coloured: part of its power that is a first-order autoregression with the memory ``memory_s``.
         memory_s: time in s after which the coloured part is correlated by 1/e.
         position_std: of simulated positions, in rad or m, for all joints.
@@ -174,8 +175,9 @@ class CampaignDocument(Strict):
             YAML file (``robot.joints.0.parameters.Fv``) changes a copy of it. Other paths begin with ``case``,
             ``truth.``, ``noise.``, ``options.`` or ``label.`` (a remark, which changes nothing).
         seeds: how many noise seeds, or which.
-        truth: entries in which the simulated machine differs from the case; ``{}`` for none. Without ``truth`` and
-            ``noise`` the data are those that the case names.
+        truth: entries in which the simulated machine differs from the case, or the model, ``{model: {parameters: {R1:
+            0.02}}}``; ``{}`` for none. Without ``truth`` and ``noise`` the data are those that the case names. Outputs
+            of a model are simulated at the instants of its files.
         noise: of the simulated data.
         options: of ``discover``; limits: of a run.
         keep: whether all result files of every run are kept, its page and the tables of its torque among them.

@@ -13,7 +13,7 @@ import yaml
 from fmu_didim.base.documents import load_yaml
 from fmu_didim.base.errors import InputError
 from fmu_didim.base.imports import located
-from fmu_didim.case import Log, Reference
+from fmu_didim.case import Inputs, Log, Measured, Reference
 from fmu_didim.case.memory import Memory
 from fmu_didim.components import Component, is_control
 from fmu_didim.data.excitation import Excitation
@@ -49,7 +49,7 @@ def plain(content: Any, memory: Memory, place: str = "campaign") -> Any:
         return {key: plain(value, memory, f"{place}.{key}") for key, value in content.items()}
     if isinstance(content, list | tuple):
         return [plain(value, memory, place) for value in content]
-    is_data = isinstance(content, Log | Reference | Trajectory)
+    is_data = isinstance(content, Log | Reference | Inputs | Measured | Trajectory)
     if is_data or callable(content) or isinstance(content, Component | Block) or is_control(content):
         raise InputError(
             "A campaign cannot take an object in memory: its runs are processes of their own, which read files.",

@@ -18,12 +18,16 @@ from fmu_didim.base.errors import InputError
 from fmu_didim.campaigns.planning.document import Block, CampaignDocument, Span
 from fmu_didim.campaigns.planning.fields import Label, labels, with_value
 from fmu_didim.campaigns.planning.identity import References, code_digest, digest
+from fmu_didim.campaigns.planning.recorded import written_out
 from fmu_didim.case.changes import merged
 from fmu_didim.data.signals import Array
 
 SECTIONS = ("case", "truth", "noise", "options", "label")
 """First words of paths that are not fields of the case."""
-DATA_ROOTS = ("robot", "plant", "controller", "system", "loop", "experiments", "train", "validation")
+DATA_ROOTS = (
+    "robot", "plant", "controller", "system", "loop", "experiments", "train", "validation", "model", "inputs",
+    "measured",
+)  # fmt: skip
 """Entries of a case that simulated data depend on."""
 
 
@@ -125,6 +129,12 @@ class Plan:
         return {run.id: run for run in self.runs}
 
     @property
+    def quantity(self) -> str:
+        """What the cases fit, in a word: torque, or the outputs of a model."""
+        first = next(self.combinations(), ())
+        return "output" if "model" in self.base(first)[0] else "torque"
+
+    @property
     def combination_count(self) -> int:
         """Runs that the campaign asks for, equal ones counted as often as they occur."""
         return math.prod(map(len, self.blocks)) * len(self.document.seeds)
@@ -204,10 +214,10 @@ class Plan:
         """The content of the base case, and the folder of its files."""
         source = next((s.value for s in settings if s.path == "case"), self.document.case)
         if isinstance(source, Mapping):
-            return dict(source), self.folder
+            return written_out(source), self.folder
         path = self.folder / str(source)
         if path not in self._bases:
-            self._bases[path] = load_yaml(path)
+            self._bases[path] = written_out(load_yaml(path))
         return self._bases[path], path.parent.resolve()
 
     @cached_property
@@ -271,7 +281,7 @@ class Identities:
         return self._digests[key][0]
 
 
-_LOGS = ("experiments", "train", "validation")
+_LOGS = ("experiments", "train", "validation", "inputs", "measured")
 
 
 def _without_logs(value: Any, root: str) -> Any:

@@ -7,8 +7,9 @@ from __future__ import annotations
 
 import zlib
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,13 @@ from scipy import signal
 from fmu_didim.base.documents import validate
 from fmu_didim.base.errors import InputError
 from fmu_didim.campaigns.planning.document import Noise
+from fmu_didim.campaigns.planning.recorded import (
+    SimulatedOutput,
+    output_file,
+    outputs_deviation,
+    simulated_outputs,
+    with_simulated_outputs,
+)
 from fmu_didim.case import Case, load_case
 from fmu_didim.case.sources import TorqueFile
 from fmu_didim.cosim import Instants, decimated_times, sample_operator
@@ -26,6 +34,7 @@ from fmu_didim.estimators.start import with_free_delay
 from fmu_didim.model.experiment import Experiment
 from fmu_didim.model.parameters import Parameters
 
+NO_OUTPUTS: Mapping[str, list[SimulatedOutput]] = MappingProxyType({})
 SPIN_UP = 20
 """[memories] Coloured noise is simulated this long before the log starts, so that it is stationary."""
 
@@ -51,11 +60,13 @@ class Truth:
     Attributes:
         logs: label -> log; values: name of a free parameter -> its true value, and what is regrouped into it.
         robot: its description, where it has one.
+        outputs: label -> what a model gives, in place of logs.
     """
 
     logs: Mapping[str, SimulatedLog]
     values: Mapping[str, tuple[float, str]]
     robot: RobotDescription | None
+    outputs: Mapping[str, list[SimulatedOutput]] = field(default_factory=dict)
 
 
 def simulated_truth(content: Mapping[str, Any], folder: Path) -> Truth:
@@ -68,9 +79,12 @@ def simulated_truth(content: Mapping[str, Any], folder: Path) -> Truth:
     if isinstance(content.get("identify"), Mapping):  # true values are those of the loop, not those a fit starts from
         kept = ("of", "parameter", "joint")
         content["identify"] = {
-            name: {k: v for k, v in entry.items() if k in kept} for name, entry in content["identify"].items()
+            name: {k: v for k, v in (entry or {}).items() if k in kept} for name, entry in content["identify"].items()
         }
     case = load_case(content, folder=folder, require_torque=False)
+    if case.data is not None:
+        start = zip(case.model.names, case.model.start, strict=True)
+        return Truth({}, {name: (float(value), "") for name, value in start}, None, simulated_outputs(case))
     experiments = {label: _experiment(case, label) for label in case.document.runs}
     model = case.model_on(experiments)
     logs = {}
@@ -162,6 +176,12 @@ def noisy_logs(truth: Truth, stated: Mapping[str, Any], data: str) -> dict[str, 
         InputError: the noise is wrong, or does not fit the joints.
     """
     noise, found = validate(Noise, dict(stated), where="noise"), dict[str, Trajectory]()
+    for label, outputs in truth.outputs.items():
+        rng = np.random.default_rng([int(data, 16), zlib.crc32(label.encode())])
+        sizes = outputs_deviation(outputs, relative=noise.relative, std=noise.std)
+        for one, size in zip(outputs, sizes, strict=True):
+            unit = unit_noise(rng, one.time, 1, coloured=noise.coloured, memory_s=noise.memory_s)[:, 0]
+            found[output_file(label, one.name)] = trajectory(one.time, {one.name: one.values + size * unit})
     for label, log in truth.logs.items():
         rng = np.random.default_rng([int(data, 16), zlib.crc32(label.encode())])
         n = log.torque.shape[1]
@@ -185,12 +205,17 @@ def positions_file(label: str) -> str:
     return f"positions_{label}.csv"
 
 
-def with_simulated_logs(content: Mapping[str, Any]) -> dict[str, Any]:
-    """The content of a case that reads the simulated logs instead of its own.
+def with_simulated_logs(
+    content: Mapping[str, Any], outputs: Mapping[str, list[SimulatedOutput]] = NO_OUTPUTS
+) -> dict[str, Any]:
+    """The content of a case that reads the simulated logs instead of its own, or the simulated outputs of a model.
 
     They already have the rate of the case and the unit of torque; what the case assumes about their clock and sampling
     stays.
     """
+    if "model" in content:
+        names = {label: [one.name for one in each] for label, each in outputs.items()}
+        return with_simulated_outputs(content, names) if outputs else dict(content)
     result = dict(content)
     runs = dict(result.get("experiments") or {})
     labelled = {"train": "estimation", "validation": "validation"}

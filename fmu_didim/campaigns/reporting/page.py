@@ -98,9 +98,13 @@ def campaign_report(results: Results, groups: pd.DataFrame, quality: pd.DataFram
     runs = runs.assign(order=order).sort_values("order", kind="stable")  # those without answer first
     fields = [(path, results.groups(path)) for path in results.paths] if len(results.paths) > 1 else []
     sections = [
-        groups_section(groups, results.paths, _links(results, groups, runs)),
+        groups_section(groups, results.paths, _links(results, groups, runs), quantity=results.quantity),
         Section("By field", [], anchor="axes"),
-        *(Section(path, [Table(group_columns(of, [path]))]) for path, of in fields if len(of) <= VALUES_SHOWN),
+        *(
+            Section(path, [Table(group_columns(of, [path], quantity=results.quantity))])
+            for path, of in fields
+            if len(of) <= VALUES_SHOWN
+        ),
         *_figures(results),
         _parameters(results, quality),
         confusion_section(results.confusion()),
@@ -180,7 +184,7 @@ def _runs(results: Results, runs: pd.DataFrame) -> Section:
         *(words(path, [shown(r[path]) for r in rows]) for path in results.paths),
         Column("seed", [str(r["seed"]) for r in rows]),
         words("verdict", [_word(r["verdict"], r["status"]) for r in rows]),
-        Column("torque error %", [significant(r["error_percent"]) for r in rows]),
+        Column(f"{results.quantity} error %", [significant(r["error_percent"]) for r in rows]),
         Column("iterations", [shown(r["iterations"]) for r in rows]),
         Column("s", [significant(r["seconds"], 2) for r in rows]),
         words("message", [r["message"].partition("\n")[0] if isinstance(r["message"], str) else "" for r in rows]),

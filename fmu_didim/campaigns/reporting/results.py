@@ -45,6 +45,11 @@ class Results:
         return self.store.folder
 
     @property
+    def quantity(self) -> str:
+        """What its cases fit, in a word: torque, or the outputs of a model."""
+        return str(self.head.get("quantity", "torque"))
+
+    @property
     def paths(self) -> list[str]:
         """The fields that vary, columns of the tables."""
         return list(dict.fromkeys(self.head["paths"]))
@@ -99,9 +104,9 @@ class Results:
 
     def summary(self) -> str:
         """The text for the terminal: groups, hidden effects against named ones, remarks."""
-        tables, paths = [group_columns(whole := self.groups(), self.paths)], self.paths
+        tables, paths = [group_columns(whole := self.groups(), self.paths, quantity=self.quantity)], self.paths
         if len(whole) > GROUPS_PRINTED and len(paths) > 1:
-            tables = [group_columns(self.groups(path), [path]) for path in paths]
+            tables = [group_columns(self.groups(path), [path], quantity=self.quantity) for path in paths]
         blocks = [table_lines(Table(columns), width=None) for columns in tables]
         blocks.append(section_lines(confusion_section(self.confusion())))
         blocks.append([line for remark in self.remarks() for line in wrapped(remark, "- ", "  ")])
@@ -194,7 +199,8 @@ class Results:
         """For notebooks: progress, groups and remarks."""
         from fmu_didim.report.page import notebook_html
 
-        return notebook_html(brief_report(self.status(), [groups_section(self.groups(), self.paths)], self.remarks()))
+        groups = groups_section(self.groups(), self.paths, quantity=self.quantity)
+        return notebook_html(brief_report(self.status(), [groups], self.remarks()))
 
     def confusion(self) -> pd.DataFrame:
         """Of discoveries: number of runs by hidden and by named effects; empty for identifications."""

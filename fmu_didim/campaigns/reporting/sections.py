@@ -26,16 +26,18 @@ def brief_report(status: Status, sections: Sequence[Section], remarks: Sequence[
     return Report(status.name, status.name, banner, sections, what="campaign", remarks=remarks, **more)
 
 
-def groups_section(groups: pd.DataFrame, paths: Sequence[str], runs: Sequence[Sequence[Link]] = ()) -> Section:
-    """The groups by the fields of ``paths``, one a line, with links to their runs."""
-    columns = group_columns(groups, paths)
+def groups_section(
+    groups: pd.DataFrame, paths: Sequence[str], runs: Sequence[Sequence[Link]] = (), *, quantity: str = "torque"
+) -> Section:
+    """The groups by the fields of ``paths``, one a line, with links to their runs; ``quantity``: what is fitted."""
+    columns = group_columns(groups, paths, quantity=quantity)
     if runs:
         counts = [str(len(links)) for links in runs]
         columns.append(words("runs, those without answer first", counts, links=runs, shown="page"))
     return Section("Groups", [note(GROUPS_NOTE), Table(columns)], anchor="groups", is_brief=True)
 
 
-def group_columns(groups: pd.DataFrame, paths: Sequence[str]) -> list[Column]:
+def group_columns(groups: pd.DataFrame, paths: Sequence[str], *, quantity: str = "torque") -> list[Column]:
     """The columns of groups by some fields; counts that are zero everywhere are left out."""
     columns = [words(path, [shown(v) for v in groups[path]]) for path in paths]
     columns.append(_counts(groups, "runs"))
@@ -44,7 +46,7 @@ def group_columns(groups: pd.DataFrame, paths: Sequence[str]) -> list[Column]:
     columns.append(_counts(groups, "valid"))
     columns.append(_counts(groups, "doubtful", shown="both" if groups["doubtful"].any() else "terminal"))
     columns += [_counts(groups, n) for n in ("not_settled", "refused", "failed", "open") if groups[n].any()]
-    columns.append(Column("torque error %", [_fixed(v, 2) for v in groups["error_percent"]]))
+    columns.append(Column(f"{quantity} error %", [_fixed(v, 2) for v in groups["error_percent"]]))
     if "coverage" in groups:
         parts = zip(groups["coverage"], groups["coverage_low"], groups["coverage_high"], strict=True)
         intervals = [MISSING if c != c else f"{c:.3f} ({low:.2f} to {high:.2f})" for c, low, high in parts]

@@ -149,7 +149,7 @@ def _loaded(scratch: Path, task: Task) -> tuple[Case, Truth | None]:
         return load_case(case, folder=folder), None
     truth = simulated_truth(with_written_descriptions(content.truth, scratch), folder)
     logs = noisy_logs(truth, {}, task.data)
-    return load_case(with_simulated_logs(case), folder=folder, signals=logs), truth
+    return load_case(with_simulated_logs(case, truth.outputs), folder=folder, signals=logs), truth
 
 
 def try_case(process: Any, task: Task) -> Trial:

@@ -20,8 +20,8 @@ SLOT_POLL_S = 0.05
 
 
 def sources_of(case: Mapping[str, Any]) -> set[str]:
-    """The sources of the plant, the controller and the further components of a case."""
-    parts = [case.get("plant"), case.get("controller"), *(case.get("components") or {}).values()]
+    """The sources of the plant, the controller and the further components of a case, or of its model."""
+    parts = [case.get("plant"), case.get("controller"), case.get("model"), *(case.get("components") or {}).values()]
     return {str(part["source"]) for part in parts if isinstance(part, Mapping) and part.get("source")}
 
 

@@ -32,7 +32,7 @@ def write_single_run(plan: Plan, run: PlannedRun, folder: Path) -> Path:
         truth = simulated_truth(with_written_descriptions(content.truth, folder), source)
         for name, log in noisy_logs(truth, content.noise, run.data).items():
             write_csv(log, folder / name, digits=17)
-        case = with_simulated_logs(case)
+        case = with_simulated_logs(case, truth.outputs)
     path, case = folder / CASE_FILE, _absolute(with_written_descriptions(case, folder), source)
     path.write_text(yaml.safe_dump(case, sort_keys=False), encoding="utf-8")
     return path

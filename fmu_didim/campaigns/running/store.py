@@ -91,7 +91,7 @@ class Store:
             "campaign": plan.document.model_dump(mode="json", by_alias=True, exclude_unset=True),
             "file": plan.file, "folder": str(plan.folder.resolve()), "code": plan.code, "version": __version__,
             "planned": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()), "count": len(plan.runs),
-            "paths": list(plan.paths),
+            "paths": list(plan.paths), "quantity": plan.quantity,
         }  # fmt: skip
         columns = {name: [getattr(run, name) for run in plan.runs] for name in ("id", "design", "data", "seed")}
         columns["settings"] = [json.dumps(run.labels, default=str) for run in plan.runs]

@@ -9,33 +9,18 @@ from pathlib import Path
 
 import numpy as np
 
-from fmu_didim.base.diagnostics import Diagnostic
 from fmu_didim.base.errors import InputError
-from fmu_didim.case.calibration.inputs import RecordedInputs, check_covered, read_inputs
+from fmu_didim.case.calibration.errors import Run, with_errors
+from fmu_didim.case.calibration.inputs import check_covered, read_inputs
 from fmu_didim.case.calibration.ticks import Ticks, ticks_of, together
 from fmu_didim.case.document import MODEL, CaseDocument
 from fmu_didim.case.files import NONE_GIVEN
 from fmu_didim.case.measured import Samples, channel_of, output_operator, read_measured
-from fmu_didim.case.sources import ExperimentSource
 from fmu_didim.components import Component, FmuComponent
 from fmu_didim.cosim import Connection, System
 from fmu_didim.cosim.system import REFERENCE
 from fmu_didim.data.signals import Array, Trajectory
 from fmu_didim.model.experiment import Experiment, InitialState
-
-
-@dataclass(frozen=True)
-class Run:
-    """What the files of an experiment hold.
-
-    Attributes:
-        source: its entry; inputs: what drove the model; outputs: name -> what was measured; told: of the files.
-    """
-
-    source: ExperimentSource
-    inputs: RecordedInputs
-    outputs: Mapping[str, Samples]
-    told: tuple[Diagnostic, ...]
 
 
 @dataclass(frozen=True)
@@ -64,9 +49,17 @@ class CalibrationData:
         """Whether the ticks have no common step."""
         return any(one.step is None for one in self.ticks.values())
 
-    def reference(self, label: str, at_once: frozenset[str]) -> Trajectory:
-        """The inputs of an experiment at its ticks; ``at_once``: as of :meth:`RecordedInputs.along`."""
-        return self.runs[label].inputs.along(self.ticks[label].time, at_once=at_once)
+    @property
+    def ramps(self) -> frozenset[str]:
+        """The inputs that are linear between their rows, in all experiments."""
+        drives = [run.inputs.by_name for run in self.runs.values()]
+        return frozenset(name for by_name in drives for name, one in by_name.items() if one.is_linear) - frozenset(
+            name for by_name in drives for name, one in by_name.items() if not one.is_linear
+        )
+
+    def reference(self, label: str) -> Trajectory:
+        """The inputs of an experiment at its ticks."""
+        return self.runs[label].inputs.along(self.ticks[label].time)
 
 
 def read_calibration(
@@ -87,6 +80,7 @@ def read_calibration(
         measured, told = read_measured(source, folder, outputs, label=label, is_any=True, signals=signals)
         runs[label] = Run(source, driven, measured, (*driven.told, *told))
         found[label] = _ticks(runs[label], label, step)
+    runs = with_errors(runs)
     ticks, nominal = together(list(found.values()))
     return CalibrationData(runs, dict(zip(runs, ticks, strict=True)), nominal, _together(runs))
 
@@ -110,7 +104,7 @@ def _ticks(run: Run, label: str, step: float | None) -> Ticks:
 
 def _together(runs: Mapping[str, Run]) -> tuple[str, ...]:
     """The largest group of outputs that are measured at the same instants wherever they are fitted, in all fitted
-    experiments; of groups of one size that with most samples."""
+    experiments, and whose noise is stated for all or for none; of groups of one size that with most samples."""
     fitted = [run.outputs for run in runs.values() if run.source.role == "estimation"]
     everywhere = [name for name in fitted[0] if all(name in outputs for outputs in fitted)]
     if not everywhere:
@@ -119,18 +113,24 @@ def _together(runs: Mapping[str, Run]) -> tuple[str, ...]:
             got="; ".join(", ".join(outputs) for outputs in fitted),
             next_step="Fit experiments that have an output in common, or each in a case of its own.",
         )  # fmt: skip
-    keys = {name: tuple(outputs[name].time.tobytes() for outputs in fitted) for name in everywhere}
+    keys = {
+        name: (fitted[0][name].errors.stated is None, *(outputs[name].time.tobytes() for outputs in fitted))
+        for name in everywhere
+    }
     groups = Counter(keys.values())
     samples = {name: sum(outputs[name].time.size for outputs in fitted) for name in everywhere}
     best = max(everywhere, key=lambda name: (groups[keys[name]], samples[name]))
     return tuple(name for name in everywhere if keys[name] == keys[best])
 
 
-def model_system(model: Component, reference: Trajectory, step: float, *, at_instants: bool) -> System:
-    """The system of a model alone: its inputs come from the columns of the reference."""
+def model_system(
+    model: Component, reference: Trajectory, step: float, *, at_instants: bool, ramps: frozenset[str] = frozenset()
+) -> System:
+    """The system of a model alone: its inputs come from the columns of the reference, ``ramps`` on straight lines."""
     wires = tuple(Connection(f"{REFERENCE}.{name}", f"{MODEL}.{name}") for name in reference.names)
     return System(
-        components={MODEL: model}, connections=wires, order=(MODEL,), step_size=step, at_instants=at_instants
+        components={MODEL: model}, connections=wires, order=(MODEL,), step_size=step, at_instants=at_instants,
+        ramps=ramps,
     )  # fmt: skip
 
 
@@ -150,9 +150,12 @@ def calibration_experiment(data: CalibrationData, label: str, system: System, re
     time, values = _same_instants(columns, label)
     channels = [channel_of(one, reference, system, MODEL) for name, one in run.outputs.items()
                 if name not in data.together]  # fmt: skip
+    errors = tuple(one.errors for one in columns)
+    plain = all(model.is_plain for model in errors)
+    scale = None if plain else np.column_stack([m.scale(v) for m, v in zip(errors, values.T, strict=True)])
     return Experiment(
         reference, time, values, output_operator(time, reference, system), None, label, run.source.role, stamps=time,
-        told=run.told, initial_state=InitialState("reference"), channels=tuple(channels),
+        told=run.told, initial_state=InitialState("reference"), channels=tuple(channels), errors=errors, scale=scale,
     )  # fmt: skip
 
 

@@ -4,8 +4,9 @@ Between its rows t_i a file gives u on a straight line, or held,
 
     linear:  u(t) = u_i + (u_(i+1) - u_i) (t - t_i) / (t_(i+1) - t_i),      held:  u(t) = u_i,      t_i <= t < t_(i+1)
 
-A master holds the inputs over a step. What it holds in [t_k, t_(k+1)) is the mean of u there, with which the states of
-a model follow a straight line to second order in the step, or u(t_k), where outputs follow the inputs at once.
+At the instants t_k of the simulation the model has u(t_k). In model exchange linear inputs go on straight from there to
+u(t_(k+1)); in co-simulation they are held at the mean of both, with which the states follow them to second order in
+the step, and the steps are made as short as the noise of the data asks for.
 """
 
 from __future__ import annotations
@@ -44,29 +45,6 @@ class RecordedInput:
         row = np.searchsorted(self.time, times + slack, side="right") - 1
         return self.values[np.clip(row, 0, self.time.size - 1)]
 
-    def mean(self, ticks: Array) -> Array:
-        """(T,) mean of u from each tick to the next one; at the last tick u itself."""
-        total = np.concatenate([[0.0], np.cumsum(self._areas())])
-        parts = self._integral(ticks, total)
-        means = np.diff(parts) / np.diff(ticks)
-        return np.append(means, self.at(ticks[-1:]))
-
-    def _areas(self) -> Array:
-        steps = np.diff(self.time)
-        heights = (self.values[1:] + self.values[:-1]) / 2 if self.is_linear else self.values[:-1]
-        return np.asarray(steps * heights)
-
-    def _integral(self, times: Array, total: Array) -> Array:
-        """(N,) integral of u from the first row to these times."""
-        row = np.clip(np.searchsorted(self.time, times, side="right") - 1, 0, self.time.size - 1)
-        beyond = times - self.time[row]
-        here = self.values[row]
-        if not self.is_linear:
-            return np.asarray(total[row] + beyond * here)
-        inside = (times > self.time[0]) & (times < self.time[-1])
-        there = np.where(inside, self.at(times), here)
-        return np.asarray(total[row] + beyond * (here + there) / 2)
-
 
 @dataclass(frozen=True, eq=False)
 class RecordedInputs:
@@ -81,13 +59,9 @@ class RecordedInputs:
         found = [one.time for one in self.by_name.values()]
         return np.unique(np.concatenate(found)) if found else np.zeros(0)
 
-    def along(self, ticks: Array, *, at_once: Collection[str] = ()) -> Trajectory:
-        """The inputs as they are held from each tick (T,) on: (T, m).
-
-        Args:
-            at_once: inputs that outputs follow at once, which are held as they are at the tick.
-        """
-        columns = [one.at(ticks) if name in at_once else one.mean(ticks) for name, one in self.by_name.items()]
+    def along(self, ticks: Array) -> Trajectory:
+        """The inputs at the ticks (T,): (T, m)."""
+        columns = [one.at(ticks) for one in self.by_name.values()]
         values = np.column_stack(columns) if columns else np.zeros((ticks.size, 0))
         return Trajectory(ticks, values, tuple(Variable(name) for name in self.by_name), source="inputs")
 

@@ -90,7 +90,7 @@ def without_outliers(model: LoopModel, found: Iterable[Diagnostic] = ()) -> tupl
     """
     told = list[Diagnostic]()
     for label, experiment in model.experiments.items():
-        if not experiment.leaves_out_outliers or model.loop.torque_is_given:
+        if not experiment.leaves_out_outliers or not model.loop.shows_torque or model.loop.torque_is_given:
             continue
         fitted = fitted_motion(_quick(model).on(label))
         if fitted is None:

@@ -16,6 +16,7 @@ from fmu_didim.checks.data.reference import STANDSTILL
 from fmu_didim.data.signals import Array
 from fmu_didim.fit.confounding import confounded
 from fmu_didim.fit.derivatives.sensitivity import sensitivity
+from fmu_didim.fit.exploration.local import LocalSensitivity, local_sensitivity
 from fmu_didim.fit.noise.noise import TINY
 from fmu_didim.fit.noise.weighting import noise_floor, whitened
 from fmu_didim.fit.statistics import correlation, covariance_white
@@ -73,22 +74,26 @@ class ExpectedAccuracy:
         return tuple(name for name, is_small in zip(self.names, small, strict=True) if is_small)
 
 
-def predict_accuracy(model: LoopModel, values: Array, torque: Array) -> tuple[tuple[str, ...], ExpectedAccuracy | None]:
-    """Parameters that the data cannot tell apart, and the accuracy of all, from a start with this torque (N, n); None
-    where no prediction is possible.
+def predict_accuracy(
+    model: LoopModel, values: Array, torque: Array
+) -> tuple[tuple[str, ...], ExpectedAccuracy | None, LocalSensitivity | None]:
+    """Parameters that the data cannot tell apart, the accuracy of all, and what each does to the outputs, from a start
+    with this torque (N, n); None where no prediction is possible.
 
     Without a known noise, that of the residual after one linear step is taken.
     """
     try:
         columns, residual = sensitivity(model, values, torque), model.measured - torque
     except SimulationError:
-        return (), None  # so near to divergence nothing can be predicted
+        return (), None, None  # so near to divergence nothing can be predicted
     left = residual - columns @ np.linalg.lstsq(columns.reshape(-1, values.size), residual.reshape(-1), rcond=LOOSE)[0]
     deviation = model.torque_deviation
     if deviation is None:
         deviation = np.maximum(np.sqrt((left**2).mean(axis=0)), noise_floor(model.measured))
     white, size = model.beside_prior(whitened(columns, deviation)), float(np.linalg.norm(model.measured / deviation))
-    return confounded(white, values, model.names, torque=size), predicted(model, values, white)
+    ahead = predicted(model, values, white)
+    effects = local_sensitivity(model, values, columns, None if ahead is None else covariance_white(white))
+    return confounded(white, values, model.names, torque=size), ahead, effects
 
 
 def predicted(model: LoopModel, values: Array, columns: Array) -> ExpectedAccuracy | None:

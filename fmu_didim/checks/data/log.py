@@ -263,6 +263,11 @@ def _constant(experiment: Experiment, j: int, place: str, given: Expected) -> It
         yield Diagnostic(LOG_CONSTANT, text, place, float(np.ptp(values)))
 
 
+def column_diagnostics(values: Array, place: str) -> list[Diagnostic]:
+    """What a column (N,) shows by itself, whatever it is."""
+    return list(_quantised(values, place))
+
+
 def _quantised(values: Array, place: str) -> Iterator[Diagnostic]:
     steps = steps_in_range(values)
     if steps is None or steps > COARSE:

@@ -21,7 +21,7 @@ from fmu_didim.base.diagnostics import CATALOGUE, DOUBT, Diagnostic
 from fmu_didim.base.documents import Number, Saved
 from fmu_didim.base.errors import SimulationError
 from fmu_didim.checks.mismatch import unlike_torque
-from fmu_didim.checks.plant.influence import CHANGE
+from fmu_didim.checks.plant.idle import CHANGE
 from fmu_didim.cosim import Observer
 from fmu_didim.data.signals import Array
 from fmu_didim.estimators.reference_start import from_reference

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from fmu_didim.base.diagnostics import CATALOGUE, PROBLEM, DiagnosedError, Diagnostic
 from fmu_didim.base.errors import SimulationError
+from fmu_didim.checks.plant.idle import CHANGE, awakening, idle_parameters
 from fmu_didim.cosim import Recording
 from fmu_didim.data.signals import Array
 from fmu_didim.fit.solver.admissible import mass_matrix_problem
@@ -15,8 +16,6 @@ from fmu_didim.model.free_parameter import BASE, LOG
 from fmu_didim.model.loop_model import LoopModel
 from fmu_didim.model.numerical_regressor import RegressorProbe
 
-CHANGE = 1e-2
-"""[1] Relative change of a parameter by which its influence is measured: large against the jitter of integrators."""
 FIRST_TICKS = 200
 """[ticks] Simulated first; parameters without influence there are simulated to the end."""
 COMPARED_TICKS = 50
@@ -47,19 +46,44 @@ def check_parameter_influence(model: LoopModel) -> None:
         return  # the estimator starts elsewhere
     total = max(model.experiments[label].reference.time.size for label in model.estimation_labels)
     idle = [i for i, parameter in enumerate(model.free_parameters) if parameter.owner not in UNSEEN]
+    if not model.loop.shows_torque:
+        _check_of_model(model, idle)
+        return
     try:
         for count in sorted({min(FIRST_TICKS, total), total}):
             idle = _idle(model, theta, count, idle) if idle else []
     except SimulationError:
         return  # the estimator reports a loop that does not run
     if idle:
-        text = f"Some parameters have no effect in the plant: {_listed(model, idle)}."
-        raise DiagnosedError([Diagnostic(PARAMETER_IDLE, text, "plant")])
+        whole = model.loop.whole
+        text = f"Some parameters have no effect in the {whole}: {_listed(model, idle)}."
+        raise DiagnosedError([Diagnostic(PARAMETER_IDLE, text, whole)])
     if model.parameters.is_probed:
         silent = _silent(model, theta, FIRST_TICKS)
         if silent and (silent := _silent(model, theta, total)):
             text = f"Some parameters have no effect while the plant runs: {_listed(model, silent)}."
             raise DiagnosedError([Diagnostic(PARAMETER_FIXED, text, "identify")])
+
+
+def _check_of_model(model: LoopModel, asked: list[int]) -> None:
+    """The same of a model without loop, by what was measured, with what would wake each idle parameter."""
+    try:
+        idle = idle_parameters(model, model.start, asked)
+    except SimulationError:
+        return  # the estimator reports a model that does not run
+    found = []
+    for i in idle:
+        name, value = model.names[i], model.start[i]
+        text = f"{name} changes nothing that was measured: with {value:.6g} and {CHANGE:.0%} more all is the same."
+        found.append(
+            Diagnostic(PARAMETER_IDLE, text, "identify", next_step=f"{_capital(awakening(model, model.start, i))}.")
+        )
+    if found:
+        raise DiagnosedError(found)
+
+
+def _capital(text: str) -> str:
+    return text[:1].upper() + text[1:]
 
 
 def _listed(model: LoopModel, places: list[int]) -> str:
@@ -68,7 +92,7 @@ def _listed(model: LoopModel, places: list[int]) -> str:
         parameter = model.free_parameters[i]
         own, owner = parameter.key, parameter.owner
         if owner == BASE:
-            own, owner = model.parameters.plant_names[model.parameters.names.index(parameter.key)], "plant"
+            own, owner = model.parameters.plant_names[model.parameters.names.index(parameter.key)], model.loop.whole
         found.append(parameter.name if parameter.name == own else f"{parameter.name} ({own} in the {owner})")
     return ", ".join(found)
 

@@ -279,7 +279,12 @@ class Binding(ABC):
 def event_iterations(binding: Binding) -> Iterator[None]:
     """As many event iterations as there may be at one instant; raises SimulationError after them."""
     yield from repeat(None, MAXIMUM_ITERATIONS)
-    raise SimulationError(
+    raise no_end_of_events(binding)
+
+
+def no_end_of_events(binding: Binding) -> SimulationError:
+    """The error of an FMU whose event iteration goes on and on."""
+    return SimulationError(
         "The event iteration of the FMU does not end.", where=binding.description.path.name,
         got=f"{MAXIMUM_ITERATIONS} iterations at one instant",
         next_step="Report it to the maker of the FMU, or take its co-simulation interface.",

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from fmu_didim.components.base import Component, Instance, start_names
-from fmu_didim.components.fmu.description import CO_SIMULATION, MODEL_EXCHANGE
+from fmu_didim.components.fmu.description import CO_SIMULATION, FLOAT_TYPES, MODEL_EXCHANGE
 from fmu_didim.components.fmu.events import EventInstance
 from fmu_didim.components.fmu.instance import CoSimulationInstance, FmuInstance
 from fmu_didim.components.fmu.isolation.isolate import IsolatedInstance
@@ -83,8 +83,11 @@ class FmuComponent(FmuSettings):
 
     @property
     def takes_any_step(self) -> bool:
-        """Whether its communication steps may differ in size; in model exchange it is integrated here."""
         return self.interface.kind == MODEL_EXCHANGE or self.interface.has_variable_step
+
+    @property
+    def follows_ramps(self) -> bool:
+        return self.interface.kind == MODEL_EXCHANGE and all(kind in FLOAT_TYPES for kind in self.input_types)
 
     @property
     def is_own(self) -> bool:

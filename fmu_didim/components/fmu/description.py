@@ -167,6 +167,8 @@ class FmuDescription:
         state_count, indicator_count: continuous states and event indicators.
         units: unit -> its definition, where the FMU has one.
         dependencies: output -> inputs that it depends on at once, None for all; None if the FMU states none.
+        states: names of the continuous states, elements of arrays one by one, in the order of the state vector; empty
+            where the file does not say.
         clocks: of FMI 3.0.
     """
 
@@ -186,6 +188,7 @@ class FmuDescription:
     units: Mapping[str, UnitDefinition] = field(default_factory=dict)
     dependencies: Mapping[str, tuple[str, ...] | None] | None = None
     clocks: tuple[ClockVariable, ...] = ()
+    states: tuple[str, ...] = ()
 
     @property
     def major(self) -> int:

@@ -16,7 +16,7 @@ from fmu_didim.components.fmu.library import load_library
 from fmu_didim.components.fmu.ports import MixedCall, are_plain
 from fmu_didim.components.fmu.settings import RESET, STATE, FmuSettings, RestartableInstance
 from fmu_didim.components.fmu.units import Conversion
-from fmu_didim.components.native import Native, NativeFmu
+from fmu_didim.components.native import ExchangeEquations, Native, NativeFmu
 from fmu_didim.data.signals import Array
 
 READ_BACK = 1e-6
@@ -121,7 +121,8 @@ class FmuInstance(RestartableInstance):
         component = self._component
         self._binding.set_up_experiment(time)
         values = {**component.start_values, **component.parameter_values()}
-        self._set_own({name: values[name] for name in values if name in component.changed})
+        at_first = component.changed - component.state_starts.keys()
+        self._set_own({name: values[name] for name in values if name in at_first})
         for name, value in component.options.items():
             self._binding.set_option(component.option_types[name], component.references[name], value)
         self._binding.enter_initialisation(time)
@@ -137,15 +138,33 @@ class FmuInstance(RestartableInstance):
         if not self._binding.gives_initial_outputs:
             self._connect()
         self._check_taken(component.parameter_values())
+        self._put_states()
         for name, value in component.options.items():
             kind = component.option_types[name]
             found = None if kind == "String" else self._binding.read_back(kind, [component.references[name]], 1)
             if found is not None and found[0] != value:
                 raise _not_taken(component, name, value, found[0])
 
+    def _put_states(self) -> None:
+        """Let continuous states start elsewhere than the initialisation says, from event mode to event mode."""
+        component, binding = self._component, self._binding
+        places = {name: i for name, i in component.state_starts.items() if name in component.changed}
+        if not places:
+            return
+        binding.update_discrete_states()
+        binding.call("EnterContinuousTimeMode")
+        states, values = np.zeros(component.fmu.state_count), component.parameter_values()
+        for verb in ("Get", "Set"):
+            function, arguments = binding.exchange_call(f"{verb}ContinuousStates", states)
+            binding.check(f"{binding.prefix}{verb}ContinuousStates", function(*arguments))
+            for name, i in places.items():
+                states[i] = component.parameter_conversion(name).to_own(values[name])
+        binding.call("EnterEventMode")
+
     def _check_taken(self, values: Mapping[str, float]) -> None:
         component = self._component
-        wanted = self._own_values({name: values[name] for name in values if name in component.changed})
+        at_first = component.changed - component.state_starts.keys()
+        wanted = self._own_values({name: values[name] for name in values if name in at_first})
         numbers = np.array([x for group in wanted.values() for x in group])
         found = self._binding.read_back(self._binding.real_type, list(wanted), numbers.size) if wanted else None
         if found is None:
@@ -238,6 +257,34 @@ class FmuInstance(RestartableInstance):
     @abstractmethod
     def step(self, time: float, size: float) -> None: ...
 
+    @property
+    def _has_plain_ports(self) -> bool:
+        """Whether one C call passes all inputs, and one all outputs."""
+        fmu = self._component.fmu
+        return are_plain((*fmu.of_causality("input"), *fmu.of_causality("output")))
+
+    def _native(
+        self, kind: int, steps_by: str, *, step: Any, exchange: ExchangeEquations | None = None
+    ) -> NativeFmu:  # fmt: skip
+        """The instance for the compiled loop; ``steps_by``: what a step is called in messages."""
+        component = self._component
+        return NativeFmu(
+            kind=kind,
+            calls=(self._real_function("Set"), self._real_function("Get"), steps_by),
+            self_address=address(self._binding.c),
+            set_address=address(self._set) if component.input_references else 0,
+            get_address=address(self._get) if component.output_references else 0,
+            step_address=0 if step is None else address(step),
+            input_references=_references_of(component.fmu.of_causality("input")),
+            output_references=_references_of(component.fmu.of_causality("output")),
+            own_inputs=self._in.own,
+            own_outputs=self._out.own,
+            input_scaling=self._in.scaling,
+            output_scaling=self._out.scaling,
+            check=self._binding.check,
+            exchange=exchange,
+        )
+
 
 class CoSimulationInstance(FmuInstance):
     """An FMU in co-simulation."""
@@ -248,25 +295,10 @@ class CoSimulationInstance(FmuInstance):
         self._c = self._binding.c
 
     def native(self) -> Native | None:
-        component, kind = self._component, self._binding.native_kind
-        ports = (*component.fmu.of_causality("input"), *component.fmu.of_causality("output"))
-        if kind is None or component.interface.may_return_early or not are_plain(ports):
+        kind = self._binding.native_kind
+        if kind is None or self._component.interface.may_return_early or not self._has_plain_ports:
             return None
-        return NativeFmu(
-            kind=kind,
-            calls=(self._real_function("Set"), self._real_function("Get"), f"{self._binding.prefix}DoStep"),
-            self_address=address(self._c),
-            set_address=address(self._set) if component.input_references else 0,
-            get_address=address(self._get) if component.output_references else 0,
-            step_address=address(self._do_step),
-            input_references=_references_of(component.fmu.of_causality("input")),
-            output_references=_references_of(component.fmu.of_causality("output")),
-            own_inputs=self._in.own,
-            own_outputs=self._out.own,
-            input_scaling=self._in.scaling,
-            output_scaling=self._out.scaling,
-            check=self._binding.check,
-        )
+        return self._native(kind, f"{self._binding.prefix}DoStep", step=self._do_step)
 
     def step(self, time: float, size: float) -> None:
         now, end, pieces = time, time + size, 1
@@ -295,8 +327,12 @@ def _references_of(variables: Sequence[FmuVariable]) -> Any:
     return references([v.reference for v in variables if v.size])
 
 
-def _not_taken(component: FmuSettings, name: str, wanted: float, found: float) -> FmuError:
-    return FmuError(
+class NotTakenError(FmuError, SimulationError):
+    """An FMU does not take a value: a run with it cannot be made, others can."""
+
+
+def _not_taken(component: FmuSettings, name: str, wanted: float, found: float) -> NotTakenError:
+    return NotTakenError(
         f"The FMU did not take the value of '{name}': another value is read back.",
         where=component.path.name,
         got=f"{found:.9g} after {wanted:.9g} was set, in the FMU's own units",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 from fmu_didim.base.errors import FmuError, InputError
@@ -138,17 +139,18 @@ def _interface(fmu: FmuDescription, wanted: str | None) -> Interface:
     )
 
 
-def _component(fmi: FmiVersion, fmu: FmuDescription, interface: Interface, *, si_units: bool) -> FmuComponent:
-    def scalars(own: FmuVariable) -> list[tuple[Variable, Conversion]]:
-        rule = conversion(own.unit, fmu.units) if si_units else Conversion(own.unit)
-        values = zip(own.element_names(), own.starts(fmu.path), strict=True)
-        shown = [
-            Variable(name, rule.unit, own.causality, rule.to_shown(start), own.description) for name, start in values
-        ]
-        if own.negated:
-            rule = Conversion(rule.unit, -rule.factor, rule.offset)
-        return [(variable, rule) for variable in shown]
+def scalars_of(fmu: FmuDescription, own: FmuVariable, *, si_units: bool) -> list[tuple[Variable, Conversion]]:
+    """Each element of a variable as it is shown, and its conversion; ``si_units``: as of :func:`load_fmu`."""
+    rule = conversion(own.unit, fmu.units) if si_units else Conversion(own.unit)
+    values = zip(own.element_names(), own.starts(fmu.path), strict=True)
+    shown = [Variable(name, rule.unit, own.causality, rule.to_shown(start), own.description) for name, start in values]
+    if own.negated:
+        rule = Conversion(rule.unit, -rule.factor, rule.offset)
+    return [(variable, rule) for variable in shown]
 
+
+def _component(fmi: FmiVersion, fmu: FmuDescription, interface: Interface, *, si_units: bool) -> FmuComponent:
+    scalars = partial(scalars_of, fmu, si_units=si_units)
     groups = {c: fmu.of_causality(c) for c in ("input", "output")}
     settable = [v for v in fmu.variables if v.is_settable]
     real = [v for v in settable if v.type in REAL_TYPES and v.name != TOLERANCE_NAME]

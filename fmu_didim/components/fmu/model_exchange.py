@@ -20,11 +20,16 @@ from typing import Any
 import numpy as np
 
 from fmu_didim.base.errors import SimulationError
+from fmu_didim.components.fmu.binding import address, no_end_of_events
+from fmu_didim.components.fmu.cvode import CVODE_TOLERANCE, MOST_STEPS, cvode, silence
 from fmu_didim.components.fmu.instance import TIME_TOLERANCE, FmuInstance, ended
 from fmu_didim.components.fmu.settings import DEFAULT_SUBSTEPS, FmuSettings
+from fmu_didim.components.native import EXCHANGE, FMI2, ExchangeEquations, Native, NativeSolver
 
-CVODE_TOLERANCE = 1e-8
-"""Relative tolerance of CVode; the absolute one is this times the nominal value of each state."""
+ENDED, NO_END_OF_EVENTS = -1, -2
+"""What ``exchange.h`` returns where an FMU ends the simulation, and where its event iteration does not end."""
+NEEDED = ("set_time", "set_states", "get_states", "derive", "enter_event", "enter_continuous", "update")
+"""Functions, by their names in ``exchange.h``, without which Python runs the FMU."""
 
 
 class ModelExchangeInstance(FmuInstance):
@@ -56,6 +61,7 @@ class ModelExchangeInstance(FmuInstance):
 
     def step(self, time: float, size: float) -> None:
         """From event mode at ``time`` to event mode at ``time + size``."""
+        self._begin, self._held = time, self.inputs.copy()
         self._leave_event_mode(time)
         end, tolerance, now = time + size, TIME_TOLERANCE * size, time
         while end - now > tolerance:
@@ -70,6 +76,13 @@ class ModelExchangeInstance(FmuInstance):
         if self._next_event is not None and abs(self._next_event - end) <= tolerance:
             self._check(self._set_time(self._c, self._next_event), end)  # t0 + k h is not exactly the event's instant
         self._binding.call("EnterEventMode")
+
+    def _inputs_at(self, time: float) -> None:
+        """The inputs at an instant of the step, on straight lines from where it began."""
+        if self.slopes is not None:
+            np.multiply(self.slopes, time - self._begin, out=self.inputs)
+            np.add(self._held, self.inputs, out=self.inputs)
+            self.set()
 
     def _leave_event_mode(self, time: float) -> None:
         """Event iteration, then continuous-time mode with the states and indicators of this instant."""
@@ -102,6 +115,7 @@ class ModelExchangeInstance(FmuInstance):
         c, set_time, h = self._c, self._set_time, end - time
         if not self._nx:
             self._check(set_time(c, end), time)
+            self._inputs_at(end)
             return
         x, dx, stage, total = self._x, self._dx, self._stage, self._sum
         set_stage, stage_arguments = self._set_stage, self._stage_arguments
@@ -111,13 +125,17 @@ class ModelExchangeInstance(FmuInstance):
         for part, weight in ((h / 2, 2.0), (h / 2, 2.0), (h, 1.0)):
             np.multiply(dx, part, out=stage)
             np.add(stage, x, out=stage)
-            status |= set_time(c, time + part) | set_stage(*stage_arguments) | derive(*derive_arguments)
+            status |= set_time(c, time + part)
+            self._inputs_at(time + part)
+            status |= set_stage(*stage_arguments) | derive(*derive_arguments)
             np.multiply(dx, weight, out=stage)
             np.add(total, stage, out=total)
         np.multiply(total, h / 6, out=stage)
         np.add(x, stage, out=stage)
         x[:] = stage
-        self._check(status | set_time(c, end) | set_stage(*stage_arguments), time)
+        status |= set_time(c, end)
+        self._inputs_at(end)
+        self._check(status | set_stage(*stage_arguments), time)
 
     def _is_event(self, time: float) -> bool:
         """Tell the FMU that a substep is complete; whether it or an indicator asks for an event."""
@@ -141,13 +159,10 @@ class ModelExchangeInstance(FmuInstance):
         try:
             found, _, now = self._cvode.step(start, target)
         except (RuntimeError, TypeError) as error:  # FMPy's; TypeError where the solver gave it no reason
-            raise SimulationError(
-                "CVode could not integrate the FMU.", where=self._component.path.name,
-                got=f"t = {start:.6g} s: {error}",
-                next_step="Check the values of the parameters, or give a larger tolerance or another solver.",
-            ) from error  # fmt: skip
+            raise _not_integrated(self._component, f"t = {start:.6g} s: {error}") from error
         now = float(min(now, target))
         self._check(self._worst | self._set_time(self._c, now), start)
+        self._inputs_at(now)
         self._check(self._get_states(*self._states_arguments), start)
         event = self._is_event(now)
         return now if found or event else target
@@ -155,6 +170,55 @@ class ModelExchangeInstance(FmuInstance):
     def _check(self, status: int, time: float) -> None:
         if status > 1:
             self._binding.check(f"Model exchange at t = {time:.6g} s: a function", status)
+
+    def get_nominals(self, values: Any, count: int) -> None:
+        """Fill an array in C with the nominal values of the states, 1 where the FMU has none."""
+        nominals = self._binding.library.get(f"{self._binding.prefix}GetNominalsOfContinuousStates")
+        if nominals is None or nominals(self._c, values, count) > 1:
+            values[:count] = [1.0] * count
+        for i in range(count):  # CVode divides by its error weights, which must not be zero
+            value = abs(values[i])
+            values[i] = value if 0 < value < math.inf else 1.0
+
+    def native(self) -> Native | None:
+        kind = self._binding.native_kind
+        if kind is None or kind not in EXCHANGE or not self._has_plain_ports:
+            return None
+        library, prefix = self._binding.library, self._binding.prefix
+        functions = {key: library.get(f"{prefix}{name}") for key, name in self._functions().items()}
+        if any(functions[key] is None for key in NEEDED):
+            return None
+        equations = ExchangeEquations(
+            functions={key: 0 if function is None else address(function) for key, function in functions.items()},
+            states=self._nx, indicators=self._nz, completes=self._component.interface.needs_completed_step,
+            substeps=self._substeps, solver=self._native_cvode if self._component.solver == "cvode" else None,
+            explain=self._explained,
+        )  # fmt: skip
+        return self._native(EXCHANGE[kind], f"A function of {prefix} model exchange", step=None, exchange=equations)
+
+    def _functions(self) -> dict[str, str]:
+        """Name in ``exchange.h`` -> name of the FMU's function, without the prefix."""
+        update = "NewDiscreteStates" if self._binding.native_kind == FMI2 else "UpdateDiscreteStates"
+        return {
+            "set_time": "SetTime", "set_states": "SetContinuousStates", "get_states": "GetContinuousStates",
+            "derive": self._binding.derivatives_function, "indicators": "GetEventIndicators",
+            "completed": "CompletedIntegratorStep", "enter_event": "EnterEventMode",
+            "enter_continuous": "EnterContinuousTimeMode", "update": update,
+        }  # fmt: skip
+
+    def _native_cvode(self, rhs: int, roots: int, data: int) -> NativeSolver:
+        def get_states(values: Any, count: int) -> None:
+            self._binding.library[f"{self._binding.prefix}GetContinuousStates"](self._c, values, count)
+
+        return cvode(self._nx, self._nz, get_states, self.get_nominals, rhs, roots, data)
+
+    def _explained(self, status: int, time: float) -> SimulationError:
+        """The error for what ``exchange.h`` returns below zero."""
+        if status == ENDED:
+            return ended(self._component, time)
+        if status == NO_END_OF_EVENTS:
+            return no_end_of_events(self._binding)
+        return _not_integrated(self._component, f"t = {time:.6g} s")
 
     def save_state(self) -> Any:
         return super().save_state(), self._next_event
@@ -168,13 +232,19 @@ class ModelExchangeInstance(FmuInstance):
         super().close()
 
 
+def _not_integrated(component: FmuSettings, got: str) -> SimulationError:
+    return SimulationError(
+        "CVode could not integrate the FMU.", where=component.path.name, got=got,
+        next_step="Check the values of the parameters, or give another solver: rk4 with more substeps.",
+    )  # fmt: skip
+
+
 def _cvode(instance: ModelExchangeInstance, start: float) -> Any:
     """FMPy's CVode solver on the functions of an instance; their worst status is kept, since C cannot raise."""
     from fmpy.sundials import CVodeSolver
 
     binding, c = instance._binding, instance._c
     library, prefix = binding.library, binding.prefix
-    nominals = library.get(f"{prefix}GetNominalsOfContinuousStates")
 
     def keep_alive(function: Callable[..., int]) -> Callable[[Any, int], None]:
         def call(values: Any, count: int) -> None:
@@ -184,25 +254,21 @@ def _cvode(instance: ModelExchangeInstance, start: float) -> Any:
 
     def set_time(time: float) -> None:
         instance._worst |= instance._set_time(c, time)
+        instance._inputs_at(time)
 
-    def get_nominals(values: Any, count: int) -> None:
-        if nominals is None or nominals(c, values, count) > 1:
-            values[:count] = [1.0] * count
-        for i in range(count):  # CVode divides by its error weights, which must not be zero
-            value = abs(values[i])
-            values[i] = value if 0 < value < math.inf else 1.0
-
-    return CVodeSolver(
+    solver = CVodeSolver(
         nx=instance._nx,
         nz=instance._nz,
         get_x=keep_alive(library[f"{prefix}GetContinuousStates"]),
         set_x=keep_alive(library[f"{prefix}SetContinuousStates"]),
         get_dx=keep_alive(library[f"{prefix}{binding.derivatives_function}"]),
         get_z=keep_alive(library[f"{prefix}GetEventIndicators"]),
-        get_nominals=get_nominals,
+        get_nominals=instance.get_nominals,
         set_time=set_time,
         input=SimpleNamespace(apply=lambda time: None),  # it is applied while roots are looked for; here it is held
         startTime=start,
         relativeTolerance=CVODE_TOLERANCE,
-        maxNumSteps=100_000,
+        maxNumSteps=MOST_STEPS,
     )
+    silence(solver)
+    return solver

@@ -67,6 +67,8 @@ class FmuSettings(Component):
             -> type; options: their values that were set.
         changed: names of the parameters and start values that were set.
         fixed: names of the parameters that cannot be changed in a run.
+        state_starts: name of a parameter that is where a continuous state starts -> place of the state; it is set when
+            the initialisation is over.
         solver, substeps, isolated, time_limit_s, rerun, event_mode: as for ``load_fmu``; isolated is None where the
             user does not say.
         tolerance: given to the FMU when a run is set up; None: no tolerance is given.
@@ -93,6 +95,7 @@ class FmuSettings(Component):
     options: Mapping[str, Any] = field(default_factory=dict)
     changed: frozenset[str] = frozenset()
     fixed: frozenset[str] = frozenset()
+    state_starts: Mapping[str, int] = field(default_factory=dict)
     sample_time: float | None = None
     has_derivatives: bool = False
     solver: str = "rk4"

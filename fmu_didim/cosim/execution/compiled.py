@@ -18,7 +18,7 @@ import numpy as np
 
 from fmu_didim.base.cache import cached_folder
 from fmu_didim.base.errors import BuildError, InputError, SimulationError
-from fmu_didim.components.native import LINEAR, Native, NativeLinear
+from fmu_didim.components.native import EXCHANGE, FMI2, LINEAR, ExchangeEquations, Native, NativeFmu, NativeLinear
 from fmu_didim.cosim.execution.running import CHECK_INTERVAL, LATEST, LoopRun, Part
 from fmu_didim.export.build import compile_shared_library, find_compiler
 
@@ -45,6 +45,16 @@ class _Linear(ctypes.Structure):
     )  # fmt: skip
 
 
+class _Exchange(ctypes.Structure):
+    _fields_ = _members(
+        version="i", completes="i", solver="i", has_next="i", self="p", set_time="p", set_states="p", get_states="p",
+        derive="p", indicators="p", completed="p", enter_event="p", enter_continuous="p", update="p", states="q",
+        indicator_count="q", substeps="q", x="p", dx="p", stage="p", total="p", z="p", z_before="p", next_event="d",
+        slopes="p", held="p", begin="d", memory="p", vector="p", advance="p", restart="p", stop="p", array_of="p",
+        part="p", worst="q",
+    )  # fmt: skip
+
+
 class _Part(ctypes.Structure):
     _fields_ = _members(
         kind="i", after_step="i", self="p", set="p", get="p", step="p", input_references="p", output_references="p",
@@ -52,7 +62,8 @@ class _Part(ctypes.Structure):
         outputs="p", own_inputs="p", own_outputs="p", input_factor="p", input_offset="p", output_factor="p",
         output_offset="p", linear="p", wire_count="q", wires="p", single="q", every="q", substeps="q", whole="q",
         part="d", line="p", line_capacity="q", line_count="q", first_input="q", first_output="q", next_row="q",
-        read_before="q", read_between="q", read_after="q", instants="p", longest="d",
+        read_before="q", read_between="q", read_after="q", instants="p", longest="d", exchange="p", ramps="p",
+        ramp_count="q",
     )  # fmt: skip
 
 
@@ -67,6 +78,8 @@ class _Loop(ctypes.Structure):
 
 
 _WIRE = np.dtype([("input", np.uintp), ("signal", np.uintp), ("gain", np.float64)])
+_RAMP = np.dtype([("input", np.int64), ("column", np.int64), ("gain", np.float64)])
+_SOURCES = ("loop.c", "exchange.h")
 
 
 @cache
@@ -74,23 +87,24 @@ def loop_library() -> Any:
     """The compiled loop; None where it cannot be built, so that Python runs it.
 
     Returns:
-        The function ``run_loop`` of the library.
+        The library, with the function ``run_loop`` and the callbacks of CVode.
     """
     try:
         compiler = find_compiler()
-        source = files("fmu_didim.cosim.execution").joinpath("loop.c").read_text(encoding="utf-8")
-        key = hashlib.sha256(repr((source, compiler.flags, compiler.version)).encode()).hexdigest()[:32]
+        folder = files("fmu_didim.cosim.execution")
+        sources = {name: folder.joinpath(name).read_text(encoding="utf-8") for name in _SOURCES}
+        key = hashlib.sha256(repr((sources, compiler.flags, compiler.version)).encode()).hexdigest()[:32]
 
         def fill(folder: Path) -> None:
-            (folder / "loop.c").write_text(source, encoding="utf-8")
+            for name, source in sources.items():
+                (folder / name).write_text(source, encoding="utf-8")
             compile_shared_library(folder, folder / "loop.library", main="loop.c", compiler=compiler)
 
         library = ctypes.CDLL(str(cached_folder("loop", key, fill) / "loop.library"))
     except (BuildError, InputError, OSError):
         return None
-    function = library.run_loop
-    function.argtypes, function.restype = (_void, _int64, _int64, _int64), ctypes.c_int
-    return function
+    library.run_loop.argtypes, library.run_loop.restype = (_void, _int64, _int64, _int64), ctypes.c_int
+    return library
 
 
 def fits(native: Native, part: Part) -> bool:
@@ -111,9 +125,12 @@ def run_compiled(run: LoopRun, natives: list[Native]) -> None:
         DivergedError: a signal left its bounds.
         SimulationError: a component refused a step.
     """
-    function, end = loop_library(), run.end
+    function, end = loop_library().run_loop, run.end
     keep: list[Any] = []
     parts = (_Part * len(run.parts))(*(_part(run, i, native, keep) for i, native in enumerate(natives)))
+    for part in parts:
+        if part.exchange:
+            _Exchange.from_address(part.exchange).part = ctypes.addressof(part)
     loop = _loop(run, parts, keep)
     first, count = 0, CHUNK if run.beat is None else 1
     while first < end:
@@ -165,11 +182,17 @@ def _part(run: LoopRun, index: int, native: Native, keep: list[Any]) -> _Part:
         first_output=part.place.start, read_before=read_before, read_between=read_between,
         read_after=read_after, instants=_address(part.instants, keep), longest=part.longest,
     )  # fmt: skip
+    if part.ramps:
+        ramps = np.array(part.ramps, dtype=_RAMP)
+        result.ramps, result.ramp_count = _address(ramps, keep), ramps.size
     if isinstance(native, NativeLinear):
         linear = _linear(native, part, keep)
         result.kind, result.linear = LINEAR, ctypes.addressof(linear)
         return result
     result.kind, result.self = native.kind, native.self_address
+    if native.exchange is not None:
+        exchange = _exchange(native, native.exchange, part, keep)
+        result.exchange = ctypes.addressof(exchange)
     result.set, result.get, result.step = native.set_address, native.get_address, native.step_address
     keep += [native.input_references, native.output_references]
     result.input_reference_count = len(native.input_references)
@@ -181,6 +204,28 @@ def _part(run: LoopRun, index: int, native: Native, keep: list[Any]) -> _Part:
         result.input_factor, result.input_offset = (_address(a, keep) for a in native.input_scaling)
     if native.output_scaling:
         result.output_factor, result.output_offset = (_address(a, keep) for a in native.output_scaling)
+    return result
+
+
+def _exchange(native: NativeFmu, equations: ExchangeEquations, part: Part, keep: list[Any]) -> _Exchange:
+    states, signs = equations.states, equations.indicators
+    arrays = {name: _address(np.zeros(max(states, 1)), keep) for name in ("x", "dx", "stage", "total")}
+    arrays |= {name: _address(np.zeros(max(signs, 1)), keep) for name in ("z", "z_before")}
+    if part.ramps:
+        arrays |= {name: _address(np.zeros(part.inputs.size), keep) for name in ("slopes", "held")}
+    result = _Exchange(
+        version=2 if native.kind == EXCHANGE[FMI2] else 3, completes=equations.completes, self=native.self_address,
+        states=states, indicator_count=signs, substeps=equations.substeps, **arrays, **equations.functions,
+    )  # fmt: skip
+    keep.append(result)
+    if equations.solver is not None and states:
+        library = loop_library()
+        rhs, roots = (ctypes.cast(f, _void).value or 0 for f in (library.exchange_rhs, library.exchange_roots))
+        solver = equations.solver(rhs, roots, ctypes.addressof(result))
+        keep.append(solver)
+        result.solver = 1
+        for name, address in solver.addresses.items():
+            setattr(result, name, address)
     return result
 
 
@@ -236,6 +281,8 @@ def _error(run: LoopRun, loop: _Loop, result: int, natives: list[Native]) -> Exc
         return run.diverged(int(loop.failed_signal), time)
     name = run.parts[loop.failed_part].name
     native = natives[loop.failed_part]
+    if isinstance(native, NativeFmu) and native.exchange is not None and loop.status < 0:
+        return native.exchange.explain(int(loop.status), time).in_component(name, time)
     if result == _STOPPED or isinstance(native, NativeLinear):
         return SimulationError(
             "The FMU ended the simulation.", where=name,

@@ -18,7 +18,7 @@ from fmu_didim.cosim.execution.instance_pool import InstancePool
 from fmu_didim.cosim.execution.interpreted import run_interpreted
 from fmu_didim.cosim.execution.running import Beat, LoopRun, Order, assemble
 from fmu_didim.cosim.recording import Recording
-from fmu_didim.cosim.system import System
+from fmu_didim.cosim.system import OF_INPUTS, System
 
 
 def run_in_process(order: Order, pool: InstancePool | None = None, beat: Beat | None = None) -> Recording:
@@ -155,8 +155,9 @@ def _recording(run: LoopRun, *, compiled: bool) -> Recording:
         bad = int(np.flatnonzero(~np.isfinite(run.applied).all(axis=1))[0])
         time = run.time_of(int(run.ticks[bad]))
         raise DivergedError(
-            "The closed loop gave values that are not finite.", time=time, is_finite=False,
-            next_step="Check the gains, signs and units of the loop, and the start values.",
+            f"The {'closed loop' if run.system.closes else 'simulation'} gave values that are not finite.", time=time,
+            is_finite=False, next_step="Check the gains, signs and units of the loop, and the start values."
+            if run.system.closes else OF_INPUTS,
         )  # fmt: skip
     return Recording(
         ticks=run.ticks,

@@ -43,6 +43,7 @@ def run_interpreted(
             _check_bounds(run, time)
         for part in parts:
             if k % part.every == part.every - 1 and not part.after_step:
+                part.lead(table, k)
                 part.advance(k - part.every + 1)
                 if careful:
                     run.look(part, time_of(k + 1))

@@ -11,10 +11,12 @@
 #define EXPORT __attribute__((visibility("default")))
 #endif
 
-enum { FMI2 = 2, FMI3 = 3, LINEAR = 10 };
+enum { FMI2 = 2, FMI3 = 3, LINEAR = 10, EXCHANGE2 = 12, EXCHANGE3 = 13 };
 enum { DONE = 0, FAILED = 1, STOPPED = 2, OUT_OF_BOUNDS = 3 };
 enum { CALL_SET = 0, CALL_GET = 1, CALL_STEP = 2 };
 enum { MOST_PLAIN = 16 };
+
+#include "exchange.h"
 
 typedef int (*values2)(void *, const uint32_t *, size_t, double *);
 typedef int (*step2)(void *, double, double, int);
@@ -37,7 +39,13 @@ typedef struct {
     double gain;
 } Wire;
 
+/* The slope of an input that goes straight from one row of the table to the next: += gain * difference / step. */
 typedef struct {
+    int64_t input, column;
+    double gain;
+} Ramp;
+
+struct Part {
     int32_t kind, after_step;
     void *self, *set, *get, *step;
     const uint32_t *input_references, *output_references;
@@ -58,7 +66,13 @@ typedef struct {
     int64_t read_before, read_between, read_after;
     const double *instants; /* of all ticks, where they are not equally spaced and the part steps with them; else NULL */
     double longest;         /* step beyond which it does several equal ones */
-} Part;
+    Exchange *exchange;
+    const Ramp *ramps;
+    int64_t ramp_count;
+};
+
+static double *inputs_of(Part *p) { return p->inputs; }
+static int64_t input_count_of(const Part *p) { return p->input_count; }
 
 typedef struct {
     Part *parts;
@@ -148,7 +162,7 @@ static void sample(Linear *s, double time, double size, double *y) {
     s->live = is_due(s, time + size);
 }
 
-static inline int set_part(Part *p) {
+static int set_part(Part *p) {
     if (p->kind == LINEAR) {
         copy(p->linear->held, p->inputs, p->input_count);
         return 0;
@@ -158,7 +172,7 @@ static inline int set_part(Part *p) {
         for (int64_t i = 0; i < p->input_count; i++)
             p->own_inputs[i] = (p->inputs[i] - p->input_offset[i]) / p->input_factor[i];
     size_t n = (size_t)p->input_count, variables = (size_t)p->input_reference_count;
-    if (p->kind == FMI2) return ((values2)p->set)(p->self, p->input_references, n, p->own_inputs);
+    if (p->kind == FMI2 || p->kind == EXCHANGE2) return ((values2)p->set)(p->self, p->input_references, n, p->own_inputs);
     return ((values3)p->set)(p->self, p->input_references, variables, p->own_inputs, n);
 }
 
@@ -171,8 +185,9 @@ static inline int get_part(Part *p, int64_t count) {
     const int arrays = p->output_reference_count != p->output_count;
     if (arrays) count = p->output_count; /* the first elements may end within an array: all are read */
     size_t n = (size_t)count, variables = arrays ? (size_t)p->output_reference_count : n;
-    int status = p->kind == FMI2 ? ((values2)p->get)(p->self, p->output_references, n, p->own_outputs)
-                                 : ((values3)p->get)(p->self, p->output_references, variables, p->own_outputs, n);
+    int status = p->kind == FMI2 || p->kind == EXCHANGE2
+                     ? ((values2)p->get)(p->self, p->output_references, n, p->own_outputs)
+                     : ((values3)p->get)(p->self, p->output_references, variables, p->own_outputs, n);
     if (p->output_factor)
         for (int64_t i = 0; i < count; i++)
             p->outputs[i] = p->own_outputs[i] * p->output_factor[i] + p->output_offset[i];
@@ -187,6 +202,7 @@ static inline int step_once(Part *p, double time, double size) {
             integrate(p->linear, size);
         return 0;
     }
+    if (p->exchange) return exchange_step(p->exchange, time, size);
     if (p->kind == FMI2) return ((step2)p->step)(p->self, time, size, 1);
     bool event = false, stop = false, early = false;
     double last = time;
@@ -282,11 +298,30 @@ static inline int apply_part(Loop *l, int64_t index, int64_t row, int64_t tick) 
     return DONE;
 }
 
+/* Let the inputs of a part go straight to the next row of the table: by their slopes, or held halfway for components
+   that hold them. Behind the last row they stay. */
+static int lead_part(const Loop *l, Part *p, int64_t tick) {
+    const bool last = tick + 1 >= l->table_rows;
+    const double *now = l->table + tick * l->table_columns, *next = now + l->table_columns;
+    const Ramp *const end = p->ramps + p->ramp_count;
+    if (p->exchange) {
+        const double size = last ? 1.0 : time_of(l, tick + 1) - time_of(l, tick);
+        memset(p->exchange->slopes, 0, (size_t)p->input_count * sizeof(double));
+        for (const Ramp *r = p->ramps; !last && r < end; r++)
+            p->exchange->slopes[r->input] += r->gain * (next[r->column] - now[r->column]) / size;
+        return 0;
+    }
+    if (last) return 0;
+    for (const Ramp *r = p->ramps; r < end; r++) p->inputs[r->input] += r->gain * (next[r->column] - now[r->column]) / 2;
+    return set_part(p);
+}
+
 static inline int advance_part(Loop *l, int64_t index, int64_t tick) {
     Part *p = &l->parts[index];
     if (p->after_step || (p->every > 1 && tick % p->every != p->every - 1)) return DONE;
     const Period period = period_of(l, p, tick - p->every + 1);
     const double time = period.begin;
+    if (p->ramp_count) TRY(lead_part(l, p, tick), CALL_SET);
     TRY(step_part(p, time + period.late, period.rest), CALL_STEP);
     const int64_t read = tick + 1 == l->ticks ? p->output_count : p->read_after;
     if (read) TRY(get_part(p, read), CALL_GET);
@@ -380,7 +415,7 @@ static bool is_plain(const Loop *l) {
     if (l->jacobi || l->delayed || l->instants || l->part_count > MOST_PLAIN) return false;
     for (int64_t i = 0; i < l->part_count; i++) {
         const Part *p = &l->parts[i];
-        if (p->kind != FMI2 || !p->single || p->after_step || p->every > 1 || p->substeps > 1 || p->line || p->part > 0 ||
+        if (p->kind != FMI2 || !p->single || p->after_step || p->every > 1 || p->substeps > 1 || p->line || p->ramp_count || p->part > 0 ||
             p->input_factor || p->output_factor || p->own_inputs != p->inputs || p->own_outputs != p->outputs)
             return false;
     }

@@ -15,7 +15,7 @@ from fmu_didim.components import Component, Instance
 from fmu_didim.components.fmu.component import foreign_co_simulation
 from fmu_didim.cosim.execution.buffers import recording_buffer
 from fmu_didim.cosim.execution.instance_pool import InstancePool
-from fmu_didim.cosim.system import REFERENCE, System, split_delay
+from fmu_didim.cosim.system import OF_INPUTS, REFERENCE, System, split_delay
 from fmu_didim.data.signals import Array, Trajectory
 
 CHECK_INTERVAL = 32
@@ -87,6 +87,8 @@ class Part:
         whole, part: the delay of its inputs in its own periods.
         after_step: its outputs at an instant are those after the step that begins there.
         between: whether outputs are read between inputs and step; None: where somebody looks at them.
+        ramps: (input, column of the reference, gain) of inputs that go straight from tick to tick; follows_ramps:
+            whether the component does; else it holds them halfway.
         start, instants: where its ticks lie, see :meth:`follow`; longest: step beyond which it does several equal ones.
     """
 
@@ -107,6 +109,8 @@ class Part:
         self.whole, self.part = split_delay(system.delays.get(name, 0.0) / self.every)
         self.step_size = system.step_size
         self.line: list[Array] = []
+        self.ramps: list[tuple[int, int, float]] = []
+        self.follows_ramps = False
         self.start, self.instants, self.longest = 0.0, None, np.inf
 
     def follow(self, start: float, instants: Array | None) -> None:
@@ -140,6 +144,21 @@ class Part:
     def gather(self, signals: Array) -> None:
         """Inputs from the signals."""
         self.wiring.gather(signals, self.inputs)
+
+    def lead(self, table: Array, tick: int) -> None:
+        """Let the inputs go straight to where they are at the next tick: by their slopes, or held halfway where the
+        component holds them. Behind the last row they stay."""
+        if not self.ramps:
+            return
+        changes = np.zeros(self.inputs.size)
+        if tick + 1 < table.shape[0]:
+            for place, column, gain in self.ramps:
+                changes[place] += gain * (table[tick + 1, column] - table[tick, column])
+        if self.follows_ramps:
+            self.instance.slopes = changes / self._period(tick)[2]
+        elif tick + 1 < table.shape[0]:
+            self.inputs += changes / 2
+            self.instance.set()
 
     def apply(self, tick: int) -> None:
         """Inputs into the component, its outputs into the signals; a fraction of delay is stepped through."""
@@ -303,10 +322,11 @@ class LoopRun:
     def diverged(self, i: int, time: float) -> DivergedError:
         """The error for signal ``i`` that left its bounds, or is not a number."""
         value = float(self.signals[i])
-        what = f"The closed loop diverged: {self.names[i]} = {value:.3g}"
+        is_loop = self.system.closes
+        what = f"The {'closed loop' if is_loop else 'simulation'} diverged: {self.names[i]} = {value:.3g}"
         if np.isfinite(value):
             what += f", outside {self.lowest[i]:.3g} to {self.highest[i]:.3g}"
-        advice = "Start from the reference trajectory (start: reference), or lower the gains."
+        advice = "Start from the reference trajectory (start: reference), or lower the gains." if is_loop else OF_INPUTS
         return DivergedError(what + ".", time=time, next_step=advice, is_finite=bool(np.isfinite(value)))
 
     def look(self, part: Part, time: float) -> None:
@@ -357,7 +377,17 @@ def assemble(system: System, reference: Trajectory, pool: InstancePool | None, b
             given = slice(end, end := end + len(component.inputs))
             # An input that nothing is connected to keeps its start value.
             run.values[given] = [v.start for v in component.inputs]
-            run.parts.append(Part(name, system, instance, Wiring(entries), run.values, places[name], given))
+            part = Part(name, system, instance, Wiring(entries), run.values, places[name], given)
+            part.follows_ramps = component.follows_ramps
+            if system.ramps and component.sample_time is None and not part.delayed and part.every == 1:
+                columns = {f"{REFERENCE}.{column}": i for i, column in enumerate(reference.names)}
+                part.ramps = [
+                    (rows[c.target], columns[c.source], c.gain)
+                    for c in system.connections
+                    if c.target in rows and c.source.partition(".")[2] in system.ramps and c.source in columns
+                ]
+            instance.slopes = None
+            run.parts.append(part)
             instance.bind(run.values[given], run.values[places[name]])
             if beat is not None:
                 beat()

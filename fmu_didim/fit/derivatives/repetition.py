@@ -70,8 +70,8 @@ class Beginning:
     @staticmethod
     def of(run: Simulation, torque: Array) -> Beginning | None:
         """The first part of an experiment; None where its torque (N, n) does not repeat early enough, or more than the
-        torque was measured."""
-        if run.model.experiments.channels:
+        torque was measured, or its samples have scales of their own."""
+        if run.model.experiments.channels or run.experiment.scale is not None:
             return None
         if run.model.experiments.low_pass is not None or "t_start" in {v.name for v in run.model.loop.plant.parameters}:
             return None  # the ends of a filtered log are not like its middle; a plant with a clock need not repeat

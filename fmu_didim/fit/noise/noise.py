@@ -279,8 +279,9 @@ def motion_frequency(reference: Trajectory, joints: int) -> float:
     for j in range(1, joints + 1):
         speed = joint_speed(reference, j)
         power = np.abs(np.fft.rfft(speed * np.hanning(speed.size))) ** 2
-        if not power.any():
-            continue  # a joint that rests
-        total = np.cumsum(power) / max(float(power.sum()), TINY)
-        highest = max(highest, float(np.fft.rfftfreq(speed.size, reference.step)[np.searchsorted(total, MOTION_POWER)]))
+        if power.sum() <= TINY:
+            continue  # a joint that rests, but for rounding
+        total = np.cumsum(power) / float(power.sum())
+        frequencies = np.fft.rfftfreq(speed.size, reference.step)
+        highest = max(highest, float(frequencies[min(int(np.searchsorted(total, MOTION_POWER)), frequencies.size - 1)]))
     return highest

@@ -108,7 +108,7 @@ class OutputTriangles:
         if not np.isfinite(both).all():
             raise IdentificationError(
                 "The least squares problem holds values that are not finite.",
-                next_step="Check log and reference for gaps and values out of range: fmu-didim check CASE.",
+                next_step="Check the data for gaps and values out of range: fmu-didim check CASE.",
             )  # fmt: skip
         triangles = (np.asarray(np.linalg.qr(both[:, j], mode="r")) for j in range(both.shape[1]))
         samples = np.full(both.shape[1], float(both.shape[0])) if counts is None else counts

@@ -1,4 +1,5 @@
-"""The fewest substeps of the plant whose error is hidden by the noise of the data."""
+"""The fewest substeps of the plant, or of the steps over which it holds linear inputs, whose error is hidden by the
+noise of the data."""
 
 from __future__ import annotations
 
@@ -29,6 +30,8 @@ def with_fitting_substeps(model: LoopModel, values: Array, deviation: Array | No
         values: (p,) at which the torque is compared.
         deviation: (m,) noise of each output; by default that of the model, else the residual at the values.
     """
+    if model.loop.holds_ramps:
+        return _with_fitting_steps(model, values, deviation)
     automatic = model.with_loop(substeps=None)
     if not model.loop.chooses_substeps:
         return automatic
@@ -42,6 +45,18 @@ def with_fitting_substeps(model: LoopModel, values: Array, deviation: Array | No
             return automatic  # nothing can be simulated
         count, outputs = 2 * count, finer
     return automatic
+
+
+def _with_fitting_steps(model: LoopModel, values: Array, deviation: Array | None) -> LoopModel:
+    """The model with the longest steps over which linear inputs are held whose halves change the outputs by no more."""
+    chosen = model.with_loop(subdivision=1)
+    outputs, finer = _outputs(chosen, values), chosen.twice_as_fine()
+    while outputs is not None and finer is not None:
+        more = _outputs(finer, values)
+        if more is None or integration_change(model, outputs, more, deviation) <= 1:
+            return chosen
+        chosen, outputs, finer = finer, more, finer.twice_as_fine()
+    return chosen
 
 
 def integrated(fit: Fit) -> Fit:

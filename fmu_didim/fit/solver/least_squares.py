@@ -34,7 +34,7 @@ from fmu_didim.fit.region import Region
 from fmu_didim.fit.solver.linear_step import LinearStep, State
 from fmu_didim.fit.solver.search import Search, Trial
 from fmu_didim.fit.solver.termination import Stopping, Termination
-from fmu_didim.fit.statistics import relative_error_percent
+from fmu_didim.fit.statistics import error_percent
 from fmu_didim.model.loop_model import LoopModel
 
 HOPE = 2.0
@@ -165,9 +165,13 @@ class _Solver:
         values, outputs = found.values, at.outputs if found.outputs is None else found.outputs
         change = float(np.max(np.abs(values - at.values) / np.maximum(np.abs(values), step.scale)))
         torque = self._model.torque_of(outputs)
-        error = relative_error_percent(self._model.torque_of(self._measured), torque)[0]
-        number = len(self._history) + 1
-        self._history.append(Iteration(self._stage, number, values, error, change, step.condition_number, found.note))
+        loop, number = self._model.loop, len(self._history) + 1
+        error = error_percent(loop, self._model.torque_of(self._measured), torque)[0]
+        self._history.append(
+            Iteration(
+                self._stage, number, values, error, change, step.condition_number, found.note, quantity=loop.quantity
+            )
+        )  # fmt: skip
         self._progress(self._history[-1])
 
     def _end(self, at: State, ending: Ending) -> Fit:

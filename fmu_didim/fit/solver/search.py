@@ -28,8 +28,25 @@ EQUAL = 1e-9
 """[1] Costs that differ by a smaller fraction are the same: at the minimum, rounding decides whether the cost
 grows."""
 
+HALVINGS = 10
+"""[1] Of a step of a model without loop that cannot be simulated: to a thousandth. Damping, which comes then, turns the
+step; it moves far less than half the way to the edge."""
+SHORTEST = 0.1
+"""[1] Of a step, from which on a parabola says how far to go: the misfit of a model that explodes at its end, as one
+with a resistance below zero does, would leave nothing of it."""
 NO_STEP = "no step lowers the error"
 """The note of an iteration after which the steps have ended."""
+FAILED = "the simulation failed at "
+"""How the note of an iteration says that a step led to values with which a model cannot be simulated."""
+
+
+def failed_at(model: LoopModel, values: Array, error: SimulationError) -> str:
+    """What an error says of a trial; of a model without loop, at which values, and what its FMU said."""
+    if model.loop.shows_torque:
+        return error.what
+    at = ", ".join(f"{name} = {value:.4g}" for name, value in zip(model.names, values, strict=True))
+    said = f" ({error.got})" if error.got else ""
+    return f"{FAILED}{at}: {error.what.rstrip('.')}{said}"
 
 
 @dataclass(frozen=True)
@@ -90,7 +107,12 @@ class Search:
                     for label in others:  # only whether it runs
                         model.torque(trial, label)
             except SimulationError as error:
-                edge, note = True, f"step damped: {error.what}"
+                edge, note = True, f"step damped: {failed_at(model, trial, error)}"
+                if damping == 0 and not model.loop.shows_torque:
+                    halved = self._halved(at, step, trial, promised, note.replace("damped", "shortened"), tried)
+                    tried = halved.tried
+                    if halved.outputs is not None:
+                        return halved
                 continue
             if kept:
                 return Trial(trial, outputs, reached, promised, tried, edge)
@@ -109,6 +131,23 @@ class Search:
             else:
                 note = "step damped: the error grew"
         return best or Trial(at.values, None, step.cost, 0.0, tried, edge, NO_STEP)
+
+    def _halved(self, at: State, step: LinearStep, end: Array, promised: float, note: str, tried: int) -> Trial:
+        """The longest of halves, quarters, ... of a step that can be simulated and lowers the cost."""
+        part = 1.0
+        for _ in range(HALVINGS):
+            part /= 2
+            trial = at.values + part * (end - at.values)
+            tried += 1
+            try:
+                outputs = self.model.outputs(trial)
+            except SimulationError:
+                continue
+            reached = sum_of_squares(self.model.measured_outputs - outputs, step.deviation)
+            reached += prior_squares(self.model.prior, trial)
+            if reached < step.cost:
+                return Trial(trial, outputs, reached, part * (2 - part) * promised, tried, True, note)
+        return Trial(at.values, None, step.cost, 0.0, tried, True)
 
     def keeps_promise(self, at: State, step: LinearStep, reached: float) -> bool:
         """Whether a full step with fresh slopes has reached the cost that it promised, within the jitter of the torque.
@@ -130,6 +169,9 @@ class Search:
         if gained >= KEPT_PROMISE[0] * found.promised or found.promised <= EQUAL * step.cost:
             return found
         part = found.promised / (2 * found.promised - gained)
+        if part < SHORTEST and not self.model.loop.shows_torque:  # beyond where no parabola is near the misfit
+            halved = self._halved(at, step, found.values, found.promised, "step shortened", found.tried)
+            return found if halved.outputs is None else replace(halved, at_edge=found.at_edge)
         trial = at.values + part * (found.values - at.values)
         if mass_matrix_problem(self.model, trial):
             return found

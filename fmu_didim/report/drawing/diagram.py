@@ -11,7 +11,10 @@ from markupsafe import Markup, escape
 
 from fmu_didim.report.numbers import component_words
 
-REFERENCE = "reference"
+REFERENCE, INPUTS = "reference", "inputs"
+"""What acts from outside on a loop, and on a model without controller."""
+ALONE = "model"
+"""Name of the only component of such a model."""
 BOX_WIDTH, BOX_HEIGHT, GAP, MARGIN = 170, 84, 96, 12
 LEVEL = 30
 """px between wires that run below or above the boxes."""
@@ -64,8 +67,9 @@ def loop_diagram(loop: Mapping[str, Any]) -> Markup | None:
     order, components = loop.get("order"), loop.get("components")
     if not order or not isinstance(components, Mapping):
         return None
-    names = [REFERENCE, *order]
     lines = wires(loop.get("connections", ()))
+    outside = INPUTS if any(w.source == INPUTS for w in lines) or list(order) == [ALONE] else REFERENCE
+    names = [outside, *order]
     forward = [w for w in lines if names.index(w.target) > names.index(w.source) + 1]
     back = [w for w in lines if names.index(w.target) <= names.index(w.source)]
     top = MARGIN + 24 + LEVEL * len(forward)
@@ -80,9 +84,10 @@ def loop_diagram(loop: Mapping[str, Any]) -> Markup | None:
             drawn.append(_around(wire, left, top + BOX_HEIGHT, LEVEL * (1 + back.index(wire))))
         else:
             drawn.append(_straight(wire, left, top, loop))
-    title = f"The loop: {' → '.join(names)}"
+    what = "loop" if outside == REFERENCE else "model"
+    title = f"The {what}: {' → '.join(names)}"
     return Markup(
-        f'<div class="scroll" tabindex="0" role="group" aria-label="drawing of the loop">'
+        f'<div class="scroll" tabindex="0" role="group" aria-label="drawing of the {what}">'
         f'<svg class="loop" viewBox="0 0 {width} {height}" width="{width}" role="img" aria-label="{escape(title)}">'
         f"{''.join(drawn)}</svg></div>"
     )
@@ -91,6 +96,10 @@ def loop_diagram(loop: Mapping[str, Any]) -> Markup | None:
 def _texts(name: str, place: int, loop: Mapping[str, Any]) -> list[str]:
     """The texts of a box: the component, its rate, and its place in a step."""
     step = loop.get("step_size_s")
+    if name == ALONE and REFERENCE not in str(loop.get("connections")):
+        return [*component_words(loop["components"].get(name, {}))[:2], f"a step every {step:.6g} s"]
+    if name == INPUTS:
+        return []
     if name == REFERENCE:
         return [f"a row every {1e3 * step:.6g} ms"] if isinstance(step, int | float) else []
     texts = component_words(loop["components"].get(name, {}))[:2]

@@ -16,7 +16,7 @@ from fmu_didim.data.signals import Array
 from fmu_didim.data.spectrum import power_density
 from fmu_didim.report.drawing.charts import Chart, Panel, Series
 from fmu_didim.report.drawing.residual import Residual
-from fmu_didim.report.numbers import pretty_unit
+from fmu_didim.report.numbers import pretty_unit, with_unit
 
 PANEL_HEIGHT = 140
 BINS = 24
@@ -71,20 +71,25 @@ def against_chart(residual: Residual, joint: int, quantity: str) -> Chart:
     The bins hold equally many samples. The error is s / sqrt(N) of the residuals in the bin, as if they were
     independent; model error and coloured noise make the true one larger.
     """
-    kind, torque_unit, models = QUANTITIES[quantity], residual.units[joint - 1], residual.of_joints[joint - 1]
-    at, series = residual.signals.column(f"{kind.column}{joint}"), []
+    torque_unit, models = residual.units[joint - 1], residual.of_joints[joint - 1]
+    if quantity in residual.further:
+        column, title, unit = quantity, quantity, pretty_unit(residual.further[quantity])
+    else:
+        kind = QUANTITIES[quantity]
+        column, title, unit = f"{kind.column}{joint}", kind.title, kind.unit(torque_unit)
+    at, series = residual.signals.column(column), []
     for model, (style, values) in models.items():
         centre, mean, error = binned(at, values)
         if len(models) == 1 and at.size <= MOST_POINTS:
             series.append(Series("samples", at, values, "faint", "points", legend=False))
         series.append(Series(model, centre, mean, style, error=2 * error))
-    panel = Panel(
-        f"residual ({pretty_unit(torque_unit)})", series, f"Joint {joint}, against {kind.title}", 170, levels=(0.0,)
-    )
-    title = f"Residual of joint {joint} against {kind.title}"
+    head = f"{residual.head(joint - 1)}, against {title}"
+    panel = Panel(with_unit("residual", pretty_unit(torque_unit)), series, head, 170, levels=(0.0,))
+    place = residual.quantities[joint - 1].index(quantity) + 1 if quantity in residual.further else quantity
     return Chart(
-        f"binned-{residual.key}-{joint}-{quantity}", title, [panel], f"{kind.title} ({kind.unit(torque_unit)})"
-    )
+        f"binned-{residual.key}-{joint}-{place}", f"Residual of {residual.text(joint - 1)} against {title}", [panel],
+        with_unit(title, unit),
+    )  # fmt: skip
 
 
 def binned(at: Array, values: Array, *, bins: int = BINS) -> tuple[Array, Array, Array]:
@@ -154,7 +159,7 @@ def whiteness_charts(residual: Residual) -> list[Chart]:
             frequency, density, bounds = spectrum(values[even], rate)
             densities.append(Series(model, frequency, density, style))
             stems.append(Series(model, lags, autocorrelation(values[even], lags.size), style, "stems"))
-        head = f"Joint {j}"
+        head = residual.head(j - 1)
         label = f"({pretty_unit(unit)})²/Hz"
         spectra.append(Panel(label, densities, head, PANEL_HEIGHT, range=bounds, log=True))
         last = f"{head}, {stems[-1].name}" if len(stems) > 1 else head

@@ -8,11 +8,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from fmu_didim.data.signals import Array
-from fmu_didim.report.drawing.charts import Chart, Panel, Series
-from fmu_didim.report.numbers import item_or_none, percentage, pretty_unit
+from fmu_didim.report.drawing.charts import SERIES, Chart, Panel, Series
+from fmu_didim.report.numbers import item_or_none, percentage, pretty_unit, with_unit
 from fmu_didim.results.result import IterationResult
 
 TORQUE_HEIGHT, RESIDUAL_HEIGHT, HISTORY_HEIGHT = 190, 92, 150
+INPUT_HEIGHT = 120
+MOST_INPUTS = 12
+"""[inputs] Of a model that are drawn."""
+NAMED = 2
+"""[inputs] That an axis names; all are in the legend."""
 SHOWN = {"base model": "base", "final model": "final"}
 """Name of each of two models -> its style; a single model is ``simulated``."""
 
@@ -47,17 +52,22 @@ def torque_chart(
     *,
     percent: Sequence[float | None] = (),
     noise: Sequence[float | None] = (),
+    names: Sequence[str] = (),
+    inputs: Sequence[DrawnInput] = (),
 ) -> Chart:
     """Measured torque as points, simulated torque as a line, the residual below, with two sigma of the noise.
 
     Args:
         time: (N,) s; measured: (N, n); models: one or two, by name; units: (n,) FMI units of the joints.
         percent, noise: relative error and standard deviation of each joint, if known.
+        names: (n,) of the outputs of a model, where those stand in the place of joints; inputs: of it, drawn above.
     """
-    panels = []
+    panels = input_panels(inputs)
     for j, unit in enumerate(units):
         error, band = item_or_none(percent, j), item_or_none(noise, j)
-        head = f"Joint {j + 1}" + (f", relative error {percentage(error)}" if error is not None else "")
+        head = (names[j] if names else f"Joint {j + 1}") + (
+            f", relative error {percentage(error)}" if error is not None else ""
+        )
         torques = [Series("measured", time, measured[:, j], "measured", "points")]
         residuals = []
         for model, found in models.items():
@@ -66,9 +76,33 @@ def torque_chart(
             left = "residual" if is_one else model
             style = "residual" if is_one else SHOWN.get(model, "final")
             residuals.append(Series(left, time, measured[:, j] - found.at_samples[:, j], style, legend=is_one))
-        quantity = "force" if unit == "N" else "torque"
+        quantity = names[j] if names else "force" if unit == "N" else "torque"
         panels += _panels(quantity, pretty_unit(unit), head, torques, residuals, band)
     return Chart(name, title, panels, "time (s)")
+
+
+@dataclass(frozen=True)
+class DrawnInput:
+    """An input of a model over time: (N,) s and values in its unit."""
+
+    name: str
+    unit: str
+    time: Array
+    values: Array
+
+
+def input_panels(inputs: Sequence[DrawnInput]) -> list[Panel]:
+    """The inputs of a model, those of one unit in one panel; some tell most, and there may be hundreds."""
+    panels, by_unit = list[Panel](), dict[str, list[DrawnInput]]()
+    for one in inputs[:MOST_INPUTS]:
+        by_unit.setdefault(pretty_unit(one.unit), []).append(one)
+    colours = iter(range(MOST_INPUTS))
+    for unit, group in by_unit.items():
+        drawn = [Series(one.name, one.time, one.values, f"series{2 + next(colours) % (SERIES - 2)}") for one in group]
+        left = len(inputs) - MOST_INPUTS
+        head = "Inputs" + (f", the first {MOST_INPUTS} of {len(inputs)}" if left > 0 else "") if not panels else ""
+        panels.append(Panel(with_unit(", ".join(one.name for one in group[:NAMED]), unit), drawn, head, INPUT_HEIGHT))
+    return panels
 
 
 @dataclass(frozen=True)
@@ -85,11 +119,12 @@ class DrawnChannel:
     noise: float | None
 
 
-def channel_chart(name: str, title: str, channels: Sequence[DrawnChannel]) -> Chart:
-    """Signals measured beside the torque as points, simulated as a line, the residual below."""
+def channel_chart(name: str, title: str, channels: Sequence[DrawnChannel], what: str = "its motion") -> Chart:
+    """Signals measured beside the torque as points, simulated as a line, the residual below; ``what``: that errors are
+    related to."""
     panels = []
     for c in channels:
-        head = c.name + (f", error {percentage(c.percent)} of its motion" if c.percent is not None else "")
+        head = c.name + (f", error {percentage(c.percent)} of {what}" if c.percent is not None else "")
         drawn = [
             Series("measured", c.time, c.measured, "measured", "points"),
             Series("simulated", c.time, c.simulated, "simulated"),
@@ -105,18 +140,18 @@ def _panels(
     """A signal over its residual, with two standard deviations of the noise."""
     noisy = None if deviation is None else (-2 * deviation, 2 * deviation)
     return [
-        Panel(f"{quantity} ({unit})", drawn, head, TORQUE_HEIGHT),
-        Panel(f"residual ({unit})", residuals, height=RESIDUAL_HEIGHT, range=noisy, levels=(0.0,)),
+        Panel(with_unit(quantity, unit), drawn, head, TORQUE_HEIGHT),
+        Panel(with_unit("residual", unit), residuals, height=RESIDUAL_HEIGHT, range=noisy, levels=(0.0,)),
     ]
 
 
-def history_chart(history: Sequence[IterationResult]) -> Chart:
-    """Relative torque error and change of the values by iteration; iterations with a note are crosses at the top."""
+def history_chart(history: Sequence[IterationResult], quantity: str = "torque") -> Chart:
+    """Relative error and change of the values by iteration; iterations with a note are crosses at the top."""
     ticks = [(float(k), f"{it.stage} {it.number}") for k, it in enumerate(history, start=1)]
     place = np.array([k for k, _ in ticks])
     panels: list[Panel] = []
     for label, values in (
-        ("torque error (%)", [it.relative_error_percent for it in history]),
+        (f"{quantity} error (%)", [it.relative_error_percent for it in history]),
         ("change of the values", [it.change for it in history]),
     ):
         y = np.array([np.nan if v is None or v <= 0 else v for v in values])
@@ -128,7 +163,8 @@ def history_chart(history: Sequence[IterationResult]) -> Chart:
             top = np.where(np.isfinite(y[failed]), y[failed], known.max() if known.size else 100.0)
             series.append(Series("with a note", place[failed], top, "failed", "points"))
         panels.append(Panel(label, series, height=HISTORY_HEIGHT, log=is_log))
-    return Chart("iterations", "Torque error and change of the values by iteration", panels, "iteration", ticks=ticks)
+    title = f"{quantity.capitalize()} error and change of the values by iteration"
+    return Chart("iterations", title, panels, "iteration", ticks=ticks)
 
 
 def samples_text(time: Array) -> str:

@@ -6,16 +6,27 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+
 from fmu_didim.data.signals import Trajectory
 from fmu_didim.data.tables import read_trajectory
 from fmu_didim.report import experiments
 from fmu_didim.report.drawing.charts import Chart
 from fmu_didim.report.drawing.residual import Residual
 from fmu_didim.report.drawing.residual_charts import QUANTITIES
-from fmu_didim.report.drawing.torque_charts import DrawnChannel, Simulated, channel_chart, samples_text, torque_chart
+from fmu_didim.report.drawing.torque_charts import (
+    DrawnChannel,
+    DrawnInput,
+    Simulated,
+    channel_chart,
+    samples_text,
+    torque_chart,
+)
 from fmu_didim.report.experiment_charts import ExperimentCharts
 from fmu_didim.results.result import ResultDocument
 
+MOST_INPUTS = 5
+"""[inputs] Of a model over which each residual is drawn."""
 DRAWN_OVER = ("velocity", "position")
 """Quantities over which the residual is drawn."""
 
@@ -59,26 +70,40 @@ def _channels(document: ResultDocument, label: str, number: int, table: Callable
                 error.relative_error_percent, noise,
             )
         )  # fmt: skip
-    title = f"Measured beside the torque, {experiments.experiment_title(document, label)}"
-    return channel_chart(f"channels-{number}", title, drawn) if drawn else None
+    what = "Outputs at instants of their own" if document.outputs else "Measured beside the torque"
+    title = f"{what}, {experiments.experiment_title(document, label)}"
+    moves = "what it moves" if document.outputs else "its motion"
+    return channel_chart(f"channels-{number}", title, drawn, moves) if drawn else None
+
+
+def _drawn_over(document: ResultDocument, signals: Trajectory, joint: int) -> list[str]:
+    """Over what the residual of a joint, or an output, is drawn."""
+    if document.outputs:
+        moving = [name for name in document.inputs if name in signals.names and np.ptp(signals.column(name)) > 0]
+        return [document.table_columns[joint - 1][1], *moving[:MOST_INPUTS]]
+    return [name for name in DRAWN_OVER if f"{QUANTITIES[name].column}{joint}" in signals.names]
 
 
 def _experiment(
     document: ResultDocument, label: str, number: int, signals: Trajectory, dense: Trajectory | None
 ) -> ExperimentCharts:
-    units = document.torque_unit
+    units, names, pairs = document.torque_unit, document.outputs, document.table_columns
     joints = range(1, len(units) + 1)
-    measured, simulated = (signals.select([f"tau_{s}{j}" for j in joints]) for s in ("measured", "simulated"))
+    measured, simulated = (signals.select([pair[k] for pair in pairs]) for k in (0, 1))
     model = Simulated(simulated, *((dense.time, dense.values) if dense is not None else (None, None)))
     error = document.relative_error_percent.get(label)
     title = experiments.experiment_title(document, label)
+    drawn = [DrawnInput(name, unit, dense.time, dense.column(name))
+             for name, unit in document.inputs.items() if dense is not None and name in dense.names]  # fmt: skip
+    what = "Outputs" if names else "Torque"
     torque = torque_chart(
-        f"torque-{number}", f"Torque, {title}", signals.time, measured, {"simulated": model}, units,
-        percent=error.per_joint if error is not None else (), noise=document.noise_std,
+        f"{document.quantity}-{number}", f"{what}, {title}", signals.time, measured, {"simulated": model}, units,
+        percent=error.per_joint if error is not None else (), noise=document.noise_std, names=names, inputs=drawn,
     )  # fmt: skip
     residual = Residual(
         str(number), title, signals, units,
         [{"residual": ("residual", (measured - simulated)[:, j - 1])} for j in joints],
-        [[name for name in DRAWN_OVER if f"{QUANTITIES[name].column}{j}" in signals.names] for j in joints],
+        [_drawn_over(document, signals, j) for j in joints], names=names,
+        further={**dict(zip((simulated for _, simulated in pairs), units, strict=True)), **document.inputs},
     )  # fmt: skip
     return ExperimentCharts(title, samples_text(signals.time), torque, residual)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from fmu_didim.checks.validation import Validation
@@ -15,6 +16,9 @@ from fmu_didim.report.identification.charts import saved_charts
 from fmu_didim.report.identification.joint import joint_sections
 from fmu_didim.report.identification.power import power_sections
 from fmu_didim.report.identification.prior import prior_sections, share_text
+from fmu_didim.report.identification.profiles import interval_texts, profile_sections
+from fmu_didim.report.identification.search import search_sections
+from fmu_didim.report.identification.sensitivities import sensitivity_sections
 from fmu_didim.report.numbers import (
     MISSING,
     Rounding,
@@ -64,6 +68,7 @@ BAR_RANGE = (0.1, 100.0)
 """[percent] Relative standard deviations that bars cover, logarithmically."""
 GRADES = ((10.0, "good"), (30.0, "doubtful"))
 """[percent] Up to these relative standard deviations; beyond, the parameter is poorly known."""
+BY_DESCRIPTION = " By description: the value of the robot description, from CAD for example, regrouped in the same way."
 FORMULAS = {"paper": "σ, paper's formula", "cramer_rao": "Cramér-Rao bound"}
 
 
@@ -99,22 +104,26 @@ def result_report(document: ResultDocument, parts: Sequence[ExperimentCharts] = 
     kind = f"{document.estimator}, {count} parameters" if count else document.estimator
     history = [] if document.status == "converged" else document.history
     notes = [f"{it.stage} {it.number}: {it.note}" for it in history if it.note]
-    advice = "A shape says that the model lacks something; fmu-didim discover finds out what."
+    advice = "A shape says that the model lacks something" + (
+        "." if document.outputs else "; fmu-didim discover finds out what."
+    )
     sections = [
         _parameters(document),
         _experiments(document),
         _torque(document),
-        *power_sections(document),
+        *([] if document.outputs else power_sections(document)),
         *torque_sections(parts),
         *residual_sections(parts, "What the model leaves", advice),
         _model(document),
-        Section("Regrouping", [Items(document.regrouping, is_code=True, empty="No parameters are regrouped.")],
-                has_title=True),
+        *_regrouping(document),
         # Of interest where the iterations did not end well; the page has them in its table.
         Section("Notes of the iterations", [Items(notes, shown="terminal")], has_title=True),
         _plant(document),
         *joint_sections(document),
         *prior_sections(document),
+        *search_sections(document),
+        *profile_sections(document),
+        *sensitivity_sections(document),
         *_correlations(document),
         _stages(document),
         *_iterations(document),
@@ -133,7 +142,7 @@ def _cards(document: ResultDocument) -> list[tuple[str, str]]:
         fitted = [label for label, e in document.experiments.items() if e.role == "estimation"]
         shown = {label: shown[label] for label in (experiments.ALL_FITTED, *shown) if label not in fitted}
     titles = {label: experiments.experiment_title(document, label) for label in shown}
-    cards = [(f"torque error, {titles[label]}", percentage(error)) for label, error in shown.items()]
+    cards = [(f"{document.quantity} error, {titles[label]}", percentage(error)) for label, error in shown.items()]
     if document.parameters:
         cards.append(("parameters", str(len(document.parameters))))
         cards.append(("condition number", significant(document.condition_number)))
@@ -146,7 +155,12 @@ def _parameters(document: ResultDocument) -> Section:
     """The parameters; those of one experiment and those of the loop form groups."""
     groups = experiments.parameter_groups(document)
     listed = [(name, p) for group in groups for name, p in group.parameters.items()]
+    bent = {name for name, one in document.profiles.items() if one.is_bent}
     texts = [experiments.shown_parameter(name, p) for name, p in listed]
+    texts = [
+        replace(text, interval=interval_texts(document, name)) if name in bent else text
+        for text, (name, _) in zip(texts, listed, strict=True)
+    ]
     shown = aligned_parameters(texts)
     marks = [" *" if text.insignificant else "" for text in texts]
     bars = [_bar(p.rel_std_percent) for _, p in listed]
@@ -157,7 +171,11 @@ def _parameters(document: ResultDocument) -> Section:
         Column("%σ", [text.percent for text in shown], page_head="σ / |value| (%)"),
         words("", [""] * len(texts), bars=bars, shown="page"),
         words("unit", [text.unit or MISSING for text in texts]),
-        Column("95 % interval", ["  ".join(text.interval) for text in shown]),
+        Column(
+            "95 % interval",
+            ["  ".join(text.interval) for text in shown],
+            marks=[" !" if name in bent else "" for name, _ in listed] if bent else (),
+        ),
         *_from_data(document, [name for name, _ in listed]),
         *_further_values(document, listed),
         words("carried by", [p.standard or p.of for _, p in listed], shown="page"),
@@ -165,11 +183,13 @@ def _parameters(document: ResultDocument) -> Section:
     blocks: list[Block] = [Table(columns, [(group.head, len(group.parameters)) for group in groups])]
     if any(marks):
         blocks.append(Text("* not significantly different from zero"))
+    if bent:
+        blocks.append(Text("! by its profile, which differs from the linear interval by more than a third"))
     blocks += [Text(line) for line in experiments.delay_lines(document)]
     blocks.append(note(
         "σ: standard deviation, two significant digits. Bars: σ / |value| from 0.1 % to 100 %, logarithmic; full up to "
-        "10 %, coarsely hatched up to 30 %, finely beyond. Start: where the iterations began. By description: "
-        "the value of the robot description, from CAD for example, regrouped in the same way."
+        "10 %, coarsely hatched up to 30 %, finely beyond. Start: where the iterations began."
+        + ("" if document.outputs else BY_DESCRIPTION)
     ))  # fmt: skip
     return Section("Parameters", blocks, anchor="parameters", is_brief=True)
 
@@ -189,7 +209,7 @@ def _further_values(document: ResultDocument, listed: Sequence[tuple[str, Parame
     if begins:
         columns["start"] = dict(document.history[begins[-1]].parameters)
     described = {name: p.described for name, p in document.parameters.items()}
-    if any(described.values()):
+    if any(described.values()) and not document.outputs:  # of which it is the start
         columns["by description"] = described
     return [
         numbers(
@@ -218,13 +238,15 @@ def _experiments(document: ResultDocument) -> Section:
         words("Experiment", list(found), limit=LABEL),
         words("role", [e.role for e in each]),
         Column("samples", [str(e.samples) for e in each]),
-        numbers("Hz", [f"{e.rate_hz:.6g}" for e in each], page_head="rate (Hz)"),
+        numbers("every s", [f"{1 / e.rate_hz:.6g}" for e in each], page_head="mean interval (s)")
+        if document.outputs
+        else numbers("Hz", [f"{e.rate_hz:.6g}" for e in each], page_head="rate (Hz)"),
     ]
-    for j, unit in enumerate(document.torque_unit):
-        head = f"RMS residual, joint {j + 1} ({pretty_unit(unit)})"
+    for j, (name, unit) in enumerate(zip(document.labels, document.torque_unit, strict=True)):
+        head = f"RMS residual, {name} ({pretty_unit(unit)})"
         columns.append(numbers(head, [significant(item_or_none(e.noise_std, j), 2) for e in each], shown="page"))
     notes = ["Estimation: the parameters are fitted to it; validation: it only judges them. RMS residual: root mean "
-             "square of measured − simulated torque."]  # fmt: skip
+             f"square of measured − simulated {document.quantity}."]  # fmt: skip
     if any(e.agreement is not None for e in each):
         marks = ["" if e.agreement is None or e.agreement.agrees else " !" for e in each]
         texts = [MISSING if e.agreement is None else significant(e.agreement.p_value, 2) for e in each]
@@ -239,12 +261,12 @@ def _experiments(document: ResultDocument) -> Section:
     if any(e.own for e in each):
         own = [", ".join(name.removesuffix(f"[{label}]") for name in e.own) for label, e in found.items()]
         columns.append(words("own", own, shrinks=True, page_head="own parameters"))
-    if any(e.initial_state.kind != "reference" for e in each):
+    if any(e.initial_state.kind not in ("reference", "model") for e in each):
         columns.append(
             words("starts", [experiments.start_text(e) for e in each], shrinks=True, page_head="initial state")
         )
         notes.append("Initial state: given by the case, found by the first part of a held-out log, or free, then among "
-                     "the parameters; else that of the reference.")  # fmt: skip
+                     f"the parameters; else that of the {'model' if document.outputs else 'reference'}.")  # fmt: skip
     if any(e.failure for e in each):
         columns.append(words("failure", [e.failure or MISSING for e in each], shown="page"))
     table = Table(columns, shown="page" if experiments.is_short_form(document) else "both")
@@ -253,30 +275,32 @@ def _experiments(document: ResultDocument) -> Section:
 
 def _torque(document: ResultDocument) -> Section:
     """Relative errors and noise: a line a joint in the short form, else a line an experiment."""
-    errors = experiments.error_rows(document)
-    heads = ["total", *(f"joint {j + 1}" for j in range(len(document.torque_unit)))]
-    noise = noise_text(document.noise_std, document.torque_unit)
+    first = 1 if len(document.outputs) == 1 else 0  # of one output its own error says it all
+    errors = [(label, values[first:]) for label, values in experiments.error_rows(document)]
+    heads, head = ["total", *document.labels][first:], capitalised(document.quantity)
+    noise = noise_text(document.noise_std, document.torque_unit, document.labels)
     blocks: list[Block] = []
     if experiments.is_short_form(document):
         columns = [numbers(f"{label} %", [significant(v) for v in values]) for label, values in errors]
         if noise:
-            columns.append(_noise_column(document))
+            columns.append(_noise_column(document, [""][first:]))
         if columns:
-            blocks.append(Table([words("Torque", heads), *columns]))
+            blocks.append(Table([words(head, heads), *columns]))
     elif errors:
-        columns = [words("Torque", [label for label, _ in errors], limit=LABEL)]
-        for j, head in enumerate(heads):
-            columns.append(numbers(f"{head} %", [significant(values[j]) for _, values in errors]))
+        columns = [words(head, [label for label, _ in errors], limit=LABEL)]
+        for j, name in enumerate(heads):
+            columns.append(numbers(f"{name} %", [significant(values[j]) for _, values in errors]))
         blocks += [Table(columns), Text(f"noise σ: {noise}" if noise else "")]
-    blocks.append(note("Relative error 100 |measured − simulated| / |measured| in %. Noise σ of the fit: the standard "
+    size = "|measured − its mean| in %" if document.outputs else "|measured| in %"
+    blocks.append(note(f"Relative error 100 |measured − simulated| / {size}. Noise σ of the fit: the standard "
                        "deviation of its residual."))  # fmt: skip
-    return Section("Torque", blocks, anchor="torque")
+    return Section("Outputs" if document.outputs else "Torque", blocks, anchor=document.quantity)
 
 
-def _noise_column(document: ResultDocument) -> Column:
+def _noise_column(document: ResultDocument, above: Sequence[str]) -> Column:
     joints = range(len(document.torque_unit))
-    texts = decimal_aligned(["", *(significant(item_or_none(document.noise_std, j), 2) for j in joints)])
-    units = ["", *(pretty_unit(unit) for unit in document.torque_unit)]
+    texts = decimal_aligned([*above, *(significant(item_or_none(document.noise_std, j), 2) for j in joints)])
+    units = [*above, *(pretty_unit(unit) for unit in document.torque_unit)]
     width = max(map(len, units))
     return Column("noise σ", [f"{text} {unit:{width}}" for text, unit in zip(texts, units, strict=True)])
 
@@ -295,17 +319,26 @@ def _model(document: ResultDocument) -> Section:
     ]
     notes = []
     if document.integration_error is not None:
-        text = percentage(100 * document.integration_error) + " of the torque"
+        text = percentage(100 * document.integration_error) + f" of the {document.quantity}"
         if document.integration_shift is not None:
             text += f", {significant(document.integration_shift)} σ of a value"
         if document.integration is not None:
             text += f" ({document.integration.substeps} steps a tick)"
         facts.append(Fact("Integration error", text))
         method = f" Its method: {document.integration.method}." if document.integration is not None else ""
-        notes.append(note(f"Integration error: what halving the integration step of the plant changes.{method}"))
+        whole = "model" if document.outputs else "plant"
+        notes.append(note(f"Integration error: what halving the integration step of the {whole} changes.{method}"))
     if document.consistency is not None:
         facts.append(Fact("Plant's equations", consistency_line(document)))
     return Section("Model", [Facts(facts), *notes], anchor="model")
+
+
+def _regrouping(document: ResultDocument) -> list[Section]:
+    """What regroups into what; nothing of a model, whose parameters stand for themselves."""
+    if document.outputs:
+        return []
+    items = Items(document.regrouping, is_code=True, empty="No parameters are regrouped.")
+    return [Section("Regrouping", [items], has_title=True)]
 
 
 def _plant(document: ResultDocument) -> Section:
@@ -371,7 +404,7 @@ def _iterations(document: ResultDocument) -> list[Section]:
     labels = [f"{it.stage} {it.number}" for it in history]
     table = Table([
         words("iteration", labels),
-        numbers("torque error (%)", [significant(it.relative_error_percent, 5) for it in history]),
+        numbers(f"{document.quantity} error (%)", [significant(it.relative_error_percent, 5) for it in history]),
         numbers("relative change", [significant(it.change, 2) for it in history]),
         numbers("condition number", [significant(it.condition_number) for it in history]),
         words("note", [it.note for it in history]),
@@ -382,7 +415,9 @@ def _iterations(document: ResultDocument) -> list[Section]:
         values = [it.parameters.get(name) for name in names]
         columns.append(Column(label, [MISSING if v is None else f"{v:.6g}" for v in values]))
     folded = Folded("Parameters simulated in each iteration", Table(columns))
-    return [Section("Iterations", [Charts([history_chart(history)]), table, folded], anchor="iterations")]
+    return [
+        Section("Iterations", [Charts([history_chart(history, document.quantity)]), table, folded], anchor="iterations")
+    ]
 
 
 def _loop(document: ResultDocument) -> Section:
@@ -390,4 +425,5 @@ def _loop(document: ResultDocument) -> Section:
         Drawing(loop_diagram(document.loop)), Items(loop_lines(document.loop), shown="page"),
         Folded("All of it", Tree(document.loop), is_printed=False),
     ]  # fmt: skip
-    return Section("Loop", blocks, anchor="loop")
+    name = "Simulation" if document.outputs else "Loop"
+    return Section(name, blocks, anchor=name.lower())

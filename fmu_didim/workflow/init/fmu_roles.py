@@ -196,7 +196,8 @@ def _unclear(ports: FmuPorts, reason: str) -> InputError:
         got=reason,
         valid=f"as the plant it takes torques ({inputs}) and gives the motion ({outputs}); as the controller it takes "
         f"set points and measurements ({inputs}) and gives torques or commands ({outputs})",
-        next_step=f"Say which: --plant {ports.source}, or --controller {ports.source}",
+        next_step=f"Say which: --plant {ports.source}, or --controller {ports.source}; or --model {ports.source} if it "
+        "is calibrated as it is, with neither robot nor controller",
     )  # fmt: skip
 
 

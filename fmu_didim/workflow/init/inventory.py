@@ -5,67 +5,28 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
 from pathlib import Path
-
-import numpy as np
 
 from fmu_didim.base.documents import load_yaml
 from fmu_didim.base.errors import InputError
 from fmu_didim.components.fmu import read_description
-from fmu_didim.data.tables import READER_OF, SignalTable, TimeColumn, read_table
-from fmu_didim.data.tables.clock import instants
+from fmu_didim.data.tables import READER_OF, read_table
 from fmu_didim.dynamics.robot import RobotDescription, read_robot
 from fmu_didim.export import build_modelica
+from fmu_didim.workflow.init.data_file import TORQUES, WORDS_OF_LOOPS, DataFile
 from fmu_didim.workflow.init.fmu_roles import FmuPorts, FmuRole, assigned
-from fmu_didim.workflow.init.roles import Guess, Role, guesses, time_column
+from fmu_didim.workflow.init.model_columns import named_alike
 
 _WORDS_OF_SIGNALS = r"reference|ref|soll|set|trajectory|motion|torque|tau|moment|strom|current|log|ist|act"
-_WORDS_OF_LOOPS = r"loop|instants?|cycles?|takte?|zyklus"
-TORQUES: tuple[Role, ...] = ("tau", "current", "command")
-"""Roles of what a log shows of the torque, the best first."""
-
-
-@dataclass(frozen=True)
-class DataFile:
-    """A file of signals."""
-
-    path: Path
-    table: SignalTable
-
-    @cached_property
-    def guesses(self) -> list[Guess]:
-        """The guess for each column."""
-        return guesses(self.table)
-
-    def clock(self, *roles: str) -> str | None:
-        """The time column of the columns with these roles, of all where there are none."""
-        return time_column(self.table, [g.name for g in self.guesses if g.role in roles])
-
-    def rate_hz(self, *roles: str) -> float | None:
-        """Usual rate of the rows of these columns."""
-        clock = self.clock(*roles)
-        if clock is None:
-            return None
-        time, _ = instants(self.table, TimeColumn(), clock, self.table.columns[clock].size)
-        step = float(np.median(np.diff(time)))
-        return float(f"{1 / step:.4g}") if step > 0 else None
-
-    @property
-    def is_loop_log(self) -> bool:
-        """Whether it has the instants of a controller and no signals."""
-        if any(g.role != "other" for g in self.guesses) or self.clock() is None:
-            return False
-        return not self.guesses or bool(re.search(_WORDS_OF_LOOPS, self.path.stem.lower()))
-
-    def has(self, *roles: str) -> bool:
-        """Whether a column has one of these roles."""
-        return any(g.role in roles for g in self.guesses)
 
 
 @dataclass
 class Inventory:
-    """The files by what they are."""
+    """The files by what they are.
+
+    Attributes:
+        taken: role in a loop -> the FMU that has it, and why; model: the FMU that is calibrated as it is, and why.
+    """
 
     data: list[DataFile] = field(default_factory=list)
     fmus: list[FmuPorts] = field(default_factory=list)
@@ -73,6 +34,7 @@ class Inventory:
     robot: tuple[Path, RobotDescription] | None = None
     controller: Path | None = None
     system: Path | None = None
+    model: tuple[FmuPorts, str] | None = None
 
     @property
     def loop_logs(self) -> list[DataFile]:
@@ -104,12 +66,15 @@ class Inventory:
         return max([g.joint or 1 for d in self.data for g in d.guesses if g.role in kinds], default=1)
 
 
-def inventory(files: Sequence[Path], said: Mapping[Path, FmuRole], *, has_law: bool) -> Inventory:
+def inventory(
+    files: Sequence[Path], said: Mapping[Path, FmuRole], *, has_law: bool, model: Path | None = None
+) -> Inventory:
     """The files by their kinds.
 
     Args:
         said: whole path of an FMU or a Modelica file -> its role, where the user states it.
         has_law: whether a controller will be written.
+        model: whole path of the FMU or Modelica file that the user wants calibrated as it is.
 
     Raises:
         InputError: a file is missing, cannot be read, or is of an unknown kind; the role of an FMU is not clear; there
@@ -145,16 +110,49 @@ def inventory(files: Sequence[Path], said: Mapping[Path, FmuRole], *, has_law: b
                 valid=(*READER_OF, ".fmu", ".mo", ".ssp", ".yaml"),
                 next_step="Leave it out, or export it as one of these.",
             )  # fmt: skip
-    if not [d for d in found.data if not d.is_loop_log]:
+    if not [d for d in found.data if not d.is_loop_log or found.fmus]:
         raise InputError(
             "No file with signals is among them.", valid=READER_OF, next_step="Give the log and the reference."
         )  # fmt: skip
+    found.model = a_model(found, is_loop=bool(said) or has_law, model=model)
+    if found.model is not None:
+        return found
     has_controller = found.controller is not None or has_law
     found.taken = assigned(found.fmus, found.torque_count, said=said, has_controller=has_controller)
     return found
 
 
+def a_model(found: Inventory, *, is_loop: bool, model: Path | None) -> tuple[FmuPorts, str] | None:
+    """The FMU that is a model on its own and no part of the loop of a robot, and why; None where there is a robot.
+
+    An FMU beside a robot, a controller or another FMU is part of a loop; so is one that takes or gives torques, or set
+    points where the log shows a torque. Any other one is a model.
+
+    Args:
+        is_loop: whether the user says of a file that it is a plant or a controller, or names a control law.
+        model: the file that the user says is one.
+    """
+    if model is not None:
+        return next((ports, "as you say") for ports in found.fmus if ports.source.resolve() == model)
+    others = (found.robot, found.controller, found.system)
+    if is_loop or len(found.fmus) != 1 or any(other is not None for other in others):
+        return None
+    (ports,) = found.fmus
+    own = [*ports.inputs, *ports.outputs]
+    if any(g.role == "tau" for g in own):
+        return None
+    named = named_alike(ports.fmu, found.data)
+    has_set_points = any(g.side == "reference" for g in ports.inputs)
+    if any(d.has(*TORQUES) for d in found.data):
+        told = "the files have columns with its names, and no set points are among them"
+        return (ports, told) if named and not has_set_points else None
+    if named:
+        return ports, "the files have columns with its names, and none is a torque"
+    has_motion = any(d.has("q") for d in found.data)
+    return None if has_set_points or has_motion else (ports, "neither it nor the files have a torque")
+
+
 def key_of(path: Path) -> str:
     """What names of files of one run have in common."""
-    key = re.sub(rf"({_WORDS_OF_SIGNALS}|{_WORDS_OF_LOOPS})", "", path.stem.lower())
+    key = re.sub(rf"({_WORDS_OF_SIGNALS}|{WORDS_OF_LOOPS})", "", path.stem.lower())
     return re.sub(r"[_\-. ]+", "_", key).strip("_") or "run"

@@ -16,7 +16,8 @@ from fmu_didim.data.signals import Array
 from fmu_didim.data.tables import TimeColumn
 from fmu_didim.data.tables.clock import instants
 from fmu_didim.estimators.initial_states import MOVING
-from fmu_didim.workflow.init.inventory import DataFile, Inventory, key_of
+from fmu_didim.workflow.init.data_file import DataFile
+from fmu_didim.workflow.init.inventory import Inventory, key_of
 from fmu_didim.workflow.init.runs import Run
 
 _OF_LOOP = r"loop|cycle|ctrl|control|instant|takt|zyklus|regler"

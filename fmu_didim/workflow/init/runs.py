@@ -7,9 +7,11 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 from fmu_didim.base.errors import InputError
-from fmu_didim.workflow.init.inventory import TORQUES, DataFile, Inventory, key_of
+from fmu_didim.workflow.init.data_file import TORQUES, DataFile
+from fmu_didim.workflow.init.inventory import Inventory, key_of
 
-_HELD_OUT = r"valid|test|check|hold|pruef|prüf"
+HELD_OUT = r"valid|test|check|hold|pruef|prüf"
+"""In the name of a file: it is to judge only."""
 
 
 @dataclass(frozen=True)
@@ -61,7 +63,7 @@ def runs(found: Inventory) -> list[Run]:
 
 
 def _run(label: str, reference: DataFile, torque: DataFile, reason: str, *, is_guess: bool = False) -> Run:
-    return Run(label, reference, torque, bool(re.search(_HELD_OUT, label)), reason, is_guess)
+    return Run(label, reference, torque, bool(re.search(HELD_OUT, label)), reason, is_guess)
 
 
 def _paired(logs: list[DataFile], references: list[DataFile], made: Sequence[Run]) -> Iterator[Run]:
@@ -102,8 +104,8 @@ def _alike(logs: list[DataFile], references: list[DataFile]) -> list[tuple[DataF
     """Log, reference and the word of their names that no other one of them has."""
     found, taken = list[tuple[DataFile, DataFile, str]](), list[DataFile]()
     for log in logs:
-        for word in sorted(_words(log)):
-            with_it = [[d for d in side if word in _words(d)] for side in (logs, references)]
+        for word in sorted(words_of(log)):
+            with_it = [[d for d in side if word in words_of(d)] for side in (logs, references)]
             if [len(side) for side in with_it] == [1, 1] and with_it[1][0] not in taken:
                 found.append((log, with_it[1][0], word))
                 taken.append(with_it[1][0])
@@ -111,7 +113,7 @@ def _alike(logs: list[DataFile], references: list[DataFile]) -> list[tuple[DataF
     return found
 
 
-def _words(data: DataFile) -> set[str]:
+def words_of(data: DataFile) -> set[str]:
     """The words and numbers of the name of a file; 001 is 1."""
     parts = re.findall(r"[^\W\d_]+|\d+", data.path.stem.lower())
     return {str(int(part)) if part.isdecimal() else part for part in parts}

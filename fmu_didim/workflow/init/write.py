@@ -3,30 +3,27 @@
 from __future__ import annotations
 
 import json
-import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache
 from pathlib import Path
 from typing import Any
 
-import yaml
-from jinja2 import Environment, PackageLoader, StrictUndefined
-
 from fmu_didim.base.documents import TO_FILL_IN, Lines
 from fmu_didim.base.errors import InputError, UnknownNameError
-from fmu_didim.case.files import DATA_PREFIX, data_folder
 from fmu_didim.controllers import LAWS
-from fmu_didim.data.tables.clock import stamp_columns
 from fmu_didim.data.units import known_unit
+from fmu_didim.workflow.init.data_file import TORQUES, DataFile
 from fmu_didim.workflow.init.fmu_roles import FmuRole, mappings
-from fmu_didim.workflow.init.inventory import TORQUES, DataFile, Inventory, inventory
+from fmu_didim.workflow.init.inventory import Inventory, inventory
 from fmu_didim.workflow.init.loop_time import LoopTime, begins_moving, control_rate_hz, loop_time
+from fmu_didim.workflow.init.model_case import model_case
 from fmu_didim.workflow.init.roles import Guess, Role, Side, chosen
 from fmu_didim.workflow.init.runs import Run, runs
+from fmu_didim.workflow.init.texts import CASE_FILE, named_from, rendered, time_entry
 from fmu_didim.workflow.reference.schema import schema
 
-CASE_FILE, ROBOT_FILE, CONTROLLER_FILE, SCHEMA_FOLDER = "case.yaml", "robot.yaml", "controller.yaml", "schemas"
+ROBOT_FILE, CONTROLLER_FILE, SCHEMA_FOLDER = "robot.yaml", "controller.yaml", "schemas"
+SCHEMAS_WRITTEN = ("case", "robot", "controller")
 _TORQUE_NOTES = {
     "rated": "rated: what 100 % is, in N.m (N; A of a current)",
     "torque_constant": "torque_constant: N.m/A, of the same kind of ampere",
@@ -57,14 +54,17 @@ def start_case(
     law: str | None = None,
     plant: Path | str | None = None,
     controller: Path | str | None = None,
+    model: Path | str | None = None,
 ) -> Started:
-    """Write a commented case for these files, with a robot description and a controller where none is among them.
+    """Write a case for these files: of a model alone, or of a robot, commented, with a robot description and a
+    controller where none is among them.
 
     ``EDIT`` marks what the files do not say; nothing runs before each of these is filled in.
 
     Args:
         out: folder of the case; law: control law of the controller that is written, with its keys.
-        plant, controller: FMU or Modelica file that is one, where its signals do not tell; among the files or not.
+        plant, controller, model: FMU or Modelica file that is one, where its signals do not tell; among the files or
+            not. A model is calibrated as it is, with neither robot nor controller.
 
     Raises:
         InputError: a file cannot be used, or one that would be written is there already.
@@ -72,33 +72,51 @@ def start_case(
     """
     if law is not None and law not in LAWS:
         raise UnknownNameError("control law", law, LAWS, where="--law")
-    said = _said(plant, controller)
-    named = [*files, *(file for file in (plant, controller) if file is not None)]
+    said = _said(plant, controller, model, law)
+    named = [*files, *(file for file in (plant, controller, model) if file is not None)]
     given = {Path(file).resolve(): Path(file) for file in named}
-    out, found = Path(out), inventory(list(given.values()), said, has_law=law is not None)
+    own = None if model is None else Path(model).resolve()
+    out, found = Path(out), inventory(list(given.values()), said, has_law=law is not None, model=own)
+    if found.model is not None:
+        return _started(out, *model_case(found, out), kinds=("case",))
     texts = {CASE_FILE: _case(found, out)}
     if found.robot is None and found.system is None and found.plant_fmu is None:
-        texts[ROBOT_FILE] = _rendered("robot.yaml.j2", joints=_joint_types(found), effects=EFFECTS, edit=TO_FILL_IN)
+        texts[ROBOT_FILE] = rendered("robot.yaml.j2", joints=_joint_types(found), effects=EFFECTS, edit=TO_FILL_IN)
     if found.controller is None and found.controller_fmu is None and found.system is None:
         texts[CONTROLLER_FILE] = _controller(found, law)
+    return _started(out, texts, list(_guessed(found)))
+
+
+def _started(
+    out: Path, texts: Mapping[str, str], told: Sequence[tuple[str, str, str]], *, kinds: Sequence[str] = SCHEMAS_WRITTEN
+) -> Started:
+    """Write the files, and the schemas of these kinds; raises InputError where one is there already."""
     there = [str(out / name) for name in texts if (out / name).exists()]
     if there:
         raise InputError(
             "A file is there already; init replaces none.", where=there[0], next_step="Give another folder: --out DIR."
         )
     (out / SCHEMA_FOLDER).mkdir(parents=True, exist_ok=True)
-    for kind in ("case", "robot", "controller"):
+    for kind in kinds:
         (out / SCHEMA_FOLDER / f"{kind}.json").write_text(json.dumps(schema(kind), indent=1) + "\n", encoding="utf-8")
     for name, text in texts.items():
         (out / name).write_text(text, encoding="utf-8")
     written = tuple(out / name for name in texts)
-    return Started(written, tuple(_guessed(found)), {path: Lines(path).unfilled() for path in written})
+    return Started(written, tuple(told), {path: Lines(path).unfilled() for path in written})
 
 
-def _said(plant: Path | str | None, controller: Path | str | None) -> dict[Path, FmuRole]:
-    """The roles that the user states; raises InputError for a file that would have both."""
+def _said(
+    plant: Path | str | None, controller: Path | str | None, model: Path | str | None, law: str | None
+) -> dict[Path, FmuRole]:
+    """The roles in a loop that the user states; raises InputError for a file that would have both, or a model beside
+    a loop."""
+    if model is not None and (plant is not None or controller is not None or law is not None):
+        raise InputError(
+            "A model that is calibrated as it is has no plant and no controller beside it.", where="--model",
+            got=str(model), next_step="Leave out --plant, --controller and --law, or --model.",
+        )  # fmt: skip
     said: dict[Path, FmuRole] = {}
-    roles: tuple[tuple[FmuRole, Path | str | None], ...] = (("plant", plant), ("controller", controller))
+    roles = (("plant", plant), ("controller", controller), ("model", model))
     for role, file in roles:
         if file is None:
             continue
@@ -112,7 +130,8 @@ def _said(plant: Path | str | None, controller: Path | str | None) -> dict[Path,
                 "One FMU cannot be the plant and the controller.", where=f"--{role}", got=str(file),
                 next_step="Give the other one its own file.",
             )  # fmt: skip
-        said[Path(file).resolve()] = role
+        if role != "model":
+            said[Path(file).resolve()] = role  # type: ignore[assignment]
     return said
 
 
@@ -134,12 +153,12 @@ def _case(found: Inventory, out: Path) -> str:
         for fmu in found.fmus for kind, side in (("inputs", fmu.inputs), ("outputs", fmu.outputs))
     }  # fmt: skip
     tunable = [v for v in plant.fmu.variables if v.causality == "parameter"] if plant else []
-    return _rendered(
+    return rendered(
         "case.yaml.j2", entries=entries, short=short, joints=joints, edit=TO_FILL_IN, command=command,
-        name=made[0].torque.path.stem, robot=_path(found.robot[0], out) if found.robot else ROBOT_FILE,
-        has_robot=found.robot is not None or plant is None, system=found.system and _path(found.system, out),
-        plant=plant and _path(plant.source, out), plant_ports=plant and mappings(plant, "plant", joints),
-        controller=_path(own, out) if own else CONTROLLER_FILE,
+        name=made[0].torque.path.stem, robot=named_from(out, found.robot[0]) if found.robot else ROBOT_FILE,
+        has_robot=found.robot is not None or plant is None, system=found.system and named_from(out, found.system),
+        plant=plant and named_from(out, plant.source), plant_ports=plant and mappings(plant, "plant", joints),
+        controller=named_from(out, own) if own else CONTROLLER_FILE,
         controller_ports=controller and mappings(controller, "controller", joints), ports=ports,
         rate=_control_rate(found),
         tunable=[v for v in tunable if v.start is not None][:30],
@@ -149,8 +168,8 @@ def _case(found: Inventory, out: Path) -> str:
 def _experiment(found: Inventory, run: Run, joints: int, out: Path) -> dict[str, Any]:
     torque, comment = _torque_columns(run.torque, joints)
     motion, notes = _motion_columns(run.reference, joints, torque)
-    reference = {"file": _path(run.reference.path, out), **_time(run.reference, "q")}
-    log = {"file": _path(run.torque.path, out), **_time(run.torque, *TORQUES), "columns": torque}
+    reference = {"file": named_from(out, run.reference.path), **time_entry(run.reference, "q")}
+    log = {"file": named_from(out, run.torque.path), **time_entry(run.torque, *TORQUES), "columns": torque}
     used = {entry["name"] if isinstance(entry, dict) else entry for entry in torque.values()}
     if any(g.role == "command" and g.name in used for g in run.torque.guesses):
         log["quantity"] = "command"
@@ -168,20 +187,9 @@ def _experiment(found: Inventory, run: Run, joints: int, out: Path) -> dict[str,
     }  # fmt: skip
 
 
-def _time(data: DataFile, *roles: str) -> dict[str, Any]:
-    """The entry of the time column where a file does not say all of it, with what it lacks."""
-    if data.clock(*roles):
-        return {}
-    stamps = stamp_columns(data.table)
-    if len(stamps) == 1:
-        return {"time": {"name": stamps[0], "unit": TO_FILL_IN}, "time_note": "s, ms, us, ns: the file does not say"}
-    asked = f"which of {', '.join(stamps)}" if stamps else "no column is known as the time"
-    return {"time": {"name": TO_FILL_IN, "unit": "s"}, "time_note": f"{asked}; without one: {{rate_hz: ...}}"}
-
-
 def _instants(at: LoopTime, out: Path) -> Any:
     """The entry of the instants of a controller: the file, with the column where it is not its time column."""
-    file = _path(at.data.path, out)
+    file = named_from(out, at.data.path)
     if at.column is None:
         return file if at.data.clock() else {"file": file, "time": {"name": TO_FILL_IN, "unit": "s"}}
     unit = at.data.table.unit(at.column)
@@ -263,7 +271,7 @@ def _controller(found: Inventory, law: str | None) -> str:
     kinds = [j.type for j in found.robot[1].joints] if found.robot else [kind for kind, _ in _joint_types(found)]
     common = set(LAWS["pd"].model_fields) - {"Kp", "Kd", "velocity"}
     keys = {name: {k: f for k, f in form.model_fields.items() if k not in common} for name, form in LAWS.items()}
-    return _rendered(
+    return rendered(
         "controller.yaml.j2", law=law, laws=LAWS, keys=keys, kinds=kinds, edit=TO_FILL_IN,
         rate=_control_rate(found), summary={n: (f.__doc__ or "").split("\n\n")[0] for n, f in LAWS.items()},
     )  # fmt: skip
@@ -295,31 +303,3 @@ def _guessed(found: Inventory) -> Iterator[tuple[str, str, str]]:
         if run.reference is not run.torque:
             told = f"{'held out' if run.held_out else 'a run'}, with the reference {run.reference.path.name}"
             yield run.torque.path.name, "", f"{told}: {run.reason}"
-
-
-def _path(path: Path, out: Path) -> str:
-    """A path as the case names it: in the data folder, relative to the case, else absolute."""
-    root, own = data_folder(Path(out)).resolve(), path.resolve()
-    if own.is_relative_to(root):
-        return f"{DATA_PREFIX}{own.relative_to(root).as_posix()}"
-    return Path(os.path.relpath(own, out.resolve())).as_posix()
-
-
-def _flow(value: Any) -> str:
-    """A value in one line of YAML."""
-    text: str = yaml.safe_dump(value, default_flow_style=True, sort_keys=False, allow_unicode=True, width=10_000)
-    return text.strip().removesuffix("\n...").strip()
-
-
-def _rendered(template: str, **values: Any) -> str:
-    return _environment().get_template(template).render(**values)
-
-
-@cache
-def _environment() -> Environment:
-    environment = Environment(
-        loader=PackageLoader("fmu_didim.workflow.init", "."), undefined=StrictUndefined, trim_blocks=True,
-        lstrip_blocks=True, keep_trailing_newline=True, autoescape=False,
-    )  # fmt: skip
-    environment.filters["yaml"] = _flow
-    return environment

@@ -29,6 +29,7 @@ from fmu_didim.results.result import (
 from fmu_didim.workflow.output.exit_codes import EXIT_CODES
 from fmu_didim.workflow.output.frames import matrix_frame, parameter_frame
 from fmu_didim.workflow.output.result_folder import ResultFolder
+from fmu_didim.workflow.output.values import OWN_SSV_FILE, SSV_FILE, VALUES_FILE, write_values
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -45,8 +46,16 @@ def result_folder(out: Path | str, *, figures: bool = False) -> ResultFolder:
     """The folder of the results of ``identify``."""
     from fmu_didim.report.identification.sections import REPORT_FILE
 
-    patterns = (OWN_ROBOT_FILE.format(label="*"), "torque_*.csv", "simulated_*.csv", "channel_*.csv", "figure_*")
-    fixed = (REPORT_FILE, ROBOT_FILE)
+    patterns = (
+        OWN_ROBOT_FILE.format(label="*"),
+        "torque_*.csv",
+        "output_*.csv",
+        "simulated_*.csv",
+        "channel_*.csv",
+        "figure_*",
+        OWN_SSV_FILE.format(label="*"),
+    )
+    fixed = (REPORT_FILE, ROBOT_FILE, SSV_FILE, VALUES_FILE)
     return ResultFolder(Path(out), "identify", RESULT_FILE, fixed, patterns, "signals", figures)
 
 
@@ -133,6 +142,7 @@ class Result:
         with folder.written() as new:
             save_result(self.document, self.validations, new)
             write_report(new, self.validations)
+            write_values(self.document, new)
             for label, robot in ((SHARED, self.robot), *self.robots.items()):
                 if robot is not None:
                     write_robot(robot, new / (OWN_ROBOT_FILE.format(label=label) if label else ROBOT_FILE))
@@ -211,7 +221,9 @@ class Result:
     @property
     def outside_robot(self) -> tuple[str, ...]:
         """Names of the identified values that no robot description holds: of the loop around the plant, or of a log."""
-        return tuple(name for name, parameter in self.document.parameters.items() if parameter.of != "plant")
+        return tuple(
+            name for name, parameter in self.document.parameters.items() if parameter.of not in ("plant", "model")
+        )
 
     @property
     def covariance(self) -> DataFrame:
@@ -267,14 +279,21 @@ class Result:
             UnknownNameError: there is no such experiment; InputError: it was loaded without its torques.
         """
         from fmu_didim.report.drawing.figures import matplotlib_figure
-        from fmu_didim.report.drawing.torque_charts import Simulated, torque_chart
+        from fmu_didim.report.drawing.torque_charts import DrawnInput, Simulated, torque_chart
 
         shown = self.validation(experiment or next(iter(self.document.experiments)))
         every = (None, None) if shown.every is None else (shown.every.time, shown.every.values)
         models = {} if shown.failure else {"simulated": Simulated(shown.simulated, *every)}
         percent = [float(v) if np.isfinite(v) else None for v in shown.per_joint_percent]
         units = self.document.torque_unit
-        chart = torque_chart("torque", shown.label, shown.time, shown.measured, models, units, percent=percent)
+        names, inputs = self.document.outputs, list[DrawnInput]()
+        if shown.every is not None:
+            known = {name: unit for name, unit in self.document.inputs.items() if name in shown.every.names}
+            inputs = [DrawnInput(n, unit, shown.every.time, shown.every.column(n)) for n, unit in known.items()]
+        chart = torque_chart(
+            self.document.quantity, shown.label, shown.time, shown.measured, models, units, percent=percent,
+            names=names, inputs=inputs,
+        )  # fmt: skip
         return matplotlib_figure(chart)
 
     def __eq__(self, other: object) -> bool:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from math import nan
 from pathlib import Path
 
 import numpy as np
@@ -79,7 +80,6 @@ def test_what_is_found_out(
         # Two columns of integers, or one with a decimal comma: nobody can know.
         ("0,1\n1,2\n", r"several ways[\s\S]*2 columns by comma, decimal point; 1 columns by line, decimal comma"),
         ("t;q1\n0;1.234,5\n1;2\n", r"not a row of numbers[\s\S]*line 2[\s\S]*1\.234,5"),
-        ("t;q1\n0;1\n1;\n2;3\n", r"line 3"),
         ("t,q1\n0,1\n1,2,3\n", r"line 3"),
         # The 5th of January or the 1st of May.
         ("t,q1\n05/01/2026 12:00:00,1\n05/01/2026 12:00:01,2\n", r"day or with the month[\s\S]*05/01/2026"),
@@ -95,6 +95,37 @@ def test_what_nobody_can_know_is_refused(tmp_path: Path, text: str, problem: str
     with pytest.raises(InputError, match=problem) as caught:
         read_table(csv(tmp_path / "a.csv", text))
     assert "a.csv" in str(caught.value)
+
+
+EMPTY = [
+    "t,a,b\n0,1,10\n1,2,\n2,,30\n",
+    "t,a,b,\n0,1,10,\n1,2,,\n2,,30,\n",  # a delimiter at the end of each line
+    "t,a,b\n0,1,10,\n1,2,,\n2,,30,\n",  # or of those with numbers
+    "t;a;b\n0;1;10\n1;2;\n2;;30\n",
+    "t\ta\tb\n0\t1\t10\n1\t2\t\n2\t\t30\n",
+    "s,V,A\n0,1,10\n1,2,\n2,,30\n",
+]
+
+
+@pytest.mark.parametrize("text", EMPTY)
+def test_an_empty_cell_is_no_number(tmp_path: Path, text: str) -> None:
+    (tmp_path / "log.csv").write_text(text, encoding="utf-8")
+    columns = list(read_table(tmp_path / "log.csv").columns.values())
+    np.testing.assert_array_equal(columns, [[0, 1, 2], [1, 2, np.nan], [10, np.nan, 30]])
+
+
+@pytest.mark.parametrize(
+    ("text", "columns"),
+    [
+        ("t,a,b\n0,1,\n1,2,3\n", [[0, 1], [1, 2], [np.nan, 3]]),  # the first row ends in an empty cell
+        ("0,1,\n1,2,3\n", [[0, 1], [1, 2], [np.nan, 3]]),
+        ("0,1,\n1,2,\n", [[0, 1], [1, 2]]),
+        ("t,a\n[s],[V]\n0,\n1,2\n", [[0, 1], [np.nan, 2]]),
+    ],
+)
+def test_what_the_last_delimiter_of_the_first_row_means(tmp_path: Path, text: str, columns: list[list[float]]) -> None:
+    (tmp_path / "log.csv").write_text(text, encoding="utf-8")
+    np.testing.assert_array_equal(list(read_table(tmp_path / "log.csv").columns.values()), columns)
 
 
 @pytest.mark.parametrize(
@@ -243,3 +274,20 @@ def test_damaged_files_are_refused(tmp_path: Path, suffix: str) -> None:
     path.write_bytes(b"no signals " * 50)
     with pytest.raises(InputError, match=rf"a\{suffix}"):
         read_table(path)
+
+
+@pytest.mark.parametrize(
+    ("text", "wanted"),
+    [
+        ("t,a,b\n0,1,2\n1,,3\n2,4,\n3,,\n", [[0, 1, 2], [1, nan, 3], [2, 4, nan], [3, nan, nan]]),
+        ("t,a\n0,\n1,5\n", [[0, nan], [1, 5]]),
+        ("t;a;b\n0;1,5;\n1;;2\n", [[0, 1.5, nan], [1, nan, 2]]),
+        ("t,a,\n0,1,\n1,,\n", [[0, 1], [1, nan]]),  # a delimiter ends each line
+        ("# log,,\nt,a,b\n0,,1\n", [[0, nan, 1]]),
+    ],
+)
+def test_empty_cells_are_no_numbers(tmp_path: Path, text: str, wanted: list[list[float]]) -> None:
+    path = tmp_path / "log.csv"
+    path.write_text(text, encoding="utf-8")
+    table = read_table(path)
+    np.testing.assert_array_equal(np.column_stack(list(table.columns.values())), np.array(wanted, dtype=float))

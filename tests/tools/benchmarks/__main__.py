@@ -13,6 +13,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 from tests.tools.benchmarks import (
+    calibration,
     campaigns,
     command_start,
     discovery,
@@ -35,6 +36,7 @@ BENCHMARKS: Mapping[str, Callable[[Settings], list[Figure]]] = {
     "scara_identification": scara_identification.run,
     "tx40_simulation": tx40_simulation.run,
     "tx40_identification": tx40_identification.run,
+    "calibration": calibration.run,
     "processes": processes.run,
     "campaigns": campaigns.run,
     "reruns": reruns.run,

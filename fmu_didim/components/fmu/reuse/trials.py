@@ -87,18 +87,18 @@ def restarted(component: FmuSettings, h: float, wanted: Array, strategy: str) ->
     """
     u = _inputs(component, h)
     values = {**component.start_values, **component.parameter_values()}
-    changed = component.with_parameters({name: _other(value) for name, value in values.items()})
+    changed = component.with_parameters({name: changed_value(value) for name, value in values.items()})
     for before in (changed, component):
         with closing(before.instantiate_in_process(keep_new_state=strategy == STATE)) as instance:
             try:
-                _initialise(instance, before)
+                initialise(instance, before)
                 _advance(instance, u, h)
             except FmuDidimError:
                 if before is component:
                     raise
                 continue  # it fails with the changed values: try its own
             instance.restart_by(strategy, component)
-            _initialise(instance, component)
+            initialise(instance, component)
             return RESTORES if same(wanted, _advance(instance, u, h)) else DIFFERS
     return DIFFERS
 
@@ -186,7 +186,8 @@ def parameters(component: FmuSettings, h: float, seconds: float, *, in_run: bool
             found[name] = NOT_TRIED
             continue
         try:
-            found[name] = NO_EFFECT if np.array_equal(unchanged, rest({name: _other(value)}), equal_nan=True) else ACTS
+            other = rest({name: changed_value(value)})
+            found[name] = NO_EFFECT if np.array_equal(unchanged, other, equal_nan=True) else ACTS
         except FmuDidimError:
             found[name] = REFUSED
     return found
@@ -197,7 +198,7 @@ def tunable(component: FmuSettings, h: float, seconds: float) -> dict[str, str]:
     return parameters(component, h, seconds, in_run=True)
 
 
-def _other(value: float) -> float:
+def changed_value(value: float) -> float:
     return value * 1.01 if value else 1e-3
 
 
@@ -215,7 +216,7 @@ def _inputs(component: FmuSettings, h: float) -> Array:
     return rows
 
 
-def _initialise(instance: Any, component: FmuSettings) -> None:
+def initialise(instance: Any, component: FmuSettings) -> None:
     """Initialise with the inputs' start values: others may lead to an initial state that the FMU cannot solve for."""
     instance.begin_initialisation(0.0)
     instance.inputs[:] = [v.start for v in component.inputs]
@@ -227,7 +228,7 @@ def _initialise(instance: Any, component: FmuSettings) -> None:
 @contextmanager
 def _initialised(component: FmuSettings) -> Iterator[Any]:
     with closing(component.instantiate_in_process()) as instance:
-        _initialise(instance, component)
+        initialise(instance, component)
         yield instance
 
 

@@ -24,6 +24,7 @@ from fmu_didim.components.fmu.description import (
     FmuDescription,
     FmuVariable,
     Interface,
+    element_names,
 )
 from fmu_didim.components.fmu.versions.base import DescriptionFile, Signatures
 from fmu_didim.data.units import BASE_UNITS, UnitDefinition
@@ -72,6 +73,7 @@ def description(file: DescriptionFile, version: str, *, negated: frozenset[str] 
         experiment=Experiment(*(float(text) if text else None for text in stated)),
         units={u.name: _unit(u.baseUnit) for u in own.unitDefinitions if u.name and u.baseUnit is not None},
         dependencies={u.variable.name: _inputs(u.dependencies) for u in own.outputs} or None,
+        states=_states(own),
     )
 
 
@@ -105,6 +107,17 @@ def _interfaces(own: Any, root: ET.Element) -> Iterator[Interface]:
 def _inputs(known: Any) -> tuple[str, ...] | None:
     """The inputs among the variables on which an output depends; states, which may be listed too, do not count."""
     return None if known is None else tuple(v.name for v in known if v.causality == "input")
+
+
+def _states(own: Any) -> tuple[str, ...]:
+    """The continuous states in the order of their derivatives; none where a derivative does not say whose it is, by its
+    attribute or, as ``der(x)``, by its name."""
+    by_name = {f"der({v.name})": v for v in own.modelVariables}
+    derivatives = [unknown.variable for unknown in own.derivatives]
+    found = [v.derivative if v.derivative is not None else by_name.get(v.name) for v in derivatives]
+    if None in found:
+        return ()
+    return tuple(name for state in found if state for name in element_names(state.name, tuple(state.shape or ())))
 
 
 def _variable(own: Any, negated: bool) -> FmuVariable:

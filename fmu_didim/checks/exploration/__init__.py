@@ -1,0 +1,1 @@
+"""What a search, profiles and sensitivities say of an answer, or before one."""

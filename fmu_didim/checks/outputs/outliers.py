@@ -1,0 +1,50 @@
+"""Single samples of an output that lie far from a fitted model: errors of a sensor or a file."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from fmu_didim.base.diagnostics import Diagnostic
+from fmu_didim.checks.data.log import FEW_OUTLIERS, LOG_OUTLIERS
+from fmu_didim.checks.motion.colour import orthonormal
+from fmu_didim.checks.motion.dependence import independent
+from fmu_didim.checks.outputs.residuals import OutputResiduals
+
+FAR = 6.0
+"""[standard deviations] By the median of the residuals, from which a sample is an outlier: of a million normal ones
+none."""
+NORMAL = 1.4826
+"""[1] Standard deviation of normal noise over the median of its sizes."""
+MOST = 0.02
+"""[1] Of the samples that may be outliers: more of them are no exceptions."""
+MOVED = 0.3
+"""[standard deviations] By which outliers may move the values, all together, before they are doubted."""
+
+
+def outlier_diagnostics(found: OutputResiduals) -> list[Diagnostic]:
+    """The outliers of each output, a doubt where they move the values."""
+    told = []
+    for k, name in enumerate(found.names):
+        rows = found.rows(k)
+        residual = found.residual[rows, k]
+        spread = NORMAL * float(np.median(np.abs(residual - np.median(residual))))
+        far = np.flatnonzero(np.abs(residual - np.median(residual)) > FAR * spread)
+        if not spread or not 0 < far.size <= max(MOST * residual.size, 1):
+            continue
+        wrong = np.zeros(residual.size)
+        wrong[far] = residual[far] / spread
+        basis = orthonormal(independent(found.jacobian[rows, k]))
+        moved = float(np.linalg.norm(basis.T @ wrong))
+        first = found.times(k)[far[0]]
+        count = f"{far.size} of {residual.size} samples {'lies' if far.size == 1 else 'lie'}"
+        text = (
+            f"{count} up to {np.abs(wrong).max():.3g} standard deviations from the model, the first at t = {first:.6g} "
+            f"s; they move the values by {moved:.2g} standard deviations, all together."
+        )
+        code = LOG_OUTLIERS if moved > MOVED else FEW_OUTLIERS
+        advice = (
+            f"Look at them; empty the cells of those that are errors of the sensor, or let the fit count what is far "
+            f"off less: measured: {{columns: {{{name}: {{robust: true}}}}}}."
+        )
+        told.append(Diagnostic(code, text, name, moved, MOVED, "1", next_step=advice))
+    return told

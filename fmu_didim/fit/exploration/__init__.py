@@ -1,0 +1,1 @@
+"""The misfit away from the answer: other minima, profiles."""

@@ -1,0 +1,56 @@
+"""A file of signals that a user has, and what its columns are taken for."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from fmu_didim.data.tables import SignalTable, TimeColumn
+from fmu_didim.data.tables.clock import instants
+from fmu_didim.workflow.init.roles import Guess, Role, guesses, time_column
+
+WORDS_OF_LOOPS = r"loop|instants?|cycles?|takte?|zyklus"
+"""In the name of a file: a control loop wrote it."""
+TORQUES: tuple[Role, ...] = ("tau", "current", "command")
+"""Roles of what a log shows of the torque, the best first."""
+
+
+@dataclass(frozen=True)
+class DataFile:
+    """A file of signals."""
+
+    path: Path
+    table: SignalTable
+
+    @cached_property
+    def guesses(self) -> list[Guess]:
+        """The guess for each column."""
+        return guesses(self.table)
+
+    def clock(self, *roles: str) -> str | None:
+        """The time column of the columns with these roles, of all where there are none."""
+        return time_column(self.table, [g.name for g in self.guesses if g.role in roles])
+
+    def rate_hz(self, *roles: str) -> float | None:
+        """Usual rate of the rows of these columns."""
+        clock = self.clock(*roles)
+        if clock is None:
+            return None
+        time, _ = instants(self.table, TimeColumn(), clock, self.table.columns[clock].size)
+        step = float(np.median(np.diff(time)))
+        return float(f"{1 / step:.4g}") if step > 0 else None
+
+    @property
+    def is_loop_log(self) -> bool:
+        """Whether it has the instants of a controller and no signals."""
+        if any(g.role != "other" for g in self.guesses) or self.clock() is None:
+            return False
+        return not self.guesses or bool(re.search(WORDS_OF_LOOPS, self.path.stem.lower()))
+
+    def has(self, *roles: str) -> bool:
+        """Whether a column has one of these roles."""
+        return any(g.role in roles for g in self.guesses)

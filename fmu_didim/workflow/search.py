@@ -1,0 +1,62 @@
+"""The estimate of a case: from one start, or by the search that it asks for, and with the profiles that it asks for."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from fmu_didim.base.errors import UnknownNameError
+from fmu_didim.case import Case
+from fmu_didim.estimators import Progress
+from fmu_didim.estimators.search import check_minima, crew_of, profiled, searched
+from fmu_didim.estimators.start import with_free_delay
+from fmu_didim.fit.estimate import Estimate
+from fmu_didim.model.loop_model import LoopModel
+
+
+def profile_names(case: Case, asked: bool | Sequence[str] | None) -> tuple[str, ...] | None:
+    """Names of the parameters that are to be profiled, none for all of them; None where none are.
+
+    Args:
+        asked: in the place of what the case says; None: what it says.
+
+    Raises:
+        InputError: the answer of the estimator is no minimum; UnknownNameError: no parameter of this name is free.
+    """
+    names: tuple[str, ...] | None
+    if asked is None:
+        names = case.document.profiled
+    elif isinstance(asked, bool):
+        names = () if asked else None
+    else:
+        names = tuple(asked) or None
+    if names is None:
+        return None
+    check_minima(case.estimator, case.model, "profile")
+    known = with_free_delay(case.model).names
+    for name in names:
+        if name not in known and "[" not in name:  # as of an initial state, which an estimator may free
+            raise UnknownNameError("free parameter", name, case.model.names, where="profile")
+    return names
+
+
+def estimated(case: Case, model: LoopModel, names: tuple[str, ...] | None, progress: Progress) -> Estimate:
+    """The estimate of a case, on a model of it, with the profiles of these parameters; raises what its estimator
+    raises."""
+    found, search = _found(case, model, progress), case.document.search
+    if names is None:
+        return found
+    processes = None if search is None else search.processes
+    return profiled(
+        case.estimator, found, names, lambda of: crew_of(case.estimator, of, processes), progress=progress
+    )  # fmt: skip
+
+
+def _found(case: Case, model: LoopModel, progress: Progress) -> Estimate:
+    search = case.document.search
+    if search is None:
+        return case.estimator.estimate(model, progress=progress)
+    crew = crew_of(case.estimator, model, search.processes)
+    try:
+        return searched(case.estimator, model, search, crew, progress=progress)
+    finally:
+        crew.close()
