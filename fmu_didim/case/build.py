@@ -392,7 +392,15 @@ def _of_a_model(case: Case, data: CalibrationData) -> LoopModel:
     for label in data.runs:
         reference = case.reference(label)
         experiments[label] = calibration_experiment(data, label, case.system(reference), reference)
-    return case.model_on(experiments)
+    model = case.model_on(experiments)
+    samples, values = int(model.output_counts.sum()), model.start.size
+    if samples <= values:
+        raise InputError(
+            "There are no more samples than values to be identified.", where="measured",
+            got=f"{samples} samples in all fitted experiments, {values} values", valid=f"{values + 1} samples or more",
+            next_step="Give further samples or outputs, or take parameters out of identify:.",
+        )  # fmt: skip
+    return model
 
 
 def _with_channels(case: Case, label: str, experiment: Experiment) -> Experiment:

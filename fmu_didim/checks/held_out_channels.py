@@ -74,6 +74,10 @@ class _Uncertain:
     covariance: Array
     label: str
 
+    def size(self, channel: ChannelValidation) -> str:
+        """The error of a channel, beside what it moves."""
+        return _size(channel, "its motion" if self.model.loop.shows_torque else "what it moves")
+
     @cached_property
     def by_name(self) -> dict[str, float]:
         """Of each channel; zero where the experiment cannot be simulated near the values."""
@@ -88,6 +92,12 @@ class _Uncertain:
         columns = {name: log[:, j] for j, name in enumerate(alone.loop.output_names)}
         columns |= experiments.channels_of(self.label, table)
         return {name: float(np.einsum("kp,pq,kq->", c, self.covariance, c) / c.shape[0]) for name, c in columns.items()}
+
+
+def _size(channel: ChannelValidation, moves: str) -> str:
+    percent = channel.relative_error_percent
+    of_motion = "" if not np.isfinite(percent) else f" ({percent:.2g} % of {moves})"
+    return f"{channel.rms:.2g} {channel.unit}{of_motion}"
 
 
 def _residual(channels: Sequence[ChannelValidation]) -> Residual:
@@ -110,8 +120,8 @@ def _against_fit(
         return []
     ratio = float(np.sqrt(held.variance[0] / fitted.variance[0]))
     text = (
-        f"The error of {name} is {_size(channel)} against {np.sqrt(fitted.variance[0]):.2g} {channel.unit} in the fit, "
-        f"{ratio:.3g} times as large{_as_a_sensor(channel)}."
+        f"The error of {name} is {uncertain.size(channel)} against {np.sqrt(fitted.variance[0]):.2g} {channel.unit} in "
+        f"the fit, {ratio:.3g} times as large{_as_a_sensor(channel)}."
     )
     return [Diagnostic(WORSE_HELD_OUT, text, f"{uncertain.label}: {name}", ratio, HELD_OUT_RATIO, "1")]
 
@@ -119,21 +129,15 @@ def _against_fit(
 def _against_noise(channel: ChannelValidation, uncertain: _Uncertain, name: str) -> list[Diagnostic]:
     place, bound = f"{uncertain.label}: {name}", channel.deviation
     if bound is None:
-        text = f"The error of {name} is {_size(channel)}{_as_a_sensor(channel)}; its noise is not stated."
+        text = f"The error of {name} is {uncertain.size(channel)}{_as_a_sensor(channel)}; its noise is not stated."
         return [Diagnostic(NOT_JUDGED, text, place, channel.rms, unit=channel.unit)]
     if channel.rms <= LARGER * bound or channel.rms <= LARGER * np.sqrt(bound**2 + uncertain.by_name[name]):
         return []
     text = (
-        f"The error of {name}, which was not fitted, is {_size(channel)}, {channel.rms / bound:.1f} times the stated "
-        f"noise{_as_a_sensor(channel)}."
+        f"The error of {name}, which was not fitted, is {uncertain.size(channel)}, {channel.rms / bound:.1f} times the "
+        f"stated noise{_as_a_sensor(channel)}."
     )
     return [Diagnostic(CHANNEL_NOISE, text, place, channel.rms, bound, channel.unit)]
-
-
-def _size(channel: ChannelValidation) -> str:
-    percent = channel.relative_error_percent
-    of_motion = "" if not np.isfinite(percent) else f" ({percent:.2g} % of its motion)"
-    return f"{channel.rms:.2g} {channel.unit}{of_motion}"
 
 
 def _as_a_sensor(channel: ChannelValidation) -> str:

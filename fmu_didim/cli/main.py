@@ -25,6 +25,7 @@ from fmu_didim.cli.campaign import add_campaign
 from fmu_didim.cli.console import CurrentStderr, Display, begin, is_terminal, show, since_start
 from fmu_didim.cli.numbers import at_least_two, not_negative, positive
 from fmu_didim.cli.prepare import add_prepare_verbs
+from fmu_didim.cli.printed_by_fmus import LastLines, kept_apart
 
 if TYPE_CHECKING:
     from fmu_didim.workflow import Discovered, Result
@@ -37,12 +38,12 @@ FIGURES = "write the charts of the page as PNG and SVG, too, for a paper"
 def main(arguments: list[str] | None = None) -> int:
     """Entry point of ``fmu-didim``: 0 success, 1 error or refusal, 2 wrong usage, 3 not settled, 4 doubtful."""
     begin()
-    with printable():
+    with kept_apart() as last_lines, printable():
         typed = sys.argv[1:] if arguments is None else arguments
-        return _run(command_parser().parse_args(typed), typed)
+        return _run(command_parser().parse_args(typed), typed, last_lines)
 
 
-def _run(options: argparse.Namespace, typed: Sequence[str]) -> int:
+def _run(options: argparse.Namespace, typed: Sequence[str], last_lines: LastLines) -> int:
     try:
         with _logged(quiet=getattr(options, "quiet", False)), _code_allowed(not getattr(options, "no_code", False)):
             _check_names(typed)
@@ -58,6 +59,8 @@ def _run(options: argparse.Namespace, typed: Sequence[str]) -> int:
             what, where, step = (getattr(told, name, "") for name in ("what", "where", "next_step"))
             print(json.dumps({"error": what or str(told), "where": where, "next_step": step}, indent=1))
         show(f"\nfmu-didim: {told}", stream=sys.stderr)
+        if printed := last_lines():
+            show("\nThe last lines that FMUs printed:\n" + "\n".join(printed), stream=sys.stderr)
         return EXIT_ERROR
 
 
@@ -320,6 +323,7 @@ def _identify(options: argparse.Namespace) -> int:
         from fmu_didim.case import load_case  # what takes a second to import comes after the first line
         from fmu_didim.workflow import identify
         from fmu_didim.workflow.output.result import OWN_ROBOT_FILE, ROBOT_FILE, result_folder
+        from fmu_didim.workflow.output.values import SSV_FILE, VALUES_FILE
 
         result_folder(out).check()
         case = load_case(options.case)
@@ -342,6 +346,8 @@ def _identify(options: argparse.Namespace) -> int:
             print(f"  with those of {label}: {out / OWN_ROBOT_FILE.format(label=label)}")
         if outcome.outside_robot:
             print(f"  not in it, because not of the robot: {', '.join(outcome.outside_robot)}")
+    if outcome.document.outputs and outcome.parameters:
+        print(f"\nThe values, to set in the FMU: {out / SSV_FILE}   as an entry of a case: {out / VALUES_FILE}")
     print(f"\nReport: {out / 'report.html'}   Result: {out / 'result.json'}   ({since_start():.1f} s)")
     return outcome.exit_code
 

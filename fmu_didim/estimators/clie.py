@@ -131,7 +131,8 @@ class Clie(Estimator):
         values only together."""
         try:
             minimum = motion_minimum(
-                model, tolerance=self.tolerance, progress=progress, maximum=self.maximum_iterations
+                model, tolerance=self.tolerance, progress=progress, maximum=self.maximum_iterations,
+                stage="joint" if model.loop.shows_torque else OF_OUTPUTS,
             )  # fmt: skip
         except SimulationError as error:
             raise RefusedError(

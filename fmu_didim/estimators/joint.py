@@ -64,19 +64,20 @@ def motion_minimum(
     tolerance: float | None,
     progress: Callable[[Iteration], None],
     maximum: int = FINISH_ITERATIONS,
+    stage: str = "joint",
 ) -> Minimum:
     """The minimum of the error of all outputs, from the values of a model; of the channels alone where the loop is
     open, since a torque that is given depends on no value.
 
     Args:
-        maximum: iterations of each round; the others as of :func:`joint_minimum`.
+        maximum: iterations of each round; stage: names the iterations; the others as of :func:`joint_minimum`.
 
     Raises:
         IdentificationError, SimulationError: as of that.
     """
     start = point(model, NoiseOfResidual(model))
     found = finish_by_colour(
-        start, tolerance=tolerance, progress=progress, stage="joint", maximum_iterations=maximum
+        start, tolerance=tolerance, progress=progress, stage=stage, maximum_iterations=maximum
     )  # fmt: skip
     return replace(found, joint=JointFit(_channels(found), None, np.zeros(0), np.zeros(0), 1.0))
 

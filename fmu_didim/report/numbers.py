@@ -212,5 +212,7 @@ def loop_lines(loop: Mapping[str, Any]) -> list[str]:
     step = loop.get("step_size_s")
     delays = {name: samples for name, samples in dict(loop.get("delay_samples") or {}).items() if samples}
     delay = ", ".join(f"{name} {samples:.6g} samples" for name, samples in delays.items()) or "none"
+    if list(components) == ["model"]:
+        return [*lines, f"a step every {step:.6g} s, inputs and samples at their instants"]
     rate = f"{1 / step:.6g} Hz, " if isinstance(step, int | float) else ""
     return [*lines, f"{rate}{loop.get('algorithm', '')}, delay: {delay}".strip(", ")]

@@ -42,7 +42,8 @@ def verdict(document: ResultDocument) -> Banner:
     parts = [f"converged in {iteration_count(document)} iterations", *document.checks]
     known = [f"{percentage(v)} {'off ' if i == 0 else ''}on {name}" for i, (name, v) in enumerate(_errors(document))]
     if known:
-        parts.append(f"simulated {document.quantity} " + ", ".join(known))
+        several = "s" if len(document.outputs) > 1 else ""
+        parts.append(f"simulated {document.quantity}{several} " + ", ".join(known))
     parts += acknowledged_text(document.acknowledged)
     return Banner(grade, head, "; ".join(parts), document.reasons)
 

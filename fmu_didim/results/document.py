@@ -233,11 +233,16 @@ def _data(model: LoopModel, label: str) -> ExperimentResult:
     """The data of an experiment, without a result."""
     experiment = model.experiments[label]
     return ExperimentResult(
-        role=experiment.role, samples=int(experiment.time.size), rate_hz=round(experiment.rate_hz, 6), noise_std=[],
+        role=experiment.role, samples=int(experiment.time.size), rate_hz=_rate(model, experiment.rate_hz), noise_std=[],
         relative_error_percent=ErrorResult(total=None, per_joint=[]),
         own=[p.name for p in model.free_parameters if p.experiment == label], agreement=None,
         initial_state=_initial_state(model, label),
     )  # fmt: skip
+
+
+def _rate(model: LoopModel, rate_hz: float) -> float:
+    """A rate without the rounding of stamps; those of slow models in all their digits."""
+    return round(rate_hz, 6) if model.loop.shows_torque else float(f"{rate_hz:.9g}")
 
 
 def _initial_state(model: LoopModel, label: str) -> InitialStateResult:
@@ -245,7 +250,7 @@ def _initial_state(model: LoopModel, label: str) -> InitialStateResult:
         return InitialStateResult(kind="free")
     state = model.experiments[label].initial_state
     if not state.values:
-        return InitialStateResult()
+        return InitialStateResult(kind="reference" if model.loop.shows_torque else "model")
     values = {name: float(value) for name, value in state.values.items()}
     return InitialStateResult(kind="found" if state.kind == "found" else "given", values=values)
 

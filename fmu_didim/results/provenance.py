@@ -21,6 +21,7 @@ from fmu_didim.checks import (
 )
 from fmu_didim.checks.data import log, timing, torque_channel
 from fmu_didim.checks.motion import dependence, periods
+from fmu_didim.checks.outputs import following, outliers, suspects, trusted
 from fmu_didim.data.tables import clock
 from fmu_didim.estimators import finish, initial_states, local_minima, reference_start
 from fmu_didim.estimators.search import best, places
@@ -74,6 +75,16 @@ DECIDING = (
     (physical, ("NEGATIVE_FRICTION", "FALSE_UNPHYSICAL")),
 )
 """Constants on which an identification depends, by module."""
+OF_ROBOTS = (torque_channel, timing, reference_start, initial_states, periods, dependence, sampling_kind, held_out)
+"""Modules of which nothing is asked where a model has neither controller nor torque."""
+OF_OUTPUTS = (
+    *((module, names) for module, names in DECIDING if module not in OF_ROBOTS and module is not physical),
+    (following, ("CHANCE", "LEAST", "AS_WELL", "MOSTLY", "BEYOND", "BEYOND_NOISE", "STEPS")),
+    (suspects, ("SMALL", "MOST_INPUTS", "MOST_PARAMETERS", "TRANSIENTS")),
+    (outliers, ("FAR", "MOST", "MOVED")),
+    (trusted, ("TENTH", "TRIED", "UNSEEN", "MOVES")),
+)
+"""The same for a model."""
 PACKAGES = ("fmu_didim", "numpy", "scipy", "casadi", "fmpy", "control")
 
 
@@ -86,7 +97,10 @@ def provenance(
         estimator: its name and options.
         files: name -> SHA-256 of the files read; deciding: the constants on which the answer depends.
     """
-    return {
+    shows_torque = model.loop.shows_torque
+    if deciding is DECIDING and not shows_torque:
+        deciding = OF_OUTPUTS
+    found = {
         "made": datetime.now(UTC).isoformat(timespec="seconds"),
         "versions": {"python": platform.python_version(), **{name: version(name) for name in PACKAGES}},
         "platform": f"{platform.system()} {platform.machine()}",
@@ -99,6 +113,15 @@ def provenance(
         "shape_parameters": model.parameters.shape_values(),
         "thresholds": recorded(deciding),
     }
+    if shows_torque:
+        return found
+    own = {label: _of_a_model(experiment) for label, experiment in model.experiments.items()}
+    return {k: v for k, v in found.items() if k not in ("joint_weights", "shape_parameters")} | {"experiments": own}
+
+
+def _of_a_model(experiment: Experiment) -> dict[str, Any]:
+    found = {"inputs_sha256" if k == "reference_sha256" else k: v for k, v in _experiment(experiment).items()}
+    return {k.replace("torque_", ""): v for k, v in found.items()}
 
 
 def _experiment(experiment: Experiment) -> dict[str, Any]:

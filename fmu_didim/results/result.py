@@ -125,11 +125,12 @@ class InitialStateResult(Saved):
 
     Attributes:
         kind: ``reference``: on its reference, controllers as they are built; ``free``: by parameters of its own;
-            ``given``: by the case; ``found``: by the first part of a held-out log.
+            ``given``: by the case; ``found``: by the first part of a held-out log;
+            ``model``: in the state of a model alone.
         values: those that are held, by their names (``q1``, ``integral1``), in SI units.
     """
 
-    kind: Literal["reference", "free", "given", "found"] = "reference"
+    kind: Literal["reference", "free", "given", "found", "model"] = "reference"
     values: dict[str, float] = Field(default_factory=dict)
 
 

@@ -35,6 +35,17 @@ def parameter_set(name: str, part: Part) -> str:
     return document(root)
 
 
+def values_set(name: str, values: Mapping[str, tuple[float, Unit | None]]) -> str:
+    """The SSV file of real parameters: name -> value and unit, if that is known."""
+    root = _root("ssv:ParameterSet", {"ssv": SSV, "ssc": SSC}, name)
+    group = _add(root, "ssv:Parameters")
+    for key, (value, unit) in values.items():
+        parameter = _add(group, "ssv:Parameter", name=key)
+        _add(parameter, "ssv:Real", value=_number(value), unit=None if unit is None else unit.name)
+    _units(root, "ssv:Units", [unit for _, unit in values.values() if unit is not None])
+    return document(root)
+
+
 def structure_text(
     name: str,
     system: System,

@@ -117,8 +117,8 @@ def _check_can_discover(case: Case) -> None:
         raise InputError(
             "Discovery names physical effects of robots and drives; this case is of a model alone.", where="model",
             got=case.document.model.source,
-            next_step="Look at what identify says of the residual, and at its page: over which input and when it is "
-            "large. Then change the model, or identify one more of its parameters.",
+            next_step="Run fmu-didim identify: where the residual follows something, its verdict names the suspects, "
+            "such as an offset, a delay, a drift, an initial state, or a parameter that is not identified.",
         )  # fmt: skip
     model = case.model
     if model.loop.torque_is_given:

@@ -23,7 +23,7 @@ from fmu_didim.results.result import save_result
 from fmu_didim.workflow.acknowledged import acknowledged
 from fmu_didim.workflow.case_files import case_files, repeating
 from fmu_didim.workflow.data import case_diagnostics, check_plant
-from fmu_didim.workflow.output.loop import described_loop
+from fmu_didim.workflow.output.loop import described_estimator, described_loop
 from fmu_didim.workflow.output.result import Result, result_folder
 from fmu_didim.workflow.output.result_folder import ResultFolder, checked_case
 from fmu_didim.workflow.search import estimated, profile_names
@@ -85,7 +85,7 @@ def identify(
         case = started_from(case, start)
     names = profile_names(case, profile)
     model = case.model
-    record = provenance(model, case.estimator.describe(), files=case_files(case))
+    record = provenance(model, described_estimator(case), files=case_files(case))
     record |= repeating("identify", case, None if out is None else Path(out), {"profile": True} if profile else {})
     if case.document.plant.parameter_names:
         record["parameter_names"] = dict(case.document.plant.parameter_names)

@@ -17,6 +17,7 @@ from tests.campaigns.helpers import small
 from tests.patience import patience, wait_until
 
 
+@pytest.mark.gate
 def test_the_checks_are_announced(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     with caplog.at_level(logging.INFO, "fmu_didim"):
         small(tmp_path).check(workers=2)

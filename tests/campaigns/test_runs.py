@@ -90,6 +90,7 @@ def test_a_larger_campaign_runs_what_is_new(done: Campaign, tmp_path: Path) -> N
     assert (both["ZZ2"] == both["ZZ2_other"]).all()
 
 
+@pytest.mark.gate
 def test_another_version_or_file_does_not_mix(done: Campaign, monkeypatch: pytest.MonkeyPatch) -> None:
     assert len(done.results().to_frame()) == 6
     monkeypatch.setattr("fmu_didim.campaigns.planning.plan.code_digest", lambda: "another")
@@ -238,6 +239,7 @@ def test_the_page_of_a_campaign_file_says_what_repeats_it(tmp_path: Path) -> Non
     assert "repeats it" not in (out / "report.html").read_text(encoding="utf-8")
 
 
+@pytest.mark.gate
 def test_report_and_tables(done: Campaign, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["campaign", "report", str(done.out)]) == 0
     text = (done.out / "report.html").read_text(encoding="utf-8")

@@ -71,6 +71,7 @@ def judged(case: Case) -> tuple[Estimate, list[Validation]]:
     return found, [validate(found.model, found.value, label) for label in found.model.experiments]
 
 
+@pytest.mark.gate
 def test_right_models_are_not_doubted_over_seeds() -> None:
     told = [len(held_out_channels(*judged(case_with(seed)))) for seed in range(12)]
     assert sum(told) == 0

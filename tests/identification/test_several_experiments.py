@@ -141,6 +141,7 @@ def test_sigma_is_the_joint_cramer_rao_bound(tmp_path: Path) -> None:
     assert estimate.standard_deviation[place] < 0.9 * alone.standard_deviation[place]
 
 
+@pytest.mark.gate
 def test_a_payload_that_nobody_stated_is_a_disagreement(tmp_path: Path) -> None:
     outcome = identify(two_payloads(tmp_path, 1, own=()))
     found = {label: part.agreement for label, part in outcome.document.experiments.items()}

@@ -82,6 +82,17 @@ def test_check_predicts_before_any_fit(house: Path) -> None:
     assert (found.prospect.deviation < 1e-3).all()
 
 
+def test_check_takes_outputs_at_instants_of_their_own(house: Path) -> None:
+    """Both count, and tell more together than each alone."""
+    rows = np.loadtxt(house / "room.csv", delimiter=",", skiprows=1)[5:800:3]
+    np.savetxt(house / "x.csv", rows + np.array([30.0, 0.0]), delimiter=",", header="t,x", comments="")
+    both = check(case(house, measured=["room.csv", {"file": "x.csv", "columns": {"x": {"std": 0.1}}}]))
+    assert "865 samples, one in 600 s, 265 of x" in both.summary()
+    alone = check(case(house))
+    assert both.prospect is not None and alone.prospect is not None
+    assert (both.prospect.deviation < alone.prospect.deviation).all()
+
+
 def test_check_names_what_cannot_be_told_apart(house: Path) -> None:
     found = codes(house, identify={"R1": POSITIVE, "R2": POSITIVE, "C": POSITIVE})
     assert "Take one of them as known" in found["parameters-confounded"]
@@ -146,6 +157,13 @@ def test_arrays_in_the_place_of_all_files(arrays: tuple[np.ndarray, np.ndarray],
         parameters={"R1": POSITIVE, "R2": POSITIVE},
     )
     assert found.values == identify(case(house)).values
+
+
+def test_a_model_that_explodes_beyond_its_limits_is_found_from_names_alone(house: Path) -> None:
+    """Steps lead to resistances below zero; a parabola through the misfit there would leave nothing of them."""
+    found = identify(load_case(case(house)).with_(identify={"R1": {"minimum": None}, "R2": {"minimum": None}}))
+    assert found.verdict == "valid" and found.document.iterations <= 12
+    assert found.values == pytest.approx(identify(case(house)).values, rel=1e-5)
 
 
 def test_frames_units_gaps_and_noise(arrays: tuple[np.ndarray, np.ndarray], house: Path) -> None:

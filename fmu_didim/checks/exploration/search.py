@@ -49,7 +49,7 @@ def search_diagnostics(estimate: Estimate) -> list[Diagnostic]:
         return [Diagnostic(NOT_SEARCHED, text, "search")]
     found = []
     if search.alike:
-        close = [one for one in search.minima[1:] if one.settled][: search.alike]
+        close = search.minima[1 : 1 + search.alike]
         texts = "; ".join(f"{_values(one, search)} (chi-square higher by {one.worse:.2g})" for one in close)
         text = f"Other minima explain the data nearly as well: {texts}."
         found.append(Diagnostic(MINIMA_ALIKE, text, "search", close[0].worse, unit="chi-square"))

@@ -3,18 +3,25 @@
 The residual r of a joint is compared with functions f of the simulated motion that the model does not have, beside its
 sensitivities S, which the fit has used up:
 
-    r = S a + f_1 b_1 + ... + f_k b_k + e,      all filtered by the autoregression of the noise, so that e is white.
+    r = S a + f_1 b_1 + ... + f_k b_k + e.
 
-Fisher's F asks whether noise alone explains b: for the function that explains most, for it and the one that then
-explains most, and for all m functions. Each p value is multiplied by the number of ways to choose k of the m functions,
-the smallest one by the number of k that are tried (Bonferroni, which for the smallest is Holm's correction). Neither a
-known noise nor periods that repeat are needed. Noise that is loud in places is allowed for: what the functions explain
-is compared with the variance of the noise where they are large, too (White, Econometrica 48 (1980)).
+Both sides have a noise with a colour of their own: the criterion C of the noise that S alone leaves, and that of what S
+and k functions leave (:mod:`fmu_didim.checks.motion.colour`), of orders that are no higher. If there are no functions
+in the residual,
 
-The colour of the noise must not be learnt from what follows the motion, else a misfit widens its own bound: it is that
-of what S and the functions in question leave of r. All m functions together would leave none of the frequencies of the
-motion in a log of some periods, and what noise has there could not be known: all together are tested with the colour of
-what S alone leaves.
+    L = C(S) - C(S, f) <= n log(1 + k F / nu),      F from Fisher's distribution with k and nu degrees of freedom,
+
+because the order that is chosen beside f is one of those that C(S) is the least of. A misfit does not widen its own
+bound: the larger it is, the more a colour costs that takes it for noise, while it adds nothing to C(S, f). So the power
+does not fall with the size of a misfit that the functions follow. Slow noise is allowed for by C(S).
+
+That is asked of the function that explains most, and of it and the one that then explains most, once as if the noise
+was white and once with its colour; and of all m functions, with the colour that S alone leaves: all together would
+leave none of the frequencies of the motion in a log of some periods, and what noise has there could not be known. Each
+p value is multiplied by the number of ways to choose k of the m functions, the smallest one by the number of those that
+are tried (Bonferroni). Neither a known noise nor periods that repeat are needed. Noise that is loud in places is
+allowed for: what the functions explain is compared with the variance of the noise where they are large, too (White,
+Econometrica 48 (1980)).
 """
 
 from __future__ import annotations
@@ -31,7 +38,7 @@ from fmu_didim.base.diagnostics import CATALOGUE, DOUBT, Diagnostic
 from fmu_didim.base.distributions import f_sf
 from fmu_didim.base.errors import SimulationError
 from fmu_didim.checks.data.timing import CLOCK_EARLY, CLOCK_LATE
-from fmu_didim.checks.motion.colour import LogNoise, orthonormal, rest_of
+from fmu_didim.checks.motion.colour import Colour, Columns, Logs, orthonormal, rest_of
 from fmu_didim.checks.motion.functions import TORQUE_RATE, functions_of_motion, looks_like
 from fmu_didim.cosim import Indices
 from fmu_didim.data.signals import Array
@@ -62,6 +69,8 @@ SIGNIFICANT = 2.0
 """[standard deviations] From which a value is different from zero."""
 OWN_PART = 1e-6
 """[1] Least fraction of a column that is independent of the others."""
+LARGEST_GAIN = 100.0
+"""[1] Of the criterion over the samples that is told from an infinite one."""
 
 DEPENDS_ON_MOTION = CATALOGUE(
     "residual-depends-on-motion", DOUBT, rank=60,
@@ -143,7 +152,7 @@ class JointResidual:
     Attributes:
         joint: from 1; residual: (N,) of its torque; nuisance: (N, p) its sensitivities.
         motion: (N, m) functions of the motion, the most significant ones first; names: of these.
-        noise: of the logs, whose colour is learnt.
+        logs: where its samples are.
     """
 
     joint: int
@@ -151,11 +160,11 @@ class JointResidual:
     nuisance: Array
     motion: Array
     names: Sequence[str]
-    noise: LogNoise
+    logs: Logs
 
     def dependence(self) -> Dependence:
         """How it depends on the motion."""
-        return dependence(self.residual, self.nuisance, self.motion, self.names, joint=self.joint, noise=self.noise)
+        return dependence(self.residual, self.nuisance, self.motion, self.names, joint=self.joint, logs=self.logs)
 
 
 def motion_dependence(
@@ -187,7 +196,7 @@ def joint_residuals(
     except SimulationError:  # after the last sample of a log
         return []
     times = [model.experiments[label].time[rows.get(label, slice(None))] for label in residuals]
-    logs, found = LogNoise(tuple(stretches(times))), []
+    logs, found = Logs(tuple(stretches(times))), []
     for j in range(model.joint_count):
         names = [name for name in tables[next(iter(tables))][j] if all(name in one[j] for one in tables.values())]
         motion = [
@@ -233,34 +242,23 @@ def tested_rows(fit: Fit) -> dict[str, Indices]:
 
 
 def dependence(
-    residual: Array, nuisance: Array, motion: Array, names: Sequence[str], *, joint: int, noise: LogNoise | None = None
+    residual: Array, nuisance: Array, motion: Array, names: Sequence[str], *, joint: int, logs: Logs | None = None
 ) -> Dependence:
     """How a residual (N,) depends on functions (N, m) of the motion, beside nuisances (N, p).
 
     As many of the first functions are used as the samples allow.
 
     Args:
-        noise: of its logs, whose colour is learnt; None: it is white.
+        logs: where the samples are; None: their noise is white.
     """
     used = independent(nuisance)
     left = residual.size - used.shape[1]
     room = int(left / SAMPLES_A_FUNCTION)
     if room < 1:
         return Dependence.untested(joint, max(left, 0))
-    motion, tried = motion[:, :room], min(FUNCTIONS, room)
-    basis, chosen, steps = orthonormal(used), list[int](), list[_Step]()
-    if float(np.linalg.norm(rest_of(residual, basis))) <= TINY:
+    if float(np.linalg.norm(rest_of(residual, orthonormal(used)))) <= TINY:
         return Dependence(joint, 1.0, 0.0, "", 0.0)
-    whitened = _Whitened.by(noise, residual, basis, (used, motion))
-    if whitened.power.any():
-        steps.append(whitened.step(np.flatnonzero(whitened.power).tolist()))
-    for _ in range(tried):
-        best = whitened.next_to(chosen)
-        if best is None:
-            break
-        chosen = [*chosen, best]
-        whitened = _Whitened.by(whitened.noise, residual, orthonormal(motion[:, chosen], basis), (used, motion))
-        steps.append(whitened.step(chosen))
+    steps = OwnColours.of(residual, used, motion[:, :room], logs).steps()
     if not steps:
         return Dependence(joint, 1.0, 0.0, "", 0.0)
     return _told(min(steps, key=lambda step: step.p_value), len(steps), names, joint)
@@ -283,53 +281,89 @@ class _Step:
 
 
 @dataclass(frozen=True)
-class _Whitened:
-    """What the sensitivities leave of the residual (M,) and of functions (M, m) of the motion, all whitened by a noise;
-    those functions of which something is left; and how many columns the sensitivities are."""
+class OwnColours:
+    """A residual and m functions of the motion beside sensitivities, as columns of logs in this order: ``used``
+    sensitivities, the residual, the functions; and the colour that the sensitivities alone leave."""
 
-    noise: LogNoise | None
+    columns: Columns
+    used: int
+    alone: Colour
+
+    @classmethod
+    def of(cls, residual: Array, used: Array, motion: Array, logs: Logs | None) -> OwnColours:
+        columns = Columns(logs or Logs.white(residual.size), np.column_stack([used, residual, motion]))
+        return cls(columns, used.shape[1], columns.colour(used.shape[1], range(used.shape[1])))
+
+    def beside(self, chosen: Sequence[int]) -> Colour:
+        """The colour that functions leave, too."""
+        places = [*range(self.used), *(self.used + 1 + k for k in chosen)]
+        return self.columns.colour(self.used, places, self.alone.orders)
+
+    def steps(self) -> list[_Step]:
+        """What is asked."""
+        alone = _Whitened.by(self, self.alone)
+        if not alone.power.any():
+            return []
+        found: dict[tuple[int, ...], _Step] = {(): alone.step(np.flatnonzero(alone.power).tolist(), np.inf)}
+        colours: dict[tuple[int, ...], Colour] = {}
+        for start in (Colour.white(len(self.alone.orders)), self.alone):
+            chosen, colour = tuple[int, ...](), start
+            while len(chosen) < min(FUNCTIONS, alone.power.size):
+                best = _Whitened.by(self, colour).next_to(chosen)
+                if best is None:
+                    break
+                chosen = tuple(sorted((*chosen, best)))
+                if chosen not in found:
+                    own = colours[chosen] = self.beside(chosen)
+                    found[chosen] = _Whitened.by(self, own).step(chosen, self.alone.criterion - own.criterion)
+                if start is self.alone:
+                    colour = colours[chosen]
+        return list(found.values())
+
+
+@dataclass(frozen=True)
+class _Whitened:
+    """What the sensitivities leave of the residual (n,) and of functions (n, m) of the motion, all whitened by a
+    colour; those functions of which something is left; and the degrees of freedom of the residual."""
+
     rest: Array
     own: Array
     power: Array
-    used: int
+    freedom: int
 
     @classmethod
-    def by(cls, noise: LogNoise | None, residual: Array, basis: Array, columns: tuple[Array, Array]) -> _Whitened:
-        """By the noise beside columns with this basis, whose colour is learnt from the one before; ``columns``: of the
-        sensitivities, and the functions."""
-        used, motion = columns
-        table = np.column_stack([used, residual, motion])
-        if noise is not None:
-            noise = noise.learnt(rest_of(residual, basis), basis)
-            table = noise.whitened(table)
-        count = used.shape[1]
-        left = rest_of(table[:, count:], orthonormal(table[:, :count]))
+    def by(cls, tested: OwnColours, colour: Colour) -> _Whitened:
+        table, used = tested.columns.whitened(colour), tested.used
+        left = rest_of(table[:, used:], orthonormal(table[:, :used]))
         power = np.sum(left[:, 1:] ** 2, axis=0)
-        kept = power > OWN_PART**2 * np.sum(table[:, count + 1 :] ** 2, axis=0)
-        return cls(noise, left[:, 0], left[:, 1:], np.where(kept, power, 0.0), count)
+        kept = power > OWN_PART**2 * np.sum(table[:, used + 1 :] ** 2, axis=0)
+        freedom = table.shape[0] - used - max(colour.orders, default=0)
+        return cls(left[:, 0], left[:, 1:], np.where(kept, power, 0.0), freedom)
 
     def next_to(self, chosen: Sequence[int]) -> int | None:
         """The function that explains most beside those that are chosen; None where nothing is left of any."""
         rest, own, power = self.rest, self.own, self.power
         if chosen:
-            basis = orthonormal(own[:, chosen])
+            basis = orthonormal(own[:, list(chosen)])
             rest, own = rest_of(rest, basis), rest_of(own, basis)
             left = np.sum(own**2, axis=0)
             power = np.where(left > OWN_PART**2 * power, left, 0.0)
             power[list(chosen)] = 0.0
         return int(np.argmax(_squares(own.T @ rest, power))) if power.any() else None
 
-    def step(self, chosen: Sequence[int]) -> _Step:
-        """What the chosen functions explain together."""
-        basis, product = orthonormal(independent(self.own[:, chosen])), self.own.T @ self.rest
+    def step(self, chosen: Sequence[int], gain: float) -> _Step:
+        """What the chosen functions explain together; ``gain``: of the criterion, infinite where only what they explain
+        with this colour counts."""
+        basis, product = orthonormal(independent(self.own[:, list(chosen)])), self.own.T @ self.rest
         along = basis.T @ self.rest
         total, explained = float(self.rest @ self.rest), float(along @ along)
-        first, count = basis.shape[1], int(np.count_nonzero(self.power))
-        second = max(self.rest.size - self.used - first, 1)
+        first, count, samples = basis.shape[1], int(np.count_nonzero(self.power)), self.rest.size
+        second = max(self.freedom - first, 1)
         variance = max(total - explained, TINY) / second
         own = basis * (self.rest - basis @ along)[:, None]  # where the noise is loud the functions may be large
-        loud = float(along @ np.linalg.lstsq(own.T @ own, along, rcond=None)[0]) * second / self.rest.size
-        by_chance = f_sf(min(explained / variance, loud) / first, first, second)
+        loud = float(along @ np.linalg.lstsq(own.T @ own, along, rcond=None)[0]) * second / samples
+        likely = second * np.expm1(min(max(gain, 0.0) / samples, LARGEST_GAIN))
+        by_chance = f_sf(min(explained / variance, likely, loud) / first, first, second)
         return _Step(
             float(by_chance * comb(count, len(chosen))), total, explained, variance,
             np.divide(product, self.power, out=np.zeros_like(product), where=self.power > 0), self.power,

@@ -111,4 +111,4 @@ def rough_noise(measured: Array) -> Array:
     """(n,) standard deviation of white noise in smooth outputs (N, n), from their second differences."""
     if measured.shape[0] < 3:
         return np.zeros(measured.shape[1])
-    return np.asarray(np.sqrt(np.mean(np.diff(measured, 2, axis=0) ** 2, axis=0) / 6))
+    return np.asarray(np.sqrt(np.mean(np.diff(measured, 2, axis=0) ** 2, axis=0) / (1 + 2**2 + 1)))

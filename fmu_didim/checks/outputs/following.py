@@ -14,11 +14,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from fmu_didim.base.diagnostics import CATALOGUE, DOUBT, Diagnostic
+from fmu_didim.base.distributions import chi2_sf
 from fmu_didim.base.errors import FmuDidimError
 from fmu_didim.checks.motion.colour import orthonormal, rest_of
 from fmu_didim.checks.motion.dependence import Dependence, dependence, independent
+from fmu_didim.checks.outputs.outliers import NORMAL
 from fmu_didim.checks.outputs.residuals import OutputResiduals
-from fmu_didim.checks.outputs.suspects import Suspect, first_changes, of_inputs, of_outputs, of_parameters
+from fmu_didim.checks.outputs.suspects import MOST_INPUTS, Suspect, first_changes, of_inputs, of_outputs, of_parameters
 from fmu_didim.data.signals import Array
 from fmu_didim.fit.noise.noise import TINY
 
@@ -40,8 +42,20 @@ NAMED = 3
 STEPS = (0.25, 0.5, 0.75)
 """[1] Of an experiment, after which a change is looked for."""
 
-BEYOND, BEYOND_NOISE = 0.1, 25.0
-"""[1] By how much two things must explain more than one, of what that explains and in squares of the noise."""
+OWN_PART = 1e-12
+"""[1] Of the squares of what a suspect changes, below which what is identified makes up for it."""
+BEYOND = 0.03
+"""[1] Of what one suspect explains, by how much two things must explain more to be named in its place,"""
+BEYOND_NOISE = 25.0
+"""[1] and in squares of standard deviations: five of them."""
+FIRST = 5
+"""[samples] In which a start that is off shows at least,"""
+FAR_START = 5.0
+"""[standard deviations] and by how much: noise of any colour is so far off once in a million samples."""
+SETTLED = 0.3
+"""[standard deviations] Change of an amount from which no further simulation looks for it."""
+LESS = 1e-3
+"""[1] By which a further simulation may explain less and still be the better one: the amounts are hardly apart."""
 EXCHANGE = Suspect(
     "exchange", 1.0, lambda r, a: np.zeros(r.outputs.shape),
     lambda a, s: "an influence that was not recorded and that the model lacks, such as a further source, load, loss or "
@@ -52,7 +66,7 @@ EXCHANGE = Suspect(
 """What neither an offset nor a scale explains alone."""
 
 OUTPUT_FOLLOWS = CATALOGUE(
-    "residual-follows", DOUBT, rank=59,
+    "residual-follows", DOUBT, rank=54,
     meaning="What a model leaves of an output follows its inputs, the output itself or time, which noise does not: "
     "inputs, sensors, clocks, the initial state or the model differ from what the case says. The values absorb a part.",
     next_step="Begin with the suspect that is named first.",
@@ -85,6 +99,7 @@ def following_diagnostics(found: OutputResiduals) -> list[Diagnostic]:
     tables = first_changes(found, _without_parameters(found))
     tests = {k: _test(found, k, tables) for k in range(len(found.names))}
     level = CHANCE / len(tests)
+    tests = {k: d if d.p_value < level else _start_of(found, k, d) for k, d in tests.items()}
     told = {k: d for k, d in tests.items() if d.p_value < level and d.share > LEAST}
     short = [
         Diagnostic(OUTPUT_UNTESTED, f"{d.samples} samples beside what was fitted are too few.", found.names[k])
@@ -110,15 +125,29 @@ def _test(found: OutputResiduals, k: int, tables: Mapping[Suspect, Array]) -> De
     scaled = [column / np.linalg.norm(column) for column in columns.values()]
     return dependence(
         found.residual[rows, k], found.jacobian[rows, k], np.column_stack(scaled), list(columns), joint=k + 1,
-        noise=found.noise(k),
+        logs=found.tables(k),
     )  # fmt: skip
+
+
+def _start_of(found: OutputResiduals, k: int, before: Dependence) -> Dependence:
+    """The same by the first samples alone, where a start that is off is forgotten soon: too few for the test above."""
+    residual = found.residual[found.rows(k), k]
+    spread = NORMAL * float(np.median(np.abs(residual - np.median(residual))))
+    p_value, squares = 1.0, 0.0
+    for log in found.logs(k):
+        first = found.residual[found.indices(log.rows)[:FIRST], k]
+        if spread and np.abs(first).max() > FAR_START * spread:
+            chance = float(chi2_sf(float(np.sum((first / spread) ** 2)), first.size)) * len(found.logs(k))
+            p_value, squares = min(p_value, chance), squares + float(first @ first)
+    share = squares / max(float(residual @ residual), TINY)
+    return replace(before, p_value=p_value, share=share) if p_value < before.p_value else before
 
 
 def _functions(found: OutputResiduals, k: int) -> dict[str, Array]:
     """Further functions (N,) at the samples of output ``k``: of the output, the inputs and time."""
     rows, time = found.rows(k), found.times(k)
     own = found.outputs[rows, k] - found.outputs[rows, k].mean()
-    rate = np.concatenate([np.gradient(found.outputs[found._indices(log.rows), k], log.time) for log in found.logs(k)])
+    rate = np.concatenate([np.gradient(found.outputs[found.indices(log.rows), k], log.time) for log in found.logs(k)])
     turned = 2 * (time - time.min()) / max(float(np.ptp(time)), TINY) - 1
     named = {
         "size of its rate": np.abs(rate),
@@ -126,7 +155,7 @@ def _functions(found: OutputResiduals, k: int) -> dict[str, Array]:
         "its cube": own**3,
         "its rate and time": turned * rate,
     }
-    for name in found.model.experiments[found.model.first].reference.names[:8]:
+    for name in found.model.experiments[found.model.first].reference.names[:MOST_INPUTS]:
         driven, slope = [], []
         for log in found.logs(k):
             reference = found.model.experiments[log.label].reference
@@ -180,7 +209,7 @@ def _explained(suspect: Suspect, amount: float, column: Array, rest: Array, basi
     """What a suspect explains by the amount whose change is this column."""
     beside = rest_of(column, basis)
     power = float(beside @ beside)
-    if power <= 1e-12 * float(column @ column):
+    if power <= OWN_PART * float(column @ column):
         return None
     along = float(beside @ rest)
     left = max(float(rest @ rest) - along**2 / power, TINY) / max(rest.size - basis.shape[1] - 1, 1)
@@ -197,9 +226,9 @@ def _refined(found: OutputResiduals, start: Explained, rest: Array, basis: Array
             break
         column = found.whitened(table)
         other = _explained(best.suspect, best.amount, column, rest, basis) if np.isfinite(column).all() else None
-        if other is None or other.squares < best.squares * (1 - 1e-3):
+        if other is None or other.squares < best.squares * (1 - LESS):
             break
-        settled = abs(other.amount - best.amount) < 0.3 * other.deviation
+        settled = abs(other.amount - best.amount) < SETTLED * other.deviation
         best = other
         if settled:
             break

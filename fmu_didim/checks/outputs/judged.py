@@ -9,6 +9,7 @@ import numpy as np
 from fmu_didim.base.diagnostics import Diagnostic
 from fmu_didim.base.errors import SimulationError
 from fmu_didim.checks.channels import noise_diagnostics
+from fmu_didim.checks.outputs.before import START_ELSEWHERE
 from fmu_didim.checks.outputs.following import OUTPUT_FOLLOWS, following_diagnostics
 from fmu_didim.checks.outputs.held_out import held_out_output_diagnostics
 from fmu_didim.checks.outputs.outliers import outlier_diagnostics
@@ -32,14 +33,17 @@ def output_diagnostics(
         validations: of all experiments; tests: of the residual of each output; before: of the data and the model.
     """
     labels = estimate.model.loop.labels
-    found = [*before, *held_out_output_diagnostics(estimate, validations), *residual_diagnostics(tests, labels)]
+    before = list(before)
+    found = [*held_out_output_diagnostics(estimate, validations), *residual_diagnostics(tests, labels)]
     try:
         residuals = OutputResiduals.of(estimate)
     except SimulationError:  # after the last sample
-        return found
+        return [*before, *found]
     followed = following_diagnostics(residuals)
     found += [*followed, *noise_diagnostics(estimate)]
-    if not any(d.code is OUTPUT_FOLLOWS for d in followed):  # which would look like outliers, or hide what is trusted
+    is_told = any(d.code is OUTPUT_FOLLOWS for d in followed)
+    found += [d for d in before if not (is_told and d.code is START_ELSEWHERE)]  # one of the suspects
+    if not is_told:  # which would look like outliers, or hide what is trusted
         found += outlier_diagnostics(residuals)
         found += trusted_diagnostics(residuals, estimate.standard_deviation)
         highest = max((_highest(residuals, k) for k in range(len(labels))), default=np.inf)
@@ -51,7 +55,7 @@ def _highest(found: OutputResiduals, k: int) -> float:
     """Frequency in Hz below which most of the power of a simulated output lies."""
     highest = 0.0
     for log in found.logs(k):
-        values: Array = found.outputs[found._indices(log.rows), k]
+        values: Array = found.outputs[found.indices(log.rows), k]
         power = np.abs(np.fft.rfft((values - values.mean()) * np.hanning(values.size))) ** 2
         step = float(np.ptp(log.time)) / max(values.size - 1, 1)
         place = int(np.searchsorted(np.cumsum(power), POWER * power.sum()))

@@ -17,6 +17,7 @@ import numpy as np
 from fmu_didim.base.errors import FmuDidimError
 from fmu_didim.checks.outputs.residuals import OutputResiduals
 from fmu_didim.data.signals import Array
+from fmu_didim.fit.noise.noise import TINY
 from fmu_didim.model.free_parameter import PLANT, FreeParameter
 
 SMALL = 0.01
@@ -27,6 +28,8 @@ MOST_PARAMETERS = 40
 """[parameters] Of the model that are tried at most, a simulation each: library models have hundreds."""
 TRANSIENTS = (1.0, 3.0, 10.0, 30.0)
 """[samples] Time constants of what a wrong initial state leaves."""
+
+A_LOSS = "a loss or load that the model lacks or a wrong scale"
 
 Moved = Callable[[OutputResiduals, float], Array]
 """From an amount to what it changes of the outputs, (M, m); raises FmuDidimError."""
@@ -87,7 +90,7 @@ def _shown(found: OutputResiduals, k: int, name: str, unit: str) -> Iterator[Sus
         return table
 
     own, time = found.outputs[found.rows(k), k], found.times(k)
-    span = max(float(np.ptp(time)), 1e-300)
+    span = max(float(np.ptp(time)), TINY)
     yield Suspect(
         f"offset of {name}", 1.0, lambda _, a: only(np.full(time.size, a)),
         lambda a, s: f"{name} that shows {amount(abs(a), s, unit)} {more(a)} than it is",
@@ -96,7 +99,8 @@ def _shown(found: OutputResiduals, k: int, name: str, unit: str) -> Iterator[Sus
     )  # fmt: skip
     yield Suspect(
         f"scale of {name}", SMALL, lambda _, a: only(a * (own - own.mean())),
-        lambda a, s: f"{name} that moves {amount(abs(100 * a), 100 * s, '%')} {more(a)} than simulated",
+        lambda a, s: f"{name} that moves {amount(abs(100 * a), 100 * s, '%')} {more(a)} than simulated, by "
+        + ("a wrong scale or too much damping in the model" if a > 0 else A_LOSS),
         lambda a: f"Check unit and scale of {name} (measured: {{columns: {{{name}: {{unit: ...}}}}}}), and what of the "
         "model sets how far it moves, such as a loss or a load that it lacks.",
         is_linear=True,
@@ -115,7 +119,7 @@ def _rates(found: OutputResiduals) -> Array:
     table = np.zeros(found.outputs.shape)
     for k in range(len(found.names)):
         for log in found.logs(k):
-            rows = found._indices(log.rows)
+            rows = found.indices(log.rows)
             table[rows, k] = np.gradient(found.outputs[rows, k], log.time)
     return table
 
@@ -127,7 +131,7 @@ def _starts(found: OutputResiduals) -> Iterator[Suspect]:
             table = np.zeros(found.outputs.shape)
             for log in found.logs(k):
                 constant = count * float(np.median(np.diff(log.time)))
-                table[found._indices(log.rows), k] = np.exp(-(log.time - log.time[0]) / constant)
+                table[found.indices(log.rows), k] = np.exp(-(log.time - log.time[0]) / constant)
             unit, many = found.units[k], count * float(np.median(np.diff(found.logs(k)[0].time)))
 
             def moved(_: OutputResiduals, a: float, table: Array = table) -> Array:

@@ -1,21 +1,22 @@
 """The power of the tests of a residual: how likely a misfit of a given size is doubted, and which size is, with 80 %.
 
-A misfit of size a adds a s to the residual r of a joint, s being its signature. What the fit leaves of it, whitened as
-the test whitens (:mod:`fmu_didim.checks.motion.dependence`), has a part B c along functions of the motion and a
-rest u. Fisher's F of what k functions explain is then noncentral with
+A misfit of size a adds a s to the residual r of a joint, s being its signature. What the fit leaves of it, whitened by
+the colour of r, has a part B c along functions of the motion and a rest u. Fisher's F of what k functions explain is
+then noncentral with
 
     lambda(a) = a^2 c'c / (sigma^2 + a^2 u'u / nu),
 
 or a^2 c' (sigma^2 I + a^2 B' diag(u^2) B)^-1 c where that is less, because the test allows for noise that is loud where
 the functions are large; and a little less, because the test takes the lesser of both. The functions are those that it
 would choose for s alone, one or two. Its threshold is that of the verdict with all corrections; the better of both
-counts. The step with all functions is not counted on: the noise that it is judged by has the colour of the misfit.
-Joints have noise of their own:
+counts. The step with all functions is not counted on. Joints have noise of their own:
 
     power(a) = 1 - prod_j (1 - max_k power_jk(a)).
 
-A misfit that one or two functions leave much of, or that is slow, colours the noise by which it is judged, and may pass
-for it: it has a size only if it has power by the colour that would be learnt beside it, too.
+The test compares two colours (:mod:`fmu_didim.checks.motion.dependence`), and a misfit may pass in part for that which
+is learnt without the functions. So lambda is at most what the criteria of both give for a s and what r has beside the
+functions: from the size that the formulas give on, larger ones are tried until one has the power. That is done in the
+joint where the misfit shows most.
 
 Source: S. M. Kay, Fundamentals of Statistical Signal Processing, vol. 2, 1998, chapter 7.
 """
@@ -23,20 +24,22 @@ Source: S. M. Kay, Fundamentals of Statistical Signal Processing, vol. 2, 1998, 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from math import comb
 
 import numpy as np
 
 from fmu_didim.base.distributions import f_isf, f_power
-from fmu_didim.checks.motion.colour import LogNoise, orthonormal, rest_of
+from fmu_didim.checks.motion.colour import orthonormal, rest_of
 from fmu_didim.checks.motion.dependence import (
     FUNCTIONS,
+    LARGEST_GAIN,
     MOTION_CHANCE,
     OWN_PART,
     SAMPLES_A_FUNCTION,
     JointResidual,
+    OwnColours,
     independent,
 )
 from fmu_didim.data.signals import Array
@@ -49,15 +52,17 @@ SIZES = 61
 SMALLEST_PART = 1e-4
 """[1] Of the largest size that is stated, from which they begin."""
 EXPLAINED = 0.8
-"""[1] Of the squares of a misfit, by the functions that are chosen for it, from which the colour of the rest takes
-nothing from its power: SCARA, arm, 11 kinds of misfits."""
-SLOW = 0.98
-"""[1] Correlation of neighbouring samples of a misfit from which it is like the colour of slow noise: an offset."""
+"""[1] Of the squares of a misfit, by the functions that are chosen for it, from which its power does not fall with its
+size: SCARA, arm, 11 kinds of misfits."""
+GROWTH = 1.3
+"""[1] Ratio of sizes that are tried until the power holds with the colours that a misfit leads to, too."""
+GROWN = 4.0
+"""[1] Of the size by the formulas up to which that is tried: beyond, the misfit passes for coloured noise."""
 SLACK = 0.05
 """[1] Of the power, by which the colour of one draw of the noise may lower it."""
-MULTIPLES = (1.0, 9.0)
-"""[1] Of a size at which it is asked whether a misfit passes for the colour of the noise: then no size is stated. One
-that functions explain is asked at the larger size alone."""
+MULTIPLE = 9.0
+"""[1] Of a size at which it is asked whether a misfit passes for the colour of the noise, if no functions explain it:
+then no size is stated."""
 FAINT = 0.1
 """[1] Of the strength of a misfit in the joint where it shows most, below which another joint adds no power."""
 LESS_OF_TWO = 1 / np.sqrt(2 * np.pi)
@@ -123,20 +128,16 @@ class JointTest:
     Attributes:
         level: of the p value below which it doubts; one: what it looks at.
         used: (N, r) sensitivities that are independent; signatures: (N, s) of the misfits.
-        noise: of the logs, by whose colour all is whitened.
-        functions: those of the motion that are looked at, as places in ``one.motion``; tried: how many the test
-            chooses from.
-        left: what the sensitivities leave, whitened, of the residual (M, 1), those functions (M, m) and the misfits
-            (M, s), beside each other.
+        functions: those of the motion that the test chooses from, as places in ``one.motion``.
+        left: what the sensitivities leave, whitened by the colour of the residual, of that (M, 1), those functions
+            (M, m) and the misfits (M, s), beside each other.
     """
 
     level: float
     one: JointResidual
     used: Array
     signatures: Array
-    noise: LogNoise
     functions: tuple[int, ...]
-    tried: int
     left: Array
 
     @classmethod
@@ -146,47 +147,36 @@ class JointTest:
         room = int((one.residual.size - used.shape[1]) / SAMPLES_A_FUNCTION)
         if room < 1:
             return None
-        basis, level = orthonormal(used), MOTION_CHANCE / joints
-        noise, places = one.noise.learnt(rest_of(one.residual, basis), basis), range(min(room, one.motion.shape[1]))
-        found = cls(level, one, used, signatures, noise, tuple(places), len(places), np.zeros((0, 0)))._whitened()
-        return replace(found, tried=len(found.functions))
-
-    def _whitened(self) -> JointTest:
-        """With what is left by the noise, and the functions of which something is."""
-        table = np.column_stack([self.one.residual, self.one.motion[:, list(self.functions)], self.signatures])
-        whitened, count = self.noise.whitened(np.column_stack([self.used, table])), self.used.shape[1]
+        level, room = MOTION_CHANCE / joints, min(room, one.motion.shape[1])
+        tested = OwnColours.of(one.residual, used, np.column_stack([one.motion[:, :room], signatures]), one.logs)
+        whitened, count = tested.columns.whitened(tested.alone), used.shape[1]
         own = whitened[:, count:]
         left = rest_of(own, orthonormal(whitened[:, :count]))
         told = np.linalg.norm(left, axis=0) > OWN_PART * np.linalg.norm(own, axis=0)
-        told[0], told[1 + len(self.functions) :] = True, True
-        functions = tuple(place for place, tells in zip(self.functions, told[1:], strict=False) if tells)
-        return replace(self, functions=functions, left=left[:, told])
+        told[0], told[1 + room :] = True, True
+        functions = tuple(np.flatnonzero(told[1 : 1 + room]).tolist())
+        return cls(level, one, used, signatures, functions, left[:, told])
 
-    def beside(self, misfit: int, size: float) -> JointTest:
-        """The same for one misfit, by its place, and the functions that are chosen for it, whitened by the colour that
-        is learnt if the machine has it in that size: step by step, as the test does."""
-        residual, basis = self.one.residual + size * self.signatures[:, misfit], self._basis
-        noise = self.one.noise.learnt(rest_of(residual, basis), basis)
-        chosen = [self.functions[step.places[-1]] for step in self.steps(misfit)]
-        for place in chosen:
-            basis = orthonormal(self.one.motion[:, [place]], basis)
-            noise = noise.learnt(rest_of(residual, basis), basis)
-        alone = self.signatures[:, [misfit]]
-        return replace(self, signatures=alone, noise=noise, functions=tuple(chosen))._whitened()
-
-    @cached_property
-    def _basis(self) -> Array:
-        return orthonormal(self.used)
+    def trial(self, misfit: int, size: float) -> float:
+        """Probability of a doubt by a misfit, by its place, of this size, with the colours that it leads to."""
+        steps, signature = self.steps(misfit), self.misfit(misfit)
+        if not steps:
+            return 0.0
+        functions = self.one.motion[:, [self.functions[place] for place in steps[-1].places]]
+        rest = rest_of(self.one.residual, orthonormal(np.column_stack([self.used, functions])))
+        tested = OwnColours.of(rest + size * self.signatures[:, misfit], self.used, functions, self.one.logs)
+        found = 0.0
+        for step in steps:
+            gain = max(tested.alone.criterion - tested.beside(range(step.count)).criterion, 0.0)
+            likely = step.freedom * np.expm1(min(gain / tested.columns.logs.samples, LARGEST_GAIN))
+            noncentrality = min(float(likely), float(step.noncentrality(signature, np.array([size]))[0]))
+            found = max(found, float(np.interp(noncentrality, NONCENTRALITIES, self._powers(step, len(steps) + 1))))
+        return found
 
     def strength(self, misfit: int) -> float:
         """Squares of a misfit, by its place, over those of the residual."""
         signature = self.misfit(misfit)
         return float(signature @ signature) / max(float(self.residual @ self.residual), TINY)
-
-    def is_slow(self, misfit: int) -> bool:
-        """Whether neighbouring samples of a misfit, by its place, are as good as the same."""
-        signature = self.misfit(misfit)
-        return float(signature[1:] @ signature[:-1]) > SLOW * float(signature @ signature)
 
     def explained(self, misfit: int) -> float:
         """Part of the squares of a misfit, by its place, that the functions chosen for it explain."""
@@ -240,7 +230,10 @@ class JointTest:
         """Some functions; the same ones serve many misfits."""
         if chosen not in self._chosen:
             basis = orthonormal(self.left[:, [1 + place for place in chosen]])
-            ways, freedom = comb(self.tried, len(chosen)), self.residual.size - self.used.shape[1] - len(chosen)
+            ways, freedom = (
+                comb(len(self.functions), len(chosen)),
+                self.residual.size - self.used.shape[1] - len(chosen),
+            )
             self._chosen[chosen] = Functions(chosen, basis, ways, self.residual, max(freedom, 1))
         return self._chosen[chosen]
 
@@ -257,10 +250,6 @@ class JointTest:
         return {}
 
     @cached_property
-    def _steps(self) -> dict[int, list[Functions]]:
-        return {}
-
-    @cached_property
     def _chosen(self) -> dict[tuple[int, ...], Functions]:
         return {}
 
@@ -269,26 +258,33 @@ def smallest_size(tests: Sequence[JointTest], misfit: int, largest: float) -> fl
     """The smallest size of a misfit, by its place, from which on all sizes up to the largest are doubted with the power
     ``POWER``; None if there is none.
 
-    A misfit that no functions explain, or a slow one, may pass for the colour of the noise, the more the larger it is:
-    then none is stated. That is asked of the joint where it shows most.
+    A misfit that no functions explain may pass for the colour of the noise, the more the larger it is: then none is
+    stated. That is asked of the joint where it shows most.
     """
     strengths = [test.strength(misfit) for test in tests]
     tests = [test for test, strength in zip(tests, strengths, strict=True) if strength >= FAINT * max(strengths)]
     sizes = np.geomspace(SMALLEST_PART * largest, largest, SIZES)
     powers = [test.power(misfit, sizes) for test in tests]
-    size = _reached(sizes, 1 - np.prod([1 - power for power in powers], axis=0))
-    if size is None:
+    first = _reached(sizes, 1 - np.prod([1 - power for power in powers], axis=0))
+    if first is None:
         return None
-    found = [float(np.interp(size, sizes, power)) for power in powers]
-    best = int(np.argmax(found))
-    is_explained = tests[best].explained(misfit) >= EXPLAINED
-    if is_explained and not tests[best].is_slow(misfit):
-        return size
-    others = float(np.prod([1 - power for j, power in enumerate(found) if j != best]))
-    for own in (multiple * size for multiple in MULTIPLES[is_explained:]):
-        missed = 1 - float(tests[best].beside(misfit, own).power(0, np.array([own]))[0])
-        if own <= largest and 1 - others * missed < POWER - SLACK:
+    best = int(np.argmax([np.interp(first, sizes, power) for power in powers]))
+
+    def with_colours(size: float) -> float:
+        others = [np.interp(size, sizes, power) for j, power in enumerate(powers) if j != best]
+        return float(1 - np.prod([1 - power for power in others]) * (1 - tests[best].trial(misfit, size)))
+
+    size, before = first, None
+    while (power := with_colours(size)) < POWER:
+        before, size = (size, power), GROWTH * size
+        if size > min(GROWN * first, largest):
             return None
+    if before is not None:
+        part = (POWER - before[1]) / (power - before[1])
+        size = before[0] * (size / before[0]) ** part
+    beyond = MULTIPLE * size
+    if tests[best].explained(misfit) < EXPLAINED and beyond <= largest and with_colours(beyond) < POWER - SLACK:
+        return None
     return size
 
 

@@ -54,7 +54,7 @@ def searched(
     run = _Run(model, search, crew, progress)
     if search.method == EVOLUTION:
         lowest, evaluations, stopped = evolved(model, box, search, crew, progress)
-        ends = run.fits([begin, lowest])
+        ends = run.fits([lowest, begin])  # the former in any case, also where the time is over
         run.stopped = stopped
     else:
         ends, evaluations = run.fits([begin, *box.drawn(search.starts - 1, search.seed)]), 0
@@ -69,7 +69,7 @@ def searched(
     outcome = SearchOutcome(
         search.method, search.seed, len(ends), run.asked, tuple(model.names[i] for i in box.place),
         tuple(name for i, name in enumerate(model.names) if i not in box.place), told,
-        sum(one.settled and one.worse < HARDLY_WORSE * max(inflation, 1.0) ** 2 for one in told[1:]),
+        sum(one.worse < HARDLY_WORSE * max(inflation, 1.0) ** 2 for one in told[1:]),
         Counter(end.problem for end in ends if end.problem), evaluations, run.stopped,
     )  # fmt: skip
     return replace(found, search=outcome)
@@ -99,7 +99,9 @@ class _Run:
                 note += ", the lowest so far" if cost < lowest - VISIBLE else ""
                 lowest = min(lowest, cost)
             values = starts[k] if end.problem else np.array([end.values[name] for name in self.model.names])
-            self.progress(Iteration("start", k + 1, values, end.error_percent, note=note))
+            self.progress(
+                Iteration("start", k + 1, values, end.error_percent, note=note, quantity=self.model.loop.quantity)
+            )
             limit = self.search.time_s
             if limit is not None and clock.monotonic() - self.begun > limit and len(found) < len(starts):
                 self.stopped = f"its time of {limit:g} s was over"

@@ -16,11 +16,8 @@ from fmu_didim.data.signals import Array
 from fmu_didim.estimators.base import Estimator
 from fmu_didim.fit.estimate import Status
 from fmu_didim.fit.exploration.minima import squares_of
-from fmu_didim.fit.statistics import relative_error_percent
+from fmu_didim.fit.statistics import error_percent
 from fmu_didim.model.loop_model import LoopModel
-
-GENERATIONS = 20
-"""[1] Generations that a global search has at least, as a rule."""
 
 
 @dataclass(frozen=True)
@@ -87,9 +84,13 @@ class Crew(ABC):
         for k, end in self.run(local_fit, starts, stop=stop):
             yield k, Ended(problem=end.what) if isinstance(end, FmuDidimError) else end
 
-    def squares(self, points: Sequence[Array]) -> list[Array | None]:
-        """(m,) sums of squares of each output at each of these values (p,); None where they cannot be simulated."""
-        found = dict(self.run(squares_or_none, points, repeats=GENERATIONS))
+    def squares(self, points: Sequence[Array], *, repeats: int = 1) -> list[Array | None]:
+        """(m,) sums of squares of each output at each of these values (p,); None where they cannot be simulated.
+
+        Args:
+            repeats: as of :meth:`run`.
+        """
+        found = dict(self.run(squares_or_none, points, repeats=repeats))
         return [None if isinstance(found[k], FmuDidimError) else found[k] for k in range(len(points))]
 
 
@@ -115,7 +116,7 @@ def local_fit(estimator: Estimator, model: LoopModel, values: Array) -> Ended:
     return Ended(
         dict(zip(found.names, map(float, found.value), strict=True)),
         dict(zip(found.names, map(float, found.standard_deviation), strict=True)),
-        squares, relative_error_percent(found.measured, found.simulated)[0], found.status is Status.CONVERGED,
+        squares, error_percent(model.loop, found.measured, found.simulated)[0], found.status is Status.CONVERGED,
     )  # fmt: skip
 
 

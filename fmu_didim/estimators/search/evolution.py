@@ -48,7 +48,7 @@ def evolved(
 
     def all_at_once(_: Callable[[Array], float], units: Iterable[Array]) -> list[float]:
         points = [box.point(np.asarray(unit)) for unit in units]
-        found = crew.squares(points)
+        found = crew.squares(points, repeats=generations)
         costs = [
             FAILED if squares is None else misfit(model, squares, values)
             for values, squares in zip(points, found, strict=True)
@@ -62,7 +62,7 @@ def evolved(
     def after(*_: Any, **__: Any) -> bool:
         spent[1] += 1
         note = f"{spent[0]} of at most {search.evaluations} simulations"
-        progress(Iteration("search", spent[1], *lowest[0][1:], note=note))
+        progress(Iteration("search", spent[1], *lowest[0][1:], note=note, quantity=model.loop.quantity))
         if search.time_s is not None and clock.monotonic() - begun > search.time_s:
             stopped[0] = f"its time of {search.time_s:g} s was over"
         return bool(stopped[0])
@@ -73,7 +73,7 @@ def evolved(
         tol=ALIKE, polish=False, updating="deferred", workers=all_at_once, callback=after,
     )  # fmt: skip
     if not stopped[0] and found.nit >= generations:
-        stopped[0] = f"after {spent[0]} simulations (evaluations: {search.evaluations})"
+        stopped[0] = f"at its cap of evaluations: {search.evaluations}"
     return lowest[0][1], spent[0], stopped[0]
 
 
@@ -85,5 +85,11 @@ def _first(members: int, count: int, rng: np.random.Generator) -> Array:
 
 
 def _error_percent(model: LoopModel, squares: Array | None) -> float:
-    """100 |y - y_s| / |y| over all outputs."""
-    return math.nan if squares is None else float(100 * np.sqrt(squares.sum() / np.sum(model.measured_outputs**2)))
+    """Of the log: 100 |y - y_s| / |y| of torques, of outputs of what they move."""
+    if squares is None:
+        return math.nan
+    n, measured = model.joint_count, model.measured
+    if model.loop.shows_torque:
+        return float(100 * np.sqrt(squares[:n].sum() / np.sum(measured**2)))
+    moved = np.sum((measured - measured.mean(axis=0)) ** 2, axis=0)
+    return float(100 * np.sqrt(np.mean(squares[:n] / moved))) if moved.all() else math.inf

@@ -13,7 +13,7 @@ from fmu_didim.estimators.search.crew import Crew, check_minima
 from fmu_didim.fit.estimate import Estimate
 from fmu_didim.fit.exploration.profile import HalfProfile, Side, followed, joined, sides_of
 from fmu_didim.fit.iteration import Iteration
-from fmu_didim.fit.statistics import relative_error_percent
+from fmu_didim.fit.statistics import error_percent
 from fmu_didim.model.loop_model import LoopModel
 
 
@@ -41,14 +41,15 @@ def profiled(
             raise UnknownNameError("free parameter", name, estimate.names, where="profile")
     places = [i for i, name in enumerate(estimate.names) if not names or name in names]
     sides = sides_of(fit, estimate.standard_deviation, estimate.freedom, places)
-    error, halves = relative_error_percent(estimate.measured, estimate.simulated)[0], dict[int, HalfProfile]()
+    loop, halves = estimate.model.loop, dict[int, HalfProfile]()
+    error = error_percent(loop, estimate.measured, estimate.simulated)[0]
     crew = crew_of_model(fit.model)
     try:
         for k, half in crew.run(follow_side, sides):
             halves[k] = _failed(sides[k]) if isinstance(half, FmuDidimError) else half
             way = "up" if sides[k].sign > 0 else "down"
             note = f"{estimate.names[sides[k].place]} {way}: {len(halves[k].difference)} points"
-            progress(Iteration("profile", len(halves), estimate.value, error, note=note))
+            progress(Iteration("profile", len(halves), estimate.value, error, note=note, quantity=loop.quantity))
     finally:
         crew.close()
     linear = estimate.interval()

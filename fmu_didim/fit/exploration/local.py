@@ -45,8 +45,9 @@ class Ridge:
     def text(self) -> str:
         """In words."""
         first, *others = self.parts
-        ways = [f"{name} {'with' if self.parts[name] * self.parts[first] > 0 else 'against'} it" for name in others]
-        return f"{first} may move by {100 * self.std:.2g} % ({', '.join(ways)}) and the outputs hardly change"
+        ways = " and ".join(f"{name} by {self.parts[name]:+.2g} times that" for name in others)
+        size = f"{100 * self.std:.2g} %" if self.std < 1 else "more than its own size"
+        return f"{first} may move by {size}, {ways}, relative to themselves, and the outputs hardly change"
 
 
 @dataclass(frozen=True)

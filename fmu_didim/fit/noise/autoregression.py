@@ -33,7 +33,7 @@ def autoregression(covariance: Array, samples: int, largest: int) -> Array:
         covariance: (K + 1,) autocovariances at lags 0 ... K, K >= largest; samples: they were taken from.
     """
     whitening, power = np.ones(1), float(covariance[0])
-    best, least = np.zeros(0), samples * np.log(power) + _cost(samples, 0)
+    best, least = np.zeros(0), samples * np.log(power) + order_cost(samples, 0)
     for order in range(1, min(largest, samples - 3) + 1):
         reflection = -float(whitening @ covariance[order:0:-1]) / power
         if abs(reflection) >= 1:  # gaps and corrections may leave autocovariances that no noise has
@@ -41,15 +41,19 @@ def autoregression(covariance: Array, samples: int, largest: int) -> Array:
         whitening = np.append(whitening, 0.0)
         whitening = whitening + reflection * whitening[::-1]
         power *= 1 - reflection**2
-        criterion = samples * np.log(power) + _cost(samples, order)
+        criterion = samples * np.log(power) + order_cost(samples, order)
         if criterion < least:
             best, least = -whitening[1:], criterion
     return best
 
 
-def _cost(samples: int, order: int) -> float:
-    """Cost of a variance and this number of coefficients: Hurvich, Tsai, Biometrika 76 (1989)."""
-    return 2.0 * (order + 1) * samples / max(samples - order - 2, 1)
+def order_cost(samples: int, order: int, used: int = 0) -> float:
+    """Cost of a variance and this number of coefficients: Hurvich, Tsai, Biometrika 76 (1989).
+
+    Args:
+        used: samples that a fit uses up beside them.
+    """
+    return 2.0 * (order + 1) * samples / max(samples - used - order - 2, 1)
 
 
 def autocorrelation(coefficients: Array, count: int) -> Array:

@@ -31,10 +31,11 @@ grows."""
 HALVINGS = 10
 """[1] Of a step of a model without loop that cannot be simulated: to a thousandth. Damping, which comes then, turns the
 step; it moves far less than half the way to the edge."""
+SHORTEST = 0.1
+"""[1] Of a step, from which on a parabola says how far to go: the misfit of a model that explodes at its end, as one
+with a resistance below zero does, would leave nothing of it."""
 NO_STEP = "no step lowers the error"
 """The note of an iteration after which the steps have ended."""
-
-
 FAILED = "the simulation failed at "
 """How the note of an iteration says that a step led to values with which a model cannot be simulated."""
 
@@ -168,6 +169,9 @@ class Search:
         if gained >= KEPT_PROMISE[0] * found.promised or found.promised <= EQUAL * step.cost:
             return found
         part = found.promised / (2 * found.promised - gained)
+        if part < SHORTEST and not self.model.loop.shows_torque:  # beyond where no parabola is near the misfit
+            halved = self._halved(at, step, found.values, found.promised, "step shortened", found.tried)
+            return found if halved.outputs is None else replace(halved, at_edge=found.at_edge)
         trial = at.values + part * (found.values - at.values)
         if mass_matrix_problem(self.model, trial):
             return found

@@ -96,7 +96,11 @@ def loop_diagram(loop: Mapping[str, Any]) -> Markup | None:
 def _texts(name: str, place: int, loop: Mapping[str, Any]) -> list[str]:
     """The texts of a box: the component, its rate, and its place in a step."""
     step = loop.get("step_size_s")
-    if name in (REFERENCE, INPUTS):
+    if name == ALONE and REFERENCE not in str(loop.get("connections")):
+        return [*component_words(loop["components"].get(name, {}))[:2], f"a step every {step:.6g} s"]
+    if name == INPUTS:
+        return []
+    if name == REFERENCE:
         return [f"a row every {1e3 * step:.6g} ms"] if isinstance(step, int | float) else []
     texts = component_words(loop["components"].get(name, {}))[:2]
     every = dict(loop.get("ticks_per_step") or {}).get(name, 1)

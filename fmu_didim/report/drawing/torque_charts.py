@@ -119,11 +119,12 @@ class DrawnChannel:
     noise: float | None
 
 
-def channel_chart(name: str, title: str, channels: Sequence[DrawnChannel]) -> Chart:
-    """Signals measured beside the torque as points, simulated as a line, the residual below."""
+def channel_chart(name: str, title: str, channels: Sequence[DrawnChannel], what: str = "its motion") -> Chart:
+    """Signals measured beside the torque as points, simulated as a line, the residual below; ``what``: that errors are
+    related to."""
     panels = []
     for c in channels:
-        head = c.name + (f", error {percentage(c.percent)} of its motion" if c.percent is not None else "")
+        head = c.name + (f", error {percentage(c.percent)} of {what}" if c.percent is not None else "")
         drawn = [
             Series("measured", c.time, c.measured, "measured", "points"),
             Series("simulated", c.time, c.simulated, "simulated"),

@@ -72,7 +72,8 @@ def _channels(document: ResultDocument, label: str, number: int, table: Callable
         )  # fmt: skip
     what = "Outputs at instants of their own" if document.outputs else "Measured beside the torque"
     title = f"{what}, {experiments.experiment_title(document, label)}"
-    return channel_chart(f"channels-{number}", title, drawn) if drawn else None
+    moves = "what it moves" if document.outputs else "its motion"
+    return channel_chart(f"channels-{number}", title, drawn, moves) if drawn else None
 
 
 def _drawn_over(document: ResultDocument, signals: Trajectory, joint: int) -> list[str]:

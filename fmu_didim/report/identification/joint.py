@@ -32,13 +32,18 @@ def joint_sections(document: ResultDocument) -> list[Section]:
         note(
             "RMS: root mean square of measured − simulated; %: of what the signal moves about its mean. Colour: "
             "standard deviations that come from a signal over those of white noise; the signal counts as much less "
-            "beside the torque."
+            f"beside the {'others' if document.outputs else 'torque'}."
         ),
-        *(_answers(document, joint) if joint is not None else [Text("They were not fitted, but held out.")]),
     ]
+    if joint is None:
+        blocks.append(Text("They were not fitted, but held out."))
+    elif not document.outputs:
+        blocks += _answers(document, joint)
     names = ", ".join(fitted or measured)
     title = f"Torque with {names}" if joint is not None else f"Held out: {names}"
-    return [Section(title, blocks, anchor="joint", has_title=True)]
+    if document.outputs and joint is not None:
+        title = f"At instants of their own: {names}"
+    return [Section(title, blocks, anchor="further" if document.outputs else "joint", has_title=True)]
 
 
 def _measured(document: ResultDocument) -> dict[str, str]:

@@ -111,7 +111,7 @@ def result_report(document: ResultDocument, parts: Sequence[ExperimentCharts] = 
         _parameters(document),
         _experiments(document),
         _torque(document),
-        *power_sections(document),
+        *([] if document.outputs else power_sections(document)),
         *torque_sections(parts),
         *residual_sections(parts, "What the model leaves", advice),
         _model(document),
@@ -238,7 +238,9 @@ def _experiments(document: ResultDocument) -> Section:
         words("Experiment", list(found), limit=LABEL),
         words("role", [e.role for e in each]),
         Column("samples", [str(e.samples) for e in each]),
-        numbers("Hz", [f"{e.rate_hz:.6g}" for e in each], page_head="rate (Hz)"),
+        numbers("every s", [f"{1 / e.rate_hz:.6g}" for e in each], page_head="mean interval (s)")
+        if document.outputs
+        else numbers("Hz", [f"{e.rate_hz:.6g}" for e in each], page_head="rate (Hz)"),
     ]
     for j, (name, unit) in enumerate(zip(document.labels, document.torque_unit, strict=True)):
         head = f"RMS residual, {name} ({pretty_unit(unit)})"
@@ -259,7 +261,7 @@ def _experiments(document: ResultDocument) -> Section:
     if any(e.own for e in each):
         own = [", ".join(name.removesuffix(f"[{label}]") for name in e.own) for label, e in found.items()]
         columns.append(words("own", own, shrinks=True, page_head="own parameters"))
-    if any(e.initial_state.kind != "reference" for e in each):
+    if any(e.initial_state.kind not in ("reference", "model") for e in each):
         columns.append(
             words("starts", [experiments.start_text(e) for e in each], shrinks=True, page_head="initial state")
         )
@@ -423,4 +425,5 @@ def _loop(document: ResultDocument) -> Section:
         Drawing(loop_diagram(document.loop)), Items(loop_lines(document.loop), shown="page"),
         Folded("All of it", Tree(document.loop), is_printed=False),
     ]  # fmt: skip
-    return Section("Simulation" if document.outputs else "Loop", blocks, anchor="loop")
+    name = "Simulation" if document.outputs else "Loop"
+    return Section(name, blocks, anchor=name.lower())

@@ -38,3 +38,11 @@ def _of_a_model(loop: Mapping[str, Any], components: Mapping[str, Any]) -> dict[
         shown["ticks"] = "at the instants of samples and inputs; step_size_s is nominal"
     connected = [text.replace(f" {REFERENCE}.", f" {INPUTS}.") for text in loop["connections"]]
     return {**shown, "outputs_after_step": loop["outputs_after_step"], "components": own, "connections": connected}
+
+
+def described_estimator(case: Case) -> dict[str, Any]:
+    """The estimator of a case and its options; a model alone starts from its own values, there being no reference."""
+    described = dict(case.estimator.describe())
+    if case.data is not None and described.get("start") == REFERENCE:
+        described["start"] = "model"
+    return described

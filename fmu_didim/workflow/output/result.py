@@ -29,6 +29,7 @@ from fmu_didim.results.result import (
 from fmu_didim.workflow.output.exit_codes import EXIT_CODES
 from fmu_didim.workflow.output.frames import matrix_frame, parameter_frame
 from fmu_didim.workflow.output.result_folder import ResultFolder
+from fmu_didim.workflow.output.values import OWN_SSV_FILE, SSV_FILE, VALUES_FILE, write_values
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -52,8 +53,9 @@ def result_folder(out: Path | str, *, figures: bool = False) -> ResultFolder:
         "simulated_*.csv",
         "channel_*.csv",
         "figure_*",
+        OWN_SSV_FILE.format(label="*"),
     )
-    fixed = (REPORT_FILE, ROBOT_FILE)
+    fixed = (REPORT_FILE, ROBOT_FILE, SSV_FILE, VALUES_FILE)
     return ResultFolder(Path(out), "identify", RESULT_FILE, fixed, patterns, "signals", figures)
 
 
@@ -140,6 +142,7 @@ class Result:
         with folder.written() as new:
             save_result(self.document, self.validations, new)
             write_report(new, self.validations)
+            write_values(self.document, new)
             for label, robot in ((SHARED, self.robot), *self.robots.items()):
                 if robot is not None:
                     write_robot(robot, new / (OWN_ROBOT_FILE.format(label=label) if label else ROBOT_FILE))

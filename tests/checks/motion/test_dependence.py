@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,11 +11,13 @@ from scipy.signal import lfilter
 
 from fmu_didim.base.errors import SimulationError
 from fmu_didim.case import load_case
-from fmu_didim.checks.motion.colour import LogNoise, filtered, orthonormal
+from fmu_didim.checks.motion.colour import Colour, Columns, Logs
 from fmu_didim.checks.motion.dependence import (
     Dependence,
+    OwnColours,
     dependence,
     dependence_of_fit,
+    independent,
     motion_dependence,
     motion_diagnostics,
 )
@@ -78,15 +81,33 @@ def test_few_samples_are_asked_for_few_functions(samples, functions):
         assert ("motion-untested" in [d.code.name for d in motion_diagnostics([one])]) is (functions == 0)
 
 
-@pytest.mark.parametrize("missing", [(), (17, 18, 200)])
-def test_filter_leaves_white_noise_and_no_row_beside_a_gap(missing):
+@pytest.mark.parametrize(("missing", "past"), [((), 26), ((17, 18, 200), 25)])
+def test_a_colour_leaves_white_noise_and_no_row_beside_a_gap(missing, past):
     white = RNG(3).normal(size=1400)
     coloured = lfilter([1.0], [1.0, -1.2, 0.4], white)[1000:]
     places = np.array([i for i in range(400) if i not in missing])
-    left = filtered(coloured[places, None], np.array([1.2, -0.4]), places)
-    rows = [i for i in range(2, 400) if not {i, i - 1, i - 2} & set(missing)]
-    np.testing.assert_allclose(left[:, 0], white[1000:][rows], atol=1e-9)
-    assert np.array_equal(filtered(coloured[places, None], np.zeros(0), places)[:, 0], coloured[places])
+    columns = Columns(of_logs(TIME[places]), coloured[places, None])
+    longest = columns.logs.pasts[0].shape[1] - 1
+    colour = replace(Colour.white(1), coefficients=(np.array([1.2, -0.4]),))
+    alone = [i for i in places if set(range(i - longest, i)) <= set(places)]
+    assert longest == past
+    np.testing.assert_allclose(columns.whitened(colour)[:, 0], white[1000:][alone], atol=1e-12)
+
+
+def test_a_log_with_many_gaps_has_a_shorter_past():
+    logs = of_logs(TIME[np.arange(400) % 10 != 9])
+    assert 1 <= logs.pasts[0].shape[1] - 1 < 5
+    assert logs.samples >= 0.5 * 360
+
+
+def test_a_memory_is_told_from_an_autoregression():
+    """Noise 1/f is white once half a difference has been taken of it."""
+    white = RNG(5).normal(size=4400)
+    weights = np.cumprod(np.append(1.0, (np.arange(1, 4400) - 0.5) / np.arange(1, 4400)))
+    slow = np.convolve(weights, white)[4000:4400]
+    for noise, memory in ((slow, 0.5), (white[:400], 0.0)):
+        columns = Columns(of_logs(TIME), noise[:, None])
+        assert columns.logs.memories[columns.colour(0, []).memory] == memory
 
 
 @pytest.mark.parametrize(
@@ -125,49 +146,93 @@ def test_functions_follow_the_motion_at_the_samples():
 
 
 def of_logs(*times):
-    return LogNoise(tuple(stretches(times)))
+    return Logs(tuple(stretches(times)))
 
 
-@pytest.mark.parametrize(
-    ("colour", "loud"), [((), 0.0), ((0.7,), 0.0), ((1.2, -0.4), 0.0), ((0.9,), 0.0), ((0.5,), 2.0)]
-)
+COLOURS = {"white": (), "ar 0.7": (0.7,), "ar of order two": (1.2, -0.4), "ar 0.9": (0.9,), "ar 0.97": (0.97,)}
+WITH_OFFSET = np.column_stack([MOTION, np.ones(400)])
+
+
+def drawn(colour, seed, loud=0.0):
+    """(400,) noise of a colour, or 1/f noise; ``loud``: with the motion, over its size at rest."""
+    white = RNG(seed).normal(size=1400)
+    if colour == "1/f":
+        hz = np.fft.rfftfreq(1400)
+        noise = np.fft.irfft(np.fft.rfft(white) / np.sqrt(np.maximum(hz, hz[1])), 1400)[1000:]
+    else:
+        noise = lfilter([1.0], [1.0, *(-a for a in COLOURS[colour])], white)[1000:]
+    return noise / noise.std() * (1 + loud * np.abs(MOTION[:, 0]))
+
+
+def chance(residual, motion=WITH_OFFSET):
+    names = [*NAMES, "offset"][: motion.shape[1]]
+    return dependence(residual, SENSITIVITY, motion, names, joint=1, logs=of_logs(TIME)).p_value
+
+
+@pytest.mark.parametrize("colour", [*COLOURS, "1/f"])
+def test_noise_of_any_colour_is_not_told(colour):
+    assert min(chance(drawn(colour, seed)) for seed in range(10)) > 0.001
+
+
+@pytest.mark.gate
+@pytest.mark.parametrize(("colour", "loud"), [*((colour, 0.0) for colour in [*COLOURS, "1/f"]), ("white", 2.0)])
 def test_noise_of_any_colour_is_told_at_most_twice_as_often_as_the_level_says(colour, loud):
-    """Also where it is loud with the motion, by ``loud`` times its size at rest. The colour of noise with a memory of
-    ten samples is known from forty independent ones only."""
-    values = []
-    for seed in range(200):
-        white = RNG(seed).normal(size=500)
-        noise = lfilter([1.0], [1.0, *(-a for a in colour)], white)[100:] * (1 + loud * np.abs(MOTION[:, 0]))
-        values.append(dependence(noise, SENSITIVITY, MOTION, NAMES, joint=1, noise=of_logs(TIME)).p_value)
-    assert np.mean(np.array(values) < 0.05) < 2 * 0.05
-    assert np.sum(np.array(values) < 0.001) <= 2, "three of 200 have a chance of 0.1 %"
+    """Also where it is loud with the motion. The colour of noise with a memory of ten samples is known from forty
+    independent ones only."""
+    values = np.array([chance(drawn(colour, seed, loud)) for seed in range(200)])
+    assert np.mean(values < 0.05) < 2 * 0.05
+    assert np.sum(values < 0.001) <= 2, "three of 200 have a chance of 0.1 %"
+
+
+SHAPES = {
+    "offset": np.ones(400),
+    "as slow as the motion": MOTION[:, 0],
+    "drift in two functions": MOTION[:, 0] + 0.5 * MOTION[:, 3],
+    "beside what the fit absorbs": MOTION[:, 1] + 5 * SENSITIVITY[:, 1],
+}
+
+
+@pytest.mark.parametrize("colour", ["white", "ar 0.7"])
+@pytest.mark.parametrize("name", SHAPES)
+def test_the_larger_a_misfit_the_clearer(name, colour):
+    """It does not pass for the colour of the noise: from twice the size that is told on every larger one is told."""
+    for seed in range(3):
+        noise, shape = drawn(colour, seed), SHAPES[name]
+        values = np.array([chance(noise + size * shape) for size in np.geomspace(0.1, 1000, 13)])
+        first = int(np.argmax(values < 1e-4))
+        assert 0 < first < 7
+        assert (values[first:] < 1e-4).all()
+        gains = [gain(noise + size * shape) for size in (2.0, 10.0, 100.0, 1000.0)]
+        assert (np.diff(gains) > -0.1).all(), "the criterion itself, where functions follow all of it"
+
+
+def gain(residual):
+    """Of the criterion, by all functions."""
+    tested = OwnColours.of(residual, independent(SENSITIVITY), WITH_OFFSET, of_logs(TIME))
+    return tested.alone.criterion - tested.beside(range(7)).criterion
 
 
 @pytest.mark.parametrize(("shape", "most"), [(MOTION[:, 0], "a"), (MOTION[:, 0] + 0.5 * MOTION[:, 3], "ad")])
 def test_a_misfit_does_not_widen_its_own_bound(shape, most):
-    """As slow as the motion, three times as large as the noise: the colour of the residual is nearly all that of it."""
+    """As slow as the motion, three times as large as the noise: the colour of the residual is nearly all that of it. It
+    explains much of it, but at the cost of its coefficients."""
     for seed in range(20):
         residual = RNG(seed).normal(size=400) + 3 * shape
-        learnt = of_logs(TIME).learnt(residual, np.zeros((400, 0))).noises
-        beside = of_logs(TIME).learnt(*_beside(residual, np.column_stack([MOTION[:, 0], MOTION[:, 3]]))).noises
-        (whole,), (own,) = learnt.values(), beside.values()
-        assert whole.coefficients.sum() > 0.5 > abs(own.coefficients.sum())
-        one = dependence(residual, SENSITIVITY, MOTION, NAMES, joint=1, noise=of_logs(TIME))
+        tested = OwnColours.of(residual, np.zeros((400, 0)), MOTION, of_logs(TIME))
+        assert tested.alone.coefficients[0].sum() > 0.5 > abs(tested.beside([0, 3]).coefficients[0].sum())
+        one = dependence(residual, SENSITIVITY, MOTION, NAMES, joint=1, logs=of_logs(TIME))
         assert one.most in most
-        assert one.p_value < 1e-12
-
-
-def _beside(residual, columns):
-    basis = orthonormal(columns)
-    return residual - basis @ (basis.T @ residual), basis
+        assert one.p_value < 1e-9
 
 
 def test_logs_of_two_rates_have_a_colour_each():
     times = (TIME, np.arange(600) / 100.0)
     parts = [lfilter([1.0], [1.0, -a], RNG(4).normal(size=t.size)) for a, t in zip((0.8, -0.5), times, strict=True)]
-    learnt = of_logs(*times).learnt(np.concatenate(parts), np.zeros((1000, 0)))
-    first, second = (learnt.noises[log.rate_hz].coefficients[0] for log in learnt.logs)
+    columns = Columns(of_logs(*times), np.concatenate([parts[0], 10 * parts[1]])[:, None])
+    colour = columns.colour(0, [])
+    first, second = (a[0] for a in colour.coefficients)
     assert (first, second) == (pytest.approx(0.8, abs=0.1), pytest.approx(-0.5, abs=0.1))
+    assert colour.deviations[1] / colour.deviations[0] == pytest.approx(10, rel=0.1)
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fmu_didim.checks.motion.colour import LogNoise
+from fmu_didim.checks.motion.colour import Logs
 from fmu_didim.checks.motion.dependence import MOTION_CHANCE, JointResidual
 from fmu_didim.checks.power.power import POWER, JointTest, smallest_size
 from fmu_didim.fit.uncertainty import stretches
@@ -22,10 +22,11 @@ SIGNATURES = {
     "a function beside the fit": MOTION[:, 10] + 5 * SENSITIVITY[:, 1],
 }
 LARGEST = 10.0
+DRAWS = 40
 
 
 def looked_at(residual: np.ndarray) -> JointResidual:
-    return JointResidual(1, residual, SENSITIVITY, MOTION, NAMES, LogNoise(tuple(stretches([TIME]))))
+    return JointResidual(1, residual, SENSITIVITY, MOTION, NAMES, Logs(tuple(stretches([TIME]))))
 
 
 def by_noise(signature: np.ndarray, *, seed: int = 0, noise: float = 1.0, joints: int = 1) -> JointTest:
@@ -38,13 +39,13 @@ def by_noise(signature: np.ndarray, *, seed: int = 0, noise: float = 1.0, joints
 def test_as_many_draws_are_doubted_as_the_power_says(name: str) -> None:
     """Each draw by the size that another draw of the noise states; none where a misfit may pass for coloured noise."""
     doubted = []
-    for seed in range(100):
+    for seed in range(DRAWS):
         size = smallest_size([by_noise(SIGNATURES[name], seed=1000 + seed)], 0, LARGEST)
         if size is None:
             continue
         one = looked_at(RNG(seed).normal(size=TIME.size) + size * SIGNATURES[name])
         doubted.append(one.dependence().p_value < MOTION_CHANCE)
-    assert len(doubted) > 50
+    assert len(doubted) > DRAWS / 2
     assert abs(np.mean(doubted) - POWER) < 0.1 + 2 * np.sqrt(POWER * (1 - POWER) / len(doubted))
 
 
@@ -84,7 +85,7 @@ def test_loud_noise_where_a_function_is_large_hides_it() -> None:
     sizes = []
     for deviation in (np.full(TIME.size, np.sqrt(np.mean(loud**2))), loud):
         one = looked_at(deviation * RNG(3).normal(size=TIME.size))
-        one = JointResidual(1, one.residual, SENSITIVITY, np.column_stack([signature, MOTION]), NAMES, one.noise)
+        one = JointResidual(1, one.residual, SENSITIVITY, np.column_stack([signature, MOTION]), NAMES, one.logs)
         found = JointTest.of(one, signature[:, None], 1)
         assert found is not None
         sizes.append(smallest_size([found], 0, 100.0))
@@ -94,7 +95,7 @@ def test_loud_noise_where_a_function_is_large_hides_it() -> None:
 
 
 def test_too_few_samples_have_no_power() -> None:
-    short = JointResidual(1, np.ones(5), SENSITIVITY[:5], MOTION[:5], NAMES, LogNoise(tuple(stretches([TIME[:5]]))))
+    short = JointResidual(1, np.ones(5), SENSITIVITY[:5], MOTION[:5], NAMES, Logs(tuple(stretches([TIME[:5]]))))
     assert JointTest.of(short, np.ones((5, 1)), 1) is None
 
 

@@ -513,6 +513,7 @@ def test_a_thousand_runs_leave_nothing(
             advance(instance, np.zeros(2), 0.0, PERIOD)
 
     runs(100)
+    gc.collect()  # what earlier tests left, which may go at any moment
     handles, memory = len(os.listdir("/proc/self/fd")), _resident()  # noqa: PTH208
     folders = set(tmp_path.iterdir())
     runs(1000)

@@ -97,6 +97,37 @@ def test_what_nobody_can_know_is_refused(tmp_path: Path, text: str, problem: str
     assert "a.csv" in str(caught.value)
 
 
+EMPTY = [
+    "t,a,b\n0,1,10\n1,2,\n2,,30\n",
+    "t,a,b,\n0,1,10,\n1,2,,\n2,,30,\n",  # a delimiter at the end of each line
+    "t,a,b\n0,1,10,\n1,2,,\n2,,30,\n",  # or of those with numbers
+    "t;a;b\n0;1;10\n1;2;\n2;;30\n",
+    "t\ta\tb\n0\t1\t10\n1\t2\t\n2\t\t30\n",
+    "s,V,A\n0,1,10\n1,2,\n2,,30\n",
+]
+
+
+@pytest.mark.parametrize("text", EMPTY)
+def test_an_empty_cell_is_no_number(tmp_path: Path, text: str) -> None:
+    (tmp_path / "log.csv").write_text(text, encoding="utf-8")
+    columns = list(read_table(tmp_path / "log.csv").columns.values())
+    np.testing.assert_array_equal(columns, [[0, 1, 2], [1, 2, np.nan], [10, np.nan, 30]])
+
+
+@pytest.mark.parametrize(
+    ("text", "columns"),
+    [
+        ("t,a,b\n0,1,\n1,2,3\n", [[0, 1], [1, 2], [np.nan, 3]]),  # the first row ends in an empty cell
+        ("0,1,\n1,2,3\n", [[0, 1], [1, 2], [np.nan, 3]]),
+        ("0,1,\n1,2,\n", [[0, 1], [1, 2]]),
+        ("t,a\n[s],[V]\n0,\n1,2\n", [[0, 1], [np.nan, 2]]),
+    ],
+)
+def test_what_the_last_delimiter_of_the_first_row_means(tmp_path: Path, text: str, columns: list[list[float]]) -> None:
+    (tmp_path / "log.csv").write_text(text, encoding="utf-8")
+    np.testing.assert_array_equal(list(read_table(tmp_path / "log.csv").columns.values()), columns)
+
+
 @pytest.mark.parametrize(
     ("text", "seconds", "note"),
     [

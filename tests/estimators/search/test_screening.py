@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import sys
+from importlib.abc import MetaPathFinder
 from pathlib import Path
 
 import numpy as np
@@ -91,6 +93,21 @@ def test_without_bounds_it_asks_for_them() -> None:
         made(heater_case(STEPS, identify={"k": {}, "tau": {"minimum": 0.1}}), "morris")
 
 
+def test_without_salib_it_says_how_to_get_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Absent(MetaPathFinder):
+        def find_spec(self, fullname: str, path: object, target: object = None) -> None:
+            if fullname == "SALib":
+                raise ModuleNotFoundError("No module named 'SALib'", name="SALib")
+
+    for name in [name for name in sys.modules if name.partition(".")[0] == "SALib"]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setattr(sys, "meta_path", [Absent(), *sys.meta_path])
+    case = heater_case(STEPS)
+    with pytest.raises(InputError, match="need SALib") as caught:
+        screened(case.model, case.model.start, "morris", InThisProcess(case.estimator, case.model))
+    assert "fmu_didim[sensitivity]" in str(caught.value)
+
+
 def test_check_shows_effects_at_the_start_and_between_the_bounds(tmp_path: Path) -> None:
     pytest.importorskip("SALib")
     found = check(heater_case(STEPS, identify=LEAKING), sensitivity="morris", samples=8)
@@ -125,7 +142,7 @@ def test_parameters_that_make_up_for_each_other_are_a_ridge() -> None:
     assert result.document.sensitivity is not None
     (ridge,) = result.document.sensitivity.ridges
     assert set(ridge.parts) == {"K", "T"}
-    assert "with it" in ridge.text
+    assert "times that" in ridge.text
     assert ridge.std > 0.1
 
 
@@ -135,7 +152,7 @@ def test_a_ridge_is_one_of_several_parameters_that_is_less_known_than_each() -> 
     open_ = np.outer(along, along) + np.diag([1e-4, 1e-2])
     (ridge,) = ridges_of(names, size, open_)
     assert ridge.std == pytest.approx(0.5, rel=0.01)
-    assert ridge.text == "a may move by 50 % (b against it) and the outputs hardly change"
+    assert ridge.text == "a may move by 50 %, b by -1 times that, relative to themselves, and the outputs hardly change"
     assert ridges_of(names, size, np.diag([0.25, 25.0])) == ()  # each alone is as little known
     assert ridges_of(names, size, 1e-4 * open_) == ()  # all are known well
 

@@ -13,8 +13,18 @@ from fmu_didim import check, identify
 from fmu_didim.base.errors import InputError, SimulationError
 from fmu_didim.case import Case
 from fmu_didim.checks.exploration.search import search_diagnostics
+from fmu_didim.components.fmu.isolation.process import NotCarriedError
 from fmu_didim.estimators import IdimLs
-from fmu_didim.estimators.search import Crew, Ended, InThisProcess, Search, crew_of, searched
+from fmu_didim.estimators.search import (
+    Crew,
+    Ended,
+    InThisProcess,
+    Search,
+    crew_of,
+    processes,
+    profiled,
+    searched,
+)
 from fmu_didim.estimators.search.box import Box
 from fmu_didim.estimators.search.crew import Stop, Task, go_on, local_fit
 from fmu_didim.estimators.search.places import Place, distinct
@@ -71,6 +81,18 @@ def test_a_global_search_finds_it_too_and_keeps_to_its_cap() -> None:
     assert any(it.stage == "search" and "of at most 150 simulations" in it.note for it in said)
 
 
+def test_a_global_search_whose_time_is_over_refines_what_it_has() -> None:
+    case = wave_case()
+    crew = InThisProcess(case.estimator, replace(case.model, workers=1))
+    found, said = answer(case, Search(method="differential_evolution", seed=2, time_s=1e-9), crew)
+    search = found.search
+    assert search is not None
+    assert search.starts == 1
+    assert [it.stage for it in said].count("search") == 1
+    assert "its time of 1e-09 s was over" in search.stopped
+    assert found.value[0] == pytest.approx(1.0, abs=NEAR_HZ)  # the first generation has a point in the best valley
+
+
 def test_without_bounds_nothing_is_searched_and_that_is_said() -> None:
     case = wave_case(identify={"f": {"start": 0.98}}, search={"starts": 5})
     result = identify(case)
@@ -112,7 +134,7 @@ def test_another_minimum_within_the_noise_is_a_doubt() -> None:
     found, _ = answer(wave_case(), Search(starts=6, seed=1))
     assert found.search is not None
     best, *others = found.search.minima
-    close = replace(found.search, minima=(best, replace(others[0], worse=3.0, settled=True)), alike=1)
+    close = replace(found.search, minima=(best, replace(others[0], worse=3.0)), alike=1)
     codes = [d.code.name for d in search_diagnostics(replace(found, search=close))]
     assert codes[0] == "minima-alike"
     assert [d.code.name for d in search_diagnostics(replace(found, search=None))] == []
@@ -218,6 +240,31 @@ def test_child_processes_find_what_this_one_finds() -> None:
         alone.close()
     here = dict(InThisProcess(case.estimator, case.model).fits(starts))
     assert {k: dict(end.values) for k, end in there.items()} == {k: dict(end.values) for k, end in here.items()}
+
+
+@pytest.mark.gate
+def test_child_processes_follow_profiles_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(processes, "PAYS_S", 0.0)
+    case = wave_case(identify={"f": {"start": 1.02}})
+    found = case.estimator.estimate(case.model)
+    made = [
+        profiled(case.estimator, found, (), lambda of, n=n: crew_of(case.estimator, of, n), progress=lambda _: None)
+        for n in (1, 2)
+    ]
+    assert isinstance(crew_of(case.estimator, case.model, 2), Processes)
+    assert made[0].profiles[0].interval == made[1].profiles[0].interval
+
+
+def test_what_cannot_be_sent_is_run_here(monkeypatch: pytest.MonkeyPatch) -> None:
+    def absent(*_: object, **__: object) -> object:
+        return NotCarriedError("This cannot be sent to another process.", next_step="")
+
+    monkeypatch.setattr(processes, "PAYS_S", 0.0)
+    monkeypatch.setattr(Processes, "_asked", absent)
+    case = wave_case()
+    found, _ = answer(case, Search(starts=4, seed=1), crew_of(case.estimator, case.model, 2))
+    assert found.search is not None
+    assert found.search.failures == {}
 
 
 @pytest.mark.slow

@@ -133,22 +133,20 @@ def _parsed(lines: list[str], delimiter: str, decimal: str, skipped: int) -> _Pa
     data: list[list[float]] = []
     count = 0
     calendar = Calendar()
-    for number, row, ends_open in _rows(lines, delimiter):
-        named = len(before[-1][1]) if before else 0
-        wanted = count if data else named
-        cells = [*row, ""] if ends_open and len(row) + 1 == wanted else row
+    rows = list(_rows(lines, delimiter))
+    for place, (number, cells) in enumerate(rows):
         if not data:
             calendar = Calendar()  # text above the numbers is not one of their stamps
-        # A sample that is missing has a name above it, if no number.
-        is_text = not data and "" in cells and len(cells) != named
-        numbers = None if is_text else _numbers(cells, decimal, calendar if calendar.columns or not data else None)
-        if not data:
-            count = len(cells)
-            if numbers is None:
-                before.append((number + skipped, row))
-                if len(before) > MOST_LINES_BEFORE:
-                    return None
-                continue
+            count = len(_closed(cells))
+            if len(cells) > count and _opens_a_cell(rows, place, before):
+                count += 1
+        cells = cells[:-1] if len(cells) == count + 1 and not cells[-1] else cells
+        numbers = _numbers(cells, decimal, calendar if calendar.columns or not data else None)
+        if not data and numbers is None:
+            before.append((number + skipped, _closed(cells)))
+            if len(before) > MOST_LINES_BEFORE:
+                return None
+            continue
         if numbers is None or len(numbers) != count:
             raise _MisfitError(number + skipped, cells, count, delimiter, decimal)
         data.append(numbers)
@@ -161,33 +159,45 @@ def _parsed(lines: list[str], delimiter: str, decimal: str, skipped: int) -> _Pa
     return _Parsed(delimiter, decimal, names, units, np.array(data), len(before) - used, calendar)
 
 
-def _rows(lines: list[str], delimiter: str) -> Iterator[tuple[int, list[str], bool]]:
-    """Line number and cells of the lines that are not empty, and whether a delimiter ends the line: that opens no
-    cell, unless the other lines have one more."""
+def _rows(lines: list[str], delimiter: str) -> Iterator[tuple[int, list[str]]]:
+    """Line number and cells of the lines that are not empty."""
     if delimiter == NONE:
-        yield from ((i, [line.strip()], False) for i, line in enumerate(lines, start=1) if line.strip())
+        yield from ((i, [line.strip()]) for i, line in enumerate(lines, start=1) if line.strip())
         return
     csv.field_size_limit(LIMIT)
     rows = csv.reader(StringIO("\n".join(lines)), delimiter=delimiter, skipinitialspace=True)
     for row in rows:
         cells = [cell.strip() for cell in row]
-        ends_open = len(cells) > 1 and not cells[-1]
-        if ends_open:
-            cells.pop()
         if any(cells):
-            yield rows.line_num, cells, ends_open
+            yield rows.line_num, cells
+
+
+def _closed(cells: list[str]) -> list[str]:
+    """The cells without one that a delimiter at the end of the line opens."""
+    return cells[:-1] if len(cells) > 1 and not cells[-1] else cells
+
+
+def _opens_a_cell(rows: list[tuple[int, list[str]]], place: int, before: list[tuple[int, list[str]]]) -> bool:
+    """Whether the delimiter at the end of the first row of numbers opens an empty cell: the line of names above has a
+    name for it, or without such a line some other row has a number there."""
+    count = len(rows[place][1])
+    if before:
+        return any(len(names) == count for _, names in before[-2:])  # the last one may have the units
+    return any(len(cells) == count and cells[-1] for _, cells in rows[place + 1 :])
 
 
 def _numbers(cells: list[str], decimal: str, calendar: Calendar | None = None) -> list[float] | None:
-    """The numbers of a row, NaN in cells that are empty; None if it is not a row of numbers.
+    """The numbers of a row, NaN where a cell is empty; None if it is not a row of numbers.
 
     Args:
         calendar: where cells may be its stamps, in the same columns as before, and beside at least one number.
     """
     plain = [cell or "nan" for cell in cells]
     if decimal == ",":
-        plain = [cell.replace(",", ".") if _COMMA.fullmatch(cell) or cell == "nan" else "" for cell in plain]
-    if any("_" in cell for cell in cells) or not any(cells):  # 1_0 is not ten
+        plain = [cell.replace(",", ".") if _COMMA.fullmatch(cell) else "" if cell else "nan" for cell in cells]
+    if not any(cells):
+        return None
+    if any("_" in cell for cell in cells):  # 1_0 is not ten
         return None
     try:
         found, stamps = [float(cell) for cell in plain], set[int]()
