@@ -9,7 +9,7 @@ identified; of the best ones the amount is found by a few further simulations.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
