@@ -201,7 +201,7 @@ class Varied:
         monkeypatch.setattr(LawSimulation, "record", record)
         monkeypatch.setattr(LawLoop, "logged", ("drive.u1", "drive.u2"), raising=False)
         monkeypatch.setattr(LawSimulation, "operator", SimpleNamespace(ticks=range(7), apply=lambda table: table[:5]))
-        monkeypatch.setattr(LawExperiments, "filtered", lambda _, table, label: table + 0.5, raising=False)
+        monkeypatch.setattr(LawExperiments, "compared", lambda _, table, label: table + 0.5, raising=False)
 
 
 def test_derivatives_of_one_run_where_the_equations_are_known(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -273,7 +273,9 @@ def shortened(values: Mapping[str, float], label: str) -> Array:
 
 
 EXPERIMENT = {
-    "one": SimpleNamespace(operator="all", channels=(), reference=SimpleNamespace(names=(), time=np.arange(3.0)))
+    "one": SimpleNamespace(
+        operator="all", channels=(), scale=None, reference=SimpleNamespace(names=(), time=np.arange(3.0))
+    )
 }
 
 

@@ -157,7 +157,7 @@ class LawModel:
 class LawLoop:
     """The loop of a law model, as far as the solver and the sensitivities look at it."""
 
-    shows_torque = True
+    shows_torque, quantity, whole = True, "torque", "plant"
 
     def __init__(self, model: LawModel) -> None:
         self.plant, self.plant_name = model.plant, model.plant_name
@@ -192,7 +192,7 @@ class LawSimulation(Simulation):
     @property
     def experiment(self) -> Any:
         """One without further channels, unless the model has its own."""
-        return self.model.logs.get(self.label, SimpleNamespace(channels=()))  # type: ignore[attr-defined]
+        return self.model.logs.get(self.label, SimpleNamespace(channels=(), scale=None))  # type: ignore[attr-defined]
 
     def torque(self) -> Array:
         return self.model.torque(self.values, self.label)
