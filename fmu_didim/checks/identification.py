@@ -12,7 +12,7 @@ from fmu_didim.base.errors import UnknownNameError
 from fmu_didim.checks.agreement import AgreementResult, agreement
 from fmu_didim.checks.channels import channel_diagnostics
 from fmu_didim.checks.data.checks import confirmed
-from fmu_didim.checks.exploration.one_start import RESIDUAL_COLOURED, one_start_diagnostics
+from fmu_didim.checks.exploration.one_start import one_start_diagnostics
 from fmu_didim.checks.exploration.profiles import profile_diagnostics
 from fmu_didim.checks.exploration.search import search_diagnostics
 from fmu_didim.checks.held_out import WORSE_HELD_OUT, Residual, held_out_diagnostics, not_simulated
@@ -27,7 +27,6 @@ from fmu_didim.checks.plant.unidentified import unidentified_diagnostics
 from fmu_didim.checks.power.statement import PowerResult, power_of_fit
 from fmu_didim.checks.prior import prior_diagnostics
 from fmu_didim.checks.residual import (
-    NOISE_COLOURED,
     RESIDUAL_ABOVE_NOISE,
     RESIDUAL_SLOW,
     NoiseResult,
@@ -244,8 +243,6 @@ def _of_outputs(estimate: Estimate, validations: Sequence[Validation], before: I
         *roughness_diagnostics(estimate.roughness, estimate.model), *rival_diagnostics(estimate),
         *one_start_diagnostics(estimate, tests), *search_diagnostics(estimate), *profile_diagnostics(estimate),
     ]  # fmt: skip
-    far = {d.place for d in found if d.code is RESIDUAL_COLOURED}  # which says it, too
-    found = [d for d in found if not (d.code is NOISE_COLOURED and d.place in far)]
     return Checks(judgement(of_a_model(found), settled=estimate.status is Status.CONVERGED), tests, agreements)
 
 
