@@ -20,7 +20,7 @@ from fmu_didim.checks import (
     sampling_kind,
 )
 from fmu_didim.checks.data import log, timing, torque_channel
-from fmu_didim.checks.motion import dependence, periods
+from fmu_didim.checks.motion import colour, dependence, periods
 from fmu_didim.checks.outputs import following, outliers, suspects, trusted
 from fmu_didim.data.tables import clock
 from fmu_didim.estimators import finish, initial_states, local_minima, reference_start
@@ -67,6 +67,7 @@ DECIDING = (
     (identification, ("NEAR_LIMIT", "VISIBLE_SHIFT", "SECOND_STEP", "JITTER")),
     (residual, ("STILL_NOT_WHITE",)),
     (dependence, ("MOTION_CHANCE", "SIGNIFICANT", "FUNCTIONS", "SAMPLES_A_FUNCTION")),
+    (colour, ("MEMORIES", "SAMPLES_A_LAG", "WITH_PAST")),
     (periods, ("PART_OF_PERIOD", "KNOWN_PART", "RAMP", "FEWEST_DIFFERENCES")),
     (sampling_kind, ("NEARLY",)),
     (held_out, ("HELD_OUT_RATIO", "HELD_OUT_CHANCE", "LAGS")),
@@ -75,7 +76,9 @@ DECIDING = (
     (physical, ("NEGATIVE_FRICTION", "FALSE_UNPHYSICAL")),
 )
 """Constants on which an identification depends, by module."""
-OF_ROBOTS = (torque_channel, timing, reference_start, initial_states, periods, dependence, sampling_kind, held_out)
+OF_ROBOTS = (
+    torque_channel, timing, reference_start, initial_states, periods, dependence, colour, sampling_kind, held_out
+)  # fmt: skip
 """Modules of which nothing is asked where a model has neither controller nor torque."""
 OF_OUTPUTS = (
     *((module, names) for module, names in DECIDING if module not in OF_ROBOTS and module is not physical),

@@ -108,6 +108,13 @@ class Checked:
         """The diagnostics of one severity."""
         return tuple(d for d in self.diagnostics if d.code.severity is severity)
 
+    def _samples(self, experiment: Experiment) -> str:
+        """How many samples an experiment has: of a model of each output that has instants of its own, too."""
+        if self.quantity == "torque":
+            return f"{experiment.time.size} samples at {experiment.rate_hz:.6g} Hz"
+        others = "".join(f", {channel.time.size} of {channel.name}" for channel in experiment.channels)
+        return f"{experiment.time.size} samples, one in {1 / experiment.rate_hz:.6g} s{others}"
+
     def saved(self, case: str = "") -> dict[str, Any]:
         """The diagnostics as JSON shows them.
 
@@ -146,7 +153,7 @@ class Checked:
         entries = [
             ("Parameters", f"{len(self.parameters)}: {', '.join(self.parameters)}"),
             *(
-                ("Experiment", f"{with_role(label, e.role)}: {e.time.size} samples at {e.rate_hz:.6g} Hz")
+                ("Experiment", f"{with_role(label, e.role)}: {self._samples(e)}")
                 for label, e in self.experiments.items()
             ),
             *(("Loop" if self.quantity == "torque" else "Model", line) for line in self.loop),

@@ -99,7 +99,7 @@ def test_names_in_files_reach_the_terminal_written_out(tmp_path: Path, capsys: p
 
 
 def fails(monkeypatch: pytest.MonkeyPatch) -> None:
-    def broken(*arguments: object) -> None:
+    def broken(*arguments: object, **options: object) -> None:
         raise ZeroDivisionError("nobody thought\nof that")
 
     monkeypatch.setattr("fmu_didim.workflow.check", broken)

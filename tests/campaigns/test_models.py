@@ -84,6 +84,20 @@ def test_one_run_is_written_with_its_own_data(tmp_path: Path) -> None:
     assert written.model.measured == pytest.approx(drawn.values, abs=1e-12)
 
 
+def test_outputs_at_instants_of_their_own_are_simulated_there(tmp_path: Path) -> None:
+    rows = np.loadtxt(CASE.parent / "room.csv", delimiter=",", skiprows=1)[5:800:3]
+    np.savetxt(tmp_path / "x.csv", rows + np.array([30.0, 0.0]), delimiter=",", header="t,x", comments="")
+    files = [str(CASE.parent / "room.csv"), {"file": str(tmp_path / "x.csv"), "columns": {"x": "x"}}]
+    content = {
+        "name": "two", "model": str(CASE.parent / "house.fmu"), "inputs": str(CASE.parent / "weather.csv"),
+        "measured": files, "identify": {"R1": None}, **TRUTH,
+    } | {"model": {"source": str(CASE.parent / "house.fmu"), **TRUTH["model"]}}  # fmt: skip
+    still = noisy_logs(simulated_truth(content, tmp_path), {}, "0")
+    room, inner = (still[f"measured_estimation_{name}.csv"] for name in ("T", "x"))
+    assert inner.time == pytest.approx(rows[:, 0] + 30)
+    assert inner.values[:, 0] == pytest.approx(np.interp(inner.time, room.time, room.values[:, 0]), abs=0.01)
+
+
 def test_what_a_case_says_of_the_noise_stays() -> None:
     content = written_out({"model": "a.fmu", "measured": {"file": "y.csv", "columns": {"y": {"unit": "K", "std": 0.1}},
                                                           "std": {"z": 2.0}}})  # fmt: skip

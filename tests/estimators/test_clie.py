@@ -103,7 +103,10 @@ ITERATION = Iteration("clie", 40, np.zeros(1), 1.0)
     ],
 )
 def test_the_advice_fits_the_plant(regressor: bool, refine: bool, note: str, told: str | None) -> None:
-    model: Any = SimpleNamespace(can_refine=refine, parameters=SimpleNamespace(has_regressor=regressor))
+    model: Any = SimpleNamespace(
+        can_refine=refine, parameters=SimpleNamespace(has_regressor=regressor),
+        loop=SimpleNamespace(shows_torque=True, whole="plant", quantity="torque"),
+    )  # fmt: skip
     advice = unsettled_advice(model, [replace(ITERATION, note=note)])
     if told is None:
         assert advice == ""  # what the status says fits robots

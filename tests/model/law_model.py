@@ -157,7 +157,7 @@ class LawModel:
 class LawLoop:
     """The loop of a law model, as far as the solver and the sensitivities look at it."""
 
-    shows_torque, quantity = True, "torque"
+    shows_torque, quantity, whole = True, "torque", "plant"
 
     def __init__(self, model: LawModel) -> None:
         self.plant, self.plant_name = model.plant, model.plant_name
@@ -191,7 +191,7 @@ class LawSimulation(Simulation):
 
     @property
     def experiment(self) -> Any:
-        """One without further channels and scales of samples, unless the model has its own."""
+        """One without further channels, unless the model has its own."""
         return self.model.logs.get(self.label, SimpleNamespace(channels=(), scale=None))  # type: ignore[attr-defined]
 
     def torque(self) -> Array:
@@ -201,5 +201,5 @@ class LawSimulation(Simulation):
         return self.torque()
 
 
-GUARDED = {"any": SimpleNamespace(channels=(), scale=None, reference=SimpleNamespace(names=(), time=np.arange(3.0)))}
+GUARDED = {"any": SimpleNamespace(channels=(), reference=SimpleNamespace(names=(), time=np.arange(3.0)))}
 """Experiments of a model whose values the guard looks at."""

@@ -82,6 +82,17 @@ def test_check_predicts_before_any_fit(house: Path) -> None:
     assert (found.prospect.deviation < 1e-3).all()
 
 
+def test_check_takes_outputs_at_instants_of_their_own(house: Path) -> None:
+    """Both count, and tell more together than each alone."""
+    rows = np.loadtxt(house / "room.csv", delimiter=",", skiprows=1)[5:800:3]
+    np.savetxt(house / "x.csv", rows + np.array([30.0, 0.0]), delimiter=",", header="t,x", comments="")
+    both = check(case(house, measured=["room.csv", {"file": "x.csv", "columns": {"x": {"std": 0.1}}}]))
+    assert "865 samples, one in 600 s, 265 of x" in both.summary()
+    alone = check(case(house))
+    assert both.prospect is not None and alone.prospect is not None
+    assert (both.prospect.deviation < alone.prospect.deviation).all()
+
+
 def test_check_names_what_cannot_be_told_apart(house: Path) -> None:
     found = codes(house, identify={"R1": POSITIVE, "R2": POSITIVE, "C": POSITIVE})
     assert "Take one of them as known" in found["parameters-confounded"]
@@ -115,7 +126,7 @@ def test_simulate_gives_outputs_with_any_values(house: Path, capsys: pytest.Capt
 
 def test_discover_and_export_say_what_to_do(house: Path, capsys: pytest.CaptureFixture[str]) -> None:
     for command, told in (
-        (["discover", str(case(house))], "Look at what identify says of the residual"),
+        (["discover", str(case(house))], "names the suspects"),
         (["export", str(case(house))], "with --ssp export does"),
         (["export", str(house / "house.fmu")], "This is an FMU already"),
     ):

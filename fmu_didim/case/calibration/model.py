@@ -26,7 +26,7 @@ from fmu_didim.components.fmu.chosen import (
     with_start_value,
     with_state_start,
 )
-from fmu_didim.components.fmu.description import MODEL_EXCHANGE
+from fmu_didim.components.fmu.description import FLOAT_TYPES, MODEL_EXCHANGE
 from fmu_didim.components.fmu.reuse.starting import find_start
 from fmu_didim.components.parameter_names import name_parameters
 from fmu_didim.components.variable_names import NEAREST, START, unknown
@@ -161,3 +161,11 @@ def _instead(component: FmuComponent, is_state: bool) -> str:
     if is_state and component.fmu.interface(MODEL_EXCHANGE) is not None:
         step = f"Run the FMU in model exchange: model: {{source: ..., interface: {MODEL_EXCHANGE}}}. Or i{step[1:]}"
     return f"{step}."
+
+
+def whole_numbers(model: Component) -> frozenset[str]:
+    """The inputs of a model that are no real numbers, so that nothing lies between their rows."""
+    if not isinstance(model, FmuComponent):
+        return frozenset()
+    pairs = zip(model.inputs, model.input_types, strict=True)
+    return frozenset(v.name for v, kind in pairs if kind not in FLOAT_TYPES)

@@ -82,15 +82,18 @@ def predict_accuracy(
 
     Without a known noise, that of the residual after one linear step is taken.
     """
+    measured, outputs, known = model.measured, torque, model.torque_deviation
     try:
-        columns, residual = sensitivity(model, values, torque), model.measured - torque
+        if model.experiments.channels:
+            measured, outputs, known = model.measured_outputs, model.outputs(values), model.stated_deviations
+        columns, residual = sensitivity(model, values, outputs), measured - outputs
     except SimulationError:
         return (), None, None  # so near to divergence nothing can be predicted
     left = residual - columns @ np.linalg.lstsq(columns.reshape(-1, values.size), residual.reshape(-1), rcond=LOOSE)[0]
-    deviation = model.torque_deviation
-    if deviation is None:
-        deviation = np.maximum(np.sqrt((left**2).mean(axis=0)), noise_floor(model.measured))
-    white, size = model.beside_prior(whitened(columns, deviation)), float(np.linalg.norm(model.measured / deviation))
+    counts = model.output_counts if model.experiments.channels else left.shape[0]
+    found = np.maximum(np.sqrt((left**2).sum(axis=0) / counts), noise_floor(measured))
+    deviation = found if known is None else np.where(np.isfinite(known), known, found)
+    white, size = model.beside_prior(whitened(columns, deviation)), float(np.linalg.norm(measured / deviation))
     ahead = predicted(model, values, white)
     effects = local_sensitivity(model, values, columns, None if ahead is None else covariance_white(white))
     return confounded(white, values, model.names, torque=size), ahead, effects

@@ -1,8 +1,8 @@
 """Whether the answer from one start may be a wrong local minimum, of outputs of any model.
 
 A few values between the bounds of the parameters, or within a factor of two of the answer where there are none, are
-simulated once each: where one of them fits better, the answer is a local minimum. And a residual that is far from white
-may be what a wrong minimum leaves.
+simulated once each: where one of them fits better, the answer is a local minimum. A residual that is far from white is
+no sign by itself: sensors have memories, too.
 """
 
 from __future__ import annotations
@@ -32,9 +32,6 @@ AROUND = 2.0
 CLEARLY_LOWER = 1.0
 """[chi-square] By which another place fits better than the answer: any lower misfit shows that this is a local minimum,
 and less is what the last steps of a fit leave, or jitter."""
-FAR_FROM_WHITE = 1.5
-"""[1] Inflation of standard deviations by the colour of a residual from which it may be what a wrong minimum leaves:
-half more than by white noise, as of the channels beside a torque."""
 
 LOWER_ELSEWHERE = CATALOGUE(
     "lower-minimum", DOUBT, rank=3,
@@ -42,13 +39,6 @@ LOWER_ELSEWHERE = CATALOGUE(
     "the data better.",
     next_step="Search from several starts: search: {starts: 20}, with minimum: and maximum: under identify:; or start "
     "there.",
-)  # fmt: skip
-RESIDUAL_COLOURED = CATALOGUE(
-    "residual-far-from-white", DOUBT, rank=55,
-    meaning="The residual of an output is far from white: the start led to a wrong local minimum, the model lacks "
-    "something, or the noise has a memory. Standard deviations treat it as noise with a memory.",
-    next_step="Search from several starts (search: {starts: 20}); look at the residual over time in the report; if the "
-    "sensor's noise is like that, acknowledge it.",
 )  # fmt: skip
 ONE_START = CATALOGUE(
     "one-start", REMARK, rank=64,
@@ -65,28 +55,17 @@ def one_start_diagnostics(estimate: Estimate, tests: tuple[NoiseResult, ...]) ->
     """
     if estimate.model.loop.shows_torque:
         return []
-    labels = estimate.model.loop.labels
-    found = [
-        Diagnostic(
-            RESIDUAL_COLOURED,
-            f"The residual is far from white: neighbouring samples correlate by {test.lag1:.2f}, and standard "
-            f"deviations are some {test.inflation:.2g} times those with white noise.",
-            labels[test.joint - 1],
-            test.inflation, FAR_FROM_WHITE, "1",
-        )
-        for test in tests if test.order and test.inflation > FAR_FROM_WHITE
-    ]  # fmt: skip
     searched = estimate.search is not None and estimate.search.searched
     if searched or _is_explained(tests):
-        return found
+        return []
     lower = lower_elsewhere(estimate)
     if lower is None:
         text = "One start: at a few values elsewhere the misfit is no lower; other minima were not looked for."
-        return [*found, Diagnostic(ONE_START, text)]
+        return [Diagnostic(ONE_START, text)]
     values, gain = lower
     told = ", ".join(f"{name} = {value:.4g}" for name, value in zip(estimate.names, values, strict=True))
     text = f"The answer is a local minimum: {told} fits better (chi-square lower by {gain:.3g})."
-    return [Diagnostic(LOWER_ELSEWHERE, text, value=gain, bound=CLEARLY_LOWER, unit="chi-square"), *found]
+    return [Diagnostic(LOWER_ELSEWHERE, text, value=gain, bound=CLEARLY_LOWER, unit="chi-square")]
 
 
 def _is_explained(tests: tuple[NoiseResult, ...]) -> bool:

@@ -46,11 +46,17 @@ WITH_PAST = 0.8
 
 @dataclass(frozen=True)
 class Logs:
-    """The logs of a joint: rows and places of each in tables of all of them, and its rate; ``is_white``: their noise
-    is known to be."""
+    """The logs of a joint.
+
+    Attributes:
+        stretches: rows and places of each in tables of all of them, and its rate.
+        is_white: whether their noise is known to be.
+        lags: samples of the past that are looked at in the logs of each rate; None: as many as they allow.
+    """
 
     stretches: tuple[Stretch, ...]
     is_white: bool = False
+    lags: tuple[int, ...] | None = None
 
     @staticmethod
     def white(samples: int) -> Logs:
@@ -78,12 +84,14 @@ class Logs:
     def pasts(self) -> tuple[Indices, ...]:
         """Of the logs of each rate (M, 1 + K) the rows of samples and of the K ones before each."""
         found = []
-        for rate in dict.fromkeys(log.rate_hz for log in self.stretches):
+        for number, rate in enumerate(dict.fromkeys(log.rate_hz for log in self.stretches)):
             grids = [grid for grid, log in zip(self.grids, self.stretches, strict=True) if log.rate_hz == rate]
             samples = sum(int(np.sum(grid >= 0)) for grid in grids)
             longest = 0 if self.is_white else int(min(ORDERS * np.log10(samples), samples / SAMPLES_A_LAG))
+            if self.lags is not None:
+                longest = self.lags[number]
             past = _with_past(grids, longest)
-            while longest and past.shape[0] < WITH_PAST * samples:
+            while self.lags is None and longest and past.shape[0] < WITH_PAST * samples:
                 longest //= 2
                 past = _with_past(grids, longest)
             found.append(past)

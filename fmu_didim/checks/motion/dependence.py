@@ -27,7 +27,7 @@ Econometrica 48 (1980)).
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import comb
 from types import MappingProxyType
 
@@ -291,8 +291,11 @@ class OwnColours:
 
     @classmethod
     def of(cls, residual: Array, used: Array, motion: Array, logs: Logs | None) -> OwnColours:
+        count = used.shape[1]
         columns = Columns(logs or Logs.white(residual.size), np.column_stack([used, residual, motion]))
-        return cls(columns, used.shape[1], columns.colour(used.shape[1], range(used.shape[1])))
+        lags = columns.colour(count, range(count)).orders
+        columns = replace(columns, logs=replace(columns.logs, lags=lags))  # a longer past would cost a log its begin
+        return cls(columns, count, columns.colour(count, range(count)))
 
     def beside(self, chosen: Sequence[int]) -> Colour:
         """The colour that functions leave, too."""

@@ -14,10 +14,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fmu_didim.base.diagnostics import CATALOGUE, DOUBT, Diagnostic
-from fmu_didim.base.distributions import f_sf
+from fmu_didim.base.distributions import chi2_sf
 from fmu_didim.base.errors import FmuDidimError
 from fmu_didim.checks.motion.colour import orthonormal, rest_of
 from fmu_didim.checks.motion.dependence import Dependence, dependence, independent
+from fmu_didim.checks.outputs.outliers import NORMAL
 from fmu_didim.checks.outputs.residuals import OutputResiduals
 from fmu_didim.checks.outputs.suspects import MOST_INPUTS, Suspect, first_changes, of_inputs, of_outputs, of_parameters
 from fmu_didim.data.signals import Array
@@ -47,6 +48,10 @@ BEYOND = 0.03
 """[1] Of what one suspect explains, by how much two things must explain more to be named in its place,"""
 BEYOND_NOISE = 25.0
 """[1] and in squares of standard deviations: five of them."""
+FIRST = 5
+"""[samples] In which a start that is off shows at least,"""
+FAR_START = 5.0
+"""[standard deviations] and by how much: noise of any colour is so far off once in a million samples."""
 SETTLED = 0.3
 """[standard deviations] Change of an amount from which no further simulation looks for it."""
 LESS = 1e-3
@@ -94,8 +99,7 @@ def following_diagnostics(found: OutputResiduals) -> list[Diagnostic]:
     tables = first_changes(found, _without_parameters(found))
     tests = {k: _test(found, k, tables) for k in range(len(found.names))}
     level = CHANCE / len(tests)
-    if tables and not any(d.p_value < level or d.samples is not None for d in tests.values()):
-        tests = {k: _alone(found, k, d, tables) for k, d in tests.items()}
+    tests = {k: d if d.p_value < level else _start_of(found, k, d) for k, d in tests.items()}
     told = {k: d for k, d in tests.items() if d.p_value < level and d.share > LEAST}
     short = [
         Diagnostic(OUTPUT_UNTESTED, f"{d.samples} samples beside what was fitted are too few.", found.names[k])
@@ -121,51 +125,29 @@ def _test(found: OutputResiduals, k: int, tables: Mapping[Suspect, Array]) -> De
     scaled = [column / np.linalg.norm(column) for column in columns.values()]
     return dependence(
         found.residual[rows, k], found.jacobian[rows, k], np.column_stack(scaled), list(columns), joint=k + 1,
-        noise=found.noise(k),
+        logs=found.tables(k),
     )  # fmt: skip
 
 
-def _alone(found: OutputResiduals, k: int, before: Dependence, tables: Mapping[Suspect, Array]) -> Dependence:
-    """The same test of the suspect alone that explains most of output ``k`` as it is: a slow misfit, such as a drift,
-    hides in the colour of the noise where that is learnt without it."""
-    rows = found.rows(k)
-    basis = orthonormal(independent(found.jacobian[rows, k]))
-    rest, squares = rest_of(found.residual[rows, k], basis), dict[Suspect, float]()
-    for suspect, table in tables.items():
-        beside = rest_of(table[rows, k], basis)
-        power = float(beside @ beside)
-        if power > OWN_PART * float(table[rows, k] @ table[rows, k]):
-            squares[suspect] = float(beside @ rest) ** 2 / power
-    if not squares:
-        return before
-    best = max(squares, key=lambda s: squares[s])
-    one = _beside(found, k, best.name, tables[best][rows, k])
-    p_value = min(2 * len(squares) * one.p_value, 1.0)  # of as many suspects, after the test of all
-    return before if before.p_value < p_value else replace(one, p_value=p_value)
-
-
-def _beside(found: OutputResiduals, k: int, name: str, column: Array) -> Dependence:
-    """How output ``k`` follows one column (N,), by the colour that the noise has beside it."""
-    rows = found.rows(k)
-    residual, used = found.residual[rows, k], independent(found.jacobian[rows, k])
-    both = orthonormal(column[:, None], orthonormal(used))
-    noise = found.noise(k).learnt(rest_of(residual, both), both)
-    table = noise.whitened(np.column_stack([used, residual, column]))
-    left = rest_of(table[:, used.shape[1] :], orthonormal(table[:, : used.shape[1]]))
-    rest, own = left[:, 0], left[:, 1]
-    total, explained = float(rest @ rest), float(own @ rest) ** 2 / max(float(own @ own), TINY)
-    freedom = max(rest.size - used.shape[1] - 1, 1)
-    variance = max(total - explained, TINY) / freedom
-    plain = rest_of(np.column_stack([residual, column]), orthonormal(used))  # as it is, whatever the colour
-    share = float(plain[:, 0] @ plain[:, 1]) ** 2 / max(float(np.prod(np.sum(plain**2, axis=0))), TINY)
-    return Dependence(k + 1, float(f_sf(explained / variance, 1, freedom)), share, name, 1.0)
+def _start_of(found: OutputResiduals, k: int, before: Dependence) -> Dependence:
+    """The same by the first samples alone, where a start that is off is forgotten soon: too few for the test above."""
+    residual = found.residual[found.rows(k), k]
+    spread = NORMAL * float(np.median(np.abs(residual - np.median(residual))))
+    p_value, squares = 1.0, 0.0
+    for log in found.logs(k):
+        first = found.residual[found.indices(log.rows)[:FIRST], k]
+        if spread and np.abs(first).max() > FAR_START * spread:
+            chance = float(chi2_sf(float(np.sum((first / spread) ** 2)), first.size)) * len(found.logs(k))
+            p_value, squares = min(p_value, chance), squares + float(first @ first)
+    share = squares / max(float(residual @ residual), TINY)
+    return replace(before, p_value=p_value, share=share) if p_value < before.p_value else before
 
 
 def _functions(found: OutputResiduals, k: int) -> dict[str, Array]:
     """Further functions (N,) at the samples of output ``k``: of the output, the inputs and time."""
     rows, time = found.rows(k), found.times(k)
     own = found.outputs[rows, k] - found.outputs[rows, k].mean()
-    rate = np.concatenate([np.gradient(found.outputs[found._indices(log.rows), k], log.time) for log in found.logs(k)])
+    rate = np.concatenate([np.gradient(found.outputs[found.indices(log.rows), k], log.time) for log in found.logs(k)])
     turned = 2 * (time - time.min()) / max(float(np.ptp(time)), TINY) - 1
     named = {
         "size of its rate": np.abs(rate),

@@ -55,7 +55,7 @@ def _highest(found: OutputResiduals, k: int) -> float:
     """Frequency in Hz below which most of the power of a simulated output lies."""
     highest = 0.0
     for log in found.logs(k):
-        values: Array = found.outputs[found._indices(log.rows), k]
+        values: Array = found.outputs[found.indices(log.rows), k]
         power = np.abs(np.fft.rfft((values - values.mean()) * np.hanning(values.size))) ** 2
         step = float(np.ptp(log.time)) / max(values.size - 1, 1)
         place = int(np.searchsorted(np.cumsum(power), POWER * power.sum()))

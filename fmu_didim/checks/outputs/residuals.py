@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from fmu_didim.checks.motion.colour import LogNoise
+from fmu_didim.checks.motion.colour import Logs
 from fmu_didim.cosim import Indices
 from fmu_didim.data.signals import Array
 from fmu_didim.fit.derivatives.sensitivity import sensitivity
@@ -71,11 +71,11 @@ class OutputResiduals:
 
     def rows(self, k: int) -> Indices:
         """(N,) rows of the samples of output ``k``."""
-        return np.concatenate([self._indices(log.rows) for log in self.logs(k)])
+        return np.concatenate([self.indices(log.rows) for log in self.logs(k)])
 
-    def noise(self, k: int) -> LogNoise:
-        """The noise of output ``k``, whose colour is learnt."""
-        return LogNoise(tuple(stretches([log.time for log in self.logs(k)])))
+    def tables(self, k: int) -> Logs:
+        """The logs of output ``k`` in tables of its samples, whose noise has a colour."""
+        return Logs(tuple(stretches([log.time for log in self.logs(k)])))
 
     def times(self, k: int) -> Array:
         """(N,) instants of the samples of output ``k``, s."""
@@ -101,5 +101,6 @@ class OutputResiduals:
         return np.asarray((table / size)[self.measured_at])
 
     @staticmethod
-    def _indices(rows: slice | Indices) -> Indices:
+    def indices(rows: slice | Indices) -> Indices:
+        """Rows as numbers."""
         return np.arange(rows.start, rows.stop) if isinstance(rows, slice) else np.asarray(rows)

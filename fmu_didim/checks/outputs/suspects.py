@@ -119,7 +119,7 @@ def _rates(found: OutputResiduals) -> Array:
     table = np.zeros(found.outputs.shape)
     for k in range(len(found.names)):
         for log in found.logs(k):
-            rows = found._indices(log.rows)
+            rows = found.indices(log.rows)
             table[rows, k] = np.gradient(found.outputs[rows, k], log.time)
     return table
 
@@ -131,7 +131,7 @@ def _starts(found: OutputResiduals) -> Iterator[Suspect]:
             table = np.zeros(found.outputs.shape)
             for log in found.logs(k):
                 constant = count * float(np.median(np.diff(log.time)))
-                table[found._indices(log.rows), k] = np.exp(-(log.time - log.time[0]) / constant)
+                table[found.indices(log.rows), k] = np.exp(-(log.time - log.time[0]) / constant)
             unit, many = found.units[k], count * float(np.median(np.diff(found.logs(k)[0].time)))
 
             def moved(_: OutputResiduals, a: float, table: Array = table) -> Array:

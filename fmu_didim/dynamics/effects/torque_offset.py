@@ -2,6 +2,7 @@ import casadi as ca
 
 from fmu_didim.dynamics.effects.base import TorqueEffect
 from fmu_didim.dynamics.effects.joint import Parameter, Surroundings, Values
+from fmu_didim.dynamics.effects.stated_size import of_peak
 
 
 class TorqueOffset(TorqueEffect):
@@ -17,6 +18,7 @@ class TorqueOffset(TorqueEffect):
         "Hold the joint at rest at several positions: an offset stays, Coulomb friction of either direction does not."
     )
     source = "Gautier, Janot, Vandanjon: DIDIM, section 2"
+    stated = of_peak("an offset of the torque")
     own_parameters = (Parameter("offset", "torque", "torque offset"),)
 
     def columns(self, at: Surroundings, shapes: Values) -> tuple[ca.SX, ...]:

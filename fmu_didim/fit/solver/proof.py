@@ -28,6 +28,11 @@ OFF = 0.1
 """[standard deviations] By which the minimum may lie off: that changes no conclusion."""
 CURVATURE = (0.3, 3.0)
 """[1] Range of the rise of chi-square over the one that the sensitivity says: outside, either of both is wrong."""
+FARTHER = (3.0, 10.0)
+"""[standard deviations] At which the error must not be lower than at the answer either: a ripple of a rough model has
+minima, and deviations, of its own."""
+LOWER = 0.1
+"""[chi-square] By which it must be lower to count: it changes no conclusion."""
 NEGLIGIBLE = 1e-9
 """[1] Rise of chi-square, relative to it, that rounding hides: of data without noise, whose deviations are rounding."""
 MOST_NAMED = 0.3
@@ -104,12 +109,26 @@ def _along(fit: Fit, step: Array) -> tuple[float, float] | None:
         rise = (above + below) / 2
         off, curvature = size * (below - above) / (4 * rise) if rise > 0 else np.inf, rise / size**2
         if abs(off) <= OFF and CURVATURE[0] <= curvature <= CURVATURE[1]:
-            return None
+            lower = _lower_farther(fit, step, here)
+            return None if lower is None else (lower, curvature)
         if not np.isfinite(best[0]) or abs(off) < abs(best[0]):
             best = off, curvature
     if np.isnan(best[0]) and here is not None and _touches(fit, step):
         return None  # between limits closer than that: they decide
     return best
+
+
+def _lower_farther(fit: Fit, step: Array, here: float) -> float | None:
+    """How far off along a step, in standard deviations, the error is lower than at the answer; None where it is not."""
+    low, high = fit.model.free_parameters.limits
+    for size in (sign * far for far in FARTHER for sign in (1, -1)):
+        end = fit.values + size * step
+        if (end < low).any() or (end > high).any():
+            continue
+        cost = _cost(fit, end)
+        if cost is not None and cost < here - LOWER:
+            return size
+    return None
 
 
 def _touches(fit: Fit, step: Array) -> bool:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -9,6 +11,7 @@ from fmu_didim.base.errors import IdentificationError
 from fmu_didim.data.signals import trajectory
 from fmu_didim.fit.estimate import RefusedError, Status
 from fmu_didim.fit.noise.noise import motion_frequency
+from fmu_didim.fit.solver.proof import unproven
 from tests.case.calibration.models import case_of, noisy, steps_of_lag
 
 TIME = np.linspace(0, 20, 101)
@@ -71,3 +74,23 @@ def test_a_reference_that_rests_but_for_rounding_has_no_frequency() -> None:
     assert motion_frequency(trajectory(time, {"q1": 0.3 + 0 * time}), 1) == 0.0
     speed = 1e-165 * np.sin(30 * time)
     assert motion_frequency(trajectory(time, {"q1": 0.3 + 0 * time, "dq1": speed}), 1) == 0.0
+
+
+def test_a_point_beside_the_minimum_is_none_and_the_minimum_is_one() -> None:
+    log = noisy(TIME, {"X": np.exp(-0.1 * TIME)}, 0.01, 3)
+    case = case_of("root", {"log": log}, measured="log", identify={"k": {"start": 0.02}, "X0": {}})
+    found = case.estimator.estimate(case.model)
+    assert found.fit is not None
+    assert unproven(found.fit) is None
+    for sigmas, told in ((0.02, False), (0.5, True)):
+        values = found.value + sigmas * found.standard_deviation * [1.0, 0.0]
+        beside = replace(found.fit, model=found.fit.model.with_values(values), values=values)
+        doubt = unproven(beside)
+        assert (doubt is not None) == told
+        if doubt is not None:
+            assert "still falling" in doubt.text
+            assert 0.3 < abs(doubt.off) < 1.0
+    wrong = replace(found.fit, jacobian=3 * found.fit.jacobian)
+    doubt = unproven(wrong)
+    assert doubt is not None
+    assert "not those of the model" in doubt.text

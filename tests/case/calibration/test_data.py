@@ -11,8 +11,14 @@ import pytest
 
 from fmu_didim.base.errors import InputError
 from fmu_didim.case import Case
-from fmu_didim.data.signals import Array, Trajectory, trajectory
+from fmu_didim.case.calibration.inputs import read_inputs
+from fmu_didim.case.calibration.model import whole_numbers
+from fmu_didim.case.sources import InputsFile
+from fmu_didim.components.fmu import load_fmu
+from fmu_didim.data.signals import Array, Trajectory, Variable, trajectory
 from fmu_didim.fit.estimate import Estimate
+from tests.awkward.build import library, pack
+from tests.awkward.versions import TYPED_2
 from tests.case.calibration.models import case_of, noisy, ramp_of_lag, steps_of_lag
 
 TRUTH: Mapping[str, float] = {"T": 1.5, "k": 2.0, "y0": 0.5}
@@ -186,3 +192,15 @@ def test_a_held_out_run_is_judged_and_not_fitted() -> None:
     alone = case_of("lag", signals, experiments={"a": runs["a"]}, identify={name: {} for name in TRUTH})
     both = case_of("lag", signals, experiments=runs, identify={name: {} for name in TRUTH})
     np.testing.assert_array_equal(estimated(alone).value, estimated(both).value)
+
+
+def test_inputs_that_are_no_real_numbers_are_held(tmp_path: Path) -> None:
+    """A gear and a switch stay where they are until the next row, where the real input follows its straight line."""
+    pack(tmp_path / "typed2.fmu", TYPED_2, library("typed2"))
+    assert whole_numbers(load_fmu(tmp_path / "typed2.fmu")) == {"gear", "on", "mode"}
+    rows = trajectory(np.array([0.0, 4.0, 9.0]), {"gear": np.array([1.0, 3.0, 3.0]), "u": np.array([0.0, 4.0, 9.0])})
+    driven = read_inputs(InputsFile(file="u"), Path(), {"gear": Variable("gear"), "u": Variable("u")},
+                         held={"gear"}, signals={"u": rows})  # fmt: skip
+    at = np.array([1.0, 3.9, 4.0, 5.0])
+    assert driven.by_name["gear"].at(at).tolist() == [1.0, 1.0, 3.0, 3.0]
+    np.testing.assert_allclose(driven.by_name["u"].at(at), at)

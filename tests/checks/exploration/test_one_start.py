@@ -17,8 +17,8 @@ from tests.estimators.search.waves import NOISE, wave_case
 
 TOLD_APART = 4.0
 """[chi-square] By which the truth must fit better, so that an answer is wrong by these data: 5 % by chance."""
-CODES = {"lower-minimum", "residual-far-from-white"}
-"""Of the doubts that are about it."""
+CODES = {"lower-minimum"}
+"""Of the doubt that is about it."""
 
 
 def reasons(result: Result) -> set[str]:

@@ -17,7 +17,6 @@ from fmu_didim.checks.motion.dependence import (
     OwnColours,
     dependence,
     dependence_of_fit,
-    independent,
     motion_dependence,
     motion_diagnostics,
 )
@@ -206,10 +205,20 @@ def test_the_larger_a_misfit_the_clearer(name, colour):
         assert (np.diff(gains) > -0.1).all(), "the criterion itself, where functions follow all of it"
 
 
+def test_what_shows_in_the_first_samples_alone_is_told():
+    """A transient of 12 samples. Only those are left out that the colour needs as its past: none of white noise, some
+    where it seems to have a colour by chance; 26 if the longest past was taken."""
+    transient = np.exp(-TIME / 0.3)
+    motion = np.column_stack([MOTION, transient])
+    told = [chance(drawn("white", seed) + 5 * transient, motion) < 0.001 for seed in range(10)]
+    assert np.mean(told) >= 0.8
+
+
 def gain(residual):
-    """Of the criterion, by all functions."""
-    tested = OwnColours.of(residual, independent(SENSITIVITY), WITH_OFFSET, of_logs(TIME))
-    return tested.alone.criterion - tested.beside(range(7)).criterion
+    """Of the criterion, by all functions, at the same samples."""
+    columns = Columns(of_logs(TIME), np.column_stack([SENSITIVITY, residual, WITH_OFFSET]))
+    alone = columns.colour(3, range(3))
+    return alone.criterion - columns.colour(3, [0, 1, 2, *range(4, 11)], alone.orders).criterion
 
 
 @pytest.mark.parametrize(("shape", "most"), [(MOTION[:, 0], "a"), (MOTION[:, 0] + 0.5 * MOTION[:, 3], "ad")])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+from importlib.abc import MetaPathFinder
 from pathlib import Path
 
 import numpy as np
@@ -93,9 +94,14 @@ def test_without_bounds_it_asks_for_them() -> None:
 
 
 def test_without_salib_it_says_how_to_get_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Absent(MetaPathFinder):
+        def find_spec(self, fullname: str, path: object, target: object = None) -> None:
+            if fullname == "SALib":
+                raise ModuleNotFoundError("No module named 'SALib'", name="SALib")
+
     for name in [name for name in sys.modules if name.partition(".")[0] == "SALib"]:
         monkeypatch.delitem(sys.modules, name)
-    monkeypatch.setitem(sys.modules, "SALib", None)
+    monkeypatch.setattr(sys, "meta_path", [Absent(), *sys.meta_path])
     case = heater_case(STEPS)
     with pytest.raises(InputError, match="need SALib") as caught:
         screened(case.model, case.model.start, "morris", InThisProcess(case.estimator, case.model))

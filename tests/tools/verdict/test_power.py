@@ -21,6 +21,15 @@ def test_twice_the_stated_size_is_doubted_and_a_third_of_it_is_not(robot: str) -
     assert np.mean([one.is_doubted for one in smaller]) < 0.3
 
 
+@pytest.mark.gate
+@pytest.mark.parametrize("times", [3.0, 10.0])
+def test_a_larger_offset_is_doubted_too(times: float) -> None:
+    """It is as slow as slow noise, and the larger the more the residual looks like it: ten times the stated size passed
+    as coloured noise in all draws."""
+    found = [one for seed in (1, 2) for one in draws("scara", seed, {"torque_offset"}, times=times)]
+    assert [one.is_doubted for one in found] == [True, True]
+
+
 @pytest.mark.slow
 def test_stated_sizes_are_doubted_in_seventy_to_ninety_of_a_hundred_draws() -> None:
     assert main(["--draws", "50"]) == 0
