@@ -77,8 +77,16 @@ DECIDING = (
 )
 """Constants on which an identification depends, by module."""
 OF_ROBOTS = (
-    torque_channel, timing, reference_start, initial_states, periods, dependence, colour, sampling_kind, held_out
-)  # fmt: skip
+    torque_channel,
+    timing,
+    reference_start,
+    initial_states,
+    periods,
+    dependence,
+    colour,
+    sampling_kind,
+    held_out,
+)
 """Modules of which nothing is asked where a model has neither controller nor torque."""
 OF_OUTPUTS = (
     *((module, names) for module, names in DECIDING if module not in OF_ROBOTS and module is not physical),
