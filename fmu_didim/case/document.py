@@ -14,6 +14,7 @@ from pydantic import Field, TypeAdapter, ValidationError, ValidationInfo, field_
 from fmu_didim.base.documents import AlsoWritten, Positive, Strict, read_document
 from fmu_didim.base.entry_words import details_of, in_words
 from fmu_didim.case.sources import (
+    AnyMeasured,
     ComponentSource,
     DataFile,
     ExperimentSource,
@@ -21,7 +22,6 @@ from fmu_didim.case.sources import (
     InputsFile,
     Loop,
     LowPassSource,
-    MeasuredFile,
     PriorSource,
     SystemSource,
     one_or_several,
@@ -105,7 +105,7 @@ class CaseDocument(Strict):
     description: str = ""
     model: Annotated[ComponentSource, AlsoWritten(("string",))] | None = None
     inputs: Annotated[InputsFile, AlsoWritten(("string",))] | None = None
-    measured: MeasuredFile | tuple[MeasuredFile, ...] = ()
+    measured: AnyMeasured | tuple[AnyMeasured, ...] = ()
     robot: str | None = None
     identify: Mapping[str, IdentifiedParameter] | None = None
     plant: ComponentSource = ComponentSource()

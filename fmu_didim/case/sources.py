@@ -315,6 +315,9 @@ class MeasuredFile(SignalFile):
         )  # fmt: skip
 
 
+AnyMeasured = Annotated[MeasuredFile, AlsoWritten(("string",))]
+
+
 def one_or_several(value: Any, handler: Any) -> Any:
     """A measured file or a list of them; only one of the two forms is tried, so that its own errors are shown."""
     if isinstance(value, Mapping | str):
@@ -354,7 +357,7 @@ class ExperimentSource(Strict):
     torque: TorqueFile | None = None
     positions: SignalFile | None = None
     instants: Annotated[InstantsFile, AlsoWritten(("string",))] | None = None
-    measured: MeasuredFile | tuple[MeasuredFile, ...] = ()
+    measured: AnyMeasured | tuple[AnyMeasured, ...] = ()
     role: Role = "estimation"
     from_s: float | None = None
     to_s: float | None = None
