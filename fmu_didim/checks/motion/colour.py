@@ -214,10 +214,13 @@ def _colour(table: Array, logs: Logs, memory: int, most: Sequence[int]) -> Colou
 
 def _least_squares(columns: Array, target: Array) -> Array:
     """(m,) of a target (N,) by columns (N, m) that are independent."""
-    if not columns.shape[1]:
-        return np.zeros(0)
     basis, r = np.linalg.qr(columns)
-    return np.asarray(linalg.solve_triangular(r, basis.T @ target))
+    return _solved(r, basis.T @ target)
+
+
+def _solved(triangle: Array, right: Array) -> Array:
+    """x (m,) of an upper triangle (m, m) x = right; older SciPy refuses an empty one."""
+    return np.asarray(linalg.solve_triangular(triangle, right)) if right.size else np.zeros(0)
 
 
 def _of_rest(rest: Array, logs: Logs, memory: int, most: Sequence[int], used: int) -> Colour:
@@ -239,7 +242,8 @@ def _autoregression(past: Array, used: int) -> tuple[Array, float]:
     squares = np.append(squares, np.zeros(longest + 1 - squares.size))
     costs = [order_cost(count, order, used) for order in range(longest + 1)]
     order = int(np.argmin(count * np.log(np.maximum(squares, TINY)) + costs))
-    return linalg.solve_triangular(r[:order, :order], along[:order]), float(np.sqrt(squares[order] / count))
+    deviation = float(np.sqrt(squares[order] / count))
+    return _solved(r[:order, :order], along[:order]), deviation
 
 
 def orthonormal(columns: Array) -> Array:
