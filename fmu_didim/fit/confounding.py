@@ -28,9 +28,6 @@ STEP_ALONG = 0.01
 INFLATION = 10.0
 """[1] Ratio of the standard deviation to that with all others known, from which a parameter is unknown because of
 others."""
-ANOTHER_MOTION = "another payload, gain or motion"
-OTHER_INPUTS = "inputs that move otherwise, or another output"
-"""What an experiment has that separates parameters, of a loop and of any model."""
 
 
 def shown_directions(columns: Array) -> tuple[Array, Array]:
@@ -80,17 +77,14 @@ def confounded(columns: Array, values: Array, names: Sequence[str], *, torque: f
     return tuple(names[i] for i in sorted(found))
 
 
-def refuse_confounded(
-    columns: Array, values: Array, names: Sequence[str], *, torque: float, other: str = ANOTHER_MOTION
-) -> None:
-    """Raise IdentificationError with the names of what :func:`confounded` finds; ``other``: what an experiment that
-    separates them has."""
+def refuse_confounded(columns: Array, values: Array, names: Sequence[str], *, torque: float) -> None:
+    """Raise IdentificationError with the names of what :func:`confounded` finds."""
     found = confounded(columns, values, names, torque=torque)
     if found:
         raise IdentificationError(
             "The data cannot tell some parameters apart.", got=", ".join(found), where="identify",
             next_step="Leave one of them out (its value is then taken as known), or add an experiment that separates "
-            f"them, with {other}.",
+            "them, with another payload, gain or motion.",
         )  # fmt: skip
 
 

@@ -8,6 +8,7 @@ from fmu_didim.base.errors import SimulationError
 from fmu_didim.components import FmuComponent
 from fmu_didim.components.fmu.chosen import visible, with_outputs_too
 from fmu_didim.components.fmu.description import REAL_TYPES
+from fmu_didim.components.variable_names import START
 from fmu_didim.cosim import Recording, measured_output
 from fmu_didim.data.signals import Array
 from fmu_didim.model.loop_model import LoopModel
@@ -20,7 +21,6 @@ ASKED = 300
 """[variables] Of an FMU that are looked at beside what was measured: each costs a read at every tick."""
 NAMED = 4
 """[names] That a message lists."""
-START = ".start"
 
 
 def idle_parameters(model: LoopModel, values: Array, asked: list[int]) -> list[int]:

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import csv as csv_module
 import math
-from collections.abc import Callable
+from collections import Counter
+from collections.abc import Callable, Iterator
 from math import nan
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -95,6 +98,31 @@ def test_what_nobody_can_know_is_refused(tmp_path: Path, text: str, problem: str
     with pytest.raises(InputError, match=problem) as caught:
         read_table(csv(tmp_path / "a.csv", text))
     assert "a.csv" in str(caught.value)
+
+
+def test_a_layout_that_does_not_fit_is_left_early(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A long log is read once, not once for each layout."""
+    rows, read = 5000, Counter[str]()
+
+    class Counting:
+        def __init__(self, *arguments: Any, **options: Any) -> None:
+            self.own, self.delimiter = reader(*arguments, **options), options["delimiter"]
+
+        def __iter__(self) -> Iterator[list[str]]:
+            for row in self.own:
+                read[self.delimiter] += 1
+                yield row
+
+        @property
+        def line_num(self) -> int:
+            return int(self.own.line_num)
+
+    reader = csv_module.reader
+    monkeypatch.setattr(csv_module, "reader", Counting)
+    text = "t;a;b\n" + "".join(f"{k};{k}.5;\n" for k in range(rows))
+    assert read_table(csv(tmp_path / "a.csv", text)).columns["a"].size == rows
+    assert read.pop(";") < 3 * rows
+    assert max(read.values()) < rows // 4  # 500 lines without numbers, with either decimal sign
 
 
 EMPTY = [

@@ -133,12 +133,11 @@ def _parsed(lines: list[str], delimiter: str, decimal: str, skipped: int) -> _Pa
     data: list[list[float]] = []
     count = 0
     calendar = Calendar()
-    rows = list(_rows(lines, delimiter))
-    for place, (number, cells) in enumerate(rows):
+    for number, cells in _rows(lines, delimiter):
         if not data:
             calendar = Calendar()  # text above the numbers is not one of their stamps
             count = len(_closed(cells))
-            if len(cells) > count and _opens_a_cell(rows, place, before):
+            if len(cells) > count and _opens_a_cell(lines, delimiter, len(cells), before):
                 count += 1
         cells = cells[:-1] if len(cells) == count + 1 and not cells[-1] else cells
         numbers = _numbers(cells, decimal, calendar if calendar.columns or not data else None)
@@ -177,13 +176,12 @@ def _closed(cells: list[str]) -> list[str]:
     return cells[:-1] if len(cells) > 1 and not cells[-1] else cells
 
 
-def _opens_a_cell(rows: list[tuple[int, list[str]]], place: int, before: list[tuple[int, list[str]]]) -> bool:
-    """Whether the delimiter at the end of the first row of numbers opens an empty cell: the line of names above has a
-    name for it, or without such a line some other row has a number there."""
-    count = len(rows[place][1])
+def _opens_a_cell(lines: list[str], delimiter: str, count: int, before: list[tuple[int, list[str]]]) -> bool:
+    """Whether the delimiter at the end of the first row of numbers, of so many cells, opens an empty one: the line of
+    names above has a name for it, or without such a line some other row has a number there."""
     if before:
         return any(len(names) == count for _, names in before[-2:])  # the last one may have the units
-    return any(len(cells) == count and cells[-1] for _, cells in rows[place + 1 :])
+    return any(len(cells) == count and cells[-1] for _, cells in _rows(lines, delimiter))
 
 
 def _numbers(cells: list[str], decimal: str, calendar: Calendar | None = None) -> list[float] | None:
