@@ -170,12 +170,11 @@ class Case:
             needed=self.needed, signals=self.signals,
         ).signals  # fmt: skip
 
-    def system(self, reference: Trajectory, *, at_instants: bool = False) -> System:
-        """The loop of the case along a reference, whose rows are the instants of the controller or a period apart."""
+    def system(self, label: str, reference: Trajectory) -> System:
+        """The loop of an experiment along its reference, whose rows are the instants of the controller or a period
+        apart."""
         if self.data is not None:
-            data = self.data
-            own = model_system(self.plant, reference, self.step_size, at_instants=data.at_instants, ramps=data.ramps)
-            return with_reading(own, self.document)
+            return with_reading(model_system(self.plant, self.data, label), self.document)
         system = self.base
         if system is None:
             assert self.controller is not None  # the document says so
@@ -185,7 +184,7 @@ class Case:
             system = with_inserted_effects(system, self.robot, plant=self.plant_name)
         system = with_drive_gains(system, self.document, self.robot, plant=self.plant_name)
         system = with_reading(system, self.document)
-        return at_instants_of(system) if at_instants else system
+        return system if self.document.runs[label].instants is None else at_instants_of(system)
 
     @property
     def plant_name(self) -> str:
@@ -195,12 +194,8 @@ class Case:
     def model_on(self, experiments: Mapping[str, Experiment]) -> LoopModel:
         """The loop of the case with data, those for the estimation first."""
         document = self.document
-        changes = {label for label, run in document.runs.items() if run.instants is not None}
         shown = () if self.data is None else tuple(f"{MODEL}.{name}" for name in self.data.together)
-        systems = {
-            label: self.system(experiment.reference, at_instants=label in changes)
-            for label, experiment in experiments.items()
-        }
+        systems = {label: self.system(label, experiment.reference) for label, experiment in experiments.items()}
         first = next(iter(systems.values()))
         low_pass = document.low_pass
         return LoopModel(
@@ -391,7 +386,7 @@ def _of_a_model(case: Case, data: CalibrationData) -> LoopModel:
     experiments = {}
     for label in data.runs:
         reference = case.reference(label)
-        experiments[label] = calibration_experiment(data, label, case.system(reference), reference)
+        experiments[label] = calibration_experiment(data, label, case.system(label, reference), reference)
     model = case.model_on(experiments)
     samples, values = int(model.output_counts.sum()), model.start.size
     if samples <= values:
@@ -408,7 +403,7 @@ def _with_channels(case: Case, label: str, experiment: Experiment) -> Experiment
     source = case.document.runs[label]
     if not source.measured_files:
         return experiment
-    system = case.system(experiment.reference)
+    system = case.system(label, experiment.reference)
     channels, told = read_channels(
         source, case.folder, experiment.reference, system, plant=case.plant_name,
         torque_units=case.parameters.torque_units, label=label, signals=case.signals,

@@ -89,8 +89,8 @@ class Loop:
     def holds_ramps(self) -> bool:
         """Whether the plant holds inputs that are linear between their rows, so that the length of its steps counts."""
         plant = self.plant
-        ramps = next(iter(self.systems.values())).ramps
-        return bool(ramps) and plant.sample_time is None and plant.takes_any_step and not plant.follows_ramps
+        ramps = any(system.ramps for system in self.systems.values())
+        return ramps and plant.sample_time is None and plant.takes_any_step and not plant.follows_ramps
 
     @cached_property
     def labels(self) -> tuple[str, ...]:

@@ -33,7 +33,7 @@ def recorded(tmp_path: Path, change: Any) -> tuple[Any, Recording]:
     path.write_text(yaml.safe_dump(document))
     case = load_case(path, require_torque=False)
     reference = case.reference("estimation")
-    system = case.system(reference)
+    system = case.system("estimation", reference)
     return system, simulate(system, reference, ticks=np.arange(0, 400, 4))
 
 

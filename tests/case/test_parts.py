@@ -143,7 +143,7 @@ def test_the_loop_is_that_of_the_equations(tmp_path: Path) -> None:
         document["components"][name]["parameters"] = values
     case = load_case(document, folder=tmp_path)
     reference = case.reference("estimation")
-    system = case.system(reference)
+    system = case.system("estimation", reference)
     assert system.order == ("pd", "motor", "load")
     assert system.step_size == 1 / RATE  # the only one that is sampled says so
     found = simulate(system, reference)

@@ -66,3 +66,22 @@ def test_steps_are_halved_to_a_limit(folder: Path) -> None:
     assert counts == [1, 2, 4, 8, 16, 32, 64]
     ratios = np.array(errors[:4]) / np.array(errors[1:5])
     np.testing.assert_allclose(ratios, 4.0, rtol=0.1)  # the error falls with the square of the step
+
+
+@pytest.mark.parametrize("interface", ["model-exchange", "co-simulation"])
+@pytest.mark.parametrize("first", ["linear", "held"])
+def test_each_experiment_has_its_own_interpolation(folder: Path, interface: str, first: str) -> None:
+    """A zigzag at a row a step: what one experiment holds differs from what goes straight in the other."""
+    kinds = {"one": first, "two": "held" if first == "linear" else "linear"}
+    runs = {
+        label: {"inputs": {"file": "inputs.csv", "interpolation": kind}, "measured": "outputs.csv"}
+        for label, kind in kinds.items()
+    }  # fmt: skip
+    document = {k: v for k, v in content(interface).items() if k not in ("inputs", "measured")}
+    model = load_case({**document, "experiments": runs}, folder=folder).model
+    assert model.loop.holds_ramps == (interface == "co-simulation")
+    for _ in range(4):
+        model = model.twice_as_fine() or model
+    for label, kind in kinds.items():
+        got = model.torque(np.array([RATE]), label)[:, 0]
+        assert np.abs(got - exact(zigzag(200), ramps=kind == "linear")).max() < 1e-3

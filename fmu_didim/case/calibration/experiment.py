@@ -50,14 +50,6 @@ class CalibrationData:
         """Whether the ticks have no common step."""
         return any(one.step is None for one in self.ticks.values())
 
-    @property
-    def ramps(self) -> frozenset[str]:
-        """The inputs that are linear between their rows, in all experiments."""
-        drives = [run.inputs.by_name for run in self.runs.values()]
-        return frozenset(name for by_name in drives for name, one in by_name.items() if one.is_linear) - frozenset(
-            name for by_name in drives for name, one in by_name.items() if not one.is_linear
-        )
-
     def reference(self, label: str) -> Trajectory:
         """The inputs of an experiment at its ticks."""
         return self.runs[label].inputs.along(self.ticks[label].time)
@@ -124,15 +116,18 @@ def _together(runs: Mapping[str, Run]) -> tuple[str, ...]:
     return tuple(name for name in everywhere if keys[name] == keys[best])
 
 
-def model_system(
-    model: Component, reference: Trajectory, step: float, *, at_instants: bool, ramps: frozenset[str] = frozenset()
-) -> System:
-    """The system of a model alone: its inputs come from the columns of the reference, ``ramps`` on straight lines."""
-    wires = tuple(Connection(f"{REFERENCE}.{name}", f"{MODEL}.{name}") for name in reference.names)
+def model_system(model: Component, data: CalibrationData, label: str) -> System:
+    """The system of a model alone in an experiment: its inputs come from the columns of the reference, those that are
+    linear between their rows on straight lines."""
+    inputs = data.runs[label].inputs.by_name
     return System(
-        components={MODEL: model}, connections=wires, order=(MODEL,), step_size=step, at_instants=at_instants,
-        ramps=ramps,
-    )  # fmt: skip
+        components={MODEL: model},
+        connections=tuple(Connection(f"{REFERENCE}.{name}", f"{MODEL}.{name}") for name in inputs),
+        order=(MODEL,),
+        step_size=data.step,
+        at_instants=data.at_instants,
+        ramps=frozenset(name for name, one in inputs.items() if one.is_linear),
+    )
 
 
 def calibration_experiment(data: CalibrationData, label: str, system: System, reference: Trajectory) -> Experiment:

@@ -416,7 +416,7 @@ class TestInARobotDescription:
         case = load_case(plain, require_torque=False)
         motion = case.reference("estimation")
         plant = {f"{n}_start{j}": motion.select([f"{n}{j}"])[0, 0] for n in ("q", "dq") for j in (1, 2)}
-        system = case.system(motion)
+        system = case.system("estimation", motion)
         system = system.replace("plant", system.components["plant"].with_parameters(plant))
         system = insert_effect(system, EFFECTS["actuator_lag"], 2, "revolute", values={"T": 0.008})  # type: ignore[arg-type]
         recorded = simulate(system, motion)
