@@ -186,6 +186,21 @@ class Case:
         system = with_reading(system, self.document)
         return system if self.document.runs[label].instants is None else at_instants_of(system)
 
+    def with_channels(self, label: str, experiment: Experiment) -> Experiment:
+        """An experiment of a robot with what else was measured of its run.
+
+        Raises:
+            InputError: a file is missing or does not fit.
+        """
+        source = self.document.runs[label]
+        if not source.measured_files:
+            return experiment
+        channels, told = read_channels(
+            source, self.folder, experiment.reference, self.system(label, experiment.reference), plant=self.plant_name,
+            torque_units=self.parameters.torque_units, label=label, signals=self.signals,
+        )  # fmt: skip
+        return replace(experiment, channels=channels, told=tuple(dict.fromkeys((*experiment.told, *told))))
+
     @property
     def plant_name(self) -> str:
         """Name of the plant in the loop."""
@@ -371,7 +386,7 @@ def _with_data(case: Case) -> LoopModel:
         )
         for label, run in document.runs.items() if run.role == "estimation" or run.torque is not None
     }  # fmt: skip
-    experiments = {label: _with_channels(case, label, experiment) for label, experiment in experiments.items()}
+    experiments = {label: case.with_channels(label, experiment) for label, experiment in experiments.items()}
     for name in document.loop.injections.values():
         if not any(name in e.reference.names for e in experiments.values()):
             known = next(iter(experiments.values())).reference.names
@@ -396,19 +411,6 @@ def _of_a_model(case: Case, data: CalibrationData) -> LoopModel:
             next_step="Give further samples or outputs, or take parameters out of identify:.",
         )  # fmt: skip
     return model
-
-
-def _with_channels(case: Case, label: str, experiment: Experiment) -> Experiment:
-    """The experiment with what else was measured of its run."""
-    source = case.document.runs[label]
-    if not source.measured_files:
-        return experiment
-    system = case.system(label, experiment.reference)
-    channels, told = read_channels(
-        source, case.folder, experiment.reference, system, plant=case.plant_name,
-        torque_units=case.parameters.torque_units, label=label, signals=case.signals,
-    )  # fmt: skip
-    return replace(experiment, channels=channels, told=tuple(dict.fromkeys((*experiment.told, *told))))
 
 
 def _check(document: CaseDocument, model: LoopModel, estimator: Estimator) -> None:

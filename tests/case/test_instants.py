@@ -14,7 +14,7 @@ from fmu_didim import Log, identify, simulate
 from fmu_didim.base.errors import FmuDidimError, InputError
 from fmu_didim.case import Case, load_case
 from fmu_didim.checks.data.checks import data_diagnostics
-from fmu_didim.data.signals import write_csv
+from fmu_didim.data.signals import trajectory, write_csv
 from fmu_didim.fit.derivatives.sensitivity import sensitivity
 from fmu_didim.workflow.validate import mistakes
 from tests.cases import SCARA, TRUTH, scara_case
@@ -101,6 +101,17 @@ def test_sensitivities_are_those_of_differences(delay: float) -> None:
         pair = [model.torque(values + sign * step * (np.arange(values.size) == i)) for sign in (1, -1)]
         wanted = (pair[0] - pair[1]) / (2 * step)
         np.testing.assert_allclose(found[:, :, i], wanted, rtol=0, atol=2e-4 * np.abs(wanted).max() + 1e-7)
+
+
+def test_what_is_measured_beside_the_torque_follows_the_instants(tmp_path: Path) -> None:
+    times = np.arange(0.0, 9.0, 0.037)
+    write_csv(trajectory(times, {"q1": 0 * times}), tmp_path / "encoder.csv")
+    run = {"reference": content()["train"]["reference"], "instants": slowing(), "torque": {"file": logged()}}
+    measured = {"file": str(tmp_path / "encoder.csv")}
+    model = load_case({**content(), "train": {**run, "measured": measured}}, folder=SCARA.parent).model
+    got = model.simulation(model.start, "estimation").channels()["q1"]
+    moved = simulate(case(slowing()))
+    np.testing.assert_allclose(got, np.interp(times, slowing(), moved.column("q1")), rtol=0, atol=1e-9)
 
 
 # ---- the reference at the instants -------------------------------------------------------------------

@@ -13,7 +13,6 @@ import numpy as np
 import pytest
 
 from fmu_didim.base.errors import InputError
-from fmu_didim.campaigns.planning.truth import simulated_truth
 from fmu_didim.case import Case, load_case
 from fmu_didim.checks.channels import channel_diagnostics
 from fmu_didim.checks.validation import validate
@@ -184,13 +183,3 @@ def test_discovery_looks_at_all_that_was_measured(written: Path, monkeypatch: py
     with pytest.raises(InterruptedError):
         discover(case)
     assert seen[0].experiments.channels == ("q1", "q2")
-
-
-def test_campaigns_refuse_it(written: Path) -> None:
-    case = with_file(written)
-    content = {
-        **case.content,
-        "train": {**case.content["train"], "torque": {"file": str(case.folder / "train_200hz.csv")}},
-    }
-    with pytest.raises(InputError, match="Leave measured: out"):
-        simulated_truth(content, case.folder)

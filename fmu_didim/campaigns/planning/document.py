@@ -119,7 +119,7 @@ class Noise(Strict):
             part of how far that deviates from its mean; std: in N.m or N, one a joint, or in its unit, one an output.
         coloured: part of its power that is a first-order autoregression with the memory ``memory_s``.
         memory_s: time in s after which the coloured part is correlated by 1/e.
-        position_std: of simulated positions, in rad or m, for all joints.
+        position_std: of simulated positions, in rad or m, for all joints; not where the case states ``std`` of them.
     """
 
     relative: Annotated[float, Field(ge=0)] | None = None

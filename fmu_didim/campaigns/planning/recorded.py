@@ -1,19 +1,22 @@
-"""Simulated data of a model: its outputs with true values of its parameters, at the instants of what was measured.
+"""Simulated outputs of a model, or of a robot beside its torque: at the instants of what was measured, with true values
+of the parameters.
 
 y = sampled output of the true model + s_i e,   e of variance one, as of :mod:`fmu_didim.campaigns.planning.truth`
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from fmu_didim.base.errors import InputError
+from fmu_didim.campaigns.planning.document import Noise
 from fmu_didim.case import Case
 from fmu_didim.data.signals import Array
+from fmu_didim.model.loop_model import Simulation
 
 SHORT = {"model": "source", "inputs": "file", "measured": "file"}
 """Entries that are written short as a name alone -> the key of it, under which paths of a campaign go on."""
@@ -22,11 +25,13 @@ RUNS = ("train", "validation")
 
 @dataclass(frozen=True)
 class SimulatedOutput:
-    """An output without noise: its instants (N,), s, and values (N,), and its name in the model."""
+    """An output without noise: its instants (N,), s, and values (N,), its name in the model, and the standard deviation
+    of its noise where the case states it."""
 
     name: str
     time: Array
     values: Array
+    stated: float | None = None
 
 
 def written_out(content: Mapping[str, Any]) -> dict[str, Any]:
@@ -60,9 +65,30 @@ def simulated_outputs(case: Case) -> dict[str, list[SimulatedOutput]]:
         log = model.torque(model.start, label)
         found[label] = [SimulatedOutput(n, experiment.time, log[:, j]) for j, n in enumerate(model.loop.labels)]
         if experiment.channels:
-            channels = model.simulation(model.start, label).channels()
-            found[label] += [SimulatedOutput(c.name, c.time, channels[c.name]) for c in experiment.channels]
+            found[label] += simulated_channels(model.simulation(model.start, label))
     return found
+
+
+def simulated_channels(run: Simulation) -> list[SimulatedOutput]:
+    """What a run gives for each signal that was measured beside what the log shows."""
+    values = run.channels()
+    return [SimulatedOutput(c.name, c.time, values[c.name], c.deviation) for c in run.experiment.channels]
+
+
+def channel_deviation(one: SimulatedOutput, noise: Noise) -> float:
+    """Standard deviation of the noise of a signal of a robot: as its case states it; else the campaign, of a position.
+
+    Raises:
+        InputError: neither does.
+    """
+    if one.stated is not None:
+        return one.stated
+    if one.name.startswith("q") and one.name[1:].isdigit():
+        return noise.position_std
+    raise InputError(
+        "Nothing says how much noise a simulated signal has.", where=f"measured: {one.name}", got="no std",
+        next_step=f"State it in the case: measured: {{..., std: {{{one.name}: ...}}}}.",
+    )  # fmt: skip
 
 
 def outputs_deviation(
@@ -97,15 +123,20 @@ def with_simulated_outputs(content: Mapping[str, Any], outputs: Mapping[str, lis
     result = dict(content)
     for place, key, label in _places(result):
         run = place if key is None else dict(place[key])
-        stated = _stated(run.get("measured"))
-        run["measured"] = [
-            {"file": output_file(label, name), "columns": {name: name}}
-            | ({"std": {name: stated[name]}} if name in stated else {})
-            for name in outputs.get(label, ())
-        ]
+        run["measured"] = simulated_files(label, outputs.get(label, ()), run.get("measured"))
         if key is not None:
             place[key] = run
     return result
+
+
+def simulated_files(label: str, names: Sequence[str], measured: Any) -> list[dict[str, Any]]:
+    """What stands under ``measured:`` of an experiment for its simulated outputs; what is there states their noise."""
+    stated = _stated(measured)
+    return [
+        {"file": output_file(label, name), "columns": {name: name}}
+        | ({"std": {name: stated[name]}} if name in stated else {})
+        for name in names
+    ]
 
 
 def _places(result: dict[str, Any]) -> Iterator[tuple[dict[str, Any], str | None, str]]:

@@ -20,8 +20,11 @@ from fmu_didim.base.errors import InputError
 from fmu_didim.campaigns.planning.document import Noise
 from fmu_didim.campaigns.planning.recorded import (
     SimulatedOutput,
+    channel_deviation,
     output_file,
     outputs_deviation,
+    simulated_channels,
+    simulated_files,
     simulated_outputs,
     with_simulated_outputs,
 )
@@ -60,7 +63,7 @@ class Truth:
     Attributes:
         logs: label -> log; values: name of a free parameter -> its true value, and what is regrouped into it.
         robot: its description, where it has one.
-        outputs: label -> what a model gives, in place of logs.
+        outputs: label -> what a model gives, in place of logs, or a robot beside its torque.
     """
 
     logs: Mapping[str, SimulatedLog]
@@ -85,19 +88,15 @@ def simulated_truth(content: Mapping[str, Any], folder: Path) -> Truth:
     if case.data is not None:
         start = zip(case.model.names, case.model.start, strict=True)
         return Truth({}, {name: (float(value), "") for name, value in start}, None, simulated_outputs(case))
-    experiments = {label: _experiment(case, label) for label in case.document.runs}
-    model = case.model_on(experiments)
-    logs = {}
+    experiments = {label: case.with_channels(label, _experiment(case, label)) for label in case.document.runs}
+    model, logs, outputs = case.model_on(experiments), {}, {}
     for label, source in case.document.runs.items():
         run = model.simulation(model.start, label)
         recording = run.record(all_ticks=True)
         operator = run.experiment.operator  # without the clock of the log, which may be unknown
         torque = operator.apply(run.logged_torque(recording)[operator.ticks])
         if source.measured_files:
-            raise InputError(
-                "A simulated machine logs torque and positions: alone, not what is fitted beside the torque.",
-                where=f"{label}: measured", next_step="Leave measured: out of the case of the campaign.",
-            )  # fmt: skip
+            outputs[label] = simulated_channels(run)
         positions = None
         if source.positions is not None:
             names = model.loop.joint_signals("q")
@@ -108,7 +107,7 @@ def simulated_truth(content: Mapping[str, Any], folder: Path) -> Truth:
     model, known = with_free_delay(model), regrouped(model.parameters)
     pairs = zip(model.names, model.start, strict=True)
     values = {name: (float(value), known.get(name.partition("[")[0], "")) for name, value in pairs}
-    return Truth(logs, values, case.robot)
+    return Truth(logs, values, case.robot, outputs)
 
 
 def regrouped(parameters: Parameters) -> dict[str, str]:
@@ -177,8 +176,12 @@ def noisy_logs(truth: Truth, stated: Mapping[str, Any], data: str) -> dict[str, 
     """
     noise, found = validate(Noise, dict(stated), where="noise"), dict[str, Trajectory]()
     for label, outputs in truth.outputs.items():
-        rng = np.random.default_rng([int(data, 16), zlib.crc32(label.encode())])
-        sizes = outputs_deviation(outputs, relative=noise.relative, std=noise.std)
+        if label in truth.logs:  # of a robot, whose torque has noise of its own
+            rng = np.random.default_rng([int(data, 16), zlib.crc32(f"{label}: measured".encode())])
+            sizes = [channel_deviation(one, noise) for one in outputs]
+        else:
+            rng = np.random.default_rng([int(data, 16), zlib.crc32(label.encode())])
+            sizes = outputs_deviation(outputs, relative=noise.relative, std=noise.std)
         for one, size in zip(outputs, sizes, strict=True):
             unit = unit_noise(rng, one.time, 1, coloured=noise.coloured, memory_s=noise.memory_s)[:, 0]
             found[output_file(label, one.name)] = trajectory(one.time, {one.name: one.values + size * unit})
@@ -213,8 +216,8 @@ def with_simulated_logs(
     They already have the rate of the case and the unit of torque; what the case assumes about their clock and sampling
     stays.
     """
+    names = {label: [one.name for one in each] for label, each in outputs.items()}
     if "model" in content:
-        names = {label: [one.name for one in each] for label, each in outputs.items()}
         return with_simulated_outputs(content, names) if outputs else dict(content)
     result = dict(content)
     runs = dict(result.get("experiments") or {})
@@ -228,6 +231,8 @@ def with_simulated_logs(
         run["torque"] = {**assumed, "file": torque_file(label)}
         if run.get("positions") is not None:
             run["positions"] = {"file": positions_file(label)}
+        if run.get("measured") is not None:
+            run["measured"] = simulated_files(label, names.get(label, ()), run["measured"])
         place[name] = run
     return {**result, "experiments": runs} if runs else result
 
