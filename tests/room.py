@@ -75,16 +75,17 @@ def temperature(inputs: Array, *, third: tuple[float, float] | None = None, **va
 
 def write_room(
     folder: Path, *, seed: int = 1, noise: float = 0.1, count: int = 500, offset: float = 0.0, delay: int = 0,
-    drift: float = 0.0, outlier: float = 0.0, flow: int = 0, name: str = "", **truth: Any,
+    drift: float = 0.0, outlier: float = 0.0, flow: int = 0, hold: int = 1, name: str = "", **truth: Any,
 ) -> None:  # fmt: skip
     """Write ``weather.csv`` and ``room.csv``, and with ``flow`` every so many rows of Q into ``flow.csv``.
 
     Args:
         offset, drift: of the sensor; outlier: of one sample; delay: rows by which the first input acts later.
+        hold: rows for which both inputs stay.
         name: in front of the names of the files.
     """
     rng = np.random.default_rng(seed)
-    time, inputs = STEP * np.arange(count), weather(rng, count)
+    time, inputs = STEP * np.arange(count), weather(rng, count)[np.arange(count) // hold * hold]
     acting = inputs.copy()
     if delay:
         acting[:, 0] = np.concatenate([np.full(delay, inputs[0, 0]), inputs[:-delay, 0]])

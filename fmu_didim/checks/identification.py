@@ -38,7 +38,7 @@ from fmu_didim.checks.validation import TORQUE_ERROR_LARGE, Validation, error_di
 from fmu_didim.estimators.initial_states import OtherStart, contradicted_starts
 from fmu_didim.fit.estimate import Estimate, Status
 from fmu_didim.fit.noise.noise import motion_frequency
-from fmu_didim.fit.solver.numerical_noise import Roughness, smoother_after_step
+from fmu_didim.fit.solver.numerical_noise import Roughness, smoother_advice, smoother_after_step
 from fmu_didim.model.free_parameter import DELAY
 from fmu_didim.model.loop_model import LoopModel
 from fmu_didim.model.parameters import RobotParameters
@@ -285,7 +285,7 @@ def roughness_diagnostics(rough: Roughness | None, model: LoopModel) -> list[Dia
         found.append(Diagnostic(ROUGH, text, "", rough.jitter, JITTER, "standard deviations"))
     cause = smoother_after_step(model) if found else ""
     if not cause:
-        return found
+        return [replace(d, next_step=smoother_advice(model)) for d in found]
     text = f" Where the {cause} gives its outputs after its step, nearly nothing is left of that."
     advice = f"If the {cause} computes its outputs after its step, state that: {cause}: {{outputs_after_step: true}}."
     return [replace(d, text=d.text + text, next_step=advice) for d in found]

@@ -31,6 +31,7 @@ from fmu_didim.fit.iteration import Iteration
 from fmu_didim.fit.noise.weighting import NoiseOfResidual
 from fmu_didim.fit.solver.accuracy import with_fitting_substeps
 from fmu_didim.fit.solver.admissible import mass_matrix_problem, physical_problem, tracking_problem
+from fmu_didim.fit.solver.numerical_noise import smoother_advice
 from fmu_didim.fit.solver.proof import unproven
 from fmu_didim.model.loop_model import LoopModel
 
@@ -50,11 +51,10 @@ OF_OUTPUTS = "output_error"
 
 
 ROUGH = (
-    "The slopes are not those of the model, as where an FMU's own solver makes its outputs rough: run it in model "
-    "exchange (model: {interface: model-exchange}), give it a smaller tolerance (model: {tolerance: 1e-9}), or start "
-    "nearer to the truth (estimator: {start: {name: value}})."
+    "The slopes are not those of the model, as where an FMU's own solver makes its outputs rough.",
+    "Or start nearer to the truth (identify: {name: {start: ...}}).",
 )
-"""What to do where a fit of outputs has settled and is not known to be at a minimum."""
+"""Of a fit of outputs that has settled, maybe not at a minimum; between them stands what makes outputs smoother."""
 
 
 @dataclass(frozen=True)
@@ -157,7 +157,11 @@ class Clie(Estimator):
             return self._estimate(minimum, self.name, settled=fit.settled)
         doubt = unproven(fit) if fit.settled else None
         found = self._estimate(minimum, OF_OUTPUTS, settled=fit.settled and doubt is None)
-        return found if doubt is None else replace(found, advice=f"{doubt.text[:1].upper()}{doubt.text[1:]}. {ROUGH}")
+        if doubt is None:
+            return found
+        what, start = ROUGH
+        words = (f"{doubt.text[:1].upper()}{doubt.text[1:]}.", what, smoother_advice(model), start)
+        return replace(found, advice=" ".join(part for part in words if part))
 
     def _estimate(self, minimum: Minimum, name: str, *, settled: bool) -> Estimate:
         return torque_estimate(

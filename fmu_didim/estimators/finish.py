@@ -27,7 +27,7 @@ from fmu_didim.fit.prior_fit import prior_fit
 from fmu_didim.fit.region import Region
 from fmu_didim.fit.solver.accuracy import integration_change
 from fmu_didim.fit.solver.least_squares import minimise
-from fmu_didim.fit.solver.numerical_noise import Roughness, roughness
+from fmu_didim.fit.solver.numerical_noise import Roughness, roughness, smoother_advice
 from fmu_didim.fit.solver.search import FAILED, NO_STEP
 from fmu_didim.fit.solver.termination import Stopping
 from fmu_didim.fit.statistics import covariance_white
@@ -367,15 +367,13 @@ def unsettled_advice(model: LoopModel, iterations: Sequence[Iteration]) -> str:
     begin = "The iterations did not settle: the values are those of the last one. "
     if iterations and iterations[-1].note == NO_STEP:
         if not model.loop.shows_torque:
-            return (
-                f"{begin}{Ending.NO_STEP.value} Where the model's own step control makes its outputs jitter, give it a "
-                "tolerance (model: {tolerance: 1e-9}) or run it in model exchange; or start nearer to the truth."
-            )
-        finer = "state more substeps of it" if model.can_refine else "give it a tolerance or run it in model exchange"
-        return (
-            f"{begin}{Ending.NO_STEP.value} Where the plant's own step "
-            f"control makes the torque jitter, {finer}; or start nearer to the truth (start: {{name: value}})."
-        )
+            start = "Start nearer to the truth (identify: {name: {start: ...}})."
+        else:
+            start = "Start nearer to the truth (start: {name: value})."
+        finer = "State more substeps of the plant." if model.can_refine else smoother_advice(model)
+        jitter = f"Where its own step control makes the {model.loop.quantity} jitter:"
+        words = (begin.strip(), Ending.NO_STEP.value, *((jitter, finer) if finer else ()), start)
+        return " ".join(words)
     if model.parameters.has_regressor:
         return ""
     if not model.loop.shows_torque:

@@ -98,14 +98,16 @@ ITERATION = Iteration("clie", 40, np.zeros(1), 1.0)
     [
         (True, True, "", None),
         (False, True, "", r"Increase maximum_iterations, start nearer to the truth(?!.*reference)"),
-        (False, False, NO_STEP, r"No step lowers the error.*model exchange.*start nearer(?!.*maximum_iterations)"),
+        (False, False, NO_STEP, r"No step lowers the error.*Start nearer(?!.*maximum_iterations)"),
         (True, True, NO_STEP, r"No step lowers the error.*more substeps"),
     ],
 )
 def test_the_advice_fits_the_plant(regressor: bool, refine: bool, note: str, told: str | None) -> None:
     model: Any = SimpleNamespace(
-        can_refine=refine, parameters=SimpleNamespace(has_regressor=regressor),
-        loop=SimpleNamespace(shows_torque=True, whole="plant", quantity="torque"),
+        can_refine=refine, parameters=SimpleNamespace(has_regressor=regressor), first="a",
+        loop=SimpleNamespace(
+            shows_torque=True, whole="plant", quantity="torque", systems={"a": SimpleNamespace(components={})}
+        ),
     )  # fmt: skip
     advice = unsettled_advice(model, [replace(ITERATION, note=note)])
     if told is None:

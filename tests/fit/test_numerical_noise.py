@@ -10,6 +10,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -18,16 +20,21 @@ from scipy.optimize import least_squares
 
 from fmu_didim.case import load_case
 from fmu_didim.checks.identification import JITTER, SECOND_STEP
+from fmu_didim.components.fmu import load_fmu
+from fmu_didim.components.fmu.description import CO_SIMULATION, MODEL_EXCHANGE
+from fmu_didim.components.fmu.reuse.reset import OWN_TOOL
 from fmu_didim.data.signals import Array
+from fmu_didim.export import build_fmu
 from fmu_didim.fit.derivatives.differences import Step
 from fmu_didim.fit.fit import Fit
 from fmu_didim.fit.noise.noise import Noise
 from fmu_didim.fit.solver.least_squares import minimise
 from fmu_didim.fit.solver.linear_step import LinearStep
-from fmu_didim.fit.solver.numerical_noise import roughness, smoother_after_step
+from fmu_didim.fit.solver.numerical_noise import roughness, smoother_advice, smoother_after_step
 from fmu_didim.fit.solver.termination import Stopping, Termination
 from tests.awkward.build import awkward_fmu
 from tests.campaigns.helpers import sledge_case
+from tests.cosim.test_exchange import lag
 from tests.fit.test_differences import COUNT, deviations, law_model, slopes, smooth
 from tests.model.law_model import LawModel
 
@@ -187,3 +194,26 @@ def test_whose_outputs_are_better_taken_after_its_step(
         tmp_path / "none.csv", [[0.02 * k, 0.0] for k in range(200)], delimiter=",", header="t,tau1", comments=""
     )
     assert smoother_after_step(load_case(content, folder=tmp_path).model) == name
+
+
+@pytest.mark.parametrize(
+    ("tool", "kinds", "told", "not_told"),
+    [
+        (
+            "other",
+            (CO_SIMULATION, MODEL_EXCHANGE),
+            "Run the model with our integrator (model: {interface: ",
+            "offers no",
+        ),
+        ("other", (CO_SIMULATION,), "offers no model exchange", "with our integrator"),
+        (OWN_TOOL, (CO_SIMULATION,), "", "model"),
+    ],
+)
+def test_only_what_an_fmu_offers_is_advised(tool: str, kinds: tuple[str, ...], told: str, not_told: str) -> None:
+    """Else its user looks for a model exchange that the FMU does not have."""
+    component = load_fmu(build_fmu(lag()))
+    offered = tuple(one for one in component.fmu.interfaces if one.kind in kinds)
+    foreign = replace(component, fmu=replace(component.fmu, tool=tool, interfaces=offered), block=None)
+    system = SimpleNamespace(components={"model": foreign})
+    model: Any = SimpleNamespace(first="a", loop=SimpleNamespace(systems={"a": system}))
+    assert told in smoother_advice(model) and not_told not in smoother_advice(model)

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 
@@ -33,6 +34,10 @@ A_LOSS = "a loss or load that the model lacks or a wrong scale"
 
 Moved = Callable[[OutputResiduals, float], Array]
 """From an amount to what it changes of the outputs, (M, m); raises FmuDidimError."""
+
+
+SAME_SLOPE = 1e-7
+"""[1] Of the largest slope of an input, up to which it goes on straight: values at the ticks are rounded."""
 
 
 @dataclass(frozen=True)
@@ -151,6 +156,8 @@ def _starts(found: OutputResiduals) -> Iterator[Suspect]:
 def of_inputs(found: OutputResiduals) -> Iterator[Suspect]:
     """An offset, a scale and a delay of each input, by a simulation each."""
     references = [found.model.experiments[label].reference for label in found.model.estimation_labels]
+    if any(np.ptp(reference.values, axis=0).any() for reference in references):
+        yield _interpolation(found)
     units = {v.name: v.unit for v in found.model.loop.plant.inputs}
     for name in references[0].names[:MOST_INPUTS]:
         columns = [reference.column(name) for reference in references]
@@ -160,6 +167,49 @@ def of_inputs(found: OutputResiduals) -> Iterator[Suspect]:
         if size > 0:
             yield _scale_of_input(name)
             yield _delay_of_input(name, step)
+
+
+def _interpolation(found: OutputResiduals) -> Suspect:
+    """Inputs that are held from row to row where the case has straight lines between them, or the other way round."""
+    are_linear = any(system.ramps for system in found.model.loop.systems.values())
+    kind = "held" if are_linear else "linear"
+    otherwise = cache(lambda: _interpolated_otherwise(found))
+    what = "were held from row to row" if are_linear else "went straight from row to row"
+    return Suspect(
+        "interpolation", 1.0, lambda _, a: a * otherwise(),
+        lambda a, s: f"inputs that {what} (to {amount(100 * a, 100 * s, '%')})",
+        lambda _: f"State it: inputs: {{interpolation: {kind}}}.",
+        is_linear=True,
+    )  # fmt: skip
+
+
+def _interpolated_otherwise(found: OutputResiduals) -> Array:
+    """What the other interpolation of all inputs changes."""
+    model = found.model
+    systems = dict(model.loop.systems)
+    for label in model.estimation_labels:
+        experiment, system = model.experiments[label], systems[label]
+        reference = experiment.reference
+        values = reference.values.copy()
+        for place, name in enumerate(reference.names):
+            values[:, place] = of_other_interpolation(reference.time, values[:, place], is_linear=name in system.ramps)
+        systems[label] = replace(system, ramps=frozenset(reference.names) - system.ramps)
+        model = model.with_experiment(label, replace(experiment, reference=replace(reference, values=values)))
+    return model.with_loop(systems=systems).outputs(found.values) - found.outputs
+
+
+def of_other_interpolation(time: Array, values: Array, *, is_linear: bool) -> Array:
+    """(T,) an input at the ticks, held between its rows where it was linear, and linear where it was held.
+
+    Its rows are where it changes its slope, or its value.
+    """
+    if is_linear:
+        slope = np.diff(values) / np.diff(time)
+        bends = np.abs(np.diff(slope)) > SAME_SLOPE * max(float(np.abs(slope).max()), TINY)
+        rows = np.concatenate([[True], bends, [True]])
+        return np.asarray(values[np.maximum.accumulate(np.where(rows, np.arange(values.size), 0))])
+    rows = np.concatenate([[True], np.diff(values) != 0])
+    return np.asarray(np.interp(time, time[rows], values[rows]))
 
 
 def _offset_of_input(name: str, unit: str, size: float) -> Suspect:

@@ -12,8 +12,6 @@ ADVICE: Mapping[str, str] = {
     "look for what the model lacks.",
     "integration-too-coarse": "State more substeps (model: {substeps: N}), or an integrator that chooses its steps "
     "(model: {solver: cvode}).",
-    "sensitivity-rough": "Run the FMU with our integrator (model: {interface: model-exchange}), or with a smaller "
-    "tolerance of its own one (model: {tolerance: 1e-9}, if the FMU uses it).",
     "residual-above-noise": "See what it follows, among the other reasons and in the report; or the stated std: is "
     "that of the sensor alone.",
     "residual-slow": "Look for an input that was not recorded or a state that the model lacks; if the sensor drifts, "

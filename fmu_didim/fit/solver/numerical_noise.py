@@ -21,6 +21,7 @@ import numpy as np
 
 from fmu_didim.base.errors import FmuDidimError
 from fmu_didim.components.fmu.component import foreign_co_simulation
+from fmu_didim.components.fmu.description import MODEL_EXCHANGE
 from fmu_didim.data.signals import Array
 from fmu_didim.fit.derivatives.differences import DIFFERENCE_STEPS, Ladder, jitter_in
 from fmu_didim.fit.derivatives.sensitivity import step_size
@@ -89,6 +90,26 @@ def smoother_after_step(model: LoopModel) -> str:
         if after < SMOOTHER * now:
             return name
     return ""
+
+
+def smoother_advice(model: LoopModel) -> str:
+    """What makes the outputs of the foreign FMUs of a loop smoother, of what each of them offers; "" without any."""
+    found = []
+    for name, component in model.loop.systems[model.first].components.items():
+        fmu = foreign_co_simulation(component)
+        if fmu is None:
+            continue
+        smaller = f"a smaller tolerance of its own solver ({name}: {{tolerance: 1e-9}}, if the FMU uses it)"
+        if fmu.fmu.interface(MODEL_EXCHANGE) is not None:
+            found.append(
+                f"Run the {name} with our integrator ({name}: {{interface: model-exchange}}), or with {smaller}."
+            )
+        else:
+            found.append(
+                f"Run the {name} with {smaller}; this FMU offers no model exchange, in which our integrator would run "
+                "it. Outputs that step by design, as of an encoder, a converter or a switch, stay rough."
+            )
+    return " ".join(found)
 
 
 def _jitter(model: LoopModel, label: str) -> float:

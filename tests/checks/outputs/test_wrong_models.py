@@ -6,6 +6,7 @@ import re
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import numpy as np
 import pytest
 
 from fmu_didim import identify
@@ -120,3 +121,18 @@ def test_a_value_at_its_limit_is_an_answer_that_is_doubted(tmp_path: Path) -> No
     found = identified(tmp_path, {}, {"identify": {"R1": {"minimum": 0.11, "start": 0.15}, "R2": {"minimum": 0}}})
     assert "at-limit" in [reason.code for reason in found.reasons]
     assert found.parameters["R1"].value == 0.11
+
+
+@pytest.mark.parametrize("rows", [1, 5])
+def test_the_interpolation_of_the_inputs_is_a_suspect(tmp_path: Path, rows: int) -> None:
+    """The room holds its inputs for so many rows of the file, of which only those are given."""
+    write_room(tmp_path, noise=0.01, hold=rows)
+    weather = np.loadtxt(tmp_path / "weather.csv", delimiter=",", skiprows=1)
+    kept = np.vstack([weather[::rows], weather[-1:]])[: None if rows > 1 else -1]
+    np.savetxt(tmp_path / "weather.csv", kept, delimiter=",", header="t,Ti1,Ti2", comments="")
+    inputs = {"file": "weather.csv", "interpolation": "linear"}
+    found = identify(room_case(tmp_path, inputs=inputs))
+    assert found.verdict == "doubtful"
+    assert re.search(r"as would leave inputs that were held from row to row \(to (99|10\d)", found.reasons[0].text)
+    assert "interpolation: held" in found.reasons[0].next_step
+    assert identify(room_case(tmp_path, inputs={**inputs, "interpolation": "held"})).verdict == "valid"
