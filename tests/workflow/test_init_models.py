@@ -163,6 +163,22 @@ def test_likely_parameters_are_active_and_all_are_listed(tmp_path: Path) -> None
 
 
 @pytest.mark.parametrize(
+    "other",
+    [
+        "absTolerance", "relTol", "timeStep", "timeSlowStart", "stepSizeCtrlMaxStep", "settings.dtMin", "_cs_rel_tol",
+        "maxTimeStep", "theSolverType", "plotDt", "writeLogLevel", "A.limit.maximum", "DA.bits", "Ramp.offset",
+    ],
+)  # fmt: skip
+def test_no_setting_and_no_limit_is_taken_for_a_parameter_of_the_model(tmp_path: Path, other: str) -> None:
+    """As other tools name what their solvers are told; one that the data do not show makes the first fit a refusal."""
+    ports = FmuPorts(Path("x.fmu"), fmu("u", "y", f"{other}=0.3 mass=10 drag=0.47 stepResponse=2"))
+    files = table(tmp_path / "u.csv", "t,u"), table(tmp_path / "m.csv", "t,y")
+    texts, _ = model_case(Inventory(data=list(files), model=(ports, "")), Path())
+    assert list(yaml.safe_load(texts["case.yaml"])["identify"]) == ["mass", "drag"]
+    assert f"# {other}: " in texts["case.yaml"]
+
+
+@pytest.mark.parametrize(
     ("inputs", "outputs", "header", "is_model"),
     [
         ("T_out:degC", "T:degC", "t,T_out,T", True),

@@ -24,6 +24,13 @@ _NOT_IDENTIFIED = ("substeps", "relative_tolerance")
 """Parameters that say how an FMU computes."""
 _INITIAL = r"start|init|(^|[._])\w{1,2}_?0$"
 """In the name of a parameter: it is where the model starts."""
+_SETTING = (
+    r"^_|(^|\.)settings\.|toler|(rel|abs)_?tol|(step|time)_?(step|size)|step(size)?_?(max|min|ctrl)|max_?(step|order|iter)"
+    r"|\bdt_?(min|max)?$|solver|slow_?start|plot|log_?level|verbos|debug|run_?stats"
+)
+"""In the name of a parameter: it says how the FMU computes or what it writes, and is nothing of what it models."""
+_LIMIT = r"(^|[._])(min|max)(imum)?$|limit|threshold|(^|[._])(bits|counts|offset|start_time|stop_time|end_time)$"
+"""In the name of a parameter: data seldom show it."""
 _NATURE = r"(^|[._])(g|g_n|pi|eps|sigma|k_B|N_A|c_0)$"
 _SIGNED = ({"m": 1}, {"rad": 1}, {"K": 1}, {"s": 1}, {"A": 1}, {"kg": 1, "m": 2, "s": -3, "A": -1})
 """Units of what may well be below zero: places, angles, temperatures, instants, currents, voltages."""
@@ -94,6 +101,7 @@ def _parameters(fmu: FmuDescription) -> tuple[list[dict[str, str]], list[dict[st
         if v.is_settable and v.type in FLOAT_TYPES and not v.shape and v.start is not None
         and v.name not in _NOT_IDENTIFIED
     ]  # fmt: skip
+    offered.sort(key=_is_setting)
     likely = [v for v in offered if v.unit and _is_likely(v)] or [v for v in offered if _is_likely(v)]
     active = likely[:MOST_ACTIVE]
     return [_listed(v) for v in active], [_listed(v) for v in offered if v not in active]
@@ -112,10 +120,14 @@ def _starts(fmu: FmuDescription, *, is_source: bool) -> list[dict[str, str]]:
     ]
 
 
+def _is_setting(v: FmuVariable) -> bool:
+    return bool(re.search(_SETTING, v.name, re.IGNORECASE))
+
+
 def _is_likely(v: FmuVariable) -> bool:
-    return (
-        float(v.start or 0) != 0 and not re.search(_INITIAL, v.name, re.IGNORECASE) and not re.search(_NATURE, v.name)
-    )
+    if float(v.start or 0) == 0 or _is_setting(v) or re.search(_NATURE, v.name):
+        return False
+    return not re.search(f"{_INITIAL}|{_LIMIT}", v.name, re.IGNORECASE)
 
 
 def _listed(v: FmuVariable) -> dict[str, str]:
