@@ -152,6 +152,12 @@ def test_instants_beyond_the_reference_are_refused(position: float, kind: Kind) 
     assert f"t = {times[-1]:g} s" in str(caught.value) or position > COUNT
 
 
+def test_the_first_instant_beyond_the_reference_is_told() -> None:
+    times = START + STEP * np.array([5.0, COUNT + 3.0, COUNT + 7.0])
+    with pytest.raises(InputError, match=rf"2 samples, the first one at t = {times[1]:g} s"):
+        sampled(times)
+
+
 def test_averages_just_beyond_the_reference_are_refused() -> None:
     with pytest.raises(InputError):
         sampled(START + STEP * np.array([COUNT - 4.0, COUNT + 0.9]), kind="average")

@@ -16,6 +16,8 @@ from fmu_didim.fit.gap import (
     channel_gaps,
     delta_bic,
     explained,
+    explained_gap,
+    held_out_ratios,
     joint_gaps,
     part_of_first,
     rms_ratio,
@@ -189,3 +191,21 @@ def test_the_gap_of_each_channel_is_in_units_of_its_own_noise() -> None:
 
     fit.simulation = stops
     assert channel_gaps(fit) == {"fitted": {"q2": np.inf}}
+
+
+def test_without_channels_only_the_torque_counts() -> None:
+    before, after = (fit_of(TableModel(residual(*sizes), {}, ())) for sizes in ((4.0, 9.0), (2.0, 9.0)))
+    assert bic_gain(before, after, 1.0, noise([1.0, 1.0])) == pytest.approx(400 * np.log(2) - np.log(800))
+    assert explained_gap(before, after, noise([1.0, 1.0])) == explained(
+        before.residual, after.residual, noise([1.0, 1.0])
+    )
+
+
+def test_ratios_of_held_out_data_belong_to_their_joint() -> None:
+    """Joint 1 is left as it was, joint 2 falls to half; without held-out data there is none."""
+    first, second = (fit_of(TableModel(residual(4.0, q), {"held": residual(4.0, q)}, ())) for q in (4.0, 1.0))
+    found = dict(held_out_ratios(first, second, seed=1))
+    assert list(found) == [1, 2]
+    assert found[1].value == pytest.approx(1.0) and found[2].value == pytest.approx(0.5)
+    alone = fit_of(TableModel(residual(4.0), {}, ()))
+    assert held_out_ratios(alone, alone, seed=1) == []

@@ -319,6 +319,57 @@ def test_the_ladder_of_dampings_by_its_steps() -> None:
     assert found.note == "no step lowers the error" and found.values.tolist() == [0.0]
 
 
+class OutputModel(LawModel):
+    """A model without controller, whose solver gives up beyond an edge."""
+
+    @property
+    def loop(self) -> Any:
+        return SimpleNamespace(shows_torque=False, whole="model", quantity="output", plant=self.plant)
+
+
+def edged(edge: float, got: str = "solver") -> LawModel:
+    def law(values: Mapping[str, float], label: str) -> Array:
+        if values["a"] > edge:
+            raise SimulationError("The FMU failed.", got=got, next_step="Start elsewhere.")
+        return np.full((21, 1), values["a"])
+
+    return OutputModel(law, {"one": np.ones((21, 1))}, (free("a", 0.0),))
+
+
+@pytest.mark.parametrize(
+    ("edge", "got", "part", "tried", "said"),
+    [
+        (0.6, "solver", 0.5, 2, "step shortened: the simulation failed at a = 1: The FMU failed (solver)"),
+        (0.3, "", 0.25, 3, "step shortened: the simulation failed at a = 1: The FMU failed"),
+        (0.13, "", 0.125, 4, "step shortened: the simulation failed at a = 1: The FMU failed"),
+    ],
+)
+def test_a_step_that_no_model_can_follow_is_halved(edge: float, got: str, part: float, tried: int, said: str) -> None:
+    """The square of what is left falls by part (2 - part) of what the whole step promises."""
+    found = search(edged(edge, got))
+    assert found.values.tolist() == [pytest.approx(part)]
+    assert found.cost == pytest.approx(21 * (1 - part) ** 2) and found.promised == pytest.approx(21.0 - found.cost)
+    assert (found.tried, found.at_edge, found.note) == (tried, True, said)
+
+
+def test_where_no_part_of_a_step_can_be_simulated_it_has_ended() -> None:
+    found = search(edged(0.0))
+    assert (found.outputs, found.values.tolist(), found.at_edge) == (None, [0.0], True)
+    assert found.note == "no step lowers the error" and found.cost == 21.0
+
+
+@pytest.mark.parametrize(
+    ("size", "last", "nothing"),
+    [(0.09, 1.0, True), (0.11, 1.0, False), (0.05, 0.6, True), (0.06, 0.6, True), (0.09, 0.9, True), (0.0, 1.0, False)],
+)
+def test_steps_that_shrink_in_proportion_leave_nothing(size: float, last: float, nothing: bool) -> None:
+    """The next step is about size^2 / last: 0.01 at most here, of steps that have shrunk to a tenth."""
+    rules = Stopping(tolerance=1e-9, next_step=0.0101)
+    assert Termination(rules, {})._next_is_nothing(size, last) is nothing
+    smaller = replace(rules, next_step=0.99 * size**2 / last)
+    assert Termination(smaller, {})._next_is_nothing(size, last) is False
+
+
 @pytest.mark.parametrize(("fresh", "updates", "tried"), [(False, 1, 2), (False, 0, 9), (True, 1, 9)])
 def test_damping_does_not_make_up_for_old_slopes(fresh: bool, updates: int, tried: int) -> None:
     """The torque jumps wherever a step leads; slopes that can be taken anew are to blame first. The full step is also

@@ -13,6 +13,7 @@ from fmu_didim.fit.statistics import (
     correlation,
     least_squares,
     noise_deviation,
+    output_error_percent,
     relative_deviation_percent,
     relative_error_percent,
 )
@@ -129,3 +130,13 @@ def test_the_far_end_of_an_interval_above_a_limit(freedom: float, limit: float, 
     """Of 3 with a deviation of 1."""
     assert bounded_interval(3.0, 1.0, freedom, limit) == pytest.approx(3.0 + quantile, rel=1e-6)
     assert bounded_interval(0.0, 2.0, freedom, 2 * (limit - 3.0)) == pytest.approx(2 * quantile, rel=1e-6)
+
+
+def test_errors_of_outputs_are_parts_of_what_moves() -> None:
+    """|y - y_s| / |y - mean(y)| of each output, wherever its zero is; one that rests has none, and does not count."""
+    sign = np.array([1.0, -1.0, 1.0, -1.0])
+    measured = np.column_stack([300 + 2 * sign, 5 * sign, np.full(4, 7.0)])
+    simulated = measured + np.column_stack([0.2 * sign, 1.0 * sign, 0.1 * sign])
+    total, each = output_error_percent(measured, simulated)
+    assert each.tolist() == [pytest.approx(10.0), pytest.approx(20.0), np.inf]
+    assert total == pytest.approx(np.sqrt((10.0**2 + 20.0**2) / 2))

@@ -322,6 +322,13 @@ def test_nearness_of_a_step_is_that_of_the_best() -> None:
     assert [a.effect for a, _ in step(accepted, [best, accepted, other]).ambiguous][:2] == ["a", "offset"]
 
 
+def test_nearness_does_not_grow_with_others_of_a_ranking() -> None:
+    """Two per cent of the best gain: 40 here, and 10 of a small one; the others of the ranking are far below."""
+    accepted = candidate_of("coulomb", bic=2000.0)
+    near, far = candidate_of("delay", 2, bic=1965.0), candidate_of("delay", 3, bic=1955.0)
+    assert [c.joint for c, _ in step(accepted, [accepted, near, far]).ambiguous if c.effect == "delay"] == [2]
+
+
 def test_exactly_at_the_nearness_is_no_longer_ambiguous() -> None:
     accepted, at_edge = candidate_of("delay", bic=100.0), candidate_of("delay", 2, bic=90.0)
     assert step(accepted, [accepted, at_edge]).ambiguous == ()
