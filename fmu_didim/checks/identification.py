@@ -19,6 +19,7 @@ from fmu_didim.checks.held_out import WORSE_HELD_OUT, Residual, held_out_diagnos
 from fmu_didim.checks.held_out_channels import held_out_channel_diagnostics
 from fmu_didim.checks.judgement import Judgement, judgement
 from fmu_didim.checks.motion.dependence import DEPENDS_ON_MOTION, dependence_of_fit, motion_diagnostics
+from fmu_didim.checks.motion.misfits import Misfits
 from fmu_didim.checks.motion.periods import repetition_diagnostics, repetition_of_fit
 from fmu_didim.checks.outputs.judged import output_diagnostics
 from fmu_didim.checks.outputs.words import of_a_model
@@ -31,13 +32,14 @@ from fmu_didim.checks.residual import (
     RESIDUAL_SLOW,
     NoiseResult,
     lack_of_fit,
+    large_diagnostics,
     residual_diagnostics,
     slow_diagnostics,
 )
 from fmu_didim.checks.validation import TORQUE_ERROR_LARGE, Validation, error_diagnostics
 from fmu_didim.estimators.initial_states import OtherStart, contradicted_starts
 from fmu_didim.fit.estimate import Estimate, Status
-from fmu_didim.fit.noise.noise import motion_frequency
+from fmu_didim.fit.noise.noise import TINY, motion_frequency
 from fmu_didim.fit.solver.numerical_noise import Roughness, smoother_advice, smoother_after_step
 from fmu_didim.model.free_parameter import DELAY
 from fmu_didim.model.loop_model import LoopModel
@@ -170,21 +172,33 @@ def checked(estimate: Estimate, validations: Sequence[Validation], *, before: It
         *held_out_channels(estimate, validations),
     ]  # fmt: skip
     found += residual_diagnostics(tests)
+    misfits = Misfits()
     if estimate.fit is not None:
         told = {d.place for d in found if d.code is RESIDUAL_ABOVE_NOISE}
         found += [d for d in repetition_diagnostics(repetition_of_fit(estimate.fit)) if d.place not in told]
-        found += motion_diagnostics(dependence_of_fit(estimate.fit))
+        misfits = Misfits.of(estimate.fit)
+        found += motion_diagnostics(dependence_of_fit(estimate.fit, misfits))
         found += start_diagnostics(contradicted_starts(estimate.fit))
     motion_hz, cutoff_hz = _bands(model)
     found += [*slow_diagnostics(tests, motion_hz, cutoff_hz), *error_diagnostics(validations, motion_hz)]
+    told = {d.place for d in found if d.code in MISFITS}
+    errors = _relative_errors(estimate)
+    found += [d for d in large_diagnostics(tests, errors, motion_hz, cutoff_hz) if d.place not in told]
     found += of_any_output(estimate)
     if estimate.fit is not None and MISFITS & {d.code for d in found}:
         found += unidentified_diagnostics(estimate.fit)
     found += rival_diagnostics(estimate)
     judged = judgement(found, settled=estimate.status is Status.CONVERGED)
-    fit = estimate.fit if model.loop.shows_torque else None
-    power = power_of_fit(fit) if judged.verdict == "valid" and fit is not None else None
+    power = None
+    if judged.verdict == "valid" and estimate.fit is not None:
+        power = power_of_fit(estimate.fit, misfits)
     return Checks(judged, tests, agreements, power)
+
+
+def _relative_errors(estimate: Estimate) -> dict[int, float]:
+    """Joint, from 1 -> size of its residual over that of its torque."""
+    left, size = (np.sqrt((t**2).mean(axis=0)) for t in (estimate.measured - estimate.simulated, estimate.measured))
+    return {j + 1: float(left[j] / max(size[j], TINY)) for j in range(estimate.model.joint_count)}
 
 
 def of_any_output(estimate: Estimate) -> list[Diagnostic]:

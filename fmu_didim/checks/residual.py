@@ -6,7 +6,8 @@ known noise shows it, by a larger residual.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from pydantic import Field
@@ -14,6 +15,7 @@ from pydantic import Field
 from fmu_didim.base.diagnostics import CATALOGUE, DOUBT, REMARK, Diagnostic
 from fmu_didim.base.documents import Number, Saved
 from fmu_didim.data.signals import Array
+from fmu_didim.fit.noise.noise import ABOVE_MOTION
 from fmu_didim.fit.uncertainty import Colour, chi_square_bounds
 
 SLOW_SHARE = 0.5
@@ -22,6 +24,12 @@ SLOW_SHARE = 0.5
 SLOW_CONTRAST = 30.0
 """[1] Density of its spectrum there over that above: noise with a memory of 50 ms at 200 Hz has up to 23, a missing
 offset of five times the noise 900."""
+LARGE_ERROR = 0.1
+"""[1] Of the torque, from which a slow residual is doubted that nothing else tells: noise of torques and currents is
+some per cent. A dead zone of a quarter of the peak passed for coloured noise: 23 % of the torque, nine tenths of it
+below four times the frequency of the motion,"""
+LARGE_CONTRAST = 5.0
+"""[1] with 80 times the density of what lies above; white noise has one, whatever its size."""
 MOTION_BAND = 0.5
 """[1] Of the frequencies of a log that the motion may fill, so that there are others to compare with."""
 SPECTRUM_POINTS = 1000
@@ -177,19 +185,64 @@ def slow_diagnostics(
     """
     found = []
     for test in tests:
-        highest = min(test.rate_hz / 2, cutoff_hz)
-        if test.exceeds_noise or not test.order or motion_hz > MOTION_BAND * highest:
+        if test.exceeds_noise or not test.order:
             continue
-        below, above = (_mean_density(test, *band) for band in ((0.0, motion_hz), (motion_hz, highest)))
-        slow, fast = below * motion_hz, above * (highest - motion_hz)
-        share, contrast = slow / (slow + fast), below / above
-        if share > SLOW_SHARE and contrast > SLOW_CONTRAST:
-            text = (
-                f"{100 * share:.0f} % of the squared residual lies below {motion_hz:.2g} Hz, {what}, with "
-                f"{contrast:.2g} times the density of what lies above."
-            )
-            found.append(Diagnostic(RESIDUAL_SLOW, text, _place(test, labels), share, SLOW_SHARE, "1"))
+        band = _band(test, motion_hz, cutoff_hz)
+        if band is not None and band.share > SLOW_SHARE and band.contrast > SLOW_CONTRAST:
+            found.append(_slow(test, band, labels, what))
     return found
+
+
+def large_diagnostics(
+    tests: Sequence[NoiseResult], errors: Mapping[int, float], motion_hz: float, cutoff_hz: float = np.inf
+) -> list[Diagnostic]:
+    """The joints whose residual is large and slow: one of several per cent of the torque need not be as slow as the
+    motion itself to be no noise.
+
+    A misfit that no function of the motion follows looks the more like coloured noise the larger it is; but noise that
+    moves with the motion is no tenth of the torque.
+
+    Args:
+        errors: joint, from 1 -> residual over the torque, root mean squares.
+    """
+    found = []
+    for test in tests:
+        band = _band(test, ABOVE_MOTION * motion_hz, cutoff_hz) if test.order else None
+        if band is None or band.share <= SLOW_SHARE or band.contrast <= LARGE_CONTRAST:
+            continue
+        error = errors[test.joint] * np.sqrt(band.share)
+        if error > LARGE_ERROR:
+            one = _slow(test, band, (), "where motion and friction are")
+            text = f"{one.text} That is {100 * error:.2g} % of the torque, and too much for noise."
+            found.append(replace(one, text=text, value=error, bound=LARGE_ERROR))
+    return found
+
+
+@dataclass(frozen=True)
+class _Band:
+    """A residual below a frequency, Hz: its share of the power, and the density there over that above."""
+
+    below_hz: float
+    share: float
+    contrast: float
+
+
+def _band(test: NoiseResult, below_hz: float, cutoff_hz: float) -> _Band | None:
+    """The residual of a joint below a frequency; None where too little lies above it to compare with."""
+    highest = min(test.rate_hz / 2, cutoff_hz)
+    if below_hz > MOTION_BAND * highest:
+        return None
+    below, above = (_mean_density(test, *band) for band in ((0.0, below_hz), (below_hz, highest)))
+    slow, fast = below * below_hz, above * (highest - below_hz)
+    return _Band(below_hz, slow / (slow + fast), below / above)
+
+
+def _slow(test: NoiseResult, band: _Band, labels: Sequence[str], what: str) -> Diagnostic:
+    text = (
+        f"{100 * band.share:.0f} % of the squared residual lies below {band.below_hz:.2g} Hz, {what}, with "
+        f"{band.contrast:.2g} times the density of what lies above."
+    )
+    return Diagnostic(RESIDUAL_SLOW, text, _place(test, labels), band.share, SLOW_SHARE, "1")
 
 
 def _mean_density(test: NoiseResult, lowest: float, highest: float) -> float:

@@ -26,6 +26,8 @@ STEPS = (0.25, 0.5, 0.75)
 
 TORQUE_RATE = "rate of the torque"
 """The function of the motion by which a shifted clock of the log shows."""
+SIGNATURE = "signature of "
+"""Before the words for an effect of the catalogue, whose change of the logged torque is looked for as it is."""
 LOOKS_LIKE: Mapping[str, str] = {
     TORQUE_RATE: "a wrong clock or a lag of the drive",
     "direction of motion": "other Coulomb friction",
@@ -60,6 +62,8 @@ LIKE_PAYLOAD = "a payload that changes on the way"
 
 def looks_like(name: str) -> str:
     """What a model may lack where its residual follows this function."""
+    if name.startswith(SIGNATURE):
+        return name.removeprefix(SIGNATURE)
     return LOOKS_LIKE.get(name, LIKE_PAYLOAD if "which changes" in name else LIKE_GRAVITY)
 
 

@@ -6,9 +6,8 @@ import numpy as np
 from pydantic import Field
 
 from fmu_didim.base.documents import Number, Saved
-from fmu_didim.base.errors import SimulationError
-from fmu_didim.checks.motion.dependence import residuals_of_fit, tested_rows
-from fmu_didim.checks.power.misfits import GRAVITY, LINK_LENGTH, TORQUE_SCALE, FittedMotions, Misfit, misfits
+from fmu_didim.checks.motion.dependence import residuals_of_fit, samples_of, tested_rows
+from fmu_didim.checks.motion.misfits import GRAVITY, LINK_LENGTH, TORQUE_SCALE, Misfit, Misfits
 from fmu_didim.checks.power.power import POWER, JointTest, smallest_size
 from fmu_didim.fit.fit import Fit
 
@@ -65,20 +64,14 @@ class PowerResult(Saved):
     trusted: list[TrustResult]
 
 
-def power_of_fit(fit: Fit) -> PowerResult | None:
+def power_of_fit(fit: Fit, misfits: Misfits) -> PowerResult | None:
     """What the verdict on a fit excludes, by the test for what follows the motion; None where the plant does not give
     the motion or the joints were not tested."""
-    try:
-        motions = FittedMotions.of(fit)
-    except SimulationError:
+    rows, found = tested_rows(fit), misfits.stated
+    residuals = residuals_of_fit(fit, rows, misfits) if found else []
+    if not residuals:
         return None
-    rows = tested_rows(fit)
-    residuals = residuals_of_fit(fit, rows) if motions is not None else []
-    if motions is None or not residuals:
-        return None
-    found, parts = misfits(motions), fit.model.experiments.rows
-    wanted = np.concatenate([parts[label].start + own for label, own in rows.items()])
-    signatures = np.stack([misfit.signature[wanted] for misfit in found], axis=2)
+    signatures = np.stack([misfit.signature[samples_of(fit, rows)] for misfit in found], axis=2)
     tests = [JointTest.of(one, signatures[:, one.joint - 1], len(residuals)) for one in residuals]
     tested = [test for test in tests if test is not None]
     if not tested:

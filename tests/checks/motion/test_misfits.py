@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from fmu_didim.checks.identification import checked
-from fmu_didim.checks.power.misfits import FittedMotions, Misfit, misfits
+from fmu_didim.checks.motion.misfits import FittedMotions, Misfit, Misfits, misfits
 from fmu_didim.checks.power.statement import HOW_TO_CHECK, power_of_fit
 from fmu_didim.checks.validation import validate
 from fmu_didim.data.signals import Array
@@ -123,5 +123,6 @@ def judged(model: LoopModel):  # type: ignore[no-untyped-def]
 
 
 def test_a_plant_whose_motion_is_not_known_states_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("fmu_didim.checks.power.misfits.simulated_motion", lambda *_: None)
-    assert power_of_fit(at_the_truth("scara")) is None
+    monkeypatch.setattr("fmu_didim.checks.motion.misfits.simulated_motion", lambda *_: None)
+    fit = at_the_truth("scara")
+    assert power_of_fit(fit, Misfits.of(fit)) is None

@@ -10,9 +10,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import product
 
 import numpy as np
 
+from fmu_didim.base.errors import SimulationError
 from fmu_didim.data.signals import Array
 from fmu_didim.dynamics.effects import (
     EFFECTS,
@@ -34,6 +36,12 @@ from fmu_didim.model.parameters import RobotParameters
 
 SMALL_STEP = 1e-4
 """[rad or 1] By which gravity is turned, or gravity and lengths are changed as parts of themselves, for a slope."""
+
+BEGIN = "t_load"
+"""The shape of an effect that is the instant at which it begins."""
+INSTANTS = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9)
+"""[1] Parts of the log at which an effect that begins on the way is looked for: these follow nine tenths of a change
+between two of them."""
 
 LATE_PART = 0.1
 """[periods] By which a log is late for a slope: between two instants of the command it follows a line."""
@@ -79,6 +87,11 @@ class Misfit:
 
     load: Load
     signature: Array
+
+    @property
+    def what(self) -> str:
+        """It in words, with its place."""
+        return self.load.stated.what + (f" ({self.load.place})" if self.load.place else "")
 
 
 @dataclass(frozen=True)
@@ -143,10 +156,51 @@ class FittedMotions:
         return self.description is None and bool(names) and names <= self.values.keys()
 
 
+@dataclass(frozen=True)
+class Misfits:
+    """All misfits of a fit: those whose size is stated, and those that begin at other instants."""
+
+    stated: tuple[Misfit, ...] = ()
+    on_the_way: tuple[Misfit, ...] = ()
+
+    @classmethod
+    def of(cls, fit: Fit) -> Misfits:
+        """Those of a fit; none where the plant does not give its motion."""
+        try:
+            motions = FittedMotions.of(fit)
+        except SimulationError:
+            motions = None
+        return cls() if motions is None else cls(tuple(misfits(motions)), tuple(misfits_on_the_way(motions)))
+
+    def __iter__(self) -> Iterator[Misfit]:
+        yield from (*self.stated, *self.on_the_way)
+
+
 def misfits(motions: FittedMotions, effects: Mapping[str, Effect] = EFFECTS) -> list[Misfit]:
     """All misfits whose size is stated, in the order of the catalogue, and then those of what a case says."""
-    loads = [_of_unit_size(motions, load) for load in (*loads_of_effects(motions, effects), *loads_of_case(motions))]
-    tables = []
+    return _answered(motions, [*loads_of_effects(motions, effects), *loads_of_case(motions)])
+
+
+def misfits_on_the_way(motions: FittedMotions, effects: Mapping[str, Effect] = EFFECTS) -> list[Misfit]:
+    """Those of effects that begin at an instant, at the instants ``INSTANTS``, for each parameter by itself: a load
+    need not be shaped like the link."""
+    loads = list[Load]()
+    for name, effect in effects.items():
+        stated = effect.stated
+        if stated is None or BEGIN not in stated.in_log or not isinstance(effect, TorqueEffect):
+            continue
+        for part, joint in product(INSTANTS, _joints(stated, motions.joint_count)):
+            what = stated.what.replace("halfway", f"after {100 * part:.0f} % of the log")
+            own = replace(stated, what=what, in_log={**stated.in_log, BEGIN: part})
+            for parameter in effect.parameters(motions.joint_types[joint - 1]):
+                alone = Load(name, own, joint, _place(own, joint), {}, {parameter.name: 1.0})
+                made = None if motions.has(effect, joint) else _by_columns(motions, alone, effect)
+                loads += [] if made is None else [made]
+    return _answered(motions, loads) if loads else []
+
+
+def _answered(motions: FittedMotions, loads: Sequence[Load]) -> list[Misfit]:
+    loads, tables = [_of_unit_size(motions, load) for load in loads], []
     for label, response in motions.responses.items():
         answers = iter(np.moveaxis(response.at_samples(_joined(loads, label)), 2, 0))
         changes = [load.tables[label] if load.is_of_log else next(answers) for load in loads]
@@ -196,21 +250,21 @@ def _place(stated: StatedSize, joint: int) -> str:
 
 
 def _by_columns(motions: FittedMotions, load: Load, effect: Effect) -> Load | None:
-    """The torque of an effect in the torque balance by amplitudes of one, or by what they are shares of; None where
-    those are zero or unknown, or it needs a joint that is not there."""
+    """The torque of an effect in the torque balance by the amplitudes of the load, if it has some, by amplitudes of
+    one, or by what they are shares of; None where those are zero or unknown, or it needs a joint that is not there."""
     assert isinstance(effect, TorqueEffect)
     joint, kinds, stated = load.joint, motions.joint_types, load.stated
     names = [v.name for v in effect.parameters(kinds[joint - 1])]
     amplitudes = dict.fromkeys(names, 1.0)
-    if stated.shares:
+    if load.amplitudes:
+        amplitudes = {name: load.amplitudes.get(name, 0.0) for name in names}
+    elif stated.shares:
         amplitudes = {name: motions.values.get(f"{stated.shares[name]}{joint}", 0.0) for name in names}
     if joint + effect.reach > len(kinds) or not any(amplitudes.values()):
         return None
     shapes = {v.name: motions.values.get(f"{v.name}_{joint}", v.start) for v in effect.shapes(kinds[joint - 1])}
     first = next(iter(motions.motions.values())).time
-    shapes |= {
-        name: first[0] * (name == "t_load") + part * float(np.ptp(first)) for name, part in stated.in_log.items()
-    }
+    shapes |= {name: first[0] * (name == BEGIN) + part * float(np.ptp(first)) for name, part in stated.in_log.items()}
     made = TorqueSignature(effect, joint - 1, kinds, tuple(shapes))
     weights = np.array(list(amplitudes.values()))
     tables = {label: made.columns(motion, shapes) @ weights for label, motion in motions.motions.items()}
