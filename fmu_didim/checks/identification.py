@@ -176,8 +176,11 @@ def checked(estimate: Estimate, validations: Sequence[Validation], *, before: It
     if estimate.fit is not None:
         told = {d.place for d in found if d.code is RESIDUAL_ABOVE_NOISE}
         found += [d for d in repetition_diagnostics(repetition_of_fit(estimate.fit)) if d.place not in told]
-        misfits = Misfits.of(estimate.fit)
-        found += motion_diagnostics(dependence_of_fit(estimate.fit, misfits))
+        of_motion = motion_diagnostics(dependence_of_fit(estimate.fit))
+        if not of_motion:  # signatures cost some simulations
+            misfits = Misfits.of(estimate.fit)
+            of_motion = motion_diagnostics(dependence_of_fit(estimate.fit, misfits))
+        found += of_motion
         found += start_diagnostics(contradicted_starts(estimate.fit))
     motion_hz, cutoff_hz = _bands(model)
     found += [*slow_diagnostics(tests, motion_hz, cutoff_hz), *error_diagnostics(validations, motion_hz)]

@@ -9,7 +9,13 @@ import pytest
 from scipy import stats
 
 from fmu_didim.base.diagnostics import Severity
-from fmu_didim.checks.residual import NoiseResult, lack_of_fit, residual_diagnostics, slow_diagnostics
+from fmu_didim.checks.residual import (
+    NoiseResult,
+    lack_of_fit,
+    large_diagnostics,
+    residual_diagnostics,
+    slow_diagnostics,
+)
 from fmu_didim.data.filters import LowPass
 from fmu_didim.fit.log_noise import known_noise
 from fmu_didim.fit.uncertainty import Colour
@@ -134,3 +140,28 @@ def test_the_noise_by_periods_is_that_of_the_log_whatever_it_is_filtered_with() 
     plain, filtered = known_noise(model), known_noise(model.with_low_pass(LowPass(4.0)))
     assert plain is not None and filtered is not None
     np.testing.assert_array_equal(plain, filtered)
+
+
+@pytest.mark.parametrize(
+    ("coefficients", "error", "told"),
+    [
+        ([0.9], 0.2, True),
+        ([0.9], 0.1, False),
+        ([0.9], 0.02, False),
+        ([], 0.5, False),
+        ([0.3], 0.5, False),
+        ([-0.9], 0.5, False),
+        ([1.2, -0.95], 0.5, False),
+    ],
+    ids=["slow and large", "hardly a tenth", "slow", "white", "nearly white", "fast", "a hum of 8 Hz"],
+)
+def test_a_large_residual_need_not_be_as_slow_as_the_motion(
+    coefficients: list[float], error: float, told: bool
+) -> None:
+    """At 50 Hz, beside a motion of 0.6 Hz: what lies below 2.4 Hz counts."""
+    (test,) = lack_of_fit([replace(COLOURED, coefficients=np.array(coefficients))], None)
+    assert slow_diagnostics([test], 0.6) == []
+    found = large_diagnostics([test], {1: error}, 0.6)
+    assert [(d.code.name, d.place) for d in found] == [("residual-slow", "joint 1")] * told
+    assert all("% of the torque" in d.text for d in found)
+    assert large_diagnostics([test], {1: error}, 20.0) == [], "too little lies above the motion"
