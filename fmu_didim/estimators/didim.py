@@ -200,8 +200,9 @@ class Didim(Estimator):
         except SimulationError as failed:
             raise _NonPhysicalError(model.start, f"{failed.what} {failed.got or ''}".strip()) from failed
         theta, impossible = simulatable(model, theta)
-        if not mass_matrix_problem(model, theta):
-            model = with_fitting_substeps(model, theta)
+        if impossible and _try(model, theta)[1]:
+            raise _NonPhysicalError(theta, f"{impossible}, and from the nearest possible values the loop fails")
+        model = with_fitting_substeps(model, theta)
         path, region = Path(is_last=not then), Region.of(model).of_base(model.linear_count)
         while path.count < self.maximum_iterations:
             number = history.count + 1
@@ -209,8 +210,7 @@ class Didim(Estimator):
             error = np.nan if prediction is None else relative_error_percent(model.measured, prediction.torque)[0]
             step = path.judged(theta, float(error), failure)
             if step == "failed":
-                reason = f"{impossible}, and from the nearest possible values the loop fails" if impossible else ""
-                raise _NonPhysicalError(theta, reason or path.failure, error=float(error))
+                raise _NonPhysicalError(theta, path.failure, error=float(error))
             if step in ("halved", "over"):
                 note = f"{path.failure}; {'step halved' if step == 'halved' else BEST}"
                 history.add(Iteration(self.name, number, theta, error, note=note))
