@@ -25,6 +25,7 @@ from fmu_didim.case.changes import CaseChanges, CaseParts, changes_by, merged
 from fmu_didim.case.document import MODEL, CaseDocument, make_estimator, read_case
 from fmu_didim.case.experiment import read_experiment
 from fmu_didim.case.free import free_parameters, prior
+from fmu_didim.case.in_memory import Memory, check_at_hand, named
 from fmu_didim.case.instants import read_motion
 from fmu_didim.case.loop import (
     at_instants_of,
@@ -37,7 +38,6 @@ from fmu_didim.case.loop import (
     with_reading,
 )
 from fmu_didim.case.measured import read_channels
-from fmu_didim.case.memory import Memory, check_at_hand, named
 from fmu_didim.case.parts import component_of, controller_block, identified, plant_block
 from fmu_didim.components import Component
 from fmu_didim.cosim import System

@@ -61,8 +61,8 @@ STEPS = 10
 SETTLED = 1e-3
 """[1] Relative change of a held-out start, or of its standard deviation, at which that fit ends."""
 PROBED = (1e-9, 1e-2)
-"""[1] Change of the torque, over its range, from which the range of a state of a controller is told: above rounding,
-below what saturates."""
+"""[1] Change of the torque, over its range, from which the range of a state of a controller is reported: above
+rounding, below what saturates."""
 PROBE_FACTOR = 1e5
 """[1] By which a probe that is too short is longer, and one that is too long shorter, the next time."""
 PROBES = 6
@@ -393,7 +393,7 @@ def _start(fit: Fit, label: str) -> _Start | None:
     only = range(values.size - len(asked), values.size)
     columns = sensitivity(first, values, torque, only=only, exact=False)
     columns *= np.array([parameter.scale for parameter in asked])
-    columns = columns[: _acting(columns, [parameter.owner == PLANT for parameter in asked])]
+    columns = columns[: _affected_samples(columns, [parameter.owner == PLANT for parameter in asked])]
     shown = _shown(whitened(columns, _later_deviation(residual, count, fit.deviation)))
     if not shown or not (is_certain or _stands_out(squares, columns.shape[0])):
         return None
@@ -402,7 +402,7 @@ def _start(fit: Fit, label: str) -> _Start | None:
     return _Start(tuple(asked[i] for i in shown), columns[:, :, shown] / scale, off)
 
 
-def _acting(columns: Array, of_plant: Sequence[bool]) -> int:
+def _affected_samples(columns: Array, of_plant: Sequence[bool]) -> int:
     """Number of first samples in which start values act, by their columns (K, n, m): those of the plant together,
     states of controllers, which may be forgotten later, each by itself."""
     effect, together = np.abs(columns).max(axis=1), np.array(of_plant)
@@ -504,7 +504,7 @@ def _move(fit: Fit, start: _Start) -> tuple[Array, Array]:
 
 def _chance_alone(fit: Fit, label: str, start: _Start) -> float:
     """The same by the first samples alone, all other values taken as known."""
-    model = _alone(fit, label, start)
+    model = _start_only(fit, label, start)
     torque = model.torque(model.start, label)
     return _chance(replace(fit, model=model, values=model.start, outputs=torque, jacobian=start.columns), start)
 
@@ -532,12 +532,12 @@ def _held_out(fit: Fit, label: str) -> tuple[InitialState, float, str] | None:
 def _found(fit: Fit, label: str, start: _Start) -> dict[str, float]:
     """Name of a state -> value at the start of an experiment, by its first samples and the values of a fit."""
     stopping = Stopping(STEPS, tolerance=SETTLED, updates=None, check_all=False)
-    found = minimise(_alone(fit, label, start), fit.noise, stopping=stopping)
+    found = minimise(_start_only(fit, label, start), fit.noise, stopping=stopping)
     moved = found.values[-start.count :]
     return {_name(k): float(value) for k, value in zip(start.parameters, moved, strict=True)}
 
 
-def _alone(fit: Fit, label: str, start: _Start) -> LoopModel:
+def _start_only(fit: Fit, label: str, start: _Start) -> LoopModel:
     """The model of the samples in which a start acts, with nothing free but that start."""
     held = tuple(replace(k, lowest=v, highest=v) for k, v in zip(fit.model.free_parameters, fit.values, strict=True))
     model = _with_start(fit, label, start.parameters, start.samples).with_free((*held, *start.parameters))
