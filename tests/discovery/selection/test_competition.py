@@ -527,7 +527,7 @@ def test_what_every_base_model_has_and_a_black_box_lacks_is_always_tried() -> No
 
 
 def test_shapes_of_missing_friction_are_held_until_all_else_is_fitted(monkeypatch: pytest.MonkeyPatch) -> None:
-    """From three places of its range, each with the values of the base and of the case; the best of them is set free, and
+    """From three places of its range, each with the values of base and case; the best of them is set free, and
     taken where it is better."""
     builder = Builder(effect_of("coulomb", is_base=True))
     competition = Competition(builder, fitted(plant()))
