@@ -9,13 +9,14 @@ from pathlib import Path
 import pytest
 import yaml
 
+from fmu_didim.case.files import DATA_VARIABLE, data_folder
 from fmu_didim.cli.main import command_parser, main
 from tests.conftest import ROOT, has_emps, package
 from tests.patience import patience
 from tests.smoke.test_verbs import verbs_of
 
-SECONDS = 6.0
-"""A verb must end within ten times as long on an idle machine: a minute."""
+SECONDS = 60.0
+"""In which a verb must end, longer on a machine that is busy."""
 TIME_LIMIT = "30"
 """s, of a discovery: it ends with the best answer so far."""
 VERBS: Mapping[str, Callable[[Path], list[str]]] = {
@@ -104,6 +105,7 @@ def check(name: str, verbs: set[str], folder: Path, capsys: pytest.CaptureFixtur
     wrong = {}
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
+        patch.setenv(DATA_VARIABLE, str(data_folder(ROOT).resolve()))  # also where a case is written elsewhere
         for verb in sorted(verbs):
             code, told = outcome(verb, FILES[name], capsys)
             if why := wrong_of(name, verb, code, told):

@@ -83,7 +83,7 @@ def torque_channel_diagnostics(given: Expected, gains: Array, label: str) -> lis
         gains: (n,) from the command to the torque of each drive, 1 without one.
     """
     foreign = _foreign(given, label)
-    if foreign or given.nominal is None:
+    if foreign or given.nominal is None or not given.has_all_joints:
         return foreign
     found = _order(given.measured, given.nominal, label)
     correlation, ratio = correlation_and_ratio(given.measured, given.nominal)
