@@ -98,8 +98,8 @@ class Block:
                     next_step="Give the function these arguments in this order.",
                 )  # fmt: skip
         names = [v.name for v in (*self.inputs, *self.outputs, *self.states, *self.parameters)]
-        doubled = sorted({name for name in names if names.count(name) > 1})
-        if doubled:
+        if len(set(names)) < len(names):
+            doubled = sorted({name for name in names if names.count(name) > 1})
             raise InputError(
                 f"Block '{self.name}' has variables of the same name.", got=", ".join(doubled),
                 next_step="Give each variable a name of its own.",

@@ -16,6 +16,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from itertools import pairwise
+from typing import cast
 
 import clarabel
 import numpy as np
@@ -24,7 +25,7 @@ from scipy import sparse
 
 from fmu_didim.base.errors import IdentificationError
 from fmu_didim.components import SameObject
-from fmu_didim.data.signals import Array
+from fmu_didim.data.signals import Array, Trajectory
 from fmu_didim.dynamics.physical_set import TRIANGLE, PhysicalSet, mass_of
 from fmu_didim.dynamics.robot.inertia import scaled_eigenvalues
 from fmu_didim.model.loop_model import LoopModel
@@ -46,7 +47,8 @@ SOLVED = 1e-7
 POSITIONS = 16
 """[positions] Along the reference of an experiment, at which the inertia matrix is bounded."""
 KEPT = 32
-"""[machines] Kept with their last links: every stage of an estimation asks for the same ones."""
+"""[machines] Kept with their last links, and with as many tables of positions: every stage of an estimation asks for
+the same ones."""
 
 
 @dataclass(frozen=True)
@@ -285,8 +287,17 @@ def _machine_along(parameters: SameObject, place: tuple[int, ...], positions: by
 
 def positions_along(model: LoopModel, label: str, count: int) -> Array:
     """(K, n) positions along the reference of an experiment, K at most ``count``; zero where it has none."""
-    reference, names = model.experiments[label].reference, [f"q{j}" for j in range(1, model.joint_count + 1)]
-    if not set(names) <= set(reference.names):
-        return np.zeros((1, model.joint_count))
-    ticks = np.unique(np.linspace(0, reference.time.size - 1, count).astype(np.int64))
-    return reference.select(names)[ticks]
+    return _positions(SameObject(model.experiments[label].reference), model.joint_count, count)
+
+
+@lru_cache(maxsize=KEPT)
+def _positions(of: SameObject, joints: int, count: int) -> Array:
+    """(K, n) positions of so many joints along a reference."""
+    reference, names = cast("Trajectory", of.value), [f"q{j}" for j in range(1, joints + 1)]
+    if set(names) <= set(reference.names):
+        ticks = np.unique(np.linspace(0, reference.time.size - 1, count).astype(np.int64))
+        found = reference.select(names)[ticks]
+    else:
+        found = np.zeros((1, joints))
+    found.flags.writeable = False
+    return found
