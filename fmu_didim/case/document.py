@@ -346,10 +346,15 @@ def make_estimator(options: Mapping[str, Any]) -> Estimator:
 
 
 def _endless(values: Mapping[str, Any]) -> list[str]:
-    """Names of the numbers that are not finite, ``start.ZZ1R`` inside a mapping."""
+    """Names of the numbers that are not finite, and of the entries of a mapping that are no such number,
+    ``start.ZZ1R``."""
     found = [name for name, value in values.items() if isinstance(value, float) and not math.isfinite(value)]
     inner = {name: value for name, value in values.items() if isinstance(value, Mapping)}
-    return found + [f"{name}.{one}" for name, value in inner.items() for one in _endless(value)]
+    return found + [f"{name}.{one}" for name, value in inner.items() for one in value if not _is_finite(value[one])]
+
+
+def _is_finite(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
 
 
 def read_case(path: Path | str) -> CaseDocument:
