@@ -6,7 +6,7 @@ its outputs y after it. Free parameters of the owners ``INPUT`` and ``OUTPUT`` s
 
     delay         s(t - delay)
     lag           lag s' + s_new = s,  s_new(t_0) = s(t_0)
-    gain          gain s
+    scale         scale s
     offset        s + offset
     drift         s + drift (t - t_0)
     transient     s + transient exp(-(t - t_0)/fades)
@@ -28,7 +28,7 @@ from fmu_didim.data.signals import Array, Trajectory
 
 INPUT, OUTPUT = "input signal", "output signal"
 """Owners of free parameters of signals; see :class:`~fmu_didim.model.free_parameter.FreeParameter`."""
-DELAY, LAG, GAIN, OFFSET, DRIFT = "delay", "lag", "gain", "offset", "drift"
+DELAY, LAG, SCALE, OFFSET, DRIFT = "delay", "lag", "scale", "offset", "drift"
 TRANSIENT, FADES, UPPER, LOWER = "transient", "fades", "upper limit", "lower limit"
 """Parameters of a signal."""
 
@@ -92,7 +92,7 @@ def changed(time: Array, signal: Array, values: Mapping[str, float], *, is_held:
     if (lag := values.get(LAG, 0.0)) > 0:
         found = _lagging(time, found, lag, is_held=is_held)
     since = time - time[0]
-    found = values.get(GAIN, 1.0) * found + values.get(OFFSET, 0.0) + values.get(DRIFT, 0.0) * since
+    found = values.get(SCALE, 1.0) * found + values.get(OFFSET, 0.0) + values.get(DRIFT, 0.0) * since
     if (size := values.get(TRANSIENT, 0.0)) and (constant := values.get(FADES, 0.0)) > 0:
         found = found + size * np.exp(-since / constant)
     return np.asarray(np.clip(found, values.get(LOWER, -np.inf), values.get(UPPER, np.inf)))

@@ -14,7 +14,7 @@ UNEVEN = np.cumsum(np.random.default_rng(1).uniform(0.02, 0.2, 101))
 
 @pytest.mark.parametrize("time", [EVEN, UNEVEN])
 @pytest.mark.parametrize("is_held", [True, False])
-@pytest.mark.parametrize("neutral", [{}, {"gain": 1.0}, {"lag": 0.0}, {"delay": 0.0}, {"upper limit": 9.0}])
+@pytest.mark.parametrize("neutral", [{}, {"scale": 1.0}, {"lag": 0.0}, {"delay": 0.0}, {"upper limit": 9.0}])
 def test_nothing_changes_where_all_is_neutral(time: Array, neutral: dict[str, float], *, is_held: bool) -> None:
     signal = np.sin(time)
     assert changed(time, signal, neutral, is_held=is_held) == pytest.approx(signal, abs=1e-14)
@@ -60,10 +60,10 @@ def test_a_delay_of_a_straight_signal_moves_it() -> None:
     assert changed(EVEN, 3 * EVEN, {"delay": 0.33})[0] == 0.0
 
 
-def test_gain_offset_drift_transient_and_limits_come_in_this_order() -> None:
+def test_scale_offset_drift_transient_and_limits_come_in_this_order() -> None:
     time = EVEN + 2.0
-    values = {"gain": 2.0, "offset": 1.0, "drift": 0.1, "transient": -3.0, "fades": 0.5, "upper limit": 1.6}
+    values = {"scale": 2.0, "offset": 1.0, "drift": 0.1, "transient": -3.0, "fades": 0.5, "upper limit": 1.6}
     wanted = np.minimum(2 * np.sin(time) + 1 + 0.1 * EVEN - 3 * np.exp(-EVEN / 0.5), 1.6)
     assert changed(time, np.sin(time), values) == pytest.approx(wanted)
     assert changed(time, np.sin(time), {"lower limit": -0.2}).min() == -0.2
-    assert signal_key("a.b:c", "gain") == "a.b:c:gain"
+    assert signal_key("a.b:c", "scale") == "a.b:c:scale"
