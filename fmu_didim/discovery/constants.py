@@ -28,6 +28,6 @@ DECIDING = (
     (search, ("STEP_COST", "WEAKEST", "SMALLEST_GAIN", "LEAST")),
     (judge, ("REMAINDER",)),
     (signal_search, ("STARTS", "FEWEST_CLIPPED")),
-    (kinds, ("LAGS", "DELAYS", "FADING", "LONGEST", "LEVELS")),
+    (kinds, ("LAGS", "DELAYS", "FADING", "LONGEST", "ROOM", "LEVELS")),
 )
 """Constants on which a discovery depends, by module."""

@@ -48,8 +48,9 @@ class Candidate:
     @property
     def title(self) -> str:
         """What it is and where, in words."""
-        where = "of" if self.known is not None else f"of the {self.side}"
-        return f"{self.kind.title} {where} {self.signal}"
+        if self.known is not None:
+            return f"{self.kind.title} {self.signal}"
+        return f"{self.kind.title} of the {self.side} {self.signal}"
 
     @property
     def equation(self) -> str:
@@ -78,7 +79,7 @@ class Candidate:
             scale = p.scale(self.measures) or max(abs(v) for v in (*self.measures.levels, 1.0))
             one = FreeParameter(
                 p.words.format(self.signal), p.unit(self.unit), owner, signal_key(self.signal, p.name), value, scale,
-                p.lowest, effect=index, is_shape=p.neutral is None,
+                p.lowest(self.measures), p.highest(self.measures), effect=index, is_shape=p.neutral is None,
             )  # fmt: skip
             is_own = self.kind.of_start and place == 0 and len(self.labels) > 1
             found += [of_experiment(one, label) for label in self.labels] if is_own else [one]

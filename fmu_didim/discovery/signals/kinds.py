@@ -27,6 +27,8 @@ FADING = (2.0, 8.0, 30.0, 100.0)
 """[samples] and time constants of transients."""
 LONGEST = 0.5
 """[1] Of the length of an experiment, up to which such times are tried: what is slower is a drift."""
+ROOM = 0.1
+"""[1] Of the range of a signal, by which a limit may lie beyond it: there it changes nothing any more."""
 LEVELS = (0.97, 0.9, 0.75, 0.5)
 """[1] Places of a limit in the sorted values of a signal from which fits start."""
 
@@ -58,7 +60,7 @@ class SignalParameter:
     Attributes:
         name: as of :mod:`fmu_didim.model.signals.path`; words: with ``{}`` for the signal, shown to the user.
         unit: from the unit of the signal; neutral: with which nothing changes; None of a shape.
-        scale: size of a noticeable change; lowest: limit.
+        scale: size of a noticeable change; lowest, highest: limits.
     """
 
     name: str
@@ -66,7 +68,8 @@ class SignalParameter:
     unit: Callable[[str], str]
     neutral: float | None
     scale: Callable[[Measures], float]
-    lowest: float = -np.inf
+    lowest: Callable[[Measures], float] = lambda _: -np.inf
+    highest: Callable[[Measures], float] = lambda _: np.inf
 
 
 @dataclass(frozen=True)
@@ -111,6 +114,22 @@ def _step(measures: Measures) -> float:
     return measures.step_s
 
 
+def _zero(_: Measures) -> float:
+    return 0.0
+
+
+def _least(measures: Measures) -> float:
+    return measures.levels[0] - ROOM * measures.span
+
+
+def _most(measures: Measures) -> float:
+    return measures.levels[-1] + ROOM * measures.span
+
+
+def _longest(measures: Measures) -> float:
+    return LONGEST * measures.length_s
+
+
 def _limits(measures: Measures, name: str, places: Sequence[float]) -> list[dict[str, float]]:
     levels = np.asarray(measures.levels)
     found = dict.fromkeys(float(np.quantile(levels, place)) for place in places)
@@ -136,7 +155,7 @@ KINDS: tuple[Kind, ...] = (
     Kind(
         LAG, "Lag of first order",
         {"input": "lag du/dt + u = {} as recorded", "output": "lag dy/dt + y = {}, y being shown"},
-        (SignalParameter(LAG, "lag of {}", lambda unit: "s", 0.0, _step, 0.0),),
+        (SignalParameter(LAG, "lag of {}", lambda unit: "s", 0.0, _step, _zero, _longest),),
         lambda m: [{LAG: t} for t in m.times(LAGS)], MOVE, moving=True,
     ),
     Kind(
@@ -156,13 +175,13 @@ KINDS: tuple[Kind, ...] = (
     Kind(
         UPPER, "Saturation above",
         {"input": "{} acts as recorded up to the limit", "output": "the sensor shows no more than the limit of {}"},
-        (SignalParameter(UPPER, "upper limit of {}", lambda unit: unit, None, _span),),
+        (SignalParameter(UPPER, "upper limit of {}", lambda unit: unit, None, _span, _least, _most),),
         lambda m: _limits(m, UPPER, LEVELS), "Go farther up, and stay there for a while.", moving=True,
     ),
     Kind(
         LOWER, "Saturation below",
         {"input": "{} acts as recorded down to the limit", "output": "the sensor shows no less than the limit of {}"},
-        (SignalParameter(LOWER, "lower limit of {}", lambda unit: unit, None, _span),),
+        (SignalParameter(LOWER, "lower limit of {}", lambda unit: unit, None, _span, _least, _most),),
         lambda m: _limits(m, LOWER, [1 - place for place in LEVELS]), "Go farther down, and stay there for a while.",
         moving=True,
     ),
@@ -171,7 +190,9 @@ KINDS: tuple[Kind, ...] = (
         {"output": "{} starts off by the transient, which fades as exp(-(t - t_0)/time constant)"},
         (
             SignalParameter(TRANSIENT, "transient of {}", _same, 0.0, _span),
-            SignalParameter(FADES, "time constant of the transient of {}", lambda unit: "s", None, _step, 0.0),
+            SignalParameter(
+                FADES, "time constant of the transient of {}", lambda unit: "s", None, _step, _zero, _longest
+            ),
         ),
         lambda m: [{TRANSIENT: 0.0, FADES: t} for t in m.times(FADING)],
         "Start from rest, or identify the initial state: identify: {name of the state.start: {}}.",
@@ -181,7 +202,7 @@ KINDS: tuple[Kind, ...] = (
 """What is looked for on the signals of a model."""
 
 PARAMETER = Kind(
-    "parameter", "Value of a parameter",
+    "parameter", "Value of the parameter",
     {"parameter": "{} has another value than the model gives it"}, (), lambda m: [{}],
     "Know the parameter from elsewhere, or identify it with data that tell it from the others.",
 )  # fmt: skip

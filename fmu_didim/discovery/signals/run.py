@@ -10,6 +10,7 @@ from fmu_didim.base.diagnostics import Diagnostic
 from fmu_didim.base.errors import IdentificationError, SimulationError
 from fmu_didim.checks.identification import checked
 from fmu_didim.checks.judgement import Judgement
+from fmu_didim.checks.outputs.before import START_ELSEWHERE
 from fmu_didim.checks.validation import validate
 from fmu_didim.discovery.request import Request
 from fmu_didim.discovery.signals.document import signals_document
@@ -62,6 +63,8 @@ def discover_on_signals(
         except (IdentificationError, SimulationError) as error:
             found, notes = SignalDiscovery(found.base, found.base, tried=found.tried), f"{NOT_IDENTIFIED} {error.what}"
             request = request.noting(notes)
+    if found.steps:  # whether the final model starts where the data do, its own residual says
+        before = [d for d in before if d.code is not START_ELSEWHERE]
     document = signals_document(request, found, base, final, _judged(final, before), clock.perf_counter() - begin)
     return FoundOnSignals(document, found, base, final)
 

@@ -64,18 +64,19 @@ def changed_inputs(reference: Trajectory, ramps: Set[str], values: Mapping[str, 
 def changed_outputs(
     recording: Recording, ticks: NDArray[np.int64], values: Mapping[str, float], component: str
 ) -> Recording:
-    """Some ticks of a recording of all, with the outputs of a component as their sensors show them."""
+    """Some ticks of an experiment, from the recording of all of them, with the outputs of a component as their sensors
+    show them."""
     sampled, applied = (dict(table) for table in (recording.sampled, recording.applied))
     for name, own in by_signal(values).items():
         signal = f"{component}.{name}"
         for table in (sampled, applied):
             if signal in table:
                 table[signal] = changed(recording.time, table[signal], own)
-    rows = np.searchsorted(recording.ticks, ticks)
-    tables = [{name: v[rows] for name, v in table.items()} for table in (applied, recording.inputs, sampled)]
-    instants = None if recording.instants is None else recording.instants[rows]
+    tables = [{name: v[ticks] for name, v in table.items()} for table in (applied, recording.inputs, sampled)]
+    instants = None if recording.instants is None else recording.instants[ticks]
     return replace(
-        recording, ticks=ticks, applied=tables[0], inputs=tables[1], sampled=tables[2], instants=instants
+        recording, ticks=recording.ticks[ticks], applied=tables[0], inputs=tables[1], sampled=tables[2],
+        instants=instants,
     )  # fmt: skip
 
 
