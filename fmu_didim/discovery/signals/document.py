@@ -18,6 +18,7 @@ from fmu_didim.discovery.document import gap_pair
 from fmu_didim.discovery.request import Request
 from fmu_didim.discovery.selection.candidates import Outcome
 from fmu_didim.discovery.signals.candidates import Candidate
+from fmu_didim.discovery.signals.remainder import SLOW_REMAINDER, SLOW_TEXT, slow_remainders
 from fmu_didim.discovery.signals.search import FittedSignal, SignalDiscovery, SignalStep, quick_noise
 from fmu_didim.discovery.unfinished import SEARCH_CUT
 from fmu_didim.fit.estimate import Estimate
@@ -46,7 +47,7 @@ UNDECIDED = CATALOGUE(
     "identified: none of them is named.",
     next_step="Rule them out by what you know of the machine (--forbid), or record what tells them apart.",
 )  # fmt: skip
-MISFITS = {OUTPUT_FOLLOWS, RESIDUAL_ABOVE_NOISE, RESIDUAL_SLOW}
+MISFITS = {OUTPUT_FOLLOWS, RESIDUAL_ABOVE_NOISE, RESIDUAL_SLOW, SLOW_REMAINDER}
 """What says that a model leaves more than noise."""
 ONE_OF = "One of several, which these data do not tell apart"
 ABSORBED = (
@@ -69,10 +70,13 @@ def signals_document(
         base, final: estimates without and with what was added; judged: the judgement of the final one.
     """
     found = replace(found, base=_at(base, found.base), final=_at(final, found.final))
+    judged = _with_more(judged, slow_remainders(found.final))
     codes = {reason.code for reason in judged.reasons}
     unfinished = _unfinished(found, request.progress.limit_s)
     answer: Answer = "unfinished" if unfinished is not None else _answer(found, codes)
-    judged = _with_reasons(judged, found, unfinished)
+    told = SLOW_TEXT if answer == "unknown" and MISFITS & codes == {SLOW_REMAINDER} else ANSWER_TEXT[answer]
+    judged = _with_more(judged, _left_open(found), settled=unfinished is None)
+    judged = _with_more(judged, [] if unfinished is None else [unfinished], settled=unfinished is None)
     judged = judged.acknowledging(request.acknowledged)
     noise = _noise(found, is_whole=not (MISFITS & codes))
     shown = noise.of(slice(0, found.base.model.joint_count))
@@ -80,7 +84,7 @@ def signals_document(
     return FindingsDocument(
         name=request.name,
         answer=answer,
-        text=ANSWER_TEXT[answer],
+        text=told,
         verdict=judged.verdict,
         reasons=judged.saved(request.case),
         acknowledged=judged.saved_acknowledged(request.case),
@@ -136,17 +140,18 @@ def _answer(found: SignalDiscovery, codes: set[Code]) -> Answer:
     return "disagreement" if WORSE_HELD_OUT in codes else "nothing"
 
 
-def _with_reasons(judged: Judgement, found: SignalDiscovery, unfinished: Diagnostic | None) -> Judgement:
-    """The judgement with what the search itself leaves open."""
-    more = [
+def _with_more(judged: Judgement, more: Sequence[Diagnostic], *, settled: bool = True) -> Judgement:
+    """The judgement with further diagnostics."""
+    settled = settled and judged.verdict != "not_settled"
+    return judgement([*more, *judged.reasons, *judged.remarks], settled=settled) if more else judged
+
+
+def _left_open(found: SignalDiscovery) -> list[Diagnostic]:
+    """What the search itself does not decide."""
+    return [
         Diagnostic(UNDECIDED, f"{'; or '.join(f.candidate.title for f in (s.chosen, *s.rivals))}.")
         for s in found.steps if s.rivals
     ]  # fmt: skip
-    more += [] if unfinished is None else [unfinished]
-    if not more:
-        return judged
-    settled = unfinished is None and judged.verdict != "not_settled"
-    return judgement([*more, *judged.reasons, *judged.remarks], settled=settled)
 
 
 def _unfinished(found: SignalDiscovery, limit_s: float | None) -> Diagnostic | None:

@@ -34,6 +34,8 @@ from fmu_didim.model.loop_model import LoopModel
 
 STARTS = 2
 """[starts] Of a candidate that are fitted to the minimum: the best ones with all else refitted to first order."""
+LEAST = 5.0
+"""[chi-square] By which a further start must promise to lower it: less is no BIC difference of 10."""
 ITERATIONS = 25
 """[steps] Of such a fit at most; most take five."""
 TOLERANCE = 1e-6
@@ -142,7 +144,7 @@ class SignalSearch:
                 break
             self.progress.say(f"added: {step.chosen.candidate.title}")
             found = self._backward(replace(found, final=step.chosen.fit, steps=(*found.steps, step)))
-        return found
+        return self._told_apart(found, every) if len(found.steps) > 1 and not found.is_cut else found
 
     def _round(
         self, fit: Fit, every: Sequence[Candidate]
@@ -165,10 +167,14 @@ class SignalSearch:
             report(f"{candidate.name}, BIC difference {one.gain:.0f}" if one is not None else "")
         return self._decided(fit, tried), tuple(tried), tuple(absorbed)
 
-    def _fitted(self, fit: Fit, candidate: Candidate, starts: Sequence[LoopModel], noise: Noise) -> FittedSignal | None:
+    def _fitted(
+        self, fit: Fit, candidate: Candidate, starts: Sequence[tuple[float, LoopModel]], noise: Noise
+    ) -> FittedSignal | None:
         """A candidate at its best minimum; None where none is found."""
         best: FittedSignal | None = None
-        for model in starts:
+        for promised, model in starts:
+            if best is not None and promised < LEAST:
+                continue
             try:
                 other = fitted(model, until=self.progress.ends)
             except (SimulationError, IdentificationError):
@@ -207,15 +213,44 @@ class SignalSearch:
             return ""
         return held_out_objection(fit, one.fit, seed=self.options.seed)
 
+    def _told_apart(self, found: SignalDiscovery, every: Sequence[Candidate]) -> SignalDiscovery:
+        """The same with what may stand in the place of each addition beside the others: what was told apart while
+        these were missing, and bent all values, may be as good now."""
+        steps, final = list(found.steps), found.final
+        added = {step.chosen.candidate.name for step in steps}
+        for place, step in enumerate(steps):
+            own, name = self._without(final, step), step.chosen.candidate.name
+            if own is None:
+                continue
+            self.progress.say(f"in the place of: {step.chosen.candidate.title}")
+            _, tried, _ = self._round(own, [c for c in every if c.name == name or c.name not in added])
+            if any(t.outcome is Outcome.NOT_TRIED for t in tried):
+                return replace(found, steps=tuple(steps), tried=(*found.tried, tried), is_cut=True)
+            all_fitted = {t.candidate.name: t.fitted for t in tried if t.fitted is not None}
+            again = all_fitted.pop(name, None)
+            if again is None:
+                continue
+            near = again.gain - nearness(again.gain, self.options)
+            chosen, others = preferred(again, [f for f in all_fitted.values() if f.gain > near])
+            others += [] if chosen is again else [chosen]
+            known = {f.candidate.name for f in others}
+            steps[place] = replace(step, rivals=(*others, *(f for f in step.rivals if f.candidate.name not in known)))
+        return replace(found, steps=tuple(steps))
+
+    def _without(self, fit: Fit, step: SignalStep) -> Fit | None:
+        """A fit without one of its additions; None where it cannot be simulated."""
+        own = {p.name for p in step.chosen.candidate.free({}, 0)}
+        model = fit.model.with_values(fit.values)
+        try:
+            return fitted(model.with_free(p for p in model.free_parameters if p.name not in own), until=float("inf"))
+        except (SimulationError, IdentificationError):
+            return None
+
     def _backward(self, found: SignalDiscovery) -> SignalDiscovery:
         """Take out what a later addition has made superfluous."""
         for step in found.steps[:-1]:
-            own = {p.name for p in step.chosen.candidate.free({}, 0)}
-            model = found.final.model.with_values(found.final.values)
-            smaller = model.with_free(p for p in model.free_parameters if p.name not in own)
-            try:
-                without = fitted(smaller, until=self.progress.ends)
-            except (SimulationError, IdentificationError):
+            without = self._without(found.final, step)
+            if without is None:
                 continue
             noise = quick_noise(found.final)
             if bic_gain(without, found.final, step.chosen.candidate.cost, noise) < self.options.threshold:
@@ -307,9 +342,11 @@ def _projection(fit: Fit) -> BaseProjection:
     return BaseProjection.of(fit.jacobian, 1 / fit.deviation)
 
 
-def _starts(fit: Fit, base: BaseProjection, candidate: Candidate, index: int) -> tuple[list[LoopModel], bool]:
-    """The models from which a candidate is fitted, and whether what is identified
-    makes up for it whole."""
+def _starts(
+    fit: Fit, base: BaseProjection, candidate: Candidate, index: int
+) -> tuple[list[tuple[float, LoopModel]], bool]:
+    """By how much each start promises to lower chi-square, and its model, the best first; and whether what is
+    identified makes up for the candidate whole."""
     rest = base.rest_of(base.weighted(fit.residual))
     tried: list[tuple[float, int, LoopModel]] = []
     seen = False
@@ -323,7 +360,8 @@ def _starts(fit: Fit, base: BaseProjection, candidate: Candidate, index: int) ->
             tried.append((cost, len(tried), model))
     if not tried:
         return [], not seen and bool(candidate.starts)
-    return [model for _, _, model in sorted(tried)[:STARTS]], False
+    own = float(rest @ rest)
+    return [(own - cost, model) for cost, _, model in sorted(tried, key=lambda t: t[:2])[:STARTS]], False
 
 
 def _tried(
