@@ -15,7 +15,7 @@ from .case import Measured as Measured
 from .case import Reference as Reference
 from .case import load_case as load_case
 from .checks.validation import Validation as Validation
-from .checks.validation import validate as validate
+from .checks.validation import validate_on as validate_on
 from .components import load_fmu as load_fmu
 from .components import to_control as to_control
 from .controllers import read_controller as read_controller

@@ -8,7 +8,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from fmu_didim.case import load_case
-from fmu_didim.checks.validation import validate
+from fmu_didim.checks.validation import validate_on
 from fmu_didim.estimators import Didim
 from fmu_didim.fit.estimate import Estimate
 
@@ -27,7 +27,7 @@ def rows() -> list[tuple[str, Estimate, float, float]]:
         estimate = Didim(estimate_delay=delay is None).estimate(there)
         if delay is None:
             there = model.with_delay(float(estimate.value[-1]))
-        direct, cross = (validate(there, estimate.base_value, label) for label in ("estimation", "validation"))
+        direct, cross = (validate_on(there, estimate.base_value, label) for label in ("estimation", "validation"))
         result.append(
             ("estimated" if delay is None else f"{delay:g}", estimate, direct.total_percent, cross.total_percent)
         )

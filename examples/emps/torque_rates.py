@@ -16,7 +16,7 @@ import numpy as np
 
 from fmu_didim.case import Case, load_case
 from fmu_didim.case.experiment import read_experiment
-from fmu_didim.checks.validation import validate
+from fmu_didim.checks.validation import validate_on
 from fmu_didim.cosim import decimated_times, sample_operator
 from fmu_didim.estimators import Didim
 from fmu_didim.fit.estimate import Estimate
@@ -66,7 +66,7 @@ def thinned(model: LoopModel, rate_hz: float, phase_s: float) -> LoopModel:
 
 def errors(model: LoopModel, estimate: Estimate) -> tuple[float, float]:
     """Force error in % on the estimation and on the validation set."""
-    direct, cross = (validate(model, estimate.base_value, label) for label in ("estimation", "validation"))
+    direct, cross = (validate_on(model, estimate.base_value, label) for label in ("estimation", "validation"))
     return direct.total_percent, cross.total_percent
 
 

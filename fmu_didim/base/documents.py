@@ -150,7 +150,7 @@ def load_yaml(path: Path | str) -> dict[str, Any]:
     except yaml.YAMLError as error:
         raise InputError(
             "The file is not valid YAML.", where=str(path), got=str(error)[:1000],
-            next_step="Mend that line: indent with spaces, a space after each colon, quotes and brackets closed.",
+            next_step="Correct that line: indent with spaces, a space after each colon, quotes and brackets closed.",
         ) from error  # fmt: skip
     if not isinstance(content, dict):
         raise InputError(
@@ -330,7 +330,7 @@ def problems_error(found: Sequence[str], *, where: str) -> InputError:
     listed = [*found[:MOST_PROBLEMS], *(["and others"] if len(found) > MOST_PROBLEMS else [])]
     return InputError(
         f"{Path(where).name} has {count}:\n" + "\n".join(f"  - {p}" for p in listed), where=where,
-        next_step="Mend these entries in the file; fmu-didim validate FILE checks it again.",
+        next_step="Correct these entries in the file; fmu-didim validate FILE checks it again.",
     )  # fmt: skip
 
 

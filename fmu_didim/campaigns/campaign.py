@@ -33,7 +33,7 @@ from fmu_didim.campaigns.running.runner import (
 from fmu_didim.campaigns.running.store import FAILURES, Store
 from fmu_didim.campaigns.validation import case_problems, read_campaign
 from fmu_didim.case import Case
-from fmu_didim.case.memory import Memory
+from fmu_didim.case.in_memory import Memory
 from fmu_didim.workflow.output.result_folder import check_writable
 
 _log = logging.getLogger(__name__)

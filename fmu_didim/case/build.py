@@ -25,6 +25,7 @@ from fmu_didim.case.changes import CaseChanges, CaseParts, changes_by, merged
 from fmu_didim.case.document import MODEL, CaseDocument, make_estimator, read_case
 from fmu_didim.case.experiment import read_experiment
 from fmu_didim.case.free import free_parameters, prior
+from fmu_didim.case.in_memory import Memory, check_at_hand, named
 from fmu_didim.case.instants import read_motion
 from fmu_didim.case.loop import (
     at_instants_of,
@@ -37,7 +38,6 @@ from fmu_didim.case.loop import (
     with_reading,
 )
 from fmu_didim.case.measured import read_channels
-from fmu_didim.case.memory import Memory, check_at_hand, named
 from fmu_didim.case.parts import component_of, controller_block, identified, plant_block
 from fmu_didim.components import Component
 from fmu_didim.cosim import System
@@ -212,9 +212,13 @@ class Case:
         shown = () if self.data is None else tuple(f"{MODEL}.{name}" for name in self.data.together)
         systems = {label: self.system(label, experiment.reference) for label, experiment in experiments.items()}
         first = next(iter(systems.values()))
-        low_pass = document.low_pass
+        low_pass, plant = document.low_pass, first.components[self.plant_name]
+        loop = Loop(systems, self.parameters, plant, self.plant_name, output_signals=shown)
+        for label, experiment in experiments.items():
+            for name in experiment.initial_state.values:
+                loop.start_named(name, where=f"{label}.initial_state")
         return LoopModel(
-            Loop(systems, self.parameters, first.components[self.plant_name], self.plant_name, output_signals=shown),
+            loop,
             Experiments(experiments, None if low_pass is None else LowPass(low_pass.cutoff_hz, low_pass.order)),
             free_parameters(document, self.parameters, first),
             torque_deviation=self._stated_deviation(experiments),
@@ -416,9 +420,6 @@ def _of_a_model(case: Case, data: CalibrationData) -> LoopModel:
 def _check(document: CaseDocument, model: LoopModel, estimator: Estimator) -> None:
     """Raise InputError where a case of a robot does not fit together."""
     n = model.joint_count
-    for label, experiment in model.experiments.items():
-        for name in experiment.initial_state.values:
-            model.loop.start_named(name, where=f"{label}.initial_state")
     if model.torque_deviation is not None and model.torque_deviation.size != n:
         raise InputError(
             "torque_std needs one value for each joint.", got=model.torque_deviation.size, valid=str(n),

@@ -10,7 +10,7 @@ from typing import Any, ParamSpec, TypedDict, TypeVar
 from fmu_didim.base.errors import InputError
 from fmu_didim.case.arrays import Inputs, Log, Measured, Reference
 from fmu_didim.case.document import CaseDocument
-from fmu_didim.case.memory import OF_THE_FILE, InMemory, Whole, pair
+from fmu_didim.case.in_memory import OF_THE_FILE, InMemory, Whole, pair
 
 _Arguments = ParamSpec("_Arguments")
 _Result = TypeVar("_Result")

@@ -11,7 +11,7 @@ from types import MappingProxyType
 from fmu_didim.base.diagnostics import Diagnostic
 from fmu_didim.base.errors import InputError
 from fmu_didim.base.files import is_file
-from fmu_didim.case.memory import check_at_hand
+from fmu_didim.case.in_memory import check_at_hand
 from fmu_didim.case.sources import DataFile, SignalFile, TorqueFile
 from fmu_didim.data.signals import Array, Trajectory
 from fmu_didim.data.tables import (

@@ -11,7 +11,7 @@ from typing import Any
 from fmu_didim.base.errors import InputError, UnknownNameError
 from fmu_didim.base.imports import import_object, run_code
 from fmu_didim.case.document import CaseDocument, make_estimator
-from fmu_didim.case.memory import check_at_hand
+from fmu_didim.case.in_memory import check_at_hand
 from fmu_didim.case.sources import ComponentSource
 from fmu_didim.components import (
     Component,

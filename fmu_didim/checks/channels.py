@@ -26,7 +26,7 @@ told: less changes no value."""
 CERTAIN = 4.0
 """[standard deviations] By which it differs from none, with the memory of the residual."""
 COLOURED = 1.5
-"""[1] Inflation of standard deviations by the colour of a residual, from which it is told: half more than by white
+"""[1] Inflation of standard deviations by the colour of a residual, from which it is reported: half more than by white
 noise."""
 LARGER = 2.0
 """[1] Residual over the stated noise of a channel, from which the statement or the model is wrong."""

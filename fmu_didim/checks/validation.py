@@ -104,7 +104,7 @@ class Validation:
     channels: Mapping[str, ChannelValidation] = field(default_factory=dict)
 
 
-def validate(model: LoopModel, values: Array, label: str) -> Validation:
+def validate_on(model: LoopModel, values: Array, label: str) -> Validation:
     """Simulate an experiment with values (p,) and compare the torques, and what else was measured."""
     run, measured = model.simulation(values, label), model.experiments.recorded_in(label)
     every, motion, channels = None, dict[str, Array](), dict[str, ChannelValidation]()

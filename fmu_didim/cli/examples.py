@@ -28,7 +28,7 @@ _NAME = re.compile(r"(?:\.\./)*[\w.-]*\w(?:/[\w.-]*\w)*")
 
 
 @dataclass(frozen=True)
-class Run:
+class ExampleCommand:
     """A command of an example.
 
     Attributes:
@@ -52,7 +52,7 @@ class Example:
 
     name: str
     sentence: str
-    runs: tuple[Run, ...]
+    runs: tuple[ExampleCommand, ...]
     needs: str = ""
 
 
@@ -85,7 +85,7 @@ def examples() -> dict[str, Example]:
     """
     content = tomllib.loads((examples_root() / INDEX).read_text(encoding="utf-8"))
     return {
-        name: Example(name, entry["is"], tuple(Run(**run) for run in entry["run"]), entry.get("needs", ""))
+        name: Example(name, entry["is"], tuple(ExampleCommand(**run) for run in entry["run"]), entry.get("needs", ""))
         for name, entry in content.items()
     }
 

@@ -24,7 +24,7 @@ from fmu_didim.cosim.system import System
 from fmu_didim.data.signals import Trajectory
 
 SLOW = 3.0
-"""[s] Duration of a run from which on it is told: the tens that an identification takes then last minutes."""
+"""[s] Duration of a run from which on it is reported: the tens that an identification takes then last minutes."""
 _log = logging.getLogger(__name__)
 
 

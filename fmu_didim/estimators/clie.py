@@ -31,8 +31,8 @@ from fmu_didim.fit.iteration import Iteration
 from fmu_didim.fit.noise.weighting import NoiseOfResidual
 from fmu_didim.fit.solver.accuracy import with_fitting_substeps
 from fmu_didim.fit.solver.admissible import mass_matrix_problem, physical_problem, tracking_problem
+from fmu_didim.fit.solver.minimum_check import unproven
 from fmu_didim.fit.solver.numerical_noise import smoother_advice
-from fmu_didim.fit.solver.proof import unproven
 from fmu_didim.model.loop_model import LoopModel
 
 ADVICE = (

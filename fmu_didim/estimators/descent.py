@@ -16,7 +16,7 @@ USELESS_ERROR = 50.0
 """[%] A start with a larger torque error, whose first step does not bring it below, is given up for another."""
 
 
-class Path:
+class Descent:
     """The best point of the iterations from one start, and how the next one compares.
 
     Attributes:

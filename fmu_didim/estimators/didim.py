@@ -13,6 +13,7 @@ parameter: gains of the controller, the delay, the clock of the log.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -23,17 +24,17 @@ from fmu_didim.base.documents import Count, Positive
 from fmu_didim.base.errors import FixedParameterError, IdentificationError, InputError, SimulationError
 from fmu_didim.data.signals import Array
 from fmu_didim.estimators.base import Estimator, Progress, no_progress
-from fmu_didim.estimators.descent import Path
+from fmu_didim.estimators.descent import Descent
 from fmu_didim.estimators.finish import Minimum, finish_by_colour, integration_error, torque_estimate
 from fmu_didim.estimators.initial_states import free_starts, start_advice, with_likely_starts, with_starts
 from fmu_didim.estimators.joint import joint_minimum
 from fmu_didim.estimators.local_minima import lowest, nearer_to_prior
 from fmu_didim.estimators.start import Start, simulatable, start_sequence, start_text, start_values, with_free_delay
-from fmu_didim.fit.equations import Equations
 from fmu_didim.fit.estimate import Estimate, RefusedError, Stage, Status
 from fmu_didim.fit.fit import Fit, point
 from fmu_didim.fit.fit_uncertainty import fit_uncertainty
 from fmu_didim.fit.iteration import History, Iteration
+from fmu_didim.fit.linear_problem import LinearProblem
 from fmu_didim.fit.noise.weighting import NoiseOfResidual, weighted_solution, whitened
 from fmu_didim.fit.region import Region
 from fmu_didim.fit.solver.accuracy import with_fitting_substeps
@@ -178,19 +179,24 @@ class Didim(Estimator):
     def _from(self, model: LoopModel, start: Start, then: str, joint: Joint, history: History) -> Estimate:
         """The estimate from a start; ``then`` says what follows if it gives no estimate."""
         try:
-            model, theta, settled = self._iterate(model, start, then, history)
-            fit = _point(model, theta)
+            found, theta, settled = self._iterate(model, start, then, history)
+            fit = _point(found, theta)
             starts = free_starts(fit)
-            if starts and (likely := with_likely_starts(model)) is not model:
+            if starts and (likely := with_likely_starts(found)) is not found:
                 # The transient of a start off the reference has bent what came so far.
-                model, theta, settled = self._iterate(likely, "reference", then, history)
-                fit = _point(model, theta)
-                starts = free_starts(fit)
+                with suppress(IdentificationError, _NonPhysicalError):
+                    return self._from_likely(likely, then, joint, history)
             return self._conclude(fit, starts, joint, settled, history)
         except _NonPhysicalError as caught:
             note = f"{caught.reason}{then}"
             history.add(Iteration(self.name, history.count + 1, caught.theta, caught.error, note=note))
             raise
+
+    def _from_likely(self, model: LoopModel, then: str, joint: Joint, history: History) -> Estimate:
+        """The estimate with the starts that are likely."""
+        found, theta, settled = self._iterate(model, "reference", then, history)
+        fit = _point(found, theta)
+        return self._conclude(fit, free_starts(fit), joint, settled, history)
 
     def _iterate(self, model: LoopModel, start: Start, then: str, history: History) -> tuple[LoopModel, Array, bool]:
         """The DIDIM iterations: the model with the steps that were chosen for them, the last solution, or the best one
@@ -203,34 +209,34 @@ class Didim(Estimator):
         if impossible and _try(model, theta)[1]:
             raise _NonPhysicalError(theta, f"{impossible}, and from the nearest possible values the loop fails")
         model = with_fitting_substeps(model, theta)
-        path, region = Path(is_last=not then), Region.of(model).of_base(model.linear_count)
-        while path.count < self.maximum_iterations:
+        descent, region = Descent(is_last=not then), Region.of(model).of_base(model.linear_count)
+        while descent.count < self.maximum_iterations:
             number = history.count + 1
             prediction, failure = _try(model, theta)
             error = np.nan if prediction is None else relative_error_percent(model.measured, prediction.torque)[0]
-            step = path.judged(theta, float(error), failure)
+            step = descent.judged(theta, float(error), failure)
             if step == "failed":
-                raise _NonPhysicalError(theta, path.failure, error=float(error))
+                raise _NonPhysicalError(theta, descent.failure, error=float(error))
             if step in ("halved", "over"):
-                note = f"{path.failure}; {'step halved' if step == 'halved' else BEST}"
+                note = f"{descent.failure}; {'step halved' if step == 'halved' else BEST}"
                 history.add(Iteration(self.name, number, theta, error, note=note))
                 if step == "over":
                     break
-                theta = 0.5 * (theta + path.best[0])
+                theta = 0.5 * (theta + descent.best[0])
                 continue
             assert prediction is not None
             following, change, condition = self._solve(model, theta, prediction, region)
-            is_over = self.finish and path.rises >= RISES
+            is_over = self.finish and descent.rises >= RISES
             note = f"the error falls no more; {BEST}" if is_over else ""
             if impossible:
                 note, impossible = f"the nearest values that can be simulated: {impossible}", ""
             history.add(Iteration(self.name, number, theta, float(error), change, condition, note))
-            if path.steady(float(error), self.tolerance) and change <= self.tolerance:
+            if descent.steady(float(error), self.tolerance) and change <= self.tolerance:
                 return model, following, True
             if is_over:
                 break
             theta = following
-        return model, path.best[0], False
+        return model, descent.best[0], False
 
     def _solve(
         self, model: LoopModel, theta: Array, prediction: Prediction, region: Region
@@ -244,7 +250,7 @@ class Didim(Estimator):
         solution, deviation = weighted_solution(model, regressor, model.measured - known)
         scaled, right = whitened(regressor, deviation), whitened(model.measured - known, deviation)
         prior = None if model.prior is None else (model.prior.padded(count), model.prior.target)
-        equations = Equations.of(scaled[:, None, :], right[:, None], prior=prior)
+        equations = LinearProblem.of(scaled[:, None, :], right[:, None], prior=prior)
         found = equations.step(np.zeros(count), region, 0.0)[0]
         following = np.concatenate([found, theta[count:]])
         moved = np.linalg.norm(scaled @ (following - theta)[:count])

@@ -26,6 +26,7 @@ from fmu_didim.base.distributions import chi2_sf
 from fmu_didim.base.errors import IdentificationError, SimulationError
 from fmu_didim.data.signals import Array
 from fmu_didim.estimators.finish import Minimum
+from fmu_didim.estimators.local_minima import HARDLY_WORSE, weighted_cost
 from fmu_didim.estimators.start import simulatable, start_values
 from fmu_didim.fit.derivatives.sensitivity import sensitivity
 from fmu_didim.fit.fit import Fit, point, prior_rows
@@ -61,12 +62,13 @@ STEPS = 10
 SETTLED = 1e-3
 """[1] Relative change of a held-out start, or of its standard deviation, at which that fit ends."""
 PROBED = (1e-9, 1e-2)
-"""[1] Change of the torque, over its range, from which the range of a state of a controller is told: above rounding,
-below what saturates."""
+"""[1] Change of the torque, over its range, from which the range of a state of a controller is reported: above
+rounding, below what saturates."""
 PROBE_FACTOR = 1e5
 """[1] By which a probe that is too short is longer, and one that is too long shorter, the next time."""
 PROBES = 6
 """[probes] From 1e-20 to 1e20 of the unit of a state, both ways."""
+OTHER_VELOCITIES = "The minimum was found from a start with the velocities of the reference."
 NOT_SHOWN = "{}: its initial state is asked for, but the log does not show it; the motion starts on its reference."
 NOT_OFFERED = (
     "{}: {}. The states in which {} starts are not known: if it was running before the log began, name what sets them, "
@@ -110,6 +112,8 @@ def with_starts(fit: Fit, starts: Sequence[FreeParameter], finish: Callable[[Fit
         model = model.with_free((*model.free_parameters, *starts))
         fit = point(model, NoiseOfResidual(model))
     minimum = finish(fit)
+    if starts:
+        minimum = _lower(minimum, fit, starts, finish)
     kept = tuple(start for start in starts if start.experiment in _off_reference(minimum, starts))
     if len(kept) < len(starts):  # a delay or a gain that only the finish frees may have looked like a start
         minimum = finish(_without(minimum.fit, set(starts) - set(kept))).after(minimum)
@@ -117,6 +121,27 @@ def with_starts(fit: Fit, starts: Sequence[FreeParameter], finish: Callable[[Fit
     model, held_out = held_out_starts(minimum.fit)
     remarks = (*minimum.remarks, *free_start_remarks(minimum.fit, starts), *held_out, *unknown_states(minimum.fit))
     return replace(minimum, fit=replace(minimum.fit, model=model), remarks=remarks)
+
+
+def _lower(minimum: Minimum, before: Fit, starts: Sequence[FreeParameter], finish: Callable[[Fit], Minimum]) -> Minimum:
+    """The same minimum, or a lower one that is reached from the same positions with the velocities of the reference: a
+    fast transient that is sampled a few times looks much the same with others.
+
+    Args:
+        before: where the minimum was searched from, the starts free.
+    """
+    model, found = minimum.fit.model, before.values.copy()
+    for start in starts:
+        assert start.experiment is not None
+        place, name = model.names.index(start.name), _name(start)
+        is_velocity = start.owner == PLANT and name.startswith("dq")
+        found[place] = _on(model, start.experiment)[name] if is_velocity else minimum.fit.values[place]
+    try:
+        other = finish(point(before.model.with_values(found), NoiseOfResidual(before.model)))
+    except (SimulationError, IdentificationError):
+        return minimum
+    here, there = (weighted_cost(one, minimum.fit.deviation) for one in (minimum.fit, other.fit))
+    return other.after(minimum, OTHER_VELOCITIES) if there < here - HARDLY_WORSE else minimum
 
 
 def _off_reference(minimum: Minimum, starts: Sequence[FreeParameter]) -> set[str | None]:
@@ -271,9 +296,13 @@ class OtherStart:
 
 
 def start_advice(model: LoopModel) -> str:
-    """What to do first about a loop that cannot be simulated, where its start is given."""
-    is_given = any(model.experiments[label].initial_state.kind == "given" for label in model.estimation_labels)
-    return "Leave initial_state out, or correct it: the log may start elsewhere. " if is_given else ""
+    """What to do first about a loop that cannot be simulated, where its start is given or taken for granted."""
+    kinds = {label: model.experiments[label].initial_state.kind for label in model.estimation_labels}
+    if "given" in kinds.values():
+        return "Leave initial_state out, or correct it: the log may start elsewhere. "
+    if any(kind == "detected" and not begins_moving(model, label) for label, kind in kinds.items()):
+        return "Where the log begins before the machine stands on its reference, write initial_state: free. "
+    return ""
 
 
 def contradicted_starts(fit: Fit) -> list[OtherStart]:
@@ -393,7 +422,7 @@ def _start(fit: Fit, label: str) -> _Start | None:
     only = range(values.size - len(asked), values.size)
     columns = sensitivity(first, values, torque, only=only, exact=False)
     columns *= np.array([parameter.scale for parameter in asked])
-    columns = columns[: _acting(columns, [parameter.owner == PLANT for parameter in asked])]
+    columns = columns[: _affected_samples(columns, [parameter.owner == PLANT for parameter in asked])]
     shown = _shown(whitened(columns, _later_deviation(residual, count, fit.deviation)))
     if not shown or not (is_certain or _stands_out(squares, columns.shape[0])):
         return None
@@ -402,7 +431,7 @@ def _start(fit: Fit, label: str) -> _Start | None:
     return _Start(tuple(asked[i] for i in shown), columns[:, :, shown] / scale, off)
 
 
-def _acting(columns: Array, of_plant: Sequence[bool]) -> int:
+def _affected_samples(columns: Array, of_plant: Sequence[bool]) -> int:
     """Number of first samples in which start values act, by their columns (K, n, m): those of the plant together,
     states of controllers, which may be forgotten later, each by itself."""
     effect, together = np.abs(columns).max(axis=1), np.array(of_plant)
@@ -504,7 +533,7 @@ def _move(fit: Fit, start: _Start) -> tuple[Array, Array]:
 
 def _chance_alone(fit: Fit, label: str, start: _Start) -> float:
     """The same by the first samples alone, all other values taken as known."""
-    model = _alone(fit, label, start)
+    model = _start_only(fit, label, start)
     torque = model.torque(model.start, label)
     return _chance(replace(fit, model=model, values=model.start, outputs=torque, jacobian=start.columns), start)
 
@@ -532,12 +561,12 @@ def _held_out(fit: Fit, label: str) -> tuple[InitialState, float, str] | None:
 def _found(fit: Fit, label: str, start: _Start) -> dict[str, float]:
     """Name of a state -> value at the start of an experiment, by its first samples and the values of a fit."""
     stopping = Stopping(STEPS, tolerance=SETTLED, updates=None, check_all=False)
-    found = minimise(_alone(fit, label, start), fit.noise, stopping=stopping)
+    found = minimise(_start_only(fit, label, start), fit.noise, stopping=stopping)
     moved = found.values[-start.count :]
     return {_name(k): float(value) for k, value in zip(start.parameters, moved, strict=True)}
 
 
-def _alone(fit: Fit, label: str, start: _Start) -> LoopModel:
+def _start_only(fit: Fit, label: str, start: _Start) -> LoopModel:
     """The model of the samples in which a start acts, with nothing free but that start."""
     held = tuple(replace(k, lowest=v, highest=v) for k, v in zip(fit.model.free_parameters, fit.values, strict=True))
     model = _with_start(fit, label, start.parameters, start.samples).with_free((*held, *start.parameters))

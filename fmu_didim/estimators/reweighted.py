@@ -21,7 +21,7 @@ fast; where these go astray, by a tenth."""
 STAYS = 0.01
 """[standard deviations] By which a round may move a value at the end: it changes no conclusion."""
 SHOWN = 6
-"""[samples] Outliers whose instants are told."""
+"""[samples] Outliers whose instants are reported."""
 
 
 def with_error_models(model: LoopModel, fit: Callable[[LoopModel], Estimate]) -> Estimate:

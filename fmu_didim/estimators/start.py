@@ -16,7 +16,7 @@ from fmu_didim.base.errors import IdentificationError, InputError, UnknownNameEr
 from fmu_didim.data.signals import Array
 from fmu_didim.estimators.inverse_simulation import implied_motion
 from fmu_didim.estimators.reference_start import Motion, rows_of, whole_reference
-from fmu_didim.fit.equations import Equations
+from fmu_didim.fit.linear_problem import LinearProblem
 from fmu_didim.fit.noise.weighting import weighted_solution, whitened
 from fmu_didim.fit.region import Region
 from fmu_didim.fit.solver.admissible import mass_matrix_problem
@@ -121,7 +121,7 @@ def _fitted(model: LoopModel, motion: Callable[[Simulation], Motion], *, held: b
         table = np.vstack([table, np.diag(1 / prior)])
         right = np.concatenate([right, model.start[:count] / prior])
     values = model.start
-    equations = Equations.of(table[:, None, :], right[:, None])
+    equations = LinearProblem.of(table[:, None, :], right[:, None])
     values[:count] = equations.step(np.zeros(count), Region.of(model).of_start().of_base(count), 0.0)[0]
     return values
 

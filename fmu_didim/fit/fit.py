@@ -13,8 +13,8 @@ from fmu_didim.fit.confounding import refuse_ridge
 from fmu_didim.fit.derivatives.differences import Steps
 from fmu_didim.fit.derivatives.sensitivity import parameter_sizes, sensitivity
 from fmu_didim.fit.ending import Ending
-from fmu_didim.fit.equations import Equations
 from fmu_didim.fit.iteration import Iteration
+from fmu_didim.fit.linear_problem import LinearProblem
 from fmu_didim.fit.noise.noise import Noise
 from fmu_didim.fit.noise.shared import counted_once, variance_by_sharing
 from fmu_didim.fit.noise.weighting import Weighting, whitened
@@ -70,10 +70,10 @@ class Fit:
         return self.model.measured_outputs - self.outputs
 
     @property
-    def equations(self) -> Equations:
+    def equations(self) -> LinearProblem:
         """The linear problem of the next step, the prior among its rows."""
         table, right = self.jacobian / self.deviation[:, None], self.residual / self.deviation
-        return Equations.of(table, right, prior=prior_rows(self.model.prior, self.values))
+        return LinearProblem.of(table, right, prior=prior_rows(self.model.prior, self.values))
 
     @property
     def torque(self) -> Array:
@@ -140,7 +140,7 @@ class Fit:
     @property
     def condition_number(self) -> float:
         """Of the weighted sensitivity with columns of length one."""
-        return Equations.of(self.jacobian / self.deviation[:, None], self.residual).condition
+        return LinearProblem.of(self.jacobian / self.deviation[:, None], self.residual).condition
 
 
 def point(model: LoopModel, weighting: Weighting, prediction: Prediction | None = None) -> Fit:

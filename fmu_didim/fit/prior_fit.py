@@ -80,7 +80,7 @@ def prior_fit(fit: Fit, known: Uncertainty) -> PriorFit | None:
     missing = count - prior.mean.size
     mean = np.pad(prior.mean, (0, missing), constant_values=np.nan)
     deviation = np.pad(prior.deviation, (0, missing), constant_values=np.inf)
-    alone, alone_deviation = _alone(fit, known.alone)
+    alone, alone_deviation = _without_prior(fit, known.alone)
     return PriorFit(
         source=prior.source,
         mean=mean,
@@ -88,14 +88,14 @@ def prior_fit(fit: Fit, known: Uncertainty) -> PriorFit | None:
         data_share=np.clip(np.diag(known.by_data) / np.diag(known.covariance), 0.0, 1.0),
         alone=alone,
         alone_deviation=alone_deviation,
-        apart=_apart(values - mean, rows, psi, known.by_data, np.isfinite(deviation)),
+        apart=_standardised_distance(values - mean, rows, psi, known.by_data, np.isfinite(deviation)),
         p_value=float(chi2_sf(distance, int(tested.sum()))) if tested.any() else 1.0,
         tested=int(tested.sum()),
         open=dict(prior.open),
     )
 
 
-def _apart(distance: Array, rows: Array, psi: Array, by_data: Array, has_prior: Array) -> Array:
+def _standardised_distance(distance: Array, rows: Array, psi: Array, by_data: Array, has_prior: Array) -> Array:
     """(p,) distances of values from the means of a prior in standard deviations of theirs."""
     of_mean = np.linalg.pinv(rows)  # (p, r): how the means follow the draw of the prior
     moved = psi.T - of_mean
@@ -104,7 +104,7 @@ def _apart(distance: Array, rows: Array, psi: Array, by_data: Array, has_prior: 
     return np.where(has_prior & (variance > least), distance / np.sqrt(np.maximum(variance, least)), np.nan)
 
 
-def _alone(fit: Fit, covariance: Array) -> tuple[Array, Array]:
+def _without_prior(fit: Fit, covariance: Array) -> tuple[Array, Array]:
     """Values (p,) by the data alone and their standard deviations (p,), NaN where the data do not have them."""
     s = whitened(fit.jacobian, fit.deviation)
     left, right = shown_directions(s)

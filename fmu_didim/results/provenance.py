@@ -25,7 +25,7 @@ from fmu_didim.checks.outputs import following, outliers, suspects, trusted
 from fmu_didim.data.tables import clock
 from fmu_didim.estimators import finish, initial_states, local_minima, reference_start
 from fmu_didim.estimators.search import best, places
-from fmu_didim.fit import confounding, equations, log_noise, statistics, uncertainty
+from fmu_didim.fit import confounding, linear_problem, log_noise, statistics, uncertainty
 from fmu_didim.fit.derivatives import differences
 from fmu_didim.fit.exploration import profile
 from fmu_didim.fit.noise import noise, residual_noise, shared, weighting
@@ -51,7 +51,7 @@ DECIDING = (
     *ENGINE,
     (weighting, ("NOISE_FLOOR",)),
     (differences, ("STEP", "KNOWN_WITHIN")),
-    (equations, ("SAME_DIRECTION",)),
+    (linear_problem, ("SAME_DIRECTION",)),
     (linear_step, ("LEFT_BY_JITTER",)),
     (reference_start, ("SMOOTHED", "NOISE_OF_ACCELERATION")),
     (finish, ("INTEGRATION_TOLERANCE", "INTEGRATION_SHIFT", "MAXIMUM_REFINEMENTS", "FINISH_TOLERANCE")),
@@ -67,7 +67,7 @@ DECIDING = (
     (identification, ("NEAR_LIMIT", "VISIBLE_SHIFT", "SECOND_STEP", "JITTER")),
     (residual, ("STILL_NOT_WHITE",)),
     (dependence, ("MOTION_CHANCE", "SIGNIFICANT", "FUNCTIONS", "SAMPLES_A_FUNCTION")),
-    (colour, ("MEMORIES", "SAMPLES_A_LAG", "WITH_PAST")),
+    (colour, ("MEMORIES", "FAR_WORSE", "SAMPLES_A_LAG", "WITH_PAST")),
     (periods, ("PART_OF_PERIOD", "KNOWN_PART", "RAMP", "FEWEST_DIFFERENCES")),
     (sampling_kind, ("NEARLY",)),
     (held_out, ("HELD_OUT_RATIO", "HELD_OUT_CHANCE", "LAGS")),

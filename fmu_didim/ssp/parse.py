@@ -329,7 +329,7 @@ def _check_type(element: ET.Element, valid: str, what: str, where: str) -> None:
     if kind != valid:
         raise InputError(
             what, where=where, got=kind, valid=valid,
-            next_step="Mend the element in the archive, or export the system again with it.",
+            next_step="Correct the element in the archive, or export the system again with it.",
         )  # fmt: skip
 
 

@@ -12,7 +12,7 @@ from fmu_didim.base.cache import file_digest
 from fmu_didim.base.imports import is_reference, located, source_file
 from fmu_didim.case import Case
 from fmu_didim.case.files import resolve
-from fmu_didim.case.memory import digest
+from fmu_didim.case.in_memory import digest
 from fmu_didim.case.sources import DataFile
 from fmu_didim.dynamics.effects import find_effect
 

@@ -13,7 +13,7 @@ from fmu_didim.base.errors import FmuDidimError, IdentificationError, InputError
 from fmu_didim.case import Case, CaseObjects, with_objects
 from fmu_didim.checks.data.checks import without_outliers
 from fmu_didim.checks.identification import checked
-from fmu_didim.checks.validation import validate
+from fmu_didim.checks.validation import validate_on
 from fmu_didim.estimators import Progress, no_progress
 from fmu_didim.fit.estimate import Estimate, RefusedError
 from fmu_didim.model.workers import one_blas_thread
@@ -161,7 +161,7 @@ def _judged(
     known: Mapping[str, Any],
     sentences: Mapping[str, str],
 ) -> Result:
-    validations = [validate(estimate.model, estimate.value, label) for label in estimate.model.experiments]
+    validations = [validate_on(estimate.model, estimate.value, label) for label in estimate.model.experiments]
     checks = checked(estimate, validations, before=before)
     checks = replace(checks, judgement=checks.judgement.acknowledging(sentences))
     document = result_document(

@@ -19,7 +19,7 @@ from fmu_didim.campaigns.planning.truth import noisy_logs, simulated_truth, with
 from fmu_didim.campaigns.reporting.page import write_campaign_report
 from fmu_didim.campaigns.running.single_run import write_single_run
 from fmu_didim.case import load_case
-from fmu_didim.case.memory import Memory
+from fmu_didim.case.in_memory import Memory
 from tests.conftest import ROOT
 
 CASE = ROOT / "examples/house/identify.yaml"

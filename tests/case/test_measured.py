@@ -15,7 +15,7 @@ import pytest
 from fmu_didim.base.errors import InputError
 from fmu_didim.case import Case, load_case
 from fmu_didim.checks.channels import channel_diagnostics
-from fmu_didim.checks.validation import validate
+from fmu_didim.checks.validation import validate_on
 from fmu_didim.data.signals import Trajectory, trajectory
 from fmu_didim.fit.estimate import Estimate
 from fmu_didim.model.loop_model import LoopModel
@@ -126,7 +126,7 @@ def estimate_with(tmp_path: Path, log: Trajectory, **entry: Any) -> Estimate:
 def test_right_sensors_are_not_doubted(tmp_path: Path) -> None:
     found = estimate_with(tmp_path, log_of(), std={"q1": ENCODER, "q2": ENCODER})
     assert channel_diagnostics(found) == []
-    shown = validate(found.model, found.value, "estimation").channels
+    shown = validate_on(found.model, found.value, "estimation").channels
     assert list(shown) == ["q1", "q2"]
     assert [c.rms for c in shown.values()] == pytest.approx([ENCODER] * 2, rel=0.15)
 

@@ -10,7 +10,7 @@ import pytest
 
 from fmu_didim.case import Case, load_case
 from fmu_didim.checks.identification import checked, held_out_channels
-from fmu_didim.checks.validation import Validation, validate
+from fmu_didim.checks.validation import Validation, validate_on
 from fmu_didim.data.signals import Array, Trajectory, trajectory
 from fmu_didim.fit.estimate import Estimate
 from fmu_didim.workflow import Result, identify
@@ -68,7 +68,7 @@ def case_with(
 
 def judged(case: Case) -> tuple[Estimate, list[Validation]]:
     found = case.estimator.estimate(case.model)
-    return found, [validate(found.model, found.value, label) for label in found.model.experiments]
+    return found, [validate_on(found.model, found.value, label) for label in found.model.experiments]
 
 
 @pytest.mark.gate

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fmu_didim.estimators.descent import Path
+from fmu_didim.estimators.descent import Descent
 
 NAN = float("nan")
 
@@ -25,19 +25,19 @@ NAN = float("nan")
     ids=["falls", "grows", "wanders", "fails", "no begin", "useless", "recovers", "nothing better"],
 )
 def test_points_are_judged_against_the_best(points: list[tuple[float, str]], expected: list[str], best: float) -> None:
-    path = Path(is_last=False)
+    path = Descent(is_last=False)
     assert [path.judged(np.zeros(1), error, failure) for error, failure in points] == expected
     assert path.best[1] == best
     assert path.count == len(points)
 
 
 def test_the_only_start_is_not_given_up() -> None:
-    path = Path(is_last=True)
+    path = Descent(is_last=True)
     assert [path.judged(np.zeros(1), error, "") for error in (80.0, 70.0)] == ["taken", "taken"]
 
 
 def test_first_point_is_not_steady() -> None:
-    path = Path(is_last=False)
+    path = Descent(is_last=False)
     path.judged(np.zeros(1), 1.0, "")
     assert not path.steady(1.0, 0.025)
     path.judged(np.zeros(1), 1.01, "")

@@ -18,8 +18,8 @@ from fmu_didim.estimators.base import Estimator
 from fmu_didim.estimators.clie import Clie
 from fmu_didim.estimators.didim import Didim
 from fmu_didim.estimators.initial_states import begins_moving, contradicted_starts, start_parameters
-from fmu_didim.fit.equations import Equations
 from fmu_didim.fit.estimate import Estimate
+from fmu_didim.fit.linear_problem import LinearProblem
 from fmu_didim.fit.region import Region
 from fmu_didim.model.experiment import InitialState, StartKind
 from fmu_didim.model.loop_model import LoopModel
@@ -238,7 +238,7 @@ def test_a_real_log_from_the_middle_of_the_motion(tmp_path: Path, late: str) -> 
 def test_fewer_samples_than_parameters_still_give_a_step() -> None:
     jacobian = np.zeros((1, 1, 3))
     jacobian[0, 0] = [0.0, 2.0, 0.0]
-    step, gain = Equations.of(jacobian, np.array([[4.0]])).step(
+    step, gain = LinearProblem.of(jacobian, np.array([[4.0]])).step(
         np.zeros(3), Region(np.full(3, -np.inf), np.full(3, np.inf)), 0.0
     )
     np.testing.assert_allclose(step, [0, 2, 0])

@@ -9,7 +9,7 @@ import pytest
 
 from fmu_didim.case import load_case
 from fmu_didim.data.signals import Array
-from fmu_didim.fit.equations import Equations
+from fmu_didim.fit.linear_problem import LinearProblem
 from fmu_didim.fit.region import SMALLEST, SMALLEST_OF_START, Region
 from fmu_didim.fit.solver.admissible import mass_matrix_problem
 from fmu_didim.model.loop_model import LoopModel
@@ -36,7 +36,7 @@ def test_inside_nothing_changes(name: str, damping: float) -> None:
     truth, region = model.start, Region.of(model)
     assert region.machines
     table = drawn(truth.size, 3) / np.maximum(np.abs(truth), 1e-3)
-    equations = Equations.of(1e3 * table[:, None, :], (1e3 * table @ (0.01 * truth))[:, None])
+    equations = LinearProblem.of(1e3 * table[:, None, :], (1e3 * table @ (0.01 * truth))[:, None])
     free = Region(region.low, region.high)
     assert (equations.step(truth, region, damping)[0] == equations.step(truth, free, damping)[0]).all()
 
@@ -49,7 +49,7 @@ def test_whatever_the_data_say_the_answer_can_be_simulated(name: str, seed: int)
     truth, region, rng = model.start, Region.of(model), np.random.default_rng(seed)
     wrong = truth * 10 ** rng.uniform(-3, 3, truth.size) * rng.choice([-1, 1], truth.size)
     table = drawn(truth.size, seed) / np.maximum(np.abs(wrong), 1e-3)
-    equations = Equations.of(1e3 * table[:, None, :], (1e3 * table @ wrong)[:, None])
+    equations = LinearProblem.of(1e3 * table[:, None, :], (1e3 * table @ wrong)[:, None])
     step, promised = equations.step(np.zeros(truth.size), region, 0.0)
     assert mass_matrix_problem(model, step) == ""
     friction = [i for i, name in enumerate(model.names) if name[:2] in ("Fv", "Fc")]
@@ -118,7 +118,7 @@ def test_idle_parameters_stay() -> None:
     table[:, 2] = 0.0
     wanted = 0.1 * model.start
     wanted[model.names.index("ZZ2")] *= -1.0
-    equations = Equations.of(table[:, None, :], (table @ (wanted - model.start))[:, None])
+    equations = LinearProblem.of(table[:, None, :], (table @ (wanted - model.start))[:, None])
     step = equations.step(model.start, Region.of(model), 0.0)[0]
     assert step[2] == 0.0
     assert mass_matrix_problem(model, model.start + step) == ""
@@ -134,7 +134,7 @@ def test_what_has_a_limit_of_its_own_is_held_there_without_the_solver(weight: fl
     held = model.names.index("Fv2")
     wanted = truth.copy()
     wanted[held] = -0.5 * truth[held]
-    equations = Equations.of(table[:, None, :], (table @ (wanted - truth))[:, None])
+    equations = LinearProblem.of(table[:, None, :], (table @ (wanted - truth))[:, None])
     step = equations.step(truth, region, 0.0)[0]
     assert step[held] == -truth[held]
     others = np.delete(np.arange(truth.size), held)
@@ -151,6 +151,6 @@ def test_a_step_out_of_the_machines_is_seen_where_it_leads() -> None:
     change = np.zeros(truth.size)
     change[model.names.index("ZZ2")] = -2 * truth[model.names.index("ZZ2")]
     assert region.surely_holds(truth - change) and mass_matrix_problem(model, truth + change)
-    equations = Equations.of(table[:, None, :], (table @ change)[:, None])
+    equations = LinearProblem.of(table[:, None, :], (table @ change)[:, None])
     step = equations.step(truth, region, 0.0)[0]
     assert mass_matrix_problem(model, truth + step) == ""

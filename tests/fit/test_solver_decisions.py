@@ -14,9 +14,9 @@ from fmu_didim.base.errors import SimulationError
 from fmu_didim.data.signals import Array
 from fmu_didim.fit.derivatives.differences import Step as Difference
 from fmu_didim.fit.ending import Ending
-from fmu_didim.fit.equations import Equations
 from fmu_didim.fit.fit import Fit, point
 from fmu_didim.fit.iteration import Iteration
+from fmu_didim.fit.linear_problem import LinearProblem
 from fmu_didim.fit.noise.noise import Noise
 from fmu_didim.fit.noise.weighting import KnownNoise, Weighting
 from fmu_didim.fit.region import Region
@@ -510,8 +510,8 @@ def test_trials_stay_within_the_limits() -> None:
 # ---- the linear problem
 
 
-def equations(table: Any, residual: Any) -> Equations:
-    return Equations.of(np.array(table, dtype=float)[:, None, :], np.array(residual, dtype=float)[:, None])
+def equations(table: Any, residual: Any) -> LinearProblem:
+    return LinearProblem.of(np.array(table, dtype=float)[:, None, :], np.array(residual, dtype=float)[:, None])
 
 
 def test_a_step_by_hand() -> None:
@@ -692,7 +692,7 @@ def test_a_fit_with_a_tolerance_settles_at_the_minimum() -> None:
 @pytest.mark.parametrize(("size", "second"), [(0.95, 0.0), (1.05, 1 / 1.05)])
 def test_a_direction_that_the_data_hardly_show_is_left_alone(size: float, second: float) -> None:
     """Below 1e-10 of the largest singular value."""
-    one = Equations(np.diag([1.0, 1e-10 * size]), np.array([3.0, 1e-10]), np.ones(2))
+    one = LinearProblem(np.diag([1.0, 1e-10 * size]), np.array([3.0, 1e-10]), np.ones(2))
     change, _ = one.step(np.zeros(2), Region(np.full(2, -np.inf), np.full(2, np.inf)), 0.0)
     np.testing.assert_allclose(change, [3.0, second], atol=1e-12)
 

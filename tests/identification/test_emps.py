@@ -9,7 +9,7 @@ import pytest
 import yaml
 
 from fmu_didim.case import Case, load_case
-from fmu_didim.checks.validation import validate
+from fmu_didim.checks.validation import validate_on
 from fmu_didim.estimators import Didim, OutputError
 from fmu_didim.fit.estimate import Estimate, Status
 from fmu_didim.workflow import identify
@@ -51,7 +51,7 @@ def full_rate_errors(estimate: Estimate, folder: Path) -> tuple[float, float]:
     """Simulated force error in % on the estimation and the validation set, both at 1 kHz."""
     full = emps_case(folder, None).model
     assert full is not None
-    found = [validate(full, estimate.base_value, label) for label in ("estimation", "validation")]
+    found = [validate_on(full, estimate.base_value, label) for label in ("estimation", "validation")]
     assert [v.role for v in found] == ["estimation", "validation"]
     return found[0].total_percent, found[1].total_percent
 

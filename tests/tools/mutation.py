@@ -39,7 +39,7 @@ TESTS: dict[str, tuple[str, ...]] = {
     "fit/solver/linear_step.py": ("fit/test_solver_decisions.py", "fit/test_numerical_noise.py"),
     "fit/solver/search.py": ("fit/test_solver_decisions.py", "fit/test_numerical_noise.py"),
     "fit/solver/termination.py": ("fit/test_solver_decisions.py", "fit/test_numerical_noise.py"),
-    "fit/equations.py": ("fit/test_solver_decisions.py", "fit/test_region.py"),
+    "fit/linear_problem.py": ("fit/test_solver_decisions.py", "fit/test_region.py"),
     "fit/derivatives/sensitivity.py": ("fit/test_sensitivity_ways.py", "fit/test_differences.py"),
     "cosim/sampling.py": ("cosim/test_sampling_edges.py", "cosim/test_sampling.py"),
     "fit/statistics.py": ("fit/test_statistics_edges.py", "fit/test_statistics.py"),

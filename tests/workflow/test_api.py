@@ -48,7 +48,9 @@ def test_package_says_that_it_is_typed() -> None:
     assert (Path(fmu_didim.__file__).parent / "py.typed").is_file()
 
 
-@pytest.mark.parametrize("name", ["check", "discover", "export_ssp", "identify", "load_case", "simulate", "validate"])
+@pytest.mark.parametrize(
+    "name", ["check", "discover", "export_ssp", "identify", "load_case", "simulate", "validate_on"]
+)
 def test_verbs_show_their_options(name: str) -> None:
     verb = getattr(fmu_didim, name)
     kinds = {p.kind for p in inspect.signature(verb).parameters.values()}

@@ -153,7 +153,7 @@ def test_per_cent_of_a_rated_torque(column: dict[str, Any], stated: str, factor:
         ("tau1", {"unit": "%"}, "", "rated: 40"),
         ("tau1", {}, "%", "rated: 40"),
         ("tau1", {"rated": 40}, "", "got:   no unit"),
-        ("tau1", {"rated": 40, "unit": "Nm"}, "", "none of per cent"),
+        ("tau1", {"rated": 40, "unit": "Nm"}, "", "needs per cent"),
         ("q1", {"rated": 40, "unit": "%"}, "", "Only a torque"),
     ],
 )

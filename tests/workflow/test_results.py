@@ -23,7 +23,7 @@ from fmu_didim import (
     read_ssp,
     read_trajectory,
     simulate,
-    validate,
+    validate_on,
 )
 from fmu_didim.base.constants import recorded
 from fmu_didim.base.errors import InputError, UnknownNameError
@@ -71,7 +71,7 @@ def test_outcome_gives_values_and_what_judges_them(outcome: Result) -> None:
 
 
 def test_model_of_an_outcome_goes_on(outcome: Result) -> None:
-    again = validate(outcome.model, outcome.model.start, "check")
+    again = validate_on(outcome.model, outcome.model.start, "check")
     np.testing.assert_array_equal(again.simulated, outcome.validation("check").simulated)
     table = simulate(three_experiments(), parameters=outcome.values, experiment="payload")
     torque = table.select(["tau1", "tau2"])[::10]

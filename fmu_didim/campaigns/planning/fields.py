@@ -14,7 +14,7 @@ from fmu_didim.base.documents import load_yaml
 from fmu_didim.base.errors import InputError
 from fmu_didim.base.imports import located
 from fmu_didim.case import Inputs, Log, Measured, Reference
-from fmu_didim.case.memory import Memory
+from fmu_didim.case.in_memory import Memory
 from fmu_didim.components import Component, is_control
 from fmu_didim.data.excitation import Excitation
 from fmu_didim.data.signals import Trajectory

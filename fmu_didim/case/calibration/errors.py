@@ -16,7 +16,7 @@ from fmu_didim.model.signals.error_model import SMALLEST_SCALE, ErrorModel
 
 
 @dataclass(frozen=True)
-class Run:
+class Recorded:
     """What the files of an experiment hold.
 
     Attributes:
@@ -29,7 +29,7 @@ class Run:
     told: tuple[Diagnostic, ...]
 
 
-def with_errors(runs: Mapping[str, Run]) -> dict[str, Run]:
+def with_errors(runs: Mapping[str, Recorded]) -> dict[str, Recorded]:
     """The runs with error models that fit together: an output that states another deviation in each of them is divided
     by its own.
 
@@ -43,11 +43,11 @@ def with_errors(runs: Mapping[str, Run]) -> dict[str, Run]:
             models.setdefault(name, {})[label] = samples.errors
     own = {name for name, found in models.items() if _differ(name, found)}
 
-    def alone(samples: Samples) -> Samples:
+    def with_relative(samples: Samples) -> Samples:
         return replace(samples, errors=replace(samples.errors, relative=samples.errors.relative or 0.0))
 
     return {
-        label: replace(run, outputs={n: alone(s) if n in own else s for n, s in run.outputs.items()})
+        label: replace(run, outputs={n: with_relative(s) if n in own else s for n, s in run.outputs.items()})
         for label, run in runs.items()
     }
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from fmu_didim.base.errors import InputError
-from fmu_didim.case.calibration.errors import Run, with_errors
+from fmu_didim.case.calibration.errors import Recorded, with_errors
 from fmu_didim.case.calibration.inputs import check_covered, read_inputs
 from fmu_didim.case.calibration.model import whole_numbers
 from fmu_didim.case.calibration.ticks import Ticks, ticks_of, together
@@ -34,7 +34,7 @@ class CalibrationData:
             others are channels, each with instants of its own.
     """
 
-    runs: Mapping[str, Run]
+    runs: Mapping[str, Recorded]
     ticks: Mapping[str, Ticks]
     step: float
     together: tuple[str, ...]
@@ -64,21 +64,21 @@ def read_calibration(
         InputError, UnknownNameError: a file or column is missing, or the inputs do not cover what was measured.
     """
     inputs, outputs = ({v.name: v for v in group} for group in (model.inputs, model.outputs))
-    runs, found = dict[str, Run](), dict[str, Ticks]()
+    runs, found = dict[str, Recorded](), dict[str, Ticks]()
     step = None if document.loop.rate_hz is None else 1.0 / document.loop.rate_hz
     if step is None and isinstance(model, FmuComponent) and not model.takes_any_step:
         step = model.fmu.experiment.step
     for label, source in document.runs.items():
         driven = read_inputs(source.inputs, folder, inputs, held=whole_numbers(model), signals=signals)
         measured, told = read_measured(source, folder, outputs, label=label, is_any=True, signals=signals)
-        runs[label] = Run(source, driven, measured, (*driven.told, *told))
+        runs[label] = Recorded(source, driven, measured, (*driven.told, *told))
         found[label] = _ticks(runs[label], label, step)
     runs = with_errors(runs)
     ticks, nominal = together(list(found.values()))
     return CalibrationData(runs, dict(zip(runs, ticks, strict=True)), nominal, _together(runs))
 
 
-def _ticks(run: Run, label: str, step: float | None) -> Ticks:
+def _ticks(run: Recorded, label: str, step: float | None) -> Ticks:
     samples = np.unique(np.concatenate([one.time for one in run.outputs.values()]))
     rows = run.inputs.rows
     start = run.source.start_s
@@ -95,7 +95,7 @@ def _ticks(run: Run, label: str, step: float | None) -> Ticks:
     return ticks_of(start, np.union1d(samples, within), step=step)
 
 
-def _together(runs: Mapping[str, Run]) -> tuple[str, ...]:
+def _together(runs: Mapping[str, Recorded]) -> tuple[str, ...]:
     """The largest group of outputs that are measured at the same instants wherever they are fitted, in all fitted
     experiments, and whose noise is stated for all or for none; of groups of one size that with most samples."""
     fitted = [run.outputs for run in runs.values() if run.source.role == "estimation"]

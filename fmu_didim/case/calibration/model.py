@@ -14,7 +14,7 @@ from pathlib import Path
 from fmu_didim.base.errors import InputError
 from fmu_didim.case.document import CaseDocument
 from fmu_didim.case.files import NONE_GIVEN, table_and_time
-from fmu_didim.case.memory import Memory
+from fmu_didim.case.in_memory import Memory
 from fmu_didim.case.parts import component_of, controller_block
 from fmu_didim.case.sources import MeasuredFile
 from fmu_didim.components import Component, FmuComponent
@@ -114,7 +114,7 @@ def _refuse_other_kinds(component: FmuComponent, name: str, where: str) -> None:
 
 
 def with_starts(component: Component, wanted: Mapping[str, str]) -> Component:
-    """The component with a parameter for each of these names that ends in ``.start`` and is none yet: where that
+    """The component with a parameter for each of these names that ends in ``.start`` and is not one yet: where that
     variable starts. ``wanted``: name -> where it is named.
 
     Raises:

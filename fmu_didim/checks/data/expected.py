@@ -54,6 +54,12 @@ class Expected:
         there = [torque for torque in (self.nominal, self.fitted) if torque is not None]
         return min(there, key=self.error, default=None)
 
+    def after(self, part: float) -> Expected:
+        """The same without the first part of the log, as a fraction of it."""
+        rows = slice(int(part * self.measured.shape[0]), None)
+        tables = (None if table is None else table[rows] for table in (self.nominal, self.columns, self.known))
+        return Expected(self.measured[rows], *tables)
+
     def chance(self) -> float:
         """Median error of the fit for the log rolled to other instants."""
         assert self.columns is not None

@@ -16,6 +16,7 @@ from scipy.optimize import linear_sum_assignment
 from fmu_didim.base.diagnostics import CATALOGUE, DOUBT, PROBLEM, Diagnostic
 from fmu_didim.checks.data.expected import Expected
 from fmu_didim.data.signals import Array
+from fmu_didim.estimators.initial_states import FIRST_PART
 from fmu_didim.fit.noise.noise import TINY
 
 EXPLAINS = 0.5
@@ -83,6 +84,8 @@ def torque_channel_diagnostics(given: Expected, gains: Array, label: str) -> lis
         gains: (n,) from the command to the torque of each drive, 1 without one.
     """
     foreign = _foreign(given, label)
+    if foreign and not _foreign(later := given.after(FIRST_PART), label):
+        given, foreign = later, []  # it does not start on its reference: the transient says nothing of the log
     if foreign or given.nominal is None:
         return foreign
     found = _order(given.measured, given.nominal, label)

@@ -79,7 +79,7 @@ SIGNIFICANT = 2.0
 OWN_PART = 1e-6
 """[1] Least fraction of a column that is independent of the others."""
 LARGEST_GAIN = 100.0
-"""[1] Of the criterion over the samples that is told from an infinite one."""
+"""[1] Of the criterion over the samples that is distinguished from an infinite one."""
 
 DEPENDS_ON_MOTION = CATALOGUE(
     "residual-depends-on-motion", DOUBT, rank=60,

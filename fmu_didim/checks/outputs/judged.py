@@ -27,7 +27,7 @@ POWER = 0.95
 def output_diagnostics(
     estimate: Estimate, validations: Sequence[Validation], tests: Sequence[NoiseResult], before: Iterable[Diagnostic]
 ) -> list[Diagnostic]:
-    """What is doubted of the values of a model by its outputs; what any fit may show is told elsewhere.
+    """What is doubted of the values of a model by its outputs; what any fit may show is reported elsewhere.
 
     Args:
         validations: of all experiments; tests: of the residual of each output; before: of the data and the model.

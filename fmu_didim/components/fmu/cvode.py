@@ -61,7 +61,7 @@ def silence(solver: Any) -> None:
     from fmpy.sundials.libraries import sundials_cvode
 
     sundials_cvode.CVodeSetMaxHnilWarns.argtypes = [ctypes.c_void_p, ctypes.c_int]
-    sundials_cvode.CVodeSetMaxHnilWarns(solver.cvode_mem, -1)  # steps that are lost in rounding are told by the end
+    sundials_cvode.CVodeSetMaxHnilWarns(solver.cvode_mem, -1)  # steps lost in rounding show in the end time
     if not hasattr(solver, "sunctx"):
         return  # of a SUNDIALS that prints nothing once it has a handler
     from fmpy.sundials.libraries import sundials_core

@@ -121,7 +121,7 @@ def target(
     Args:
         torque_units: (n,) N.m or N of each joint, where they are known.
         is_command: whether ``tau<j>`` are commands of any unit.
-        unit: of the variable of a model that the signal belongs to, whatever its name; None where it is none.
+        unit: of the variable of a model that the signal belongs to, whatever its name; None where it belongs to none.
     """
     if unit is not None:
         of_model = known_unit(unit) if unit else None
@@ -207,7 +207,7 @@ def _check_rated(unit: str, definition: UnitDefinition | None, wanted: Target, w
         )  # fmt: skip
     if definition is None or definition.powers:
         raise InputError(
-            "The unit of a torque in parts of a rated one is none of per cent.", where=where, got=unit or "no unit",
+            "A torque given in parts of a rated one needs per cent as its unit.", where=where, got=unit or "no unit",
             valid="unit: '%', '‰' or '1'", next_step="Give the one in which the log has it, or take rated: out.",
         )  # fmt: skip
 

@@ -219,7 +219,7 @@ def step_of(
 def _remark(
     accepted: FittedCandidate, ranking: Sequence[FittedCandidate], competition: Competition, options: Options
 ) -> str:
-    """What the user is told of an effect that held-out data confirm by its size alone, and of larger members of its
+    """What is reported of an effect that held-out data confirm by its size alone, and of larger members of its
     class that explain the fitted data better."""
     told = held_out_remark(competition.fit, accepted.fit, seed=options.seed)
     if not told:

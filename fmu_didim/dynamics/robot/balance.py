@@ -5,10 +5,10 @@ from __future__ import annotations
 import casadi as ca
 
 from fmu_didim.dynamics.block import Balance
-from fmu_didim.dynamics.robot.equations import Equations
+from fmu_didim.dynamics.robot.equations import EquationsOfMotion
 
 
-def plant_balance(equations: Equations, x: ca.SX, p: ca.SX, chi: ca.SX, shapes: ca.SX) -> Balance:
+def plant_balance(equations: EquationsOfMotion, x: ca.SX, p: ca.SX, chi: ca.SX, shapes: ca.SX) -> Balance:
     """inverse(q, dq, a, chi, s) - tau = 0, with a = ddq.
 
     Args:

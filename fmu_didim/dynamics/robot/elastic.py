@@ -26,7 +26,7 @@ from fmu_didim.data.signals import Variable
 from fmu_didim.dynamics.effects import UNITS
 from fmu_didim.dynamics.robot.description import RobotDescription
 from fmu_didim.dynamics.robot.dynamics import add_effect, link_columns, own_parameters
-from fmu_didim.dynamics.robot.equations import NEWTON_STEPS, Equations
+from fmu_didim.dynamics.robot.equations import NEWTON_STEPS, EquationsOfMotion
 from fmu_didim.dynamics.robot.implicit import StiffBalance
 from fmu_didim.dynamics.robot.rate import EXPLICIT, Method, fastest_rate
 
@@ -39,8 +39,8 @@ _LINK_SIGNALS = (
 )
 
 
-class ElasticEquations(Equations):
-    """The equations of a robot with elastic joints, in the symbols of :class:`Equations`.
+class ElasticEquations(EquationsOfMotion):
+    """The equations of a robot with elastic joints, in the symbols of :class:`EquationsOfMotion`.
 
     Attributes:
         elastic: their numbers, from 0.

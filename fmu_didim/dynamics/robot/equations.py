@@ -27,7 +27,7 @@ NEWTON_STEPS = 3
 """Enough for |load| and the like: once no load changes its sign, one step is exact."""
 
 
-class Equations:
+class EquationsOfMotion:
     """tau = G(q, dq, ddq) + sum of the effects, G the rigid-body torque, in symbols.
 
     Attributes:

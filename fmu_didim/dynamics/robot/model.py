@@ -19,7 +19,7 @@ from fmu_didim.dynamics.linearly_implicit import LinearlyImplicit
 from fmu_didim.dynamics.robot.balance import plant_balance
 from fmu_didim.dynamics.robot.description import RobotDescription
 from fmu_didim.dynamics.robot.elastic import ElasticEquations
-from fmu_didim.dynamics.robot.equations import Equations
+from fmu_didim.dynamics.robot.equations import EquationsOfMotion
 from fmu_didim.dynamics.robot.implicit import implicit_step
 from fmu_didim.dynamics.robot.inertia import InertiaColumns, scaled_eigenvalues
 from fmu_didim.dynamics.robot.rate import EXPLICIT, IMPLICIT, MOTION_RATE, RESOLVING, Method
@@ -67,7 +67,9 @@ class RobotModel:
         self.description = description
         self.parameters: tuple[Variable, ...] = description.standard_parameters()
         self.shapes: tuple[Variable, ...] = description.shape_parameters()
-        self._equations = equations = (ElasticEquations if description.elastic_joints() else Equations)(description)
+        self._equations = equations = (ElasticEquations if description.elastic_joints() else EquationsOfMotion)(
+            description
+        )
         clock = (Variable("clock", "s", "local", 0.0, "time of the loop"),) if equations.uses_clock else ()
         loads = (
             Variable(f"load{j + 1}", UNITS[description.joints[j].type].torque, "local", 0.0, "transmitted torque")

@@ -23,7 +23,7 @@ from fmu_didim.fit.iteration import Iteration
 from fmu_didim.model.loop_model import LoopModel
 
 VISIBLE = 0.1
-"""[chi-square] A misfit that is lower by less is told as the same: the rest of the iterations."""
+"""[chi-square] A misfit that is lower by less counts as the same: the rest of the iterations."""
 HARDLY_WORSE = 10.8
 """[chi-square] Another minimum that is worse by less is not excluded by the data: 0.1 % by chance, with one degree of
 freedom."""

@@ -17,16 +17,16 @@ from fmu_didim.data.signals import Array
 from fmu_didim.model.loop_model import LoopModel
 
 PER_CENT = 0.01
-"""[1] Change of a parameter whose effect is told."""
+"""[1] Change of a parameter whose effect is reported."""
 RIDGE = 0.1
-"""[1] Relative standard deviation of a combination of parameters from which it is told, where its parameters are each
-known better beside the others:"""
+"""[1] Relative standard deviation of a combination of parameters from which it is reported, where its parameters are
+each known better beside the others:"""
 BEYOND = 3.0
 """[1] by this ratio at least, for the parameter that takes the largest part in it."""
 LEADING = 0.3
 """[1] Fraction of the largest part in a direction from which a parameter is named."""
 MOST_RIDGES = 3
-"""[directions] That are told, the least known first."""
+"""[directions] That are reported, the least known first."""
 
 
 @dataclass(frozen=True)

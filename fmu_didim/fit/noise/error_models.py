@@ -46,7 +46,7 @@ SETTLED_SCALE = 1e-6
 LEAST_SLOPE = 0.1
 """[1] Part of the usual mean of psi' below which it does not fall, however many outliers there are."""
 COUNTS_LITTLE = 0.2
-"""[1] Weight (nu + 1) / (nu + t^2) of a sample below which it is told as an outlier: three scales off and more."""
+"""[1] Weight (nu + 1) / (nu + t^2) of a sample below which it is reported as an outlier: three scales off and more."""
 
 
 @dataclass(frozen=True)

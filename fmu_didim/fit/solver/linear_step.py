@@ -9,8 +9,8 @@ import numpy as np
 from fmu_didim.base.distributions import chi2_isf
 from fmu_didim.data.signals import Array
 from fmu_didim.dynamics.prior import Prior
-from fmu_didim.fit.equations import Equations
 from fmu_didim.fit.fit import prior_rows, prior_squares, sum_of_squares
+from fmu_didim.fit.linear_problem import LinearProblem
 from fmu_didim.fit.region import Region
 from fmu_didim.fit.uncertainty import EXCESS
 
@@ -54,7 +54,7 @@ class LinearStep:
         scale: (p,) standard deviations; size: (p,) at which each parameter makes up all that was measured.
     """
 
-    equations: Equations
+    equations: LinearProblem
     change: Array
     deviation: Array
     cost: float
@@ -96,7 +96,7 @@ class LinearStep:
         """
         residual = measured - at.outputs
         table = at.jacobian / deviation[:, None]
-        equations = Equations.of(table, residual / deviation, prior=prior_rows(prior, at.values))
+        equations = LinearProblem.of(table, residual / deviation, prior=prior_rows(prior, at.values))
         change, promised = equations.step(at.values, region, 0.0)
         length = np.where(equations.scale > 0, equations.scale, np.inf)
         size = float(np.linalg.norm(measured / deviation)) / length

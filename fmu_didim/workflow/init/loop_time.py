@@ -18,7 +18,7 @@ from fmu_didim.data.tables.clock import instants
 from fmu_didim.estimators.initial_states import MOVING
 from fmu_didim.workflow.init.data_file import DataFile
 from fmu_didim.workflow.init.inventory import Inventory, key_of
-from fmu_didim.workflow.init.runs import Run
+from fmu_didim.workflow.init.runs import FilesOfRun
 
 _OF_LOOP = r"loop|cycle|ctrl|control|instant|takt|zyklus|regler"
 """In the name of a column of instants of a controller."""
@@ -39,7 +39,7 @@ class LoopTime:
     is_certain: bool = True
 
 
-def loop_time(found: Inventory, run: Run) -> LoopTime | None:
+def loop_time(found: Inventory, run: FilesOfRun) -> LoopTime | None:
     """The instants at which the controller of a run ran, as far as files show them; None where its period does not
     change, as far as anyone can see."""
     own = [d for d in found.loop_logs if key_of(d.path) == run.label]

@@ -15,7 +15,7 @@ HELD_OUT = r"valid|test|check|hold|pruef|prüf"
 
 
 @dataclass(frozen=True)
-class Run:
+class FilesOfRun:
     """Files of one run.
 
     Attributes:
@@ -31,7 +31,7 @@ class Run:
     is_guess: bool = False
 
 
-def runs(found: Inventory) -> list[Run]:
+def runs(found: Inventory) -> list[FilesOfRun]:
     """The runs that the data files belong to, those for the estimation first.
 
     A log and a reference belong together if their names differ only by words such as ``reference`` and ``torque``, else
@@ -45,7 +45,7 @@ def runs(found: Inventory) -> list[Run]:
     for data in found.data:
         if not data.is_loop_log:
             groups.setdefault(key_of(data.path), []).append(data)
-    made, logs, references = list[Run](), list[DataFile](), list[DataFile]()
+    made, logs, references = list[FilesOfRun](), list[DataFile](), list[DataFile]()
     for key, files in groups.items():
         torque = next((d for d in files if d.has(*TORQUES)), None)
         reference = next((d for d in files if d.has("q") and d is not torque), None)
@@ -62,11 +62,11 @@ def runs(found: Inventory) -> list[Run]:
     return made
 
 
-def _run(label: str, reference: DataFile, torque: DataFile, reason: str, *, is_guess: bool = False) -> Run:
-    return Run(label, reference, torque, bool(re.search(HELD_OUT, label)), reason, is_guess)
+def _run(label: str, reference: DataFile, torque: DataFile, reason: str, *, is_guess: bool = False) -> FilesOfRun:
+    return FilesOfRun(label, reference, torque, bool(re.search(HELD_OUT, label)), reason, is_guess)
 
 
-def _paired(logs: list[DataFile], references: list[DataFile], made: Sequence[Run]) -> Iterator[Run]:
+def _paired(logs: list[DataFile], references: list[DataFile], made: Sequence[FilesOfRun]) -> Iterator[FilesOfRun]:
     """The runs of logs and references that have no partner of the same name."""
     if not logs:  # logs whose torque has a name that is not known
         alone = [d for d in references if not made or d.has("other")]

@@ -18,7 +18,7 @@ from fmu_didim.workflow.init.inventory import Inventory, inventory
 from fmu_didim.workflow.init.loop_time import LoopTime, begins_moving, control_rate_hz, loop_time
 from fmu_didim.workflow.init.model_case import model_case
 from fmu_didim.workflow.init.roles import Guess, Role, Side, chosen
-from fmu_didim.workflow.init.runs import Run, runs
+from fmu_didim.workflow.init.runs import FilesOfRun, runs
 from fmu_didim.workflow.init.texts import CASE_FILE, named_from, rendered, time_entry
 from fmu_didim.workflow.reference.schema import schema
 
@@ -165,7 +165,7 @@ def _case(found: Inventory, out: Path) -> str:
     )  # fmt: skip
 
 
-def _experiment(found: Inventory, run: Run, joints: int, out: Path) -> dict[str, Any]:
+def _experiment(found: Inventory, run: FilesOfRun, joints: int, out: Path) -> dict[str, Any]:
     torque, comment = _torque_columns(run.torque, joints)
     motion, notes = _motion_columns(run.reference, joints, torque)
     reference = {"file": named_from(out, run.reference.path), **time_entry(run.reference, "q")}
@@ -231,7 +231,7 @@ def _torque_columns(data: DataFile, joints: int) -> tuple[dict[str, Any], str]:
     return columns, note
 
 
-def _asked(run: Run, joints: int) -> dict[str, str]:
+def _asked(run: FilesOfRun, joints: int) -> dict[str, str]:
     """What is asked of each signal whose column is to be filled in."""
     asked: dict[str, str] = {}
     for j in range(1, joints + 1):

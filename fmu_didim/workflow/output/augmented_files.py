@@ -220,12 +220,12 @@ def _rerun(case: Case, final: Fit) -> str:
     # Torques from outside belong to the experiment, not to the augmented model.
     alone = without_external_torques(final.model)
 
-    def apart(label: str) -> float:
+    def difference(label: str) -> float:
         torque, wanted = model.torque(model.start, label), alone.torque(final.values, label)
         compared = torque[-wanted.shape[0] :]  # discovery leaves out the beginning
         return float(np.abs(compared - wanted).max() / np.abs(wanted).max())
 
-    tasks = [partial(apart, label) for label in model.experiments]
+    tasks = [partial(difference, label) for label in model.experiments]
     try:
         worst = max(side_by_side(tasks, model.allowed_workers(model.start)))
     except SimulationError as error:

@@ -11,7 +11,7 @@ from fmu_didim.base.errors import IdentificationError
 from fmu_didim.data.signals import trajectory
 from fmu_didim.fit.estimate import RefusedError, Status
 from fmu_didim.fit.noise.noise import motion_frequency
-from fmu_didim.fit.solver.proof import unproven
+from fmu_didim.fit.solver.minimum_check import unproven
 from tests.case.calibration.models import case_of, noisy, steps_of_lag
 
 TIME = np.linspace(0, 20, 101)

@@ -10,7 +10,7 @@ import pytest
 from fmu_didim.checks.identification import checked
 from fmu_didim.checks.motion.misfits import FittedMotions, Misfit, Misfits, misfits
 from fmu_didim.checks.power.statement import HOW_TO_CHECK, power_of_fit
-from fmu_didim.checks.validation import validate
+from fmu_didim.checks.validation import validate_on
 from fmu_didim.data.signals import Array
 from fmu_didim.discovery.augmentation.builder import LoopModelBuilder
 from fmu_didim.discovery.augmentation.places import Proposal
@@ -110,7 +110,7 @@ def test_a_valid_verdict_states_what_it_excludes_and_another_one_does_not() -> N
     assert all(s.size is None or 0 < s.size <= s.largest for s in stated.stated)
     assert {t.what for t in stated.trusted} <= set(HOW_TO_CHECK)
     doubtful = replace(estimate, integration_shift=np.array([0.5]))
-    validations = [validate(model, estimate.value, label) for label in model.experiments]
+    validations = [validate_on(model, estimate.value, label) for label in model.experiments]
     assert checked(doubtful, validations).power is None
 
 
@@ -118,7 +118,7 @@ def judged(model: LoopModel):  # type: ignore[no-untyped-def]
     from fmu_didim.estimators import Didim
 
     estimate = Didim(start="torque").estimate(model)
-    validations = [validate(estimate.model, estimate.value, label) for label in estimate.model.experiments]
+    validations = [validate_on(estimate.model, estimate.value, label) for label in estimate.model.experiments]
     return checked(estimate, validations).power, estimate
 
 

@@ -14,7 +14,7 @@ from fmu_didim.base.documents import validate
 from fmu_didim.components import Component, Instance, ModelComponent, block_as_control, load_fmu
 from fmu_didim.dynamics.block import Block
 from fmu_didim.dynamics.robot import RobotDescription, RobotModel, read_robot
-from fmu_didim.dynamics.robot.equations import Equations
+from fmu_didim.dynamics.robot.equations import EquationsOfMotion
 from fmu_didim.export import build_fmu
 from tests.helpers import ROOT
 
@@ -79,11 +79,11 @@ def test_the_order_is_two(name: str) -> None:
 def test_the_order_holds_for_slopes_that_are_wrong(monkeypatch: pytest.MonkeyPatch) -> None:
     """A method of W type: slopes decide about stability, not about what it converges to."""
     exact = end(robot(*STEEP["coulomb"]), 25600)
-    right = Equations.stiff_balance
+    right = EquationsOfMotion.stiff_balance
     assert right.fget is not None
     known = right.fget
     monkeypatch.setattr(
-        Equations, "stiff_balance", property(lambda own: replace(known(own), friction=3 * known(own).friction))
+        EquationsOfMotion, "stiff_balance", property(lambda own: replace(known(own), friction=3 * known(own).friction))
     )
     wrong = robot(*STEEP["coulomb"])
     errors = [np.abs(end(wrong, count) - exact).max() for count in (800, 1600, 3200)]

@@ -25,7 +25,7 @@ from fmu_didim.campaigns.planning.truth import unit_noise
 from fmu_didim.checks.data.checks import data_diagnostics
 from fmu_didim.checks.identification import Checks, checked
 from fmu_didim.checks.power.statement import PowerResult, StatedResult
-from fmu_didim.checks.validation import validate
+from fmu_didim.checks.validation import validate_on
 from fmu_didim.data.signals import Array
 from fmu_didim.discovery.augmentation.builder import LoopModelBuilder
 from fmu_didim.discovery.augmentation.places import Proposal
@@ -90,7 +90,7 @@ def judged(model: LoopModel) -> Checks:
     """The checks of the answer that ``didim`` gives."""
     before = data_diagnostics(model)
     estimate = Didim(start="torque").estimate(model)
-    validations = [validate(estimate.model, estimate.value, label) for label in estimate.model.experiments]
+    validations = [validate_on(estimate.model, estimate.value, label) for label in estimate.model.experiments]
     return checked(estimate, validations, before=before)
 
 

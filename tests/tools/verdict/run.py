@@ -11,7 +11,7 @@ from fmu_didim.base.diagnostics import PROBLEM, REMARK
 from fmu_didim.base.errors import FmuDidimError
 from fmu_didim.checks.data.checks import data_diagnostics
 from fmu_didim.checks.identification import checked
-from fmu_didim.checks.validation import Validation, validate
+from fmu_didim.checks.validation import Validation, validate_on
 from fmu_didim.estimators import Didim
 from fmu_didim.fit.estimate import Estimate
 from fmu_didim.model.loop_model import LoopModel
@@ -59,7 +59,7 @@ def answer(model: LoopModel, truth: Mapping[str, float]) -> Answer:
         estimate = Didim(start="torque").estimate(model)
     except FmuDidimError:
         return Answer("refused", told)
-    validations = [validate(estimate.model, estimate.value, label) for label in estimate.model.experiments]
+    validations = [validate_on(estimate.model, estimate.value, label) for label in estimate.model.experiments]
     judgement = checked(estimate, validations, before=before).judgement
     codes = tuple(reason.code.name for reason in judgement.reasons)
     inside = _inside(estimate, truth)

@@ -68,7 +68,7 @@ class FmuProbe:
         last = f"run it again by: {self.rerun.strategy} ({self.rerun.reason})"
         if self.facts.failure:
             return (head, f"does not run: {self.facts.failure}", last)
-        return (head, *self._running(), *self._changing(), *self._acting(), last)
+        return (head, *self._running(), *self._changing(), *self._parameter_effects(), last)
 
     def _running(self) -> Iterator[str]:
         facts = self.facts
@@ -100,7 +100,7 @@ class FmuProbe:
                 "at once"
             )
 
-    def _acting(self) -> Iterator[str]:
+    def _parameter_effects(self) -> Iterator[str]:
         if self.facts.single:
             yield "parameters: not tried, as a process can hold one instance only"
         against = "AT ONCE AGAINST THE FMU'S OWN DESCRIPTION, by which a loop reads them after each step only"

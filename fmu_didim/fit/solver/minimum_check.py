@@ -1,4 +1,4 @@
-"""Proof of a minimum without derivatives: chi-square some way off it along each principal direction.
+"""Check of a minimum without derivatives: chi-square some way off it along each principal direction.
 
 With the columns d_k of a root of the covariance by the sensitivity, one standard deviation each, chi-square rises by
 
@@ -77,7 +77,7 @@ def unproven(fit: Fit) -> Unproven | None:
             continue
         step = np.zeros(fit.values.size)
         step[free] = direction / size / length[free]
-        found = _along(fit, step)
+        found = _minimum_along(fit, step)
         if found is not None:
             part = np.abs(direction)
             return Unproven(
@@ -91,7 +91,7 @@ def _at_limits(fit: Fit) -> NDArray[np.bool_]:
     return np.asarray((fit.values <= low) | (fit.values >= high))
 
 
-def _along(fit: Fit, step: Array) -> tuple[float, float] | None:
+def _minimum_along(fit: Fit, step: Array) -> tuple[float, float] | None:
     """How far off the minimum lies along a step of one standard deviation, and the curvature; None where it is near."""
     best = np.nan, np.nan
     low, high = fit.model.free_parameters.limits

@@ -21,7 +21,7 @@ INSIDE = 1e-3
 
 
 @dataclass(frozen=True)
-class Equations:
+class LinearProblem:
     """The linear least squares problem of a step, min |table (step * scale) - right|, brought to (p, p) by QR.
 
     Attributes:
@@ -33,7 +33,7 @@ class Equations:
     scale: Array
 
     @staticmethod
-    def of(jacobian: Array, residual: Array, *, prior: tuple[Array, Array] | None = None) -> Equations:
+    def of(jacobian: Array, residual: Array, *, prior: tuple[Array, Array] | None = None) -> LinearProblem:
         """From (N, n, p) and (N, n), both weighted.
 
         Args:
@@ -46,7 +46,7 @@ class Equations:
         flat, right = np.pad(flat, ((0, missing), (0, 0))), np.pad(right, (0, missing))
         scale = np.linalg.norm(flat, axis=0)
         q, r = np.linalg.qr(flat / np.where(scale > 0, scale, 1.0))
-        return Equations(r, q.T @ right, scale)
+        return LinearProblem(r, q.T @ right, scale)
 
     def deviations(self) -> Array:
         """(p,) standard deviations by (S'S)^-1; those of idle or indistinguishable parameters are
