@@ -11,7 +11,7 @@ from fmu_didim.base.errors import IdentificationError, SimulationError
 from fmu_didim.checks.identification import checked
 from fmu_didim.checks.judgement import Judgement
 from fmu_didim.checks.outputs.before import START_ELSEWHERE
-from fmu_didim.checks.validation import validate
+from fmu_didim.checks.validation import validate_on
 from fmu_didim.discovery.request import Request
 from fmu_didim.discovery.signals.document import signals_document
 from fmu_didim.discovery.signals.search import SignalDiscovery, SignalSearch
@@ -74,5 +74,5 @@ NOT_IDENTIFIED = "What explains the data best cannot be identified beside all el
 
 def _judged(estimate: Estimate, before: Sequence[Diagnostic]) -> Judgement:
     """The judgement of an estimate, as an identification gets it."""
-    validations = [validate(estimate.model, estimate.value, label) for label in estimate.model.experiments]
+    validations = [validate_on(estimate.model, estimate.value, label) for label in estimate.model.experiments]
     return checked(estimate, validations, before=before).judgement

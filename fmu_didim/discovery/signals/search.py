@@ -150,7 +150,10 @@ class SignalSearch:
         self, fit: Fit, every: Sequence[Candidate]
     ) -> tuple[SignalStep | None, tuple[TriedSignal, ...], tuple[str, ...]]:
         """What to add to a fit, if anything; all candidates; and those that it makes up for."""
-        noise, index = quick_noise(fit), sum(1 for _ in {p.effect for p in fit.model.free_parameters} - {None})
+        noise, index = (
+            quick_noise(fit),
+            1 + max((p.effect for p in fit.model.free_parameters if p.effect is not None), default=-1),
+        )
         report, base = self.progress.counted("fitting candidate", len(every)), _projection(fit)
         tried, absorbed = [], []
         for candidate in every:
@@ -316,7 +319,7 @@ def quick_noise(fit: Fit) -> Noise:
 def not_there(one: FittedSignal) -> str:
     """Why the values of a candidate may be those with which nothing changes, or an empty string."""
     model, candidate = one.fit.model, one.candidate
-    last = max(p.effect for p in model.free_parameters if p.effect is not None)
+    last = max(_added(model))
     places = [i for i, p in enumerate(model.free_parameters) if p.effect == last]
     neutral = [candidate.neutral(model.free_parameters[i]) for i in places]
     sized = [(i, off) for i, off in zip(places, neutral, strict=True) if off is not None]
@@ -336,6 +339,11 @@ def _clipped(one: FittedSignal) -> int:
     open_ = open_.with_free(p for p in open_.free_parameters if p.name not in names)
     change = np.abs(open_.outputs(open_.start) - one.fit.outputs)
     return int((change > TINY + CLIPPED * np.abs(one.fit.outputs).max(axis=0)).any(axis=1).sum())
+
+
+def _added(model: LoopModel) -> list[int]:
+    """Numbers of the additions of a model, one for each of their free parameters."""
+    return [p.effect for p in model.free_parameters if p.effect is not None]
 
 
 def _projection(fit: Fit) -> BaseProjection:

@@ -11,6 +11,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 import yaml
+from scipy.signal import lsim
 
 from fmu_didim.data.signals import Array, Variable
 from fmu_didim.dynamics.block import Block
@@ -30,18 +31,15 @@ class Hidden:
     signals: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     parameters: Mapping[str, float] = field(default_factory=dict)
 
-    def on(self, name: str, time: Array, signal: Array) -> Array:
+    def on(self, name: str, time: Array, signal: Array, *, is_held: bool = False) -> Array:
         """A signal (T,) on an even fine grid as it acts, or is shown."""
         asked = dict(self.signals.get(name, {}))
         found, step = signal.copy(), time[1] - time[0]
         if shift := round(asked.get("delay", 0.0) / step):
             found = np.concatenate([np.full(shift, found[0]), found[:-shift]])
         if lag := asked.get("lag"):
-            state, lagged = found[0], []
-            for value in found:
-                lagged.append(state)
-                state += (value - state) * (1 - np.exp(-step / lag))
-            found = np.array(lagged)
+            lead = lsim(([1.0], [lag, 1.0]), found - found[0], time - time[0], interp=not is_held)[1]
+            found = found[0] + lead
         part = (time - time[0]) / np.ptp(time)
         found = asked.get("scale", 1.0) * found + asked.get("offset", 0.0) + asked.get("drift", 0.0) * part
         found = found + asked.get("transient", 0.0) * np.exp(-(time - time[0]) / asked.get("fades", 1.0))
@@ -85,7 +83,9 @@ def room(
         rng = np.random.default_rng(100 * seed + k)
         inputs, step = weather(rng, count), 60.0
         fine = np.arange(count * FINE) * step / FINE
-        acting = [hidden.on(n, fine, np.repeat(c, FINE)) for n, c in zip(("Ti1", "Ti2"), inputs.T, strict=True)]
+        acting = [
+            hidden.on(n, fine, np.repeat(c, FINE), is_held=True) for n, c in zip(("Ti1", "Ti2"), inputs.T, strict=True)
+        ]
         known = {**TRUTH, **hidden.parameters}
         conductance = 1 / known["R1"] + 1 / known["R2"]
         decay = np.exp(-conductance * step / FINE / known["C"])
