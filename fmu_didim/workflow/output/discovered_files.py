@@ -41,7 +41,7 @@ def result_folder(out: Path | str, *, figures: bool = False) -> ResultFolder:
 def write_found(case: Case, found: Found, new: Path, home: Path, progress: Progress) -> FindingsDocument:
     """Write all but the page to a folder whose files will lie in ``home``; returns the document, which names them."""
     files, notes = write_signals(found, new), list(found.document.notes)
-    if found.discovery.final.model.added_effects:
+    if found.discovery.final.model.added_effects or found.discovery.refitted:
         progress.say("writing the augmented model")
         augmented, note = write_augmented(case, found, found.builder.description, new, home)
         files |= augmented
