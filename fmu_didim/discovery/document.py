@@ -14,9 +14,11 @@ from fmu_didim.discovery.judge import answer_of, judged
 from fmu_didim.discovery.localise import force_windows
 from fmu_didim.discovery.request import Request
 from fmu_didim.discovery.selection.decide import Step
+from fmu_didim.discovery.selection.refitted import Refitted
 from fmu_didim.discovery.selection.rounds import Discovery, Ending
 from fmu_didim.discovery.unfinished import unfinished_search
 from fmu_didim.discovery.untried import EFFECTS_UNTRIED
+from fmu_didim.dynamics.effects import EFFECTS
 from fmu_didim.fit.fit import Fit
 from fmu_didim.fit.gap import Ratio, channel_gaps, joint_gaps, total_gap
 from fmu_didim.fit.noise.noise import Noise
@@ -75,7 +77,10 @@ def findings_document(
         reasons=judgement.saved(request.case),
         acknowledged=judgement.saved_acknowledged(request.case),
         unfinished=unfinished,
-        findings=[*outside, *(_finding(step, discovery, builder) for step in discovery.steps)],
+        findings=[
+            *outside, *(_smoothing(one, discovery) for one in discovery.refitted),
+            *(_finding(step, discovery, builder) for step in discovery.steps),
+        ],
         roles={label: e.role for label, e in base.model.experiments.items()},
         gap={label: gap_pair(before, after, noise) for label, (before, after) in residuals.items()},
         error_percent=_errors(discovery, residuals),
@@ -145,6 +150,26 @@ def _finding(step: Step, discovery: Discovery, builder: LoopModelBuilder) -> Fin
         },
         ratio_interval=(step.ratio.low, step.ratio.high) if step.ratio is not None else None,
         channels=_channel_gaps(step.channels_before, step.channels_after),
+    )  # fmt: skip
+
+
+def _smoothing(found: Refitted, discovery: Discovery) -> FindingResult:
+    """A smoothing velocity other than the description states, as a finding."""
+    effect, final = EFFECTS["coulomb"], discovery.final
+    noise = final.torque_alone.noise
+    gaps = {}
+    for label in final.model.experiments:
+        try:
+            gaps[label] = gap_pair(found.held.residual_in(label), final.residual_in(label), noise)
+        except SimulationError:
+            continue
+    return FindingResult(
+        effect=effect.name, title=f"Other smoothing of {effect.title}", class_=effect.class_name, joint=found.joint,
+        place=effect.place,
+        equation=f"{effect.equation}, v0 = {found.parameter.value:.4g} instead of {found.described:.4g}",
+        parameters=values_found(final, lambda parameter: parameter.key == found.parameter.key),
+        share_of_gap=found.share, delta_bic=found.delta_bic, ambiguous=[], experiment=effect.experiment, gap=gaps,
+        ratio_interval=None,
     )  # fmt: skip
 
 

@@ -48,7 +48,7 @@ def judged(discovery: Discovery, unfinished: Diagnostic | None, before: Sequence
 def answer_of(discovery: Discovery, judged: Judgement) -> Answer:
     """The answer of a complete search."""
     codes = {reason.code for reason in judged.reasons}
-    if discovery.steps or has_external_torques(discovery.final.model):
+    if discovery.steps or discovery.refitted or has_external_torques(discovery.final.model):
         return "named_with_remainder" if GAP_REMAINS in codes else "named"
     if GAP_REMAINS in codes:
         return "unknown"

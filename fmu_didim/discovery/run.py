@@ -21,6 +21,7 @@ from fmu_didim.discovery.judge import has_external_torques
 from fmu_didim.discovery.localise import regions_of_fit
 from fmu_didim.discovery.request import Request
 from fmu_didim.discovery.selection.held_out import unconfirmed
+from fmu_didim.discovery.selection.refitted import Refitted, refitted_notes, refitted_shapes, with_stated
 from fmu_didim.discovery.selection.rounds import Discovery, run_rounds
 from fmu_didim.discovery.unfinished import ended_before
 from fmu_didim.discovery.untried import motion_notes, untried_effects
@@ -156,11 +157,29 @@ class _Search:
         tested = discovery.steps and self.torques is None and not any(step.untested for step in discovery.steps)
         if tested and (why := unconfirmed(base, discovery.final, seed=options.seed)):
             discovery, ratio = _withdrawn(discovery, why), None
+        if discovery.steps or self.torques is not None or self.request.progress.is_time_up:
+            notes = refitted_notes(discovery.final, builder)
+        elif refitted := refitted_shapes(discovery.final, builder, options):
+            discovery, ratio, notes = self.with_stated(discovery, refitted)
+        else:
+            notes = []
         of_torque = discovery.final.torque_alone
         unshifted, saved = _without_shift(of_torque.model, builder)
         way = other_sampling(of_torque, unshifted, saved=saved, threshold=options.threshold)
         note = [way.text(1 / base.model.experiments[base.model.first].rate_hz)] if way is not None else []
-        return Found(self.written(discovery, ratio, free, *note), discovery, builder)
+        return Found(self.written(discovery, ratio, free, *note, *notes), discovery, builder)
+
+    def with_stated(
+        self, discovery: Discovery, refitted: tuple[Refitted, ...]
+    ) -> tuple[Discovery, Ratio | None, list[str]]:
+        """The discovery from the shapes that the description states to those that were fitted, where they also explain
+        what was held out better; and notes on the others."""
+        texts = [one.text for one in refitted]
+        stated = with_stated(discovery.final, refitted)
+        if stated is None or unconfirmed(stated, discovery.final, seed=self.request.options.seed):
+            return discovery, None, texts
+        ratio = held_out_ratio(stated, discovery.final, seed=self.request.options.seed)
+        return replace(discovery, base=stated, refitted=refitted), ratio, []
 
     def keep(self, discovery: Discovery) -> None:
         """Hand on the best answer so far."""

@@ -16,6 +16,7 @@ from fmu_didim.discovery.selection.competition import Competition
 from fmu_didim.discovery.selection.decide import Options, Step, decide, nearness, step_of
 from fmu_didim.discovery.selection.missing_base import base_before
 from fmu_didim.discovery.selection.pre_check import pre_check
+from fmu_didim.discovery.selection.refitted import Refitted
 from fmu_didim.fit.fit import Fit
 from fmu_didim.fit.gap import bic_gain, explained_gap
 from fmu_didim.fit.solver.least_squares import minimise
@@ -43,6 +44,7 @@ class Discovery:
         base, final: fits without and with the effects; steps: one for each effect.
         refused: candidates of the last round that were not accepted, and why.
         tried: the shortlisted candidates, round by round.
+        refitted: shapes of the description that the data contradict, where no effect was found.
     """
 
     base: Fit
@@ -51,6 +53,7 @@ class Discovery:
     refused: tuple[tuple[EffectAtJoint, str], ...] = ()
     tried: tuple[tuple[TriedCandidate, ...], ...] = ()
     ending: Ending = Ending.COMPLETE
+    refitted: tuple[Refitted, ...] = ()
 
 
 def run_rounds(

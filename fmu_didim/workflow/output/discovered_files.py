@@ -48,7 +48,7 @@ def write_found(
         save_findings(document, new)
         return document
     files, notes = write_signals(found, new), list(found.document.notes)
-    if found.discovery.final.model.added_effects:
+    if found.discovery.final.model.added_effects or found.discovery.refitted:
         progress.say("writing the augmented model")
         augmented, note = write_augmented(case, found, found.builder.description, new, home)
         files |= augmented
