@@ -20,7 +20,7 @@ Side = Literal["", "input", "output", "parameter"]
 ANSWER_TEXT: dict[str, str] = {
     "nothing": "nothing that matters is missing in the model",
     "named": "the missing effects are named",
-    "undecided": "something is missing, and these data do not tell which of several things it is",
+    "undecided": "something is missing, and several things explain these data equally well, so that none is named",
     "named_with_remainder": "effects are named, part of the gap remains",
     "unknown": "something is missing that no effect of the catalogue explains",
     "disagreement": "the experiments do not agree: what was held out is predicted far worse than what was fitted",

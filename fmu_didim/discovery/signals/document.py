@@ -44,12 +44,12 @@ from fmu_didim.results.findings import (
 UNDECIDED = CATALOGUE(
     "effects-undecided", DOUBT, rank=3,
     meaning="Several things that a model may lack explain the data equally well, each with other values of all that is "
-    "identified: none of them is named.",
+    "identified: none of them is named, and it may be one of them, or something else that does the same.",
     next_step="Rule them out by what you know of the machine (--forbid), or record what tells them apart.",
 )  # fmt: skip
 MISFITS = {OUTPUT_FOLLOWS, RESIDUAL_ABOVE_NOISE, RESIDUAL_SLOW, SLOW_REMAINDER}
 """What says that a model leaves more than noise."""
-ONE_OF = "One of several, which these data do not tell apart"
+ONE_OF = "Several explain it equally well"
 ABSORBED = (
     "Not looked for, as what is identified makes up for it whole, so that these data never show it: {}. If one of them "
     "is real, the identified values are off by it."

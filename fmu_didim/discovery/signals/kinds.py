@@ -161,7 +161,7 @@ KINDS: tuple[Kind, ...] = (
     Kind(
         DELAY, "Delay",
         {"input": "{} acts the delay later than recorded", "output": "{} is shown the delay later"},
-        (SignalParameter(DELAY, "delay of {}", lambda unit: "s", 0.0, _step),),
+        (SignalParameter(DELAY, "delay of {}", lambda unit: "s", 0.0, _step, lambda m: -_longest(m), _longest),),
         lambda m: [{DELAY: sign * t} for t in m.times(DELAYS) for sign in (1, -1)],
         "Compare the clocks of the files; move the inputs one at a time, by steps.", moving=True,
     ),

@@ -12,7 +12,8 @@ its outputs y after it. Free parameters of the owners ``INPUT`` and ``OUTPUT`` s
     transient     s + transient exp(-(t - t_0)/fades)
     upper, lower  no more than upper, no less than lower
 
-Before t_0 and after the end a signal keeps its first and its last value.
+Before t_0 a signal keeps its first value. After the end an input keeps its last one, and an output goes on straight, so
+that one that comes early does not look like one that has come to a limit.
 """
 
 from __future__ import annotations
@@ -71,7 +72,7 @@ def changed_outputs(
         signal = f"{component}.{name}"
         for table in (sampled, applied):
             if signal in table:
-                table[signal] = changed(recording.time, table[signal], own)
+                table[signal] = changed(recording.time, table[signal], own, goes_on=True)
     tables = [{name: v[ticks] for name, v in table.items()} for table in (applied, recording.inputs, sampled)]
     instants = None if recording.instants is None else recording.instants[ticks]
     return replace(
@@ -80,16 +81,19 @@ def changed_outputs(
     )  # fmt: skip
 
 
-def changed(time: Array, signal: Array, values: Mapping[str, float], *, is_held: bool = False) -> Array:
+def changed(
+    time: Array, signal: Array, values: Mapping[str, float], *, is_held: bool = False, goes_on: bool = False
+) -> Array:
     """(T,) a signal after what the values of its parameters do to it.
 
     Args:
         time, signal: (T,) at the ticks; is_held: whether it keeps its value from tick to tick; else it goes straight.
             What is held and comes late then has its mean over each step.
+        goes_on: whether it goes on straight after the end, where it comes early.
     """
     found = signal
     if delay := values.get(DELAY, 0.0):
-        found = _held_late(time, found, delay) if is_held else np.interp(time - delay, time, found)
+        found = _held_late(time, found, delay) if is_held else _late(time, found, delay, goes_on=goes_on)
     if (lag := values.get(LAG, 0.0)) > 0:
         found = _lagging(time, found, lag, is_held=is_held)
     since = time - time[0]
@@ -97,6 +101,23 @@ def changed(time: Array, signal: Array, values: Mapping[str, float], *, is_held:
     if (size := values.get(TRANSIENT, 0.0)) and (constant := values.get(FADES, 0.0)) > 0:
         found = found + size * np.exp(-since / constant)
     return np.asarray(np.clip(found, values.get(LOWER, -np.inf), values.get(UPPER, np.inf)))
+
+
+def _late(time: Array, signal: Array, delay: float, *, goes_on: bool) -> Array:
+    """A signal that goes straight from tick to tick and comes late; what the model computes, on a cubic instead, so
+    that it changes smoothly with the delay where that passes a tick."""
+    if not goes_on:
+        return np.asarray(np.interp(time - delay, time, signal))
+    asked = np.maximum(time - delay, time[0])
+    slopes, step = np.gradient(signal, time), np.diff(time)
+    row = np.clip(np.searchsorted(time, asked, side="right") - 1, 0, step.size - 1)
+    h = step[row]
+    x = np.clip((asked - time[row]) / h, 0.0, 1.0)
+    cubic = (
+        (1 - x) ** 2 * ((1 + 2 * x) * signal[row] + x * h * slopes[row])
+        + x**2 * ((3 - 2 * x) * signal[row + 1] - (1 - x) * h * slopes[row + 1])
+    )  # fmt: skip
+    return np.asarray(cubic + slopes[-1] * np.maximum(asked - time[-1], 0.0))
 
 
 def _held_late(time: Array, signal: Array, delay: float) -> Array:

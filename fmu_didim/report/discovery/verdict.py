@@ -36,11 +36,8 @@ def verdict_of(document: FindingsDocument) -> Banner:
     judged = _experiments(document, "validation") or _experiments(document, "estimation")
     if judged:
         label = max(judged, key=lambda label: _size(document.gap[label].after))
-        sentences.append(
-            _change(
-                document.gap[label], _data(document, label), bool(document.findings), channels=bool(document.channels)
-            )
-        )
+        of = (", ".join(document.outputs) or "the torque") if document.channels else ""
+        sentences.append(_change(document.gap[label], _data(document, label), bool(document.findings), of=of))
         of_channels = [
             f"of {name} {gap_text(pair.before)}" + (f" → {gap_text(pair.after)}" if document.findings else "")
             for name, channel in document.channels.items() if (pair := channel.gap.get(label)) is not None
@@ -89,18 +86,19 @@ def _size(gap: float | None) -> float:
     return inf if gap is None else gap
 
 
-def _change(pair: GapPair, data: str, changed: bool, *, channels: bool) -> str:
-    on = f"on {data}"
+def _change(pair: GapPair, data: str, changed: bool, *, of: str) -> str:
+    """How a gap changes; ``of``: whose it is, where there are others beside it."""
+    on = f"of {of} on {data}" if of else f"on {data}"
     if not changed:
-        return f"The gap{' of the torque' if channels else ''} {on} is {gap_text(pair.before)} times the noise"
+        return f"The gap {on} is {gap_text(pair.before)} times the noise"
     if pair.before is None or pair.after is None:
         which = "base" if pair.before is None else "final"
         return f"The {which} model cannot be simulated {on}"
     before, after = gap_text(pair.before), gap_text(pair.after)
-    if channels and before == after:
-        return f"The gap of the torque {on} stays at {after} times the noise"
+    if of and before == after:
+        return f"The gap {on} stays at {after} times the noise"
     how = "falls" if pair.after < pair.before else "does not fall: it goes"
-    return f"The gap{' of the torque' if channels else ''} {on} {how} from {before} to {after} times the noise"
+    return f"The gap {on} {how} from {before} to {after} times the noise"
 
 
 def _remainder(document: FindingsDocument) -> list[str]:
@@ -116,4 +114,5 @@ def _remainder(document: FindingsDocument) -> list[str]:
         return []
     label, worst = max(left, key=lambda place: left[place])
     on = "on estimation data" if len(fitted) == 1 else f"in the experiment {label}"
-    return [f"Most of what remains is on joint {worst}: {gap_text(left[label, worst])} times the noise {on}"]
+    where = document.outputs[worst - 1] if document.outputs else f"joint {worst}"
+    return [f"Most of what remains is on {where}: {gap_text(left[label, worst])} times the noise {on}"]

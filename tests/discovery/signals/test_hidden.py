@@ -36,7 +36,7 @@ NAMED = [
     (make, signal, kind, value)
     for make, signal, kind, values in [
         (room, "Ti1", "scale", (1.2, 1.05)),
-        (room, "T", "scale", (1.05, 0.98)),
+        (room, "T", "scale", (1.1, 1.05)),
         (room, "T", "offset", (1.0, 0.5)),
         (room, "Ti1", "lag", (300.0, 150.0)),
         (room, "T", "lag", (300.0, 120.0)),

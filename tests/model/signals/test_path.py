@@ -67,3 +67,19 @@ def test_scale_offset_drift_transient_and_limits_come_in_this_order() -> None:
     assert changed(time, np.sin(time), values) == pytest.approx(wanted)
     assert changed(time, np.sin(time), {"lower limit": -0.2}).min() == -0.2
     assert signal_key("a.b:c", "scale") == "a.b:c:scale"
+
+
+def test_an_output_that_comes_early_goes_on_straight_after_the_end() -> None:
+    early = changed(EVEN, 3 * EVEN, {"delay": -0.33}, goes_on=True)
+    assert early == pytest.approx(3 * (EVEN + 0.33))
+    assert changed(EVEN, 3 * EVEN, {"delay": -0.33})[-1] == 30.0
+
+
+def test_what_a_model_computes_is_late_without_a_kink_at_whole_steps() -> None:
+    signal = np.sin(EVEN) + 0.3 * EVEN
+    late = changed(EVEN, signal, {"delay": 0.234}, goes_on=True)
+    assert late[3:] == pytest.approx((np.sin(EVEN - 0.234) + 0.3 * (EVEN - 0.234))[3:], abs=1e-4)
+    before, at, after = (changed(EVEN, signal, {"delay": d}, goes_on=True) for d in (0.1 - 1e-4, 0.1, 0.1 + 1e-4))
+    assert at[1:] == pytest.approx(signal[:-1], abs=1e-12)
+    assert np.abs((after - at) - (at - before))[2:].max() < 1e-7
+    assert np.abs(after - at).max() > 1e-5
