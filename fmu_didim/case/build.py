@@ -45,7 +45,7 @@ from fmu_didim.cosim.system import REFERENCE
 from fmu_didim.data.filters import LowPass
 from fmu_didim.data.signals import Array, Trajectory
 from fmu_didim.dynamics.robot import RobotDescription, RobotModel, read_robot
-from fmu_didim.estimators import Estimator
+from fmu_didim.estimators import ESTIMATORS, Estimator
 from fmu_didim.model.experiment import Experiment
 from fmu_didim.model.experiments import Experiments
 from fmu_didim.model.loop import Loop
@@ -212,9 +212,13 @@ class Case:
         shown = () if self.data is None else tuple(f"{MODEL}.{name}" for name in self.data.together)
         systems = {label: self.system(label, experiment.reference) for label, experiment in experiments.items()}
         first = next(iter(systems.values()))
-        low_pass = document.low_pass
+        low_pass, plant = document.low_pass, first.components[self.plant_name]
+        loop = Loop(systems, self.parameters, plant, self.plant_name, output_signals=shown)
+        for label, experiment in experiments.items():
+            for name in experiment.initial_state.values:
+                loop.start_named(name, where=f"{label}.initial_state")
         return LoopModel(
-            Loop(systems, self.parameters, first.components[self.plant_name], self.plant_name, output_signals=shown),
+            loop,
             Experiments(experiments, None if low_pass is None else LowPass(low_pass.cutoff_hz, low_pass.order)),
             free_parameters(document, self.parameters, first),
             torque_deviation=self._stated_deviation(experiments),
@@ -416,9 +420,6 @@ def _of_a_model(case: Case, data: CalibrationData) -> LoopModel:
 def _check(document: CaseDocument, model: LoopModel, estimator: Estimator) -> None:
     """Raise InputError where a case of a robot does not fit together."""
     n = model.joint_count
-    for label, experiment in model.experiments.items():
-        for name in experiment.initial_state.values:
-            model.loop.start_named(name, where=f"{label}.initial_state")
     if model.torque_deviation is not None and model.torque_deviation.size != n:
         raise InputError(
             "torque_std needs one value for each joint.", got=model.torque_deviation.size, valid=str(n),
@@ -440,11 +441,12 @@ def _check(document: CaseDocument, model: LoopModel, estimator: Estimator) -> No
             f"The estimator {estimator.name} takes no prior.", where="prior", got=dict(estimator.describe()),
             valid="didim with its finish, clie", next_step="Use one of these, or take prior: out of the case.",
         )  # fmt: skip
+    with_positions = [name for name, known in ESTIMATORS.items() if known.needs_positions]
     if model.experiments.channels and not estimator.fits_channels:
         raise InputError(
             f"The estimator {estimator.name} does not fit what was measured beside the torque.",
             where="measured", got=", ".join(model.experiments.channels),
-            next_step="Use didim (with its finish) or clie; idim_ls and output_error take positions: instead.",
+            next_step=f"Use didim (with its finish) or clie; {' and '.join(with_positions)} take positions: instead.",
         )  # fmt: skip
     if estimator.needs_positions:
         for label in model.estimation_labels:

@@ -51,12 +51,12 @@ def read_experiment(
         told += measured.told
     return Experiment(
         reference, log.times, log.torque, operator, positions, label, source.role, stamps=log.stamps,
-        told=tuple(dict.fromkeys(told)), initial_state=_initial_state(source),
+        told=tuple(dict.fromkeys(told)), initial_state=initial_state_of(source),
         leaves_out_outliers=source.torque.outliers == "leave_out",
     )  # fmt: skip
 
 
-def _initial_state(source: ExperimentSource) -> InitialState:
+def initial_state_of(source: ExperimentSource) -> InitialState:
     """Where the motion of a run starts; the loop knows later whether it has the states that are named."""
     if isinstance(source.initial_state, str):
         return InitialState(source.initial_state)

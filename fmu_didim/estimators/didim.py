@@ -13,6 +13,7 @@ parameter: gains of the controller, the delay, the clock of the log.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -178,19 +179,24 @@ class Didim(Estimator):
     def _from(self, model: LoopModel, start: Start, then: str, joint: Joint, history: History) -> Estimate:
         """The estimate from a start; ``then`` says what follows if it gives no estimate."""
         try:
-            model, theta, settled = self._iterate(model, start, then, history)
-            fit = _point(model, theta)
+            found, theta, settled = self._iterate(model, start, then, history)
+            fit = _point(found, theta)
             starts = free_starts(fit)
-            if starts and (likely := with_likely_starts(model)) is not model:
+            if starts and (likely := with_likely_starts(found)) is not found:
                 # The transient of a start off the reference has bent what came so far.
-                model, theta, settled = self._iterate(likely, "reference", then, history)
-                fit = _point(model, theta)
-                starts = free_starts(fit)
+                with suppress(IdentificationError, _NonPhysicalError):
+                    return self._from_likely(likely, then, joint, history)
             return self._conclude(fit, starts, joint, settled, history)
         except _NonPhysicalError as caught:
             note = f"{caught.reason}{then}"
             history.add(Iteration(self.name, history.count + 1, caught.theta, caught.error, note=note))
             raise
+
+    def _from_likely(self, model: LoopModel, then: str, joint: Joint, history: History) -> Estimate:
+        """The estimate with the starts that are likely."""
+        found, theta, settled = self._iterate(model, "reference", then, history)
+        fit = _point(found, theta)
+        return self._conclude(fit, free_starts(fit), joint, settled, history)
 
     def _iterate(self, model: LoopModel, start: Start, then: str, history: History) -> tuple[LoopModel, Array, bool]:
         """The DIDIM iterations: the model with the steps that were chosen for them, the last solution, or the best one

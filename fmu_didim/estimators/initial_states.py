@@ -26,6 +26,7 @@ from fmu_didim.base.distributions import chi2_sf
 from fmu_didim.base.errors import IdentificationError, SimulationError
 from fmu_didim.data.signals import Array
 from fmu_didim.estimators.finish import Minimum
+from fmu_didim.estimators.local_minima import HARDLY_WORSE, weighted_cost
 from fmu_didim.estimators.start import simulatable, start_values
 from fmu_didim.fit.derivatives.sensitivity import sensitivity
 from fmu_didim.fit.fit import Fit, point, prior_rows
@@ -67,6 +68,9 @@ PROBE_FACTOR = 1e5
 """[1] By which a probe that is too short is longer, and one that is too long shorter, the next time."""
 PROBES = 6
 """[probes] From 1e-20 to 1e20 of the unit of a state, both ways."""
+NEARER = 0.5
+"""[1] Of the error of a loop to which that without its delay must fall for the delay to be blamed."""
+OTHER_VELOCITIES = "The minimum was found from a start with the velocities of the reference."
 NOT_SHOWN = "{}: its initial state is asked for, but the log does not show it; the motion starts on its reference."
 NOT_OFFERED = (
     "{}: {}. The states in which {} starts are not known: if it was running before the log began, name what sets them, "
@@ -110,6 +114,8 @@ def with_starts(fit: Fit, starts: Sequence[FreeParameter], finish: Callable[[Fit
         model = model.with_free((*model.free_parameters, *starts))
         fit = point(model, NoiseOfResidual(model))
     minimum = finish(fit)
+    if starts:
+        minimum = _lower(minimum, fit, starts, finish)
     kept = tuple(start for start in starts if start.experiment in _off_reference(minimum, starts))
     if len(kept) < len(starts):  # a delay or a gain that only the finish frees may have looked like a start
         minimum = finish(_without(minimum.fit, set(starts) - set(kept))).after(minimum)
@@ -117,6 +123,27 @@ def with_starts(fit: Fit, starts: Sequence[FreeParameter], finish: Callable[[Fit
     model, held_out = held_out_starts(minimum.fit)
     remarks = (*minimum.remarks, *free_start_remarks(minimum.fit, starts), *held_out, *unknown_states(minimum.fit))
     return replace(minimum, fit=replace(minimum.fit, model=model), remarks=remarks)
+
+
+def _lower(minimum: Minimum, before: Fit, starts: Sequence[FreeParameter], finish: Callable[[Fit], Minimum]) -> Minimum:
+    """The same minimum, or a lower one that is reached from the same positions with the velocities of the reference: a
+    fast transient that is sampled a few times looks much the same with others.
+
+    Args:
+        before: where the minimum was searched from, the starts free.
+    """
+    model, found = minimum.fit.model, before.values.copy()
+    for start in starts:
+        assert start.experiment is not None
+        place, name = model.names.index(start.name), _name(start)
+        is_velocity = start.owner == PLANT and name.startswith("dq")
+        found[place] = _on(model, start.experiment)[name] if is_velocity else minimum.fit.values[place]
+    try:
+        other = finish(point(before.model.with_values(found), NoiseOfResidual(before.model)))
+    except (SimulationError, IdentificationError):
+        return minimum
+    here, there = (weighted_cost(one, minimum.fit.deviation) for one in (minimum.fit, other.fit))
+    return other.after(minimum, OTHER_VELOCITIES) if there < here - HARDLY_WORSE else minimum
 
 
 def _off_reference(minimum: Minimum, starts: Sequence[FreeParameter]) -> set[str | None]:
@@ -271,9 +298,26 @@ class OtherStart:
 
 
 def start_advice(model: LoopModel) -> str:
-    """What to do first about a loop that cannot be simulated, where its start is given."""
-    is_given = any(model.experiments[label].initial_state.kind == "given" for label in model.estimation_labels)
-    return "Leave initial_state out, or correct it: the log may start elsewhere. " if is_given else ""
+    """What to do first about a loop that cannot be simulated: where its delay breaks it, or where its start is given or
+    taken for granted."""
+    delay = model.loop.systems[model.first].delays.get(model.loop.plant_name, 0.0)
+    if delay > 0 and _error(model.with_delay(0.0)) < NEARER * _error(model):
+        return f"Correct the delay of the loop: without its {delay:.4g} samples it comes much nearer to the log. "
+    kinds = {label: model.experiments[label].initial_state.kind for label in model.estimation_labels}
+    if "given" in kinds.values():
+        return "Leave initial_state out, or correct it: the log may start elsewhere. "
+    if any(kind == "detected" and not begins_moving(model, label) for label, kind in kinds.items()):
+        return "Where the log begins before the machine stands on its reference, write initial_state: free. "
+    return ""
+
+
+def _error(model: LoopModel) -> float:
+    """Error of the torque at the values of a model, in the size of the log; infinite where its loop does not run."""
+    try:
+        error = float(np.linalg.norm(model.measured - model.torque(model.start)))
+    except SimulationError:
+        return np.inf
+    return error / float(np.linalg.norm(model.measured))
 
 
 def contradicted_starts(fit: Fit) -> list[OtherStart]:

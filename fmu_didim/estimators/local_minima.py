@@ -121,13 +121,13 @@ def nearer_to_prior(minimum: Minimum, finish: Callable[[Fit], Minimum]) -> Minim
         other = finish(point(model.with_values(values), NoiseOfResidual(model)))
     except (SimulationError, IdentificationError):
         return minimum
-    here, there = (_weighted_cost(one, fit.deviation) for one in (fit, other.fit))
+    here, there = (weighted_cost(one, fit.deviation) for one in (fit, other.fit))
     if there >= here:
         return minimum
     return other.after(minimum, "The minimum was found from the values of the prior.")
 
 
-def _weighted_cost(fit: Fit, deviation: Array) -> float:
+def weighted_cost(fit: Fit, deviation: Array) -> float:
     """Sum of squares of a fit with other weights, with that of a prior."""
     return sum_of_squares(fit.residual, deviation) + prior_squares(fit.model.prior, fit.values)
 

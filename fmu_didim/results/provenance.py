@@ -69,7 +69,7 @@ DECIDING = (
     (identification, ("NEAR_LIMIT", "VISIBLE_SHIFT", "SECOND_STEP", "JITTER")),
     (residual, ("STILL_NOT_WHITE",)),
     (dependence, ("MOTION_CHANCE", "SIGNIFICANT", "FUNCTIONS", "SAMPLES_A_FUNCTION")),
-    (colour, ("MEMORIES", "SAMPLES_A_LAG", "WITH_PAST")),
+    (colour, ("MEMORIES", "FAR_WORSE", "SAMPLES_A_LAG", "WITH_PAST")),
     (periods, ("PART_OF_PERIOD", "KNOWN_PART", "RAMP", "FEWEST_DIFFERENCES")),
     (sampling_kind, ("NEARLY",)),
     (held_out, ("HELD_OUT_RATIO", "HELD_OUT_CHANCE", "LAGS")),

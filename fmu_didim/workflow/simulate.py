@@ -10,6 +10,7 @@ import numpy as np
 
 from fmu_didim.base.errors import InputError, UnknownNameError
 from fmu_didim.case import Case, CaseParts, case_of, with_objects
+from fmu_didim.case.experiment import initial_state_of
 from fmu_didim.cosim import Instants, sample_operator
 from fmu_didim.data.signals import Array, Trajectory
 from fmu_didim.fit.solver.admissible import mass_matrix_problem
@@ -69,7 +70,9 @@ def model_without_data(case: Case, label: str | None) -> LoopModel:
         reference.time, start=float(reference.time[0]), step=reference.step, tick_count=reference.time.size,
         instants=Instants(reference.time, case.step_size) if changes else None,
     )  # fmt: skip
-    return case.model_on({label: Experiment(reference, reference.time[:1], nothing, every, label=label)})
+    begin = initial_state_of(case.document.runs[label])
+    experiment = Experiment(reference, reference.time[:1], nothing, every, label=label, initial_state=begin)
+    return case.model_on({label: experiment})
 
 
 def named_values(model: LoopModel, given: Mapping[str, float]) -> Array:

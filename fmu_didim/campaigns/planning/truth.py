@@ -29,6 +29,7 @@ from fmu_didim.campaigns.planning.recorded import (
     with_simulated_outputs,
 )
 from fmu_didim.case import Case, load_case
+from fmu_didim.case.experiment import initial_state_of
 from fmu_didim.case.sources import TorqueFile
 from fmu_didim.cosim import Instants, decimated_times, sample_operator
 from fmu_didim.data.signals import Array, Trajectory, trajectory
@@ -136,7 +137,10 @@ def _experiment(case: Case, label: str) -> Experiment:
         instants=None if case.document.runs[label].instants is None else Instants(reference.time, step),
     ).stamped_later(source.log_shift_s / step, reference.time.size)  # fmt: skip
     nothing = np.zeros((times.size, case.parameters.joint_count))
-    return Experiment(reference, times, nothing, operator, label=label, stamps=times - source.offset_s)
+    return Experiment(
+        reference, times, nothing, operator, label=label, stamps=times - source.offset_s,
+        initial_state=initial_state_of(case.document.runs[label]),
+    )  # fmt: skip
 
 
 def noise_deviation(noise: Noise, log: SimulatedLog) -> Array:

@@ -17,6 +17,7 @@ from fmu_didim.checks.data.log import (
     OUTLIERS_LEFT_OUT,
     PERIOD_CHANGES,
     log_diagnostics,
+    wrong_by_themselves,
 )
 from fmu_didim.checks.data.outliers import outlier_diagnostics, outliers, without
 from fmu_didim.checks.data.plant import plant_diagnostics
@@ -66,8 +67,10 @@ def data_diagnostics(model: LoopModel, *, without_torque: Sequence[str] = (), ca
         given = expected(run)
         of_file = [diagnostic for check in LOG_CHECKS for diagnostic in check(run, given)]
         found += of_file
-        of_units = unit_diagnostics(run, given)
-        of_log = of_units or torque_channel_diagnostics(given, gains, label)
+        # What is wrong by itself would make a log look like that of another motion.
+        clean = given.without(wrong_by_themselves(experiment, given))
+        of_units = unit_diagnostics(run, clean) if clean.has_all_joints else []
+        of_log = of_units or torque_channel_diagnostics(clean, gains, label)
         found += [*of_log, *([] if of_units else position_diagnostics(run))]
         held_out = experiment.role == "validation"
         if any(d.code is PERIOD_CHANGES for d in of_file):  # it would look like another clock or another scale
@@ -112,7 +115,8 @@ def _quick(model: LoopModel) -> LoopModel:
 
 
 def confirmed(model: LoopModel, found: Iterable[Diagnostic]) -> list[Diagnostic]:
-    """The diagnostics without those scales and lengths that explain nothing along the motion of a fit.
+    """The diagnostics without those scales and lengths that explain nothing along the motion of a fit, and without
+    outliers that were the transient of a start off the reference.
 
     Before a fit the simulated motion is only near the measured one, and a scale or a length may explain a part of the
     difference.
@@ -120,7 +124,7 @@ def confirmed(model: LoopModel, found: Iterable[Diagnostic]) -> list[Diagnostic]
     Args:
         model: with the values of the fit; found: before it.
     """
-    found = list(found)
+    found = _without_transients(model, list(found))
     doubted = [d for d in found if d.code in (TORQUE_SCALE, LINK_LENGTH)]
     if not doubted or not model.parameters.has_regressor or model.linear_count < len(model.free_parameters):
         return found
@@ -130,6 +134,16 @@ def confirmed(model: LoopModel, found: Iterable[Diagnostic]) -> list[Diagnostic]
         return found
     codes = {d.code for one in motions for d in _explained(one)}
     return [d for d in found if d not in doubted or d.code in codes]
+
+
+def _without_transients(model: LoopModel, found: list[Diagnostic]) -> list[Diagnostic]:
+    """The diagnostics without those outliers that the simulated torque has, too, where a fit found the start."""
+    for label in {k.experiment for k in model.free_parameters if k.is_start and k.experiment is not None}:
+        run = model.simulation(model.start, label)
+        again = {(d.code, d.place) for d in log_diagnostics(run.experiment, label, expected(run), 1 / run.step_size)}
+        own = [d for d in found if d.code in (LOG_OUTLIERS, FEW_OUTLIERS) and d.place.startswith(f"{label}: ")]
+        found = [d for d in found if d not in own or (d.code, d.place) in again]
+    return found
 
 
 def _explained(fitted: FittedMotion, *, held_out: bool = False) -> list[Diagnostic]:

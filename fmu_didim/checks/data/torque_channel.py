@@ -16,6 +16,7 @@ from scipy.optimize import linear_sum_assignment
 from fmu_didim.base.diagnostics import CATALOGUE, DOUBT, PROBLEM, Diagnostic
 from fmu_didim.checks.data.expected import Expected
 from fmu_didim.data.signals import Array
+from fmu_didim.estimators.initial_states import FIRST_PART
 from fmu_didim.fit.noise.noise import TINY
 
 EXPLAINS = 0.5
@@ -83,7 +84,10 @@ def torque_channel_diagnostics(given: Expected, gains: Array, label: str) -> lis
         gains: (n,) from the command to the torque of each drive, 1 without one.
     """
     foreign = _foreign(given, label)
-    if foreign or given.nominal is None:
+    whole = given.has_all_joints
+    if foreign and not _foreign(later := given.after(FIRST_PART), label):
+        given, foreign = later, []  # it does not start on its reference: the transient says nothing of the log
+    if foreign or given.nominal is None or not whole:
         return foreign
     found = _order(given.measured, given.nominal, label)
     correlation, ratio = correlation_and_ratio(given.measured, given.nominal)

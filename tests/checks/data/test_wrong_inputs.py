@@ -72,6 +72,18 @@ def spikes(torque: Array) -> Array:
     return torque
 
 
+def far_off(torque: Array) -> Array:
+    """One sample, by more than all others together."""
+    torque[torque.shape[0] // 3, 0] += 40 * np.ptp(torque[:, 0])
+    return torque
+
+
+def stuck(torque: Array) -> Array:
+    """The logger repeats its last row."""
+    torque[int(0.7 * torque.shape[0]) :] = torque[int(0.7 * torque.shape[0])]
+    return torque
+
+
 def constant(torque: Array) -> Array:
     torque[:, 1] = 0.3
     return torque
@@ -150,6 +162,8 @@ WRONG: list[tuple[str, Callable[[LoopModel], LoopModel], str]] = [
     ("torque in mN.m", lambda m: with_log(m, lambda torque: 1000 * torque), "torque-unit"),
     ("torque in kN.m", lambda m: with_log(m, lambda torque: torque / 1000), "torque-unit"),
     ("spikes", lambda m: with_log(m, spikes), "log-outliers"),
+    ("one sample far off", lambda m: with_log(m, far_off), "log-outliers"),
+    ("a tail that stands still", lambda m: with_log(m, stuck), "log-constant"),
     ("column constant", lambda m: with_log(m, constant), "log-constant"),
     ("clipped at 60 %", lambda m: with_log(m, clipped), "log-saturated"),
     ("12 steps in the range", lambda m: with_log(m, coarse), "log-coarse"),
