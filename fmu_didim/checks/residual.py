@@ -61,9 +61,17 @@ STATED_NOISE_LARGE = CATALOGUE(
 )  # fmt: skip
 COLOUR_NOT_MODELLED = CATALOGUE(
     "colour-not-modelled", REMARK, rank=75,
-    meaning="What the autoregression of the residual leaves is still not white: a hum, or noise whose size changes "
-    "with the motion. Standard deviations account for the autoregression only.",
+    meaning="What the autoregression of the residual leaves is still not white: a hum, or noise with a colour whose "
+    "size changes with the motion. Standard deviations account for the autoregression only.",
     next_step="Look at the residual in the report; regard the standard deviations as less certain than they look.",
+)  # fmt: skip
+NOISE_LOUDER = CATALOGUE(
+    "noise-louder", REMARK, rank=76,
+    meaning="The residual is white, but larger where the output is large, or where the samples matter to a value: "
+    "noise that grows with the torque or the speed. Standard deviations and intervals account for that; the residual "
+    "alone cannot show whether it is noise or something that the model lacks.",
+    next_step="If the noise of the sensor is as loud everywhere, the model lacks something: fmu-didim discover "
+    "CASE.yaml.",
 )  # fmt: skip
 RESIDUAL_SLOW = CATALOGUE(
     "residual-slow", DOUBT, rank=61,
@@ -91,6 +99,7 @@ class NoiseResult(Saved):
     chi_square_bound: Number = Field(description="above which the residual is larger than the noise")
     chi_square_least: Number = Field(description="below which it is smaller")
     noise_is_stated: bool = Field(description="by the case; otherwise periods that repeat give it")
+    is_louder: bool = Field(default=False, description="in places, for which the standard deviations account")
 
     @property
     def exceeds_noise(self) -> bool:
@@ -123,7 +132,7 @@ def lack_of_fit(colours: Sequence[Colour], deviation: Array | None, *, stated: b
                 coefficients=colour.coefficients.tolist(), lag1=colour.lag_one, whiteness_p=colour.whiteness,
                 inflation=colour.inflation, chi_square_per_sample=ratio,
                 chi_square_bound=None if ratio is None else most, chi_square_least=None if ratio is None else least,
-                noise_is_stated=stated,
+                noise_is_stated=stated, is_louder=colour.is_louder,
             )
         )  # fmt: skip
     return tuple(found)
@@ -153,6 +162,12 @@ def residual_diagnostics(tests: Sequence[NoiseResult], labels: Sequence[str] = (
                 f"are some {test.inflation:.2g} times those with white noise."
             )
             found.append(Diagnostic(NOISE_COLOURED, text, place, test.inflation, 1.0, "1"))
+        if test.is_louder:
+            text = (
+                "the residual is white, but louder in places: standard deviations are some "
+                f"{test.inflation:.2g} times those with noise that is as loud everywhere."
+            )
+            found.append(Diagnostic(NOISE_LOUDER, text, place, test.inflation, 1.0, "1"))
         if test.whiteness_p < STILL_NOT_WHITE:
             text = (
                 f"the residual is not white even with its colour (order {test.order}) taken out "

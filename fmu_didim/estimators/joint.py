@@ -92,7 +92,7 @@ def _compared(alone: Minimum, joint: Minimum) -> JointFit:
     for log, own in zip(block.logs, whole.logs, strict=True):
         difference[log.rows, block.columns] -= of_torque[own.rows]
     deviation = alone.known.deviation
-    covariance = covariance_of(difference, joint.known.colours, stretches_of_outputs(experiments))
+    covariance = covariance_of(difference, joint.known, stretches_of_outputs(experiments))
     shared = np.sqrt(shared_variance(difference, unfiltered_residual(fit), parts_of_outputs(experiments)))
     covariance = covariance * np.outer(shared, shared)
     if model.prior is not None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -14,7 +13,7 @@ from fmu_didim.fit.noise.noise import TINY
 from fmu_didim.fit.noise.shared import counted_once, variance_by_sharing
 from fmu_didim.fit.noise.weighting import noise_floor, whitened
 from fmu_didim.fit.statistics import deviation_of_sums, influence_efficient, influence_of_instruments
-from fmu_didim.fit.uncertainty import Colour, Uncertainty, covariance_of, stretches_of_outputs, uncertainty
+from fmu_didim.fit.uncertainty import Uncertainty, covariance_of, stretches_of_outputs, uncertainty
 
 
 def unfiltered_residual(fit: Fit) -> Array:
@@ -48,7 +47,7 @@ def fit_uncertainty(fit: Fit, instruments: Array | None = None) -> Uncertainty:
     residual = unfiltered_residual(fit) - sensitivity @ step
     free = (left @ right.T).reshape(sensitivity.shape) / fit.deviation[:, None]
     alone = _by_residual(fit, residual, sensitivity, free)
-    by_data = data_covariance(fit, influence, alone.colours, residual)
+    by_data = data_covariance(fit, influence, alone, residual)
     return replace(alone, covariance=by_data + of_prior.T @ of_prior, by_data=by_data, alone=alone.covariance)
 
 
@@ -67,16 +66,16 @@ def moved_by(fit: Fit, error: Array) -> Array:
     return np.asarray(np.abs(np.einsum("mjp,mj->p", influence, error)) / np.maximum(deviation, TINY))
 
 
-def data_covariance(fit: Fit, influence: Array, colours: Sequence[Colour], residual: Array) -> Array:
+def data_covariance(fit: Fit, influence: Array, noise: Uncertainty, residual: Array) -> Array:
     """(p, p) covariance of what follows the noise of the outputs with an influence (M, m, p).
 
     Args:
-        colours: of the noise; residual: (M, m) what noise leaves, by which outputs may share some.
+        noise: of the outputs; residual: (M, m) what noise leaves, by which outputs may share some.
     """
     experiments = fit.model.experiments
     if experiments.low_pass is not None:
         influence = filtered_torque(fit, influence)
-    covariance = covariance_of(influence, colours, stretches_of_outputs(experiments))
+    covariance = covariance_of(influence, noise, stretches_of_outputs(experiments))
     return counted_once(covariance, variance_by_sharing(influence, residual, experiments))
 
 
@@ -111,7 +110,7 @@ def _by_residual(fit: Fit, residual: Array, sensitivity: Array, influence: Array
         deviation = np.where(stated, deviation, of_residual)
     found = uncertainty(
         residual, sensitivity, influence, deviation, stretches_of_outputs(experiments),
-        stated=stated, floor=floor, usual=usual if is_filtered else None,
+        stated=stated, floor=floor, usual=usual if is_filtered else None, size=fit.outputs,
     )  # fmt: skip
     by_sharing = variance_by_sharing(influence, residual, experiments)
     return replace(found, covariance=counted_once(found.covariance, by_sharing))

@@ -87,6 +87,7 @@ class Colour:
         lag_one: correlation of neighbouring samples; whiteness: p value of what the autoregression leaves.
         samples: independent ones that the variance is known from.
         inflation: standard deviations that come from this output at all rates, over those of white noise.
+        is_louder: whether the noise is white but louder in places, and counts so.
     """
 
     joint: int
@@ -98,6 +99,7 @@ class Colour:
     whiteness: float
     samples: float
     inflation: float = 1.0
+    is_louder: bool = False
 
 
 @dataclass(frozen=True)
@@ -109,10 +111,12 @@ class Uncertainty:
         by_data: (p, p) the part of the covariance that comes from that noise, where the rest comes from a prior;
             alone: (p, p) what it would be without the prior, zero in directions that the data do not show. None where
             there is no prior.
+        loudness: (M, m) variance of the noise of each sample over the mean one of its output.
     """
 
     covariance: Array
     colours: tuple[Colour, ...]
+    loudness: Array
     by_data: Array | None = None
     alone: Array | None = None
 
@@ -158,6 +162,7 @@ def _judged(
     covariance: Array,
     floor: Array,
     stated: NDArray[np.bool_],
+    loud: NDArray[np.bool_],
 ) -> list[Colour]:
     """The colour of each output of a group, where white noise would have variances ``usual`` (n,); its inflation is
     still one."""
@@ -170,7 +175,11 @@ def _judged(
         rho = autocorrelation(noise.coefficients, group.samples)
         samples = float(freedom[j]) / float(2 * np.sum(rho**2) - 1)
         counted = _counted(noise, own, float(usual[j]), samples, stated=bool(stated[j]))
-        left = portmanteau(innovations(column, noise.coefficients, lags), pairs, lags)
+        left = (
+            group.loud_portmanteau(column, j, lags)
+            if loud[j]
+            else portmanteau(innovations(column, noise.coefficients, lags), pairs, lags)
+        )
         colours.append(
             Colour(
                 joint=group.columns.start + j + 1,
@@ -181,6 +190,7 @@ def _judged(
                 lag_one=float(column[1] / max(own, TINY)),
                 whiteness=portmanteau_p(left, lags - order) if own > floor[j] ** 2 else 1.0,
                 samples=samples,
+                is_louder=bool(loud[j]),
             )
         )
     return colours
@@ -196,6 +206,7 @@ def uncertainty(
     stated: bool | NDArray[np.bool_] = False,
     floor: Array | float = 0.0,
     usual: Array | None = None,
+    size: Array | None = None,
 ) -> Uncertainty:
     """The covariance of an estimate, from its residual.
 
@@ -205,33 +216,46 @@ def uncertainty(
             residual is larger by more than chance.
         stretches: the logs; floor: (m,) residuals below are rounding, and count as white.
         usual: (m, p) variances that the inflation is counted from; by default those of white noise.
+        size: (M, m) of the outputs, which noise may grow with; None: the noise of an output is as loud everywhere.
     """
-    tables = (residual, sensitivity, influence)
-    groups = _grouped(stretches, tables, deviation.size)
+    loudness = np.ones_like(residual)
+    tables, sizes = (residual, sensitivity, influence), loudness if size is None else np.abs(size)
+    alike = groups = _grouped(stretches, (*tables, loudness, sizes), deviation.size)
     floor, stated = np.broadcast_to(floor, deviation.shape), np.broadcast_to(stated, deviation.shape)
-    covariance, noises = _settled(groups, floor)
+    loud = (
+        [np.zeros(group.logs[0].residual.shape[1], bool) for group in groups]
+        if size is None
+        else _louder(groups, floor, stated)
+    )
+    if np.concatenate(loud).any():
+        loudness = _loudness(groups, loud, residual.shape)
+        groups = _grouped(stretches, (*tables, loudness, sizes), deviation.size)
+    covariance, noises = _settled(groups, floor, loud)
     colours = [
-        _judged(group, noise, deviation[at] ** 2, covariance, floor[at], stated[at])
-        for group, noise in zip(groups, noises, strict=True) for at in (group.columns,)
+        _judged(group, noise, deviation[at] ** 2, covariance, floor[at], stated[at], own)
+        for group, noise, own in zip(groups, noises, loud, strict=True) for at in (group.columns,)
     ]  # fmt: skip
     covariance, shares = _covariance(
         groups, [[JointNoise(c.variance, c.coefficients) for c in each] for each in colours]
     )
     if usual is None:
         white = [[JointNoise(float(d) ** 2) for d in deviation[group.columns]] for group in groups]
-        usual = _by_output(groups, _covariance(groups, white)[1], deviation.size)
+        usual = _by_output(alike, _covariance(alike, white)[1], deviation.size)
     weight = 1 / np.maximum(usual.sum(axis=0), TINY)
     counted = _by_output(groups, shares, deviation.size)
     inflation = np.sqrt((counted @ weight) / np.maximum(usual @ weight, TINY))
     return Uncertainty(
-        covariance, tuple(replace(c, inflation=float(inflation[c.joint - 1])) for each in colours for c in each)
+        covariance,
+        tuple(replace(c, inflation=float(inflation[c.joint - 1])) for each in colours for c in each),
+        loudness,
     )
 
 
-def covariance_of(influence: Array, colours: Sequence[Colour], stretches: Sequence[Stretch]) -> Array:
-    """(p, p) covariance of what follows noise of known colours with an influence (M, m, p)."""
-    known = {(colour.joint, colour.rate_hz): JointNoise(colour.variance, colour.coefficients) for colour in colours}
-    groups = _grouped(stretches, (influence[:, :, 0], influence, influence), influence.shape[1])
+def covariance_of(influence: Array, noise: Uncertainty, stretches: Sequence[Stretch]) -> Array:
+    """(p, p) covariance of what follows the noise of an estimate with an influence (M, m, p)."""
+    known = {(c.joint, c.rate_hz): JointNoise(c.variance, c.coefficients) for c in noise.colours}
+    none = np.zeros(influence.shape[:2])
+    groups = _grouped(stretches, (none, influence, influence, noise.loudness, none), influence.shape[1])
     columns = [range(group.columns.start, group.columns.stop) for group in groups]
     noises = [[known[j + 1, g.rate_hz] for j in own] for g, own in zip(groups, columns, strict=True)]
     return _covariance(groups, noises)[0]
@@ -239,8 +263,9 @@ def covariance_of(influence: Array, colours: Sequence[Colour], stretches: Sequen
 
 @dataclass(frozen=True)
 class _Group(LogsOfOneRate):
-    """Logs of one rate, and the columns that they hold in tables over all outputs."""
+    """Logs of one rate, their stretches, and the columns that they hold in tables over all outputs."""
 
+    stretches: tuple[Stretch, ...]
     columns: slice
 
 
@@ -254,6 +279,7 @@ def _grouped(stretches: Sequence[Stretch], tables: Sequence[Array], count: int) 
                 Log.of(s.places, *(t[s.rows][:, s.columns] for t in tables))
                 for s, own in zip(stretches, kinds, strict=True) if own == kind
             ),
+            tuple(s for s, own in zip(stretches, kinds, strict=True) if own == kind),
             slice(*kind[:2]),
         )
         for kind in sorted(set(kinds))
@@ -268,14 +294,43 @@ def _by_output(groups: Sequence[_Group], shares: Sequence[Array], count: int) ->
     return found
 
 
-def _settled(groups: Sequence[_Group], floor: Array) -> tuple[Array, list[list[JointNoise]]]:
+def _louder(groups: Sequence[_Group], floor: Array, stated: NDArray[np.bool_]) -> list[NDArray[np.bool_]]:
+    """Which outputs of each group have noise, of a size that is not stated, that is white but louder in places."""
+    loud = [np.array(group.varying()) & ~stated[group.columns] for group in groups]
+    if not np.concatenate(loud).any():
+        return loud
+    noises = [group.white() for group in groups]
+    covariance, _ = _covariance(groups, noises)
+    return [
+        own & group.looks_white(group.autocovariance(noise, covariance, GATE_LAGS), floor[group.columns])
+        for own, group, noise in zip(loud, groups, noises, strict=True)
+    ]
+
+
+def _loudness(groups: Sequence[_Group], loud: Sequence[NDArray[np.bool_]], shape: tuple[int, ...]) -> Array:
+    """(M, m) variance of the noise of each sample over the mean one of its output; 1 where it is as loud everywhere."""
+    found = np.ones(shape)
+    for group, own in zip(groups, loud, strict=True):
+        mean = np.maximum(np.sum([log.squares.sum(axis=0) for log in group.logs], axis=0) / group.samples, TINY)
+        for s, log in zip(group.stretches, group.logs, strict=True):
+            found[s.rows, s.columns] = np.where(own, log.squares[log.there[:, 0] > 0] / mean, 1.0)
+    return found
+
+
+def _settled(
+    groups: Sequence[_Group], floor: Array, loud: Sequence[NDArray[np.bool_]]
+) -> tuple[Array, list[list[JointNoise]]]:
     """The noise that the residual shows, and the covariance with it; what the fit takes from the residual is found
-    with the noise of the round before."""
+    with the noise of the round before.
+
+    Args:
+        loud: outputs of each group whose noise is white, but louder in places.
+    """
     noises = [group.white() for group in groups]
     covariance, _ = _covariance(groups, noises)
     gates = [
-        group.not_white(group.autocovariance(noise, covariance, GATE_LAGS), floor[group.columns])
-        for group, noise in zip(groups, noises, strict=True)
+        np.array(group.not_white(group.autocovariance(noise, covariance, GATE_LAGS), floor[group.columns])) & ~own
+        for group, noise, own in zip(groups, noises, loud, strict=True)
     ]
     for _ in range(COLOUR_ROUNDS if any(map(any, gates)) else 0):
         noises = [g.refitted(noise, gate, covariance) for g, noise, gate in zip(groups, noises, gates, strict=True)]

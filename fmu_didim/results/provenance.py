@@ -38,7 +38,7 @@ ENGINE = (
     (clock, ("STAMP_ROUNDING", "SAME_RATE")),
     (statistics, ("CONDITION_LIMIT", "CONFIDENCE")),
     (noise, ("REPEATS_WITHIN", "FEWEST_DIFFERENCES", "LARGEST_CORRELATION", "ABOVE_MOTION", "USUAL", "OUTLIER")),
-    (residual_noise, ("NOT_WHITE", "CLEARLY_NOT_WHITE", "FEWEST_COLOURED")),
+    (residual_noise, ("NOT_WHITE", "CLEARLY_NOT_WHITE", "FEWEST_COLOURED", "LOUDER")),
     (uncertainty, ("WHITENESS_LAGS", "EXCESS")),
     (search, ("KEPT_PROMISE", "EQUAL")),
     (termination, ("ITERATIONS", "STALE", "CONTRACTION")),

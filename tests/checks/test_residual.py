@@ -56,6 +56,7 @@ def test_without_known_noise_no_chi_square() -> None:
         (replace(COLOURED, whiteness=0.9e-4), None, ["noise-coloured", "colour-not-modelled"]),
         (replace(WHITE, whiteness=0.9e-4), None, ["colour-not-modelled"]),
         (replace(WHITE, whiteness=1.1e-4), None, []),
+        (replace(WHITE, is_louder=True, inflation=1.3), None, ["noise-louder"]),
     ],
     ids=[
         "unknown",
@@ -67,6 +68,7 @@ def test_without_known_noise_no_chi_square() -> None:
         "not modelled",
         "no colour seen",
         "by chance",
+        "louder in places",
     ],
 )
 def test_what_is_told(colour: Colour, known: float | None, codes: list[str]) -> None:

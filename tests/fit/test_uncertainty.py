@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,8 +10,10 @@ import pytest
 from scipy import stats
 from scipy.linalg import toeplitz
 
+from fmu_didim.data.signals import Array
+from fmu_didim.fit.noise.residual_noise import LOUDER, varies
 from fmu_didim.fit.statistics import influence_efficient, influence_of_instruments, noise_deviation
-from fmu_didim.fit.uncertainty import Uncertainty, chi_square_bounds, stretches, uncertainty
+from fmu_didim.fit.uncertainty import Uncertainty, chi_square_bounds, covariance_of, stretches, uncertainty
 from tests.fit.test_autoregression import by_impulse_response
 from tests.tools.monte_carlo import half_coloured
 
@@ -249,3 +252,91 @@ def test_noise_that_is_known_from_few_samples_bounds_less() -> None:
     least, most = chi_square_bounds(100, 40)
     np.testing.assert_allclose([least, most], np.quantile(ratios, [0.001, 0.999]), rtol=0.03)
     assert most > chi_square_bounds(100)[1]
+
+
+def loud(torque: np.ndarray, rng: np.random.Generator, share: float) -> np.ndarray:
+    """White noise of which a share grows with the size of the torque."""
+    size = np.abs(torque) / np.sqrt(np.mean(torque**2, axis=0))
+    return np.asarray(SIZES * (1 - share + share * size) * rng.normal(size=torque.shape))
+
+
+TORQUE = np.array([1.0, 0.4, 3.0, 2.0, 0.3, 1.0])
+"""Values of inertia, viscous and Coulomb friction of two joints."""
+
+
+@pytest.mark.gate
+@pytest.mark.parametrize("share", [0.0, 0.5, 1.0])
+@pytest.mark.parametrize("rate_hz", [20.0, 50.0])
+def test_intervals_contain_the_truth_where_noise_grows_with_the_torque(share: float, rate_hz: float) -> None:
+    fit, rng, inside, usual = Fit.of(grid(rate_hz, gaps=0.1)), np.random.default_rng(8), [], []
+    torque, seeds = fit.sensitivity @ TORQUE, 300
+    for _ in range(seeds):
+        values, known = fit.solve(loud(torque, rng, share), size=torque)
+        inside.append(np.abs(values) <= stats.t.ppf(0.975, fit.times[0].size - 3) * known.deviation)
+        usual.append([colour.is_louder for colour in known.colours])
+    assert 92.0 <= 100 * np.mean(inside) <= 97.0
+    assert np.mean(usual) < 0.03 if not share else np.mean(usual) > 0.85
+
+
+def test_louder_noise_counts_sample_by_sample() -> None:
+    """As by dense algebra over two logs with gaps; outputs whose noise is as loud everywhere keep their variance."""
+    times = (grid(20.0, gaps=0.1), grid(20.0, start=100.0))
+    fit, rng = Fit.of(*times), np.random.default_rng(3)
+    torque = fit.sensitivity @ TORQUE
+    noise = loud(torque, rng, 0.0)
+    noise[:, 1] = loud(torque, rng, 1.0)[:, 1]
+    values, known = fit.solve(noise, size=torque)
+    assert [colour.is_louder for colour in known.colours] == [False, True]
+    assert [colour.coefficients.size for colour in known.colours] == [0, 0]
+    leverage = np.einsum("mjp,mjp->mj", fit.sensitivity, fit.influence)
+    squares = ((noise - fit.sensitivity @ values) / (1 - leverage)) ** 2
+    first, second = known.colours
+    variance = second.variance * squares[:, 1] / squares[:, 1].mean()
+    phi = fit.influence
+    expected = phi[:, 0].T @ phi[:, 0] * first.variance + (phi[:, 1].T * variance) @ phi[:, 1]
+    np.testing.assert_allclose(known.covariance, expected, rtol=1e-9, atol=1e-12 * np.abs(expected).max())
+    np.testing.assert_allclose(covariance_of(phi, known, stretches(times)), expected, rtol=1e-9, atol=1e-15)
+    assert first.inflation == 1.0 and second.inflation != 1.0
+
+
+@pytest.mark.parametrize(
+    ("options", "shape", "told"),
+    [
+        ({}, "loud", [True, True]),
+        ({"size": None}, "loud", [False, False]),  # nothing is known that noise may follow
+        ({"stated": True}, "loud", [False, False]),  # the case says how loud it is
+        ({"stated": np.array([True, False])}, "loud", [False, True]),
+        ({"floor": np.full(2, 100.0)}, "loud", [False, False]),  # rounding
+        ({}, "alike", [False, False]),
+        ({}, "misfit", [False, False]),  # what is loud where the model is wrong has a colour
+    ],
+)
+def test_which_noise_is_louder_in_places(options: dict[str, object], shape: str, told: list[bool]) -> None:
+    fit, rng = Fit.of(grid(50.0)), np.random.default_rng(6)
+    torque = fit.sensitivity @ TORQUE
+    noise = loud(torque, rng, 0.0 if shape == "alike" else 1.0)
+    if shape == "misfit":  # friction that grows with the load, three times as large as the noise
+        speed = fit.sensitivity[:, [0, 1], [1, 4]]
+        noise = noise + 3 * SIZES * np.sign(speed) * np.abs(torque) / torque.std(axis=0)
+    _, known = fit.solve(noise, **({"size": torque, "deviation": SIZES} | options))
+    assert [colour.is_louder for colour in known.colours] == told
+    if not any(told):
+        assert (known.loudness == 1).all()
+
+
+@pytest.mark.parametrize(
+    ("squares", "causes", "is_found"),
+    [
+        (lambda e, f: e**2, lambda f: f[:, None], False),
+        (lambda e, f: (f * e) ** 2, lambda f: f[:, None], True),
+        (lambda e, f: (e / f) ** 2, lambda f: f[:, None], True),  # softer there
+        (lambda e, f: (f * e) ** 2, lambda f: np.column_stack([np.ones(f.size), np.zeros(f.size), f]), True),
+        (lambda e, f: (f * e) ** 2, lambda f: np.ones((f.size, 2)), False),  # causes that do not vary
+        (lambda e, f: 0 * e, lambda f: f[:, None], False),  # no residual
+        (lambda e, f: np.where(np.arange(e.size) == 7, 400.0, e**2), lambda f: f[:, None], False),  # one outlier
+    ],
+)
+def test_what_squares_follow(squares: Callable[..., Array], causes: Callable[..., Array], is_found: bool) -> None:
+    rng = np.random.default_rng(2)
+    size = 0.3 + np.abs(np.sin(0.05 * np.arange(400)))
+    assert (varies(squares(rng.normal(size=400), size), causes(size)) < LOUDER) is is_found

@@ -130,3 +130,28 @@ def test_the_result_says_it(tmp_path: Path) -> None:
         assert noise.inflation == pytest.approx(residual / stated, rel=0.08)
     assert "chi-square per sample" in outcome.summary()
     assert "contain this lack of fit" in outcome.summary().replace("\n    ", " ")
+
+
+@pytest.mark.gate
+@pytest.mark.parametrize("rate_hz", [100.0, 10.0])
+def test_the_misfit_of_a_real_robot_is_no_noise_that_is_louder_in_places(rate_hz: float) -> None:
+    """Its friction grows with the load: where the torque is large the model is wrong."""
+    case = load_case("examples/double_pendulum/identify.yaml").with_(train={"torque": {"rate_hz": rate_hz}})
+    found = Didim(start="torque").estimate(case.model)
+    assert [colour.is_louder for colour in found.colours] == [False, False]
+    assert all(colour.coefficients.size for colour in found.colours)
+
+
+@pytest.mark.gate
+def test_intervals_hold_where_noise_grows_with_the_torque() -> None:
+    """SCARA at 50 Hz; some 88 % of the values lay in intervals by noise that is as loud everywhere."""
+    here, inside, louder = context(RATE_HZ), [], 0
+    for seed in range(20):
+        rng = np.random.default_rng([seed, 31])
+        noise = 0.05 * np.abs(here.torque) * rng.normal(size=here.torque.shape)
+        found = Didim().estimate(with_torque(here.model, here.torque + noise))
+        low, high = found.interval().T
+        inside += list((low <= here.model.start) & (here.model.start <= high))
+        louder += any(code == "noise-louder" for code in codes(found))
+    assert np.mean(inside) > 0.91
+    assert louder >= 18

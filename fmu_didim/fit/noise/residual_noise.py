@@ -3,6 +3,17 @@
 The fit takes up a part of the noise e, most of it where the motion is slow, so the residual r = (I - S Phi') e of
 sensitivity S and influence Phi is smaller than the noise. What noise of a given autocovariance Omega would lose so,
 S Phi' Omega + Omega Phi S' - S Phi' Omega Phi S', is added to the autocovariances of r.
+
+Noise may be louder in places, as noise that grows with the torque is. Then no bound of one variance holds, and white
+noise of every sample has a variance of its own,
+
+    Omega = diag(v_t),      v_t ~ (r_t / (1 - h_t))^2,      h_t = S_t Phi_t'  the leverage of the sample,
+
+which is consistent in Phi' Omega Phi, whatever it is that the variance follows. It is asked of r_t^2 whether it
+follows the size of the output, or the squared influence on a value, where a variance that varies matters. What has a
+colour keeps one variance: there a misfit would pass for noise that is loud where the model is wrong. Sources: Koenker,
+J. Econometrics 17 (1981), for the test; White, Econometrica 48 (1980), MacKinnon, White, J. Econometrics 29 (1985), for
+v_t; Diebold, in: Proc. Am. Stat. Assoc. (1986), for correlations of such noise.
 """
 
 from __future__ import annotations
@@ -11,8 +22,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import fft
 
+from fmu_didim.base.distributions import normal_sf
 from fmu_didim.cosim import Indices
 from fmu_didim.data.signals import Array
 from fmu_didim.fit.noise.autoregression import (
@@ -22,6 +35,7 @@ from fmu_didim.fit.noise.autoregression import (
     portmanteau,
     portmanteau_p,
 )
+from fmu_didim.fit.noise.noise import TINY
 
 GATE_LAGS = 3
 """[samples] A residual is white if its correlations up to this lag are: colour shows there first."""
@@ -30,8 +44,13 @@ NOT_WHITE = 0.05
 little, since what is then estimated is nearly white; a colour that is missed costs coverage."""
 CLEARLY_NOT_WHITE = 0.01
 """[1] The same of one joint where all together look white; there are several to ask."""
+LOUDER = 0.01
+"""[1] Probability by chance of what the squares of the residual of an output follow, below which its noise is louder in
+places."""
 LONGEST_GAP = 1000
 """[samples] A longer gap in a log counts as this long: noise is uncorrelated across it."""
+LEAST_LEFT = 0.1
+"""[1] Of a sample, that the fit leaves at least: one of more leverage says nothing of its noise."""
 FEWEST_COLOURED = 20
 """[samples] Fewer samples are too few to show a colour."""
 
@@ -48,12 +67,15 @@ class JointNoise:
 @dataclass(frozen=True)
 class Log:
     """A log on its grid, with rows of zeros where samples are missing: which are there (M, 1), residual (M, n),
-    sensitivity and influence (M, n, p)."""
+    sensitivity and influence (M, n, p); variance of the noise at each sample over the mean one, and size of the output
+    (M, n)."""
 
     there: Array
     residual: Array
     sensitivity: Array
     influence: Array
+    loudness: Array
+    size: Array
 
     @classmethod
     def of(cls, places: Indices, *tables: Array) -> Log:
@@ -73,7 +95,7 @@ class Log:
         length = fft.next_fast_len(2 * count, real=True)
         result = np.empty_like(self.influence)
         for j, noise in enumerate(noises):
-            result[:, j] = noise.variance * self.influence[:, j]
+            result[:, j] = noise.variance * self.influence[:, j] * self.loudness[:, j, None]
             if noise.coefficients.size:
                 column = np.zeros(length)
                 column[:count] = autocorrelation(noise.coefficients, count)
@@ -81,6 +103,12 @@ class Log:
                 spectrum = fft.rfft(column).real[:, None] * fft.rfft(result[:, j], length, axis=0)
                 result[:, j] = fft.irfft(spectrum, length, axis=0)[:count]
         return np.asarray(result * self.there[:, :, None])
+
+    @property
+    def squares(self) -> Array:
+        """(M, n) squares of the residual, of which the fit has taken the least where a sample has leverage."""
+        leverage = np.einsum("mjp,mjp->mj", self.sensitivity, self.influence)
+        return np.asarray((self.residual / np.maximum(1 - leverage, LEAST_LEFT)) ** 2)
 
     def lost(self, noises: Sequence[JointNoise], covariance: Array, lags: int) -> Array:
         """(lags + 1, n) what the fit takes from the sums of products of its residual: S Phi' Omega + Omega Phi S'
@@ -101,6 +129,18 @@ def _lagged(a: Array, b: Array, lags: int) -> Array:
     for lag in range(min(lags, count - 1) + 1):
         found[lag] = np.einsum(f"{axes},{axes}->j", a[: count - lag], b[lag:])
     return found
+
+
+def varies(squares: Array, causes: Array) -> float:
+    """Probability by chance of what the squares (N,) of a residual follow, by Koenker's test for each cause (N, k) and
+    Bonferroni's correction."""
+    own, off = squares - squares.mean(), causes - causes.mean(axis=0)
+    power = np.sum(off**2, axis=0)
+    there = power > TINY * np.sum(causes**2, axis=0)
+    if not there.any() or not own.any():
+        return 1.0
+    largest = np.max(np.abs(own @ off[:, there]) / np.sqrt(power[there] * np.mean(own**2)))
+    return float(min(2 * normal_sf(float(largest)) * np.count_nonzero(there), 1.0))
 
 
 @dataclass(frozen=True)
@@ -156,9 +196,39 @@ class LogsOfOneRate:
         each = [portmanteau_p(one, lags) < CLEARLY_NOT_WHITE for one in sums]
         return [bool(real and (together or own)) for real, own in zip(is_noise, each, strict=True)]
 
-    def refitted(self, noises: Sequence[JointNoise], coloured: Sequence[bool], covariance: Array) -> list[JointNoise]:
+    def varying(self) -> list[bool]:
+        """Of which outputs (n,) the noise seems to be louder in places, whatever its colour."""
+        if self.samples < FEWEST_COLOURED:
+            return [False] * self.logs[0].residual.shape[1]
+        rows = [log.there[:, 0] > 0 for log in self.logs]
+        squares, size, influence = (
+            np.concatenate([table[there] for table, there in zip(tables, rows, strict=True)])
+            for tables in zip(*((log.squares, log.size, log.influence) for log in self.logs), strict=True)
+        )
+        return [
+            varies(column, np.column_stack([size[:, j], influence[:, j] ** 2])) < LOUDER
+            for j, column in enumerate(squares.T)
+        ]
+
+    def looks_white(self, covariances: Array, floor: Array) -> list[bool]:
+        """Which outputs (n,) have noise that is white if its size may vary, by autocovariances (K + 1, n); never those
+        whose residual is rounding."""
+        lags = GATE_LAGS
+        return [
+            bool(column[0] > least**2) and portmanteau_p(self.loud_portmanteau(column, j, lags), lags) >= NOT_WHITE
+            for j, (column, least) in enumerate(zip(covariances.T, floor, strict=True))
+        ]
+
+    def loud_portmanteau(self, covariance: Array, j: int, lags: int) -> float:
+        """Ljung and Box's sum for noise that is louder in places: correlations over their own deviations."""
+        squared = np.sum([_lagged(log.residual**2, log.residual**2, lags) for log in self.logs], axis=0)[1:, j]
+        return float(np.sum((self.pairs(lags)[1:] * covariance[1 : lags + 1]) ** 2 / np.maximum(squared, TINY)))
+
+    def refitted(
+        self, noises: Sequence[JointNoise], coloured: NDArray[np.bool_], covariance: Array
+    ) -> list[JointNoise]:
         """Those with a colour anew, from the residual and what they lose in it."""
-        if not any(coloured):
+        if not coloured.any():
             return list(noises)
         largest = largest_order(self.samples)
         found = self.autocovariance(noises, covariance, largest)
