@@ -94,6 +94,7 @@ VERBS = [
     "effects",
     "effects coulomb",
     "schema case",
+    f"robot {ROOT}/fmus/scara/robot.yaml",
     "completion bash",
     "campaign run campaign.yaml --out campaign --workers 1",
     "campaign retry campaign",

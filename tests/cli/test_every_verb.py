@@ -32,6 +32,7 @@ VERBS: Mapping[str, Callable[[Path], list[str]]] = {
         for verb in (
             "validate", "check", "fmu info", "fmu check", "cache clear", "campaign status", "campaign report",
             "campaign retry", "campaign show", "effects", "example", "schema", "completion", "cache show",
+            "robot",
         )
     },
 }  # fmt: skip
@@ -39,9 +40,9 @@ VERBS: Mapping[str, Callable[[Path], list[str]]] = {
 CASE_VERBS = {"validate", "check", "identify", "simulate", "discover", "export --ssp"}
 MEANT_FOR: Mapping[str, set[str]] = {
     "case": CASE_VERBS,
-    "model": CASE_VERBS - {"discover"},
+    "model": CASE_VERBS,
     "campaign": {"campaign run"},
-    "robot": {"export"},
+    "robot": {"export", "robot"},
     "controller": {"export"},
     "modelica": {"fmu info", "fmu check", "export"},
     "fmu": {"fmu info", "fmu check"},

@@ -124,9 +124,8 @@ def test_simulate_gives_outputs_with_any_values(house: Path, capsys: pytest.Capt
     assert "parameter that is identified named 'R9'" in capsys.readouterr().err
 
 
-def test_discover_and_export_say_what_to_do(house: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_export_says_what_to_do(house: Path, capsys: pytest.CaptureFixture[str]) -> None:
     for command, told in (
-        (["discover", str(case(house))], "names the suspects"),
         (["export", str(case(house))], "with --ssp export does"),
         (["export", str(house / "house.fmu")], "This is an FMU already"),
     ):

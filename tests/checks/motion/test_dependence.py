@@ -11,6 +11,7 @@ from scipy.signal import lfilter
 
 from fmu_didim.base.errors import SimulationError
 from fmu_didim.case import load_case
+from fmu_didim.checks.motion import dependence as dependence_module
 from fmu_didim.checks.motion.colour import Colour, Columns, Logs
 from fmu_didim.checks.motion.dependence import (
     Dependence,
@@ -21,7 +22,6 @@ from fmu_didim.checks.motion.dependence import (
     motion_dependence,
     motion_diagnostics,
     residuals_of_fit,
-    tested_rows,
 )
 from fmu_didim.checks.motion.functions import (
     LIKE_GRAVITY,
@@ -347,7 +347,7 @@ def test_a_clock_after_the_fit_is_doubted_where_it_moves_a_value(late_s, joints,
     shift = -late_s * np.column_stack([one[TORQUE_RATE] for one in rates])
     shift[:, joints:] = 0.0
     fit = point(with_torque(model, own.torque + shift), NoiseOfResidual(model))
-    tested = residuals_of_fit(fit, tested_rows(fit))
+    tested = residuals_of_fit(fit, dependence_module.tested_rows(fit))
     slopes = [one.slope(TORQUE_RATE) for one in tested]
     for (slope, deviation), is_late in zip(slopes, [True, joints == 2], strict=True):
         assert abs(-slope - late_s * is_late) < 4 * deviation
