@@ -12,7 +12,7 @@ from fmu_didim.base.errors import IdentificationError, InputError, SimulationErr
 from fmu_didim.checks.channels import CERTAIN, CHANNEL_OFF
 from fmu_didim.data.signals import Array
 from fmu_didim.estimators.initial_states import free_start_remarks, free_starts, held_out_starts, is_asked
-from fmu_didim.estimators.start import start_sequence, start_text, start_values
+from fmu_didim.estimators.starts.start import start_sequence, start_text, start_values
 from fmu_didim.fit.base_projection import BaseProjection
 from fmu_didim.fit.derivatives.sensitivity import sensitivity
 from fmu_didim.fit.fit import Fit

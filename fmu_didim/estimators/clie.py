@@ -24,7 +24,7 @@ from fmu_didim.estimators.initial_states import free_starts, start_advice, with_
 from fmu_didim.estimators.joint import joint_minimum, motion_minimum
 from fmu_didim.estimators.local_minima import nearer_to_prior
 from fmu_didim.estimators.reweighted import with_error_models
-from fmu_didim.estimators.start import simulatable, start_values, with_free_delay
+from fmu_didim.estimators.starts.start import simulatable, start_values, with_free_delay
 from fmu_didim.fit.estimate import Estimate, RefusedError, Stage
 from fmu_didim.fit.fit import point
 from fmu_didim.fit.iteration import Iteration

@@ -29,7 +29,14 @@ from fmu_didim.estimators.finish import Minimum, finish_by_colour, integration_e
 from fmu_didim.estimators.initial_states import free_starts, start_advice, with_likely_starts, with_starts
 from fmu_didim.estimators.joint import joint_minimum
 from fmu_didim.estimators.local_minima import lowest, nearer_to_prior
-from fmu_didim.estimators.start import Start, simulatable, start_sequence, start_text, start_values, with_free_delay
+from fmu_didim.estimators.starts.start import (
+    Start,
+    simulatable,
+    start_sequence,
+    start_text,
+    start_values,
+    with_free_delay,
+)
 from fmu_didim.fit.estimate import Estimate, RefusedError, Stage, Status
 from fmu_didim.fit.fit import Fit, point
 from fmu_didim.fit.fit_uncertainty import fit_uncertainty

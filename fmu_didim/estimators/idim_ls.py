@@ -18,7 +18,7 @@ from fmu_didim.base.errors import InputError
 from fmu_didim.data.filters import LowPass, thinned
 from fmu_didim.data.signals import Array
 from fmu_didim.estimators.base import Estimator, Progress, no_progress
-from fmu_didim.estimators.reference_start import observed_on
+from fmu_didim.estimators.starts.reference_start import observed_on
 from fmu_didim.fit.estimate import Estimate, RefusedError, Stage, Status
 from fmu_didim.fit.iteration import Iteration
 from fmu_didim.fit.noise.weighting import noise_floor, weighted_solution, whitened

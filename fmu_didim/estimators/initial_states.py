@@ -27,7 +27,7 @@ from fmu_didim.base.errors import IdentificationError, SimulationError
 from fmu_didim.data.signals import Array
 from fmu_didim.estimators.finish import Minimum
 from fmu_didim.estimators.local_minima import HARDLY_WORSE, weighted_cost
-from fmu_didim.estimators.start import simulatable, start_values
+from fmu_didim.estimators.starts.start import simulatable, start_values
 from fmu_didim.fit.derivatives.sensitivity import sensitivity
 from fmu_didim.fit.fit import Fit, point, prior_rows
 from fmu_didim.fit.fit_uncertainty import fit_uncertainty

@@ -20,8 +20,8 @@ import numpy as np
 from fmu_didim.base.errors import IdentificationError, SimulationError
 from fmu_didim.data.signals import Array
 from fmu_didim.estimators.finish import Minimum
-from fmu_didim.estimators.inverse_simulation import stiffness
-from fmu_didim.estimators.start import simulatable
+from fmu_didim.estimators.starts.inverse_simulation import stiffness
+from fmu_didim.estimators.starts.start import simulatable
 from fmu_didim.fit.fit import Fit, point, prior_squares, sum_of_squares
 from fmu_didim.fit.noise.weighting import NoiseOfResidual, whitened
 from fmu_didim.fit.prior_fit import prior_fit

@@ -21,7 +21,7 @@ from fmu_didim.cosim import sample_operator
 from fmu_didim.data.signals import Array, Trajectory
 from fmu_didim.estimators.base import Estimator, Progress, no_progress
 from fmu_didim.estimators.clie import Clie
-from fmu_didim.estimators.start import start_values
+from fmu_didim.estimators.starts.start import start_values
 from fmu_didim.fit.derivatives.sensitivity import parameter_sizes
 from fmu_didim.fit.estimate import Estimate, RefusedError, Stage, Status
 from fmu_didim.fit.iteration import History, Iteration

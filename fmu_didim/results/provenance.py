@@ -24,8 +24,9 @@ from fmu_didim.checks.data import log, timing, torque_channel
 from fmu_didim.checks.motion import colour, dependence, periods
 from fmu_didim.checks.outputs import following, outliers, suspects, trusted
 from fmu_didim.data.tables import clock
-from fmu_didim.estimators import finish, initial_states, local_minima, reference_start
+from fmu_didim.estimators import finish, initial_states, local_minima
 from fmu_didim.estimators.search import best, places
+from fmu_didim.estimators.starts import reference_start
 from fmu_didim.fit import confounding, linear_problem, log_noise, statistics, uncertainty
 from fmu_didim.fit.derivatives import differences
 from fmu_didim.fit.exploration import profile

@@ -25,7 +25,7 @@ from fmu_didim.checks.plant.consistency import Consistency
 from fmu_didim.data.signals import Array
 from fmu_didim.estimators.search import crew_of
 from fmu_didim.estimators.search.screening import GlobalSensitivity, Method, screened
-from fmu_didim.estimators.start import start_sequence, start_text, start_values, with_free_delay
+from fmu_didim.estimators.starts.start import start_sequence, start_text, start_values, with_free_delay
 from fmu_didim.fit.exploration.local import LocalSensitivity
 from fmu_didim.fit.solver.admissible import mass_matrix_problem
 from fmu_didim.fit.statistics import error_percent

@@ -11,7 +11,7 @@ from fmu_didim.base.errors import InputError
 from fmu_didim.case import Case, load_case
 from fmu_didim.controllers import read_controller
 from fmu_didim.dynamics.robot import RobotModel, read_robot
-from fmu_didim.estimators.start import with_free_delay
+from fmu_didim.estimators.starts.start import with_free_delay
 from fmu_didim.export import build_fmu, build_modelica
 from fmu_didim.export.versions import DEFAULT_VERSION
 from fmu_didim.results.result import read_result

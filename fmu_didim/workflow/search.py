@@ -8,7 +8,7 @@ from fmu_didim.base.errors import UnknownNameError
 from fmu_didim.case import Case
 from fmu_didim.estimators import Progress
 from fmu_didim.estimators.search import check_minima, crew_of, profiled, searched
-from fmu_didim.estimators.start import with_free_delay
+from fmu_didim.estimators.starts.start import with_free_delay
 from fmu_didim.fit.estimate import Estimate
 from fmu_didim.model.loop_model import LoopModel
 

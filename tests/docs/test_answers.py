@@ -14,7 +14,7 @@ from fmu_didim.case.sources import TorqueFile
 from fmu_didim.data.tables.readers import READERS
 from fmu_didim.dynamics.effects import EFFECTS
 from fmu_didim.dynamics.robot.description import Joint, RobotDescription
-from fmu_didim.estimators.start import KINDS
+from fmu_didim.estimators.starts.start import KINDS
 from tests.conftest import ROOT
 
 MOST_CLICKS = 2

@@ -16,7 +16,7 @@ from fmu_didim.cosim import System, insert_effect, simulate
 from fmu_didim.cosim.derivatives import with_derivatives
 from fmu_didim.dynamics.effects import EFFECTS
 from fmu_didim.dynamics.robot import RobotDescription, RobotModel
-from fmu_didim.estimators.start import with_free_delay
+from fmu_didim.estimators.starts.start import with_free_delay
 from fmu_didim.export import build_fmu
 from fmu_didim.fit.derivatives.sensitivity import sensitivity
 from fmu_didim.model.loop_model import LoopModel

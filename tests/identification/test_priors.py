@@ -21,7 +21,7 @@ from fmu_didim.dynamics.prior import Prior, prior_of
 from fmu_didim.estimators import Estimator
 from fmu_didim.estimators.clie import Clie
 from fmu_didim.estimators.didim import Didim
-from fmu_didim.estimators.start import start_sequence, start_values
+from fmu_didim.estimators.starts.start import start_sequence, start_values
 from fmu_didim.fit.confounding import confounded
 from fmu_didim.fit.estimate import Estimate
 from fmu_didim.model.free_parameter import base_free_parameters

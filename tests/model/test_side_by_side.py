@@ -11,7 +11,7 @@ from threadpoolctl import threadpool_info, threadpool_limits
 
 from fmu_didim.base.errors import InputError, SimulationError
 from fmu_didim.estimators import Didim
-from fmu_didim.estimators.start import with_free_delay
+from fmu_didim.estimators.starts.start import with_free_delay
 from fmu_didim.fit.derivatives.sensitivity import sensitivity
 from fmu_didim.fit.estimate import Status
 from fmu_didim.model.loop_model import LoopModel

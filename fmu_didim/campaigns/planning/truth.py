@@ -34,7 +34,7 @@ from fmu_didim.case.sources import TorqueFile
 from fmu_didim.cosim import Instants, decimated_times, sample_operator
 from fmu_didim.data.signals import Array, Trajectory, trajectory
 from fmu_didim.dynamics.robot import RobotDescription
-from fmu_didim.estimators.start import with_free_delay
+from fmu_didim.estimators.starts.start import with_free_delay
 from fmu_didim.model.experiment import Experiment
 from fmu_didim.model.parameters import Parameters
 

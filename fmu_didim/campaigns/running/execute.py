@@ -31,7 +31,7 @@ from fmu_didim.campaigns.planning.truth import (
 from fmu_didim.campaigns.running.store import ANSWERED, FAILED, MEMORY_LIMIT, REFUSED
 from fmu_didim.case import Case, load_case
 from fmu_didim.estimators import Didim
-from fmu_didim.estimators.start import start_values
+from fmu_didim.estimators.starts.start import start_values
 from fmu_didim.results.findings import FindingsDocument
 from fmu_didim.results.result import ResultDocument
 from fmu_didim.workflow import discover, identify

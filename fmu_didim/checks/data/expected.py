@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from fmu_didim.base.errors import FmuDidimError, SimulationError
 from fmu_didim.data.signals import Array
-from fmu_didim.estimators.reference_start import rows_on, whole_reference
+from fmu_didim.estimators.starts.reference_start import rows_on, whole_reference
 from fmu_didim.fit.noise.noise import TINY
 from fmu_didim.fit.solver.admissible import mass_matrix_problem
 from fmu_didim.model.loop_model import Simulation

@@ -21,7 +21,7 @@ from fmu_didim.base.errors import FmuDidimError
 from fmu_didim.checks.data.expected import fitted_by, solved_by
 from fmu_didim.cosim import SampleOperator
 from fmu_didim.data.signals import Array
-from fmu_didim.estimators.reference_start import from_reference
+from fmu_didim.estimators.starts.reference_start import from_reference
 from fmu_didim.fit.noise.noise import TINY, effective_fraction
 from fmu_didim.fit.solver.admissible import mass_matrix_problem
 from fmu_didim.model.experiment import Experiment

@@ -21,7 +21,7 @@ from fmu_didim.base.errors import FmuDidimError
 from fmu_didim.checks.data.expected import Expected
 from fmu_didim.checks.data.torque_channel import OTHER_UNIT, correlation_and_ratio
 from fmu_didim.data.signals import Array
-from fmu_didim.estimators.reference_start import rows_on, whole_reference
+from fmu_didim.estimators.starts.reference_start import rows_on, whole_reference
 from fmu_didim.model.loop_model import Simulation
 
 UNLIKE = 1.0

@@ -24,7 +24,7 @@ from fmu_didim.checks.mismatch import unlike_torque
 from fmu_didim.checks.plant.idle import CHANGE
 from fmu_didim.cosim import Observer
 from fmu_didim.data.signals import Array
-from fmu_didim.estimators.reference_start import from_reference
+from fmu_didim.estimators.starts.reference_start import from_reference
 from fmu_didim.fit.noise.noise import TINY
 from fmu_didim.fit.solver.admissible import mass_matrix_problem
 from fmu_didim.model.loop_model import LoopModel, Simulation

@@ -15,7 +15,7 @@ from fmu_didim.discovery.screening.catalogue import LARGEST_COLUMN
 from fmu_didim.dynamics.effects import Effect, JointTorque, TorqueEffect
 from fmu_didim.dynamics.robot import RobotDescription, RobotModel
 from fmu_didim.dynamics.robot.observed_states import observed_along
-from fmu_didim.estimators.reference_start import reference_motion
+from fmu_didim.estimators.starts.reference_start import reference_motion
 from fmu_didim.fit.base_projection import BaseProjection
 from fmu_didim.fit.derivatives.torque_signature import TorqueSignature, search_grid
 from fmu_didim.fit.noise.noise import Noise

@@ -8,7 +8,7 @@ import numpy as np
 
 from fmu_didim.base.errors import InputError
 from fmu_didim.data.signals import Array, Trajectory, trajectory
-from fmu_didim.estimators.reference_start import reference_motion
+from fmu_didim.estimators.starts.reference_start import reference_motion
 
 WITHIN = 0.999
 """[1] Fraction of the limits of a motion that is used."""

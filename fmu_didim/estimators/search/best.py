@@ -16,7 +16,7 @@ from fmu_didim.estimators.search.crew import Crew, Ended, check_minima
 from fmu_didim.estimators.search.evolution import evolved
 from fmu_didim.estimators.search.options import EVOLUTION, Search
 from fmu_didim.estimators.search.places import Place, distinct
-from fmu_didim.estimators.start import start_values, with_free_delay
+from fmu_didim.estimators.starts.start import start_values, with_free_delay
 from fmu_didim.fit.estimate import Estimate
 from fmu_didim.fit.exploration.minima import SearchOutcome
 from fmu_didim.fit.iteration import Iteration

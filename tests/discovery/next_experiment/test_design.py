@@ -37,7 +37,7 @@ from fmu_didim.discovery.selection.competition import Competition
 from fmu_didim.dynamics.base_parameters import base_parameters
 from fmu_didim.dynamics.effects import EFFECTS
 from fmu_didim.dynamics.robot import RobotDescription, RobotModel, read_robot
-from fmu_didim.estimators.reference_start import reference_motion
+from fmu_didim.estimators.starts.reference_start import reference_motion
 from fmu_didim.fit.noise.noise import Noise
 from fmu_didim.fit.solver.least_squares import minimise
 from fmu_didim.model.experiment import Experiment

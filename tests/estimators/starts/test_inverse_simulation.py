@@ -14,8 +14,8 @@ from fmu_didim.case import load_case
 from fmu_didim.components.user_control import wrap_control
 from fmu_didim.cosim import Connection
 from fmu_didim.data.signals import Array
-from fmu_didim.estimators.inverse_simulation import implied_motion, light_plant
-from fmu_didim.estimators.reference_start import whole_reference
+from fmu_didim.estimators.starts.inverse_simulation import implied_motion, light_plant
+from fmu_didim.estimators.starts.reference_start import whole_reference
 from fmu_didim.model.loop_model import LoopModel
 from tests.cases import TRUTH
 

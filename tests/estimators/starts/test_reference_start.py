@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from fmu_didim.data.signals import Array, trajectory, white_noise
-from fmu_didim.estimators.reference_start import whole_reference
+from fmu_didim.estimators.starts.reference_start import whole_reference
 from tests.checks.data.right import loaded, with_experiment
 
 RATE, TIME = 1000.0, np.arange(10_000) / 1000.0

@@ -14,8 +14,8 @@ from fmu_didim.estimators import local_minima
 from fmu_didim.estimators.didim import Didim
 from fmu_didim.estimators.finish import Minimum, integration_error
 from fmu_didim.estimators.local_minima import Valley, folded_inertias, lowest
-from fmu_didim.estimators.reference_start import from_reference
-from fmu_didim.estimators.start import start_sequence, start_values
+from fmu_didim.estimators.starts.reference_start import from_reference
+from fmu_didim.estimators.starts.start import start_sequence, start_values
 from fmu_didim.fit.fit import point
 from fmu_didim.fit.fit_uncertainty import fit_uncertainty
 from fmu_didim.fit.noise.weighting import NoiseOfResidual

@@ -22,7 +22,7 @@ from fmu_didim.components.control import ControlComponent, Matrices
 from fmu_didim.cosim import Connection, Recording, simulate
 from fmu_didim.cosim.system import REFERENCE
 from fmu_didim.data.signals import Array, Variable, trajectory
-from fmu_didim.estimators.reference_start import Motion, reference_motion
+from fmu_didim.estimators.starts.reference_start import Motion, reference_motion
 from fmu_didim.model.external_torque import held, with_external_torques
 from fmu_didim.model.loop_model import Simulation
 

@@ -14,8 +14,8 @@ import numpy as np
 
 from fmu_didim.base.errors import IdentificationError, InputError, UnknownNameError
 from fmu_didim.data.signals import Array
-from fmu_didim.estimators.inverse_simulation import implied_motion
-from fmu_didim.estimators.reference_start import Motion, rows_of, whole_reference
+from fmu_didim.estimators.starts.inverse_simulation import implied_motion
+from fmu_didim.estimators.starts.reference_start import Motion, rows_of, whole_reference
 from fmu_didim.fit.linear_problem import LinearProblem
 from fmu_didim.fit.noise.weighting import weighted_solution, whitened
 from fmu_didim.fit.region import Region
@@ -63,7 +63,7 @@ def start_values(model: LoopModel, start: Start) -> Array:
     """Values (p,) to start from.
 
     Args:
-        start: ``torque`` (see :func:`~fmu_didim.estimators.inverse_simulation.implied_motion`), ``reference``,
+        start: ``torque`` (see :func:`~fmu_didim.estimators.starts.inverse_simulation.implied_motion`), ``reference``,
             ``nominal``
             (as ``torque``, every value held at that of the description as by a measurement), ``description`` (the
             values of the robot description, regrouped), or values by name; base parameters that are missing start at
