@@ -49,8 +49,8 @@ LOUDER = 0.01
 places."""
 LONGEST_GAP = 1000
 """[samples] A longer gap in a log counts as this long: noise is uncorrelated across it."""
-LEAST_LEFT = 0.1
-"""[1] Of a sample, that the fit leaves at least: one of more leverage says nothing of its noise."""
+LEAST_LEFT = 0.5
+"""[1] Of a sample, that the fit leaves at least: one of more leverage says nothing of its own noise."""
 FEWEST_COLOURED = 20
 """[samples] Fewer samples are too few to show a colour."""
 
@@ -106,9 +106,13 @@ class Log:
 
     @property
     def squares(self) -> Array:
-        """(M, n) squares of the residual, of which the fit has taken the least where a sample has leverage."""
-        leverage = np.einsum("mjp,mjp->mj", self.sensitivity, self.influence)
-        return np.asarray((self.residual / np.maximum(1 - leverage, LEAST_LEFT)) ** 2)
+        """(M, n) squares of the residual, of which the fit has taken the least where a sample has leverage; the mean of
+        the others where it has taken most, as of the samples in which a start acts."""
+        left = 1 - np.einsum("mjp,mjp->mj", self.sensitivity, self.influence)
+        known = (left >= LEAST_LEFT) & (self.there > 0)
+        own = np.where(known, (self.residual / np.maximum(left, LEAST_LEFT)) ** 2, 0.0)
+        mean = own.sum(axis=0) / np.maximum(known.sum(axis=0), 1)
+        return np.asarray(np.where(known, own, mean * self.there))
 
     def lost(self, noises: Sequence[JointNoise], covariance: Array, lags: int) -> Array:
         """(lags + 1, n) what the fit takes from the sums of products of its residual: S Phi' Omega + Omega Phi S'
