@@ -22,9 +22,7 @@ from fmu_didim.export import build_fmu
 
 STEP = 60.0
 """[s] Between two rows."""
-OF_ROBOTS = (
-    "torque joint gain reference controller drive motion encoder robot discover gravity plant machine loop friction"
-)
+OF_ROBOTS = "torque joint gain reference controller drive motion encoder robot gravity plant machine loop friction"
 """Words that mean nothing where there is a model alone."""
 TRUTH = {"R1": 0.1, "R2": 0.25, "C": 2000.0, "T0": 20.0}
 

@@ -17,8 +17,8 @@ from fmu_didim.cosim import Instants, SampleOperator, System, measured_output, s
 from fmu_didim.data.signals import Array, Trajectory, Variable
 from fmu_didim.data.tables import Column
 from fmu_didim.data.tables.table import split_unit
-from fmu_didim.model.channel import Channel
-from fmu_didim.model.error_model import ErrorModel
+from fmu_didim.model.signals.channel import Channel
+from fmu_didim.model.signals.error_model import ErrorModel
 
 FEWEST = 20
 """[samples] Of a channel beside a torque: fewer show neither noise nor its colour."""

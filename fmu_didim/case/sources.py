@@ -15,8 +15,8 @@ from fmu_didim.cosim.system import LoopTreatment
 from fmu_didim.data.excitation import AnyExcitation
 from fmu_didim.data.tables import Column, CsvLayout, TimeColumn
 from fmu_didim.export.versions import DEFAULT_VERSION, VERSIONS
-from fmu_didim.model.error_model import ErrorModel
 from fmu_didim.model.experiment import Role
+from fmu_didim.model.signals.error_model import ErrorModel
 
 
 def _written(fmi: str) -> str:

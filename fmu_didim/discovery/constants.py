@@ -6,6 +6,8 @@ from fmu_didim.discovery import base_model, judge, localise, run
 from fmu_didim.discovery.external_torques import search
 from fmu_didim.discovery.screening import catalogue
 from fmu_didim.discovery.selection import competition, decide, held_out, plausible, pre_check, rounds
+from fmu_didim.discovery.signals import kinds, remainder
+from fmu_didim.discovery.signals import search as signal_search
 from fmu_didim.fit import base_projection, gap
 from fmu_didim.results.provenance import ENGINE
 
@@ -25,5 +27,8 @@ DECIDING = (
     (rounds, ("KEPT_GAIN",)),
     (search, ("STEP_COST", "WEAKEST", "SMALLEST_GAIN", "LEAST")),
     (judge, ("REMAINDER",)),
+    (signal_search, ("STARTS", "LEAST", "FEWEST_CLIPPED")),
+    (remainder, ("BY_CHANCE",)),
+    (kinds, ("LAGS", "DELAYS", "FADING", "LONGEST", "ROOM", "LEVELS")),
 )
 """Constants on which a discovery depends, by module."""

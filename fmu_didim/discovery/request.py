@@ -58,6 +58,10 @@ class Request:
         allowed = (e for name, e in self.effects.items() if e.is_external and name not in self.options.forbid)
         return next(allowed, None)
 
+    def noting(self, *notes: str) -> Request:
+        """The same request with further remarks."""
+        return replace(self, notes=(*self.notes, *notes))
+
     def about_data(self, diagnostics: Sequence[Diagnostic]) -> Request:
         """The same request with the diagnostics of its data."""
         doubts = [d for d in diagnostics if d.code.severity is DOUBT and d.code.rank < OF_THE_DATA]

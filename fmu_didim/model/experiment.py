@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from fmu_didim.base.diagnostics import Diagnostic
 from fmu_didim.cosim import Indices, SampleOperator, grid_places
 from fmu_didim.data.signals import Array, Trajectory
-from fmu_didim.model.channel import Channel
-from fmu_didim.model.error_model import ErrorModel
 from fmu_didim.model.external_torque import ExternalTorque
+from fmu_didim.model.signals.channel import Channel
+from fmu_didim.model.signals.error_model import ErrorModel
 
 Role = Literal["estimation", "validation"]
 StartKind = Literal["detected", "free", "reference", "given", "found"]

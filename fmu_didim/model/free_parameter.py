@@ -26,8 +26,8 @@ class FreeParameter:
     Attributes:
         name: unique, shown to the user; unit: FMI unit string.
         owner: ``base`` (a base parameter), ``plant`` (another parameter of the plant), ``external_torque`` (a torque
-            from outside), ``delay`` (of the command, in samples), ``log`` (how late it is stamped, in s), or the name
-            of a component of the loop.
+            from outside), ``delay`` (of the command, in samples), ``log`` (how late it is stamped, in s), ``input
+            signal`` and ``output signal`` (:mod:`fmu_didim.model.signals.path`), or the name of a component.
         key: its name there.
         value: where it starts; scale: size of a noticeable change.
         lowest, highest: limits.

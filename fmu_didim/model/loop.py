@@ -17,8 +17,9 @@ from fmu_didim.model.external_torque import EXTERNAL_TORQUE
 from fmu_didim.model.free_parameter import DELAY, LOG, PLANT, joint_parameter
 from fmu_didim.model.integration import refined, searched
 from fmu_didim.model.parameters import Parameters
+from fmu_didim.model.signals.path import INPUT, OUTPUT
 
-NO_COMPONENTS = (PLANT, DELAY, LOG, EXTERNAL_TORQUE)
+NO_COMPONENTS = (PLANT, DELAY, LOG, EXTERNAL_TORQUE, INPUT, OUTPUT)
 """Owners of free parameters that are no component beside the plant."""
 
 

@@ -38,7 +38,6 @@ from fmu_didim.cosim.system import OF_INPUTS
 from fmu_didim.data.filters import LowPass
 from fmu_didim.data.signals import Array
 from fmu_didim.dynamics.prior import Prior
-from fmu_didim.model.channel import Channel
 from fmu_didim.model.experiment import Experiment
 from fmu_didim.model.experiments import Experiments
 from fmu_didim.model.external_torque import EXTERNAL_TORQUE, ExternalTorque, held, with_external_torques
@@ -46,6 +45,8 @@ from fmu_didim.model.free_parameter import LOG, FreeParameter, FreeParameters
 from fmu_didim.model.integration import Integration, divided, integration
 from fmu_didim.model.loop import MOST_SUBDIVISIONS, Loop
 from fmu_didim.model.parameters import Parameters
+from fmu_didim.model.signals.channel import Channel
+from fmu_didim.model.signals.path import INPUT, OUTPUT, changed_inputs, changed_outputs
 from fmu_didim.model.workers import default_workers, may_run_side_by_side
 
 
@@ -385,18 +386,30 @@ class Simulation:
             ticks: to record; by default those that the samples need, with ``all_ticks`` all.
             system: another one like the own; observe: as of :func:`fmu_didim.cosim.simulate`.
         """
-        model, reference, external = self.model, self.experiment.reference, self.external_torques
-        subdivision = model.loop.subdivision
         if ticks is None:
-            ticks = np.arange(reference.time.size) if all_ticks else self.operator.ticks
-        system = system or self.system
+            ticks = np.arange(self.experiment.reference.time.size) if all_ticks else self.operator.ticks
+        if not self.shown_as:
+            return self._recorded(ticks, system or self.system, observe)
+        whole = self._recorded(np.arange(self.experiment.reference.time.size), system or self.system, observe)
+        return changed_outputs(whole, ticks, self.shown_as, self.model.loop.plant_name)
+
+    @property
+    def shown_as(self) -> dict[str, float]:
+        """What sensors do to the outputs of a model, by free parameters."""
+        return self._free(OUTPUT)
+
+    def _recorded(self, ticks: NDArray[np.int64], system: System, observe: Observer | None) -> Recording:
+        """These ticks of a run, the outputs as the model has them."""
+        model, reference, external = self.model, self.experiment.reference, self.external_torques
+        subdivision, driven = model.loop.subdivision, self._free(INPUT)
         bounds = model.loop.position_bounds(reference)
         response, key = response_key(system) if observe is None else None, None
         if response is not None:
             run = (SameObject(reference), external, subdivision, ticks.tobytes(), tuple(bounds.items()))
-            key = (response, *run)
+            key = (response, *run, tuple(driven.items()))
             if known := model.recordings.find(key):
                 return known
+        reference = changed_inputs(reference, system.ramps, driven) if driven else reference
         reference = with_external_torques(reference, external)
         if subdivision > 1:
             reference = held(reference, subdivision, at_instants=system.at_instants, ramps=system.ramps)

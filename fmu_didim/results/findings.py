@@ -14,10 +14,13 @@ from fmu_didim.base.files import whole_file
 from fmu_didim.checks.judgement import AcknowledgedResult, DiagnosticResult, Verdict
 
 FINDINGS_FILE = "findings.json"
-Answer = Literal["nothing", "named", "named_with_remainder", "unknown", "disagreement", "unfinished"]
+Answer = Literal["nothing", "named", "undecided", "named_with_remainder", "unknown", "disagreement", "unfinished"]
+Side = Literal["", "input", "output", "parameter"]
+"""Where something acts on a model alone: on an input, on what is shown of an output, or in the model; else empty."""
 ANSWER_TEXT: dict[str, str] = {
     "nothing": "nothing that matters is missing in the model",
     "named": "the missing effects are named",
+    "undecided": "something is missing, and these data do not tell which of several things it is",
     "named_with_remainder": "effects are named, part of the gap remains",
     "unknown": "something is missing that no effect of the catalogue explains",
     "disagreement": "the experiments do not agree: what was held out is predicted far worse than what was fitted",
@@ -50,13 +53,18 @@ class Rival(_Document):
     """Another effect that may stand for the same gap.
 
     Attributes:
-        effect: its name in the catalogue; title: in words; joint: from 1.
+        effect: its name in the catalogue; title: in words; joint: from 1, 0 on a model alone.
+        side, signal: where it acts on a model alone.
+        parameters: its values, of a model alone.
     """
 
     effect: str
     title: str
     joint: int
     bic_behind: Number = Field(description="BIC difference to the best; null: same class, not fitted on its own")
+    side: Side = ""
+    signal: str = ""
+    parameters: list[ValueFound] = Field([], description="each fitted in the place of the others")
 
 
 class GapPair(_Document):
@@ -83,13 +91,15 @@ class FindingResult(_Document):
         parameters: its amplitudes and shapes.
         share_of_gap: part of the squared gap of its joint that it closes.
         delta_bic: gain in BIC over the model without it.
-        ambiguous: effects that these data cannot distinguish from it.
+        ambiguous: effects that these data cannot distinguish from it; of a model alone, where there are any, all of
+            them stand here, none is named and ``effect`` is ``undecided``.
+        side, signal: where it acts on a model alone.
     """
 
     effect: str
     title: str
     class_: str = Field(alias="class")
-    joint: int = Field(description="from 1; 1 also for what concerns the whole log")
+    joint: int = Field(description="from 1; 1 also for what concerns the whole log; 0 on a model alone")
     place: str
     equation: str
     parameters: list[ValueFound]
@@ -102,6 +112,8 @@ class FindingResult(_Document):
     channels: dict[str, dict[str, GapPair]] = Field(
         {}, description="label of the experiment -> signal beside the torque -> its gap"
     )
+    side: Side = ""
+    signal: str = ""
 
 
 class RegionResult(_Document):
@@ -189,7 +201,8 @@ class CandidateResult(_Document):
     """A shortlisted candidate and its outcome.
 
     Attributes:
-        effect: its name in the catalogue; joint: from 1; outcome: of its fit in the closed loop.
+        effect: its name in the catalogue; joint: from 1, 0 on a model alone; outcome: of its fit in the closed loop.
+        side, signal: where it acts on a model alone.
     """
 
     round: int = Field(description="from 1")
@@ -201,6 +214,8 @@ class CandidateResult(_Document):
     parameters: Number = Field(None, description="that it counts as; null without a fit")
     implausible: str = Field("", description="why its values are not significant or not possible")
     accepted: bool = Field(False, description="whether it was added in this round")
+    side: Side = ""
+    signal: str = ""
 
 
 class FrictionResult(_Document):
@@ -231,7 +246,8 @@ class FindingsDocument(_Document):
         windows: intervals of time with a torque from outside.
         base_parameters: the parameters of the base model in the final fit; base_fit: in the fit without the effects.
         friction: of the joints where an effect was found that depends on their velocity alone.
-        torque_unit: FMI unit string of the torque of each joint.
+        torque_unit: FMI unit string of the torque of each joint, or of each output that is measured at the same
+            instants; outputs: their names, where a model alone stands in the place of a robot.
         seconds: that the search took.
         notes: on data and search.
         provenance: versions, digests of all files and code that were read, options, thresholds, catalogue and loop.
@@ -263,6 +279,7 @@ class FindingsDocument(_Document):
     regrouping: list[str] = Field([], description="of the base parameters: relations such as ZZ1R = ZZ1 + Ia1")
     friction: list[FrictionResult] = Field([])
     torque_unit: list[str]
+    outputs: list[str] = Field([])
     seconds: float
     notes: list[str]
     files: dict[str, str] = Field(description="written beside this file")

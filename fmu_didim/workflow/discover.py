@@ -7,7 +7,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Unpack
 
-from fmu_didim.base.diagnostics import refuse_problems
+from fmu_didim.base.diagnostics import by_weight, refuse_problems
 from fmu_didim.base.errors import InputError, UnknownNameError
 from fmu_didim.case import Case, CaseObjects, with_objects
 from fmu_didim.checks.data.checks import without_outliers
@@ -16,17 +16,22 @@ from fmu_didim.discovery.progress import Progress
 from fmu_didim.discovery.request import Request
 from fmu_didim.discovery.run import discover as discover_in
 from fmu_didim.discovery.selection.decide import Options
+from fmu_didim.discovery.signals.kinds import SIGNAL_KINDS
+from fmu_didim.discovery.signals.run import discover_on_signals
 from fmu_didim.dynamics.effects import Effect, effect_catalogue, effect_name
 from fmu_didim.dynamics.robot import RobotDescription, RobotModel
+from fmu_didim.estimators import no_progress
 from fmu_didim.model.workers import one_blas_thread
 from fmu_didim.results.findings import FindingsDocument, save_findings
 from fmu_didim.results.provenance import provenance
 from fmu_didim.workflow.acknowledged import acknowledged
 from fmu_didim.workflow.case_files import case_files, repeating
-from fmu_didim.workflow.data import case_diagnostics
+from fmu_didim.workflow.data import case_diagnostics, check_plant
 from fmu_didim.workflow.output.discovered import Discovered
 from fmu_didim.workflow.output.discovered_files import result_folder
+from fmu_didim.workflow.output.loop import described_estimator
 from fmu_didim.workflow.output.result_folder import ResultFolder, checked_case
+from fmu_didim.workflow.search import estimated
 
 
 @with_objects
@@ -79,6 +84,12 @@ def discover(
     folder = None if out is None else result_folder(out, figures=figures)
     case = checked_case(case, folder, objects)
     _check_can_discover(case)
+    if case.document.model is not None:
+        kinds = _kinds(forbid, prefer, effects)
+        chosen = dict(forbid=forbid, rounds=rounds, seed=seed, time_limit=time_limit)
+        options = Options(forbid=kinds, rounds=rounds, seed=seed)
+        answer = _on_signals(case, options, search, chosen, None if out is None else Path(out))
+        return _shown(answer, folder, search, show)
     model = case.model
     places = (Path(), case.folder)
     forbidden, preferred, further = ([effect_name(e, *places) for e in given] for given in (forbid, prefer, effects))
@@ -103,7 +114,13 @@ def discover(
         provenance={**record, "loop": model.loop.systems[model.first].describe()},
     )
     found = discover_in(model, request.about_data(of_data))
-    answer = Discovered(found.document, found, case=case)
+    return _shown(Discovered(found.document, found, case=case), folder, search, show)
+
+
+def _shown(
+    answer: Discovered, folder: ResultFolder | None, search: Progress, show: Callable[[Discovered], None] | None
+) -> Discovered:
+    """An answer after it was written, where there is a folder, and shown, where that is asked for."""
     if folder is not None:
         return answer.write(folder, progress=search, show=show)
     if show is not None:
@@ -111,15 +128,45 @@ def discover(
     return answer
 
 
+def _kinds(forbid: Sequence[str | type[Effect]], prefer: Sequence[object], effects: Sequence[object]) -> frozenset[str]:
+    """What is not looked for on the signals of a model; raises where something is asked for that robots have."""
+    for name, given in (("prefer", prefer), ("effects", effects)):
+        if given:
+            raise InputError(
+                "This is for robots: on the signals of a model nothing is preferred, and only what ships is looked "
+                "for.", where=name, got=", ".join(map(str, given)), valid=", ".join(SIGNAL_KINDS),
+                next_step=f"Leave {name} out; forbid takes out what cannot be.",
+            )  # fmt: skip
+    for kind in forbid:
+        if kind not in SIGNAL_KINDS:
+            raise UnknownNameError("effect on a signal", str(kind), SIGNAL_KINDS, where="forbid")
+    return frozenset(map(str, forbid))
+
+
+def _on_signals(
+    case: Case, options: Options, progress: Progress, chosen: Mapping[str, Any], out: Path | None
+) -> Discovered:
+    """What the signals of a model lack."""
+    model = case.model
+    record = provenance(model, described_estimator(case), files=case_files(case), deciding=DECIDING)
+    record |= repeating("discover", case, out, dict(chosen))
+    model, of_data = without_outliers(model, refuse_problems(case_diagnostics(case)))
+    _, of_model = check_plant(case, model)
+    before = by_weight([*of_data, *refuse_problems(of_model)])
+    request = Request(
+        name=case.name, description=None, effects={}, options=options, progress=progress, case=case.path.name,
+        acknowledged=acknowledged(case), provenance={**record, "loop": model.loop.systems[model.first].describe()},
+    )  # fmt: skip
+    found = discover_on_signals(
+        model, lambda one: estimated(case, one, None, no_progress), request, before=before
+    )  # fmt: skip
+    return Discovered(found.document, found, case=case)
+
+
 def _check_can_discover(case: Case) -> None:
-    """Raise InputError where nothing can be found: in an open loop, and of a model that is no robot."""
+    """Raise InputError where nothing can be found: in an open loop."""
     if case.document.model is not None:
-        raise InputError(
-            "Discovery names physical effects of robots and drives; this case is of a model alone.", where="model",
-            got=case.document.model.source,
-            next_step="Run fmu-didim identify: where the residual follows something, its verdict names the suspects, "
-            "such as an offset, a delay, a drift, an initial state, or a parameter that is not identified.",
-        )  # fmt: skip
+        return
     model = case.model
     if model.loop.torque_is_given:
         raise InputError(

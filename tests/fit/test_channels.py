@@ -15,8 +15,8 @@ from fmu_didim.estimators import Clie, Didim
 from fmu_didim.fit.derivatives.sensitivity import sensitivity
 from fmu_didim.fit.estimate import Estimate
 from fmu_didim.fit.noise.shared import Part, counted_once, remembered_s, shared_variance, variance_by_sharing
-from fmu_didim.model.channel import Channel
 from fmu_didim.model.loop_model import LoopModel
+from fmu_didim.model.signals.channel import Channel
 from tests.helpers import with_torque
 from tests.tools.monte_carlo import context
 

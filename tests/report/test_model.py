@@ -13,8 +13,7 @@ from xml.etree import ElementTree as ET
 import numpy as np
 import pytest
 
-from fmu_didim import discover, identify, load_result
-from fmu_didim.base.errors import InputError
+from fmu_didim import identify, load_result
 from fmu_didim.checks.outputs.words import ADVICE
 from fmu_didim.fit.iteration import Iteration
 from fmu_didim.workflow.output.result import Result
@@ -201,12 +200,6 @@ def test_the_error_is_that_of_what_the_output_moves(found: Result) -> None:
     moved = own.measured - own.measured.mean()
     percent = 100 * np.linalg.norm(own.measured - own.simulated) / np.linalg.norm(moved)
     assert found.document.relative_error_percent["estimation"].total == pytest.approx(percent)
-
-
-def test_discovery_says_what_to_do_instead(room: Path) -> None:
-    with pytest.raises(InputError, match="of a model alone") as caught:
-        discover(room / "case.yaml")
-    assert "Run fmu-didim identify" in str(caught.value)
 
 
 def test_the_live_table_names_the_output(seen: list[Iteration], found: Result) -> None:

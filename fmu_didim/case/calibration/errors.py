@@ -12,7 +12,7 @@ from fmu_didim.base.errors import InputError
 from fmu_didim.case.calibration.inputs import RecordedInputs
 from fmu_didim.case.measured import Samples
 from fmu_didim.case.sources import ExperimentSource
-from fmu_didim.model.error_model import SMALLEST_SCALE, ErrorModel
+from fmu_didim.model.signals.error_model import SMALLEST_SCALE, ErrorModel
 
 
 @dataclass(frozen=True)

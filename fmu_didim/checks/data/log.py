@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from fmu_didim.base.diagnostics import CATALOGUE, DOUBT, PROBLEM, REMARK, Diagnostic, by_weight
 from fmu_didim.checks.data.expected import Expected
+from fmu_didim.checks.judgement import MATTERS
 from fmu_didim.cosim import Indices, grid_places, period_change
 from fmu_didim.cosim.instants import PeriodChange
 from fmu_didim.data.filters import running_maximum, running_median
@@ -70,9 +71,6 @@ QUANTILES = (5.0, 95.0)
 """[%] Between which the range of a column is taken, free of outliers."""
 MOST_SPIKES = 0.1
 """[1] Part of the samples above which they are no outliers but the rule."""
-MOVED = 0.3
-"""[standard deviations] By which outliers may move the values, all together: a 95 % interval then still holds the truth
-94 times of 100."""
 
 LOG_CONSTANT = CATALOGUE(
     "log-constant", PROBLEM, rank=6,
@@ -415,9 +413,9 @@ def _outliers(j: int, place: str, given: Expected, *, held_out: bool) -> Iterato
         share = 100 * float(squares[spikes].sum() / max(squares.sum(), TINY))
         text += f" They are {share:.2g} % of the squared difference from the expected torque."
     moved = _moved(j, spikes, given)
-    if moved <= MOVED:
+    if moved <= MATTERS:
         text += f" They move the values by {moved:.2g} standard deviations, all together."
-        yield Diagnostic(FEW_OUTLIERS, text, place, moved, MOVED, "1")
+        yield Diagnostic(FEW_OUTLIERS, text, place, moved, MATTERS, "1")
     else:
         yield Diagnostic(LOG_OUTLIERS, text, place, found.largest, found.bound)
 

@@ -65,6 +65,7 @@ EXCHANGE = Suspect(
 )  # fmt: skip
 """What neither an offset nor a scale explains alone."""
 
+BY_DISCOVERY = "Or run fmu-didim discover CASE.yaml, which fits this and its rivals beside all that is identified."
 OUTPUT_FOLLOWS = CATALOGUE(
     "residual-follows", DOUBT, rank=54,
     meaning="What a model leaves of an output follows its inputs, the output itself or time, which noise does not: "
@@ -253,7 +254,7 @@ def _told(found: OutputResiduals, told: Mapping[int, Dependence], best: list[Exp
         text += f" These data hardly tell that from {'; or '.join(beside[:NAMED])}."
     others = [f"{found.names[k]} ({100 * d.share:.2g} %)" for k, d in told.items() if k != first]
     text += f" So it is with {', '.join(others)}." if others else ""
-    step = likely.suspect.advice(likely.amount)
+    step = f"{likely.suspect.advice(likely.amount)} {BY_DISCOVERY}"
     return Diagnostic(OUTPUT_FOLLOWS, text, found.names[first], follows.p_value, level, "1", step)
 
 

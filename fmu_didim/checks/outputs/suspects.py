@@ -20,6 +20,7 @@ from fmu_didim.checks.outputs.residuals import OutputResiduals
 from fmu_didim.data.signals import Array
 from fmu_didim.fit.noise.noise import TINY
 from fmu_didim.model.free_parameter import PLANT, FreeParameter
+from fmu_didim.model.loop_model import LoopModel
 
 SMALL = 0.01
 """[1] First amount by which a value is moved, of its size or of what an input moves: beyond the jitter of solvers."""
@@ -256,7 +257,7 @@ def _driven(found: OutputResiduals, name: str, changed: Callable[[Array, Array],
 
 def of_parameters(found: OutputResiduals) -> Iterator[Suspect]:
     """Each further parameter of the model, which keeps the value of its file."""
-    return (_parameter(free) for free in held_parameters(found))
+    return (_parameter(free) for free in held_parameters(found.model))
 
 
 def _parameter(free: FreeParameter) -> Suspect:
@@ -269,9 +270,8 @@ def _parameter(free: FreeParameter) -> Suspect:
     )  # fmt: skip
 
 
-def held_parameters(found: OutputResiduals) -> list[FreeParameter]:
-    """The parameters of the model that are not identified, as free ones."""
-    model = found.model
+def held_parameters(model: LoopModel) -> list[FreeParameter]:
+    """The parameters of a model that are not identified, as free ones."""
     known = {*model.parameters.plant_names, *(p.key for p in model.free_parameters), "t_start"}
     offered = [v for v in model.loop.plant.parameters if v.name not in known][:MOST_PARAMETERS]
     return [

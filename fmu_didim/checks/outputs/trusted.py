@@ -37,7 +37,7 @@ def trusted_diagnostics(found: OutputResiduals, deviation: Array) -> list[Diagno
     """Held parameters on whose values the identified ones rest; ``deviation``: (p,) of these."""
     table = found.whitened(found.jacobian)
     basis, told = orthonormal(independent(table)), []
-    for free in held_parameters(found)[:TRIED]:
+    for free in held_parameters(found.model)[:TRIED]:
         change = TENTH * free.value
         if not change:
             continue

@@ -31,6 +31,7 @@ from fmu_didim.model.external_torque import EXTERNAL_TORQUE
 from fmu_didim.model.free_parameter import BASE, DELAY, LOG, PLANT, FreeParameter
 from fmu_didim.model.loop_model import LoopModel, Simulation
 from fmu_didim.model.prediction import Prediction
+from fmu_didim.model.signals.path import INPUT, OUTPUT
 from fmu_didim.model.workers import side_by_side
 
 SHORTER_STEP = 30.0
@@ -133,7 +134,7 @@ def by_variation(
     """
     model = run.model
     places = {i: place for i in wanted if (place := _place(model, model.free_parameters[i])) is not None}
-    if not places:
+    if not places or run.shown_as:  # sensors change the outputs of the model, which is what is differentiated
         return {}
     groups = _groups(list(places.values()), model.workers)
     measured = [run.signal_of(channel) for channel in run.experiment.channels]
@@ -191,7 +192,7 @@ def _lasts(parameter: FreeParameter) -> bool:
 
 def _place(model: LoopModel, parameter: FreeParameter) -> tuple[str, str] | None:
     """Component and parameter by which the loop is differentiated; None for what is no parameter of a component."""
-    if parameter.owner in (DELAY, LOG, EXTERNAL_TORQUE):
+    if parameter.owner in (DELAY, LOG, EXTERNAL_TORQUE, INPUT, OUTPUT):
         return None
     if parameter.owner == BASE:
         return model.loop.plant_name, model.parameters.plant_names[model.parameters.names.index(parameter.key)]

@@ -27,10 +27,10 @@ import numpy as np
 from scipy.special import gammaln
 
 from fmu_didim.data.signals import Array
-from fmu_didim.model.channel import Channel
-from fmu_didim.model.error_model import ErrorModel
 from fmu_didim.model.experiment import Experiment
 from fmu_didim.model.loop_model import LoopModel
+from fmu_didim.model.signals.channel import Channel
+from fmu_didim.model.signals.error_model import ErrorModel
 
 FREEDOMS = (
     1.0, 1.2, 1.4, 1.6, 1.8, 2.0, 2.2, 2.5, 2.8, 3.2, 3.6, 4.0, 4.5, 5.0, 6.0, 7.0, 8.0, 10.0, 12.0, 15.0, 20.0, 30.0,

@@ -51,7 +51,14 @@ def _experiment(
         simulated[model] = Simulated(signals.select(names), *every)
     title = texts.experiment_name(document, label)
     torque = torque_chart(
-        f"torque-{number}", f"Torque, {title}", signals.time, measured, simulated, units, noise=document.noise.std
+        f"{'outputs' if document.outputs else 'torque'}-{number}",
+        f"{'Outputs' if document.outputs else 'Torque'}, {title}",
+        signals.time,
+        measured,
+        simulated,
+        units,
+        noise=document.noise.std,
+        names=document.outputs,
     )
     residual = Residual(
         str(number), title, signals, units,
@@ -60,7 +67,8 @@ def _experiment(
             for j in joints
         ],
         # Over the motion only for the data in which the regions were found.
-        [panel_quantities(document, signals, j) if number == 1 else [] for j in joints],
+        [panel_quantities(document, signals, j) if number == 1 and not document.outputs else [] for j in joints],
+        names=document.outputs,
     )  # fmt: skip
     return ExperimentCharts(title, samples_text(signals.time), torque, residual)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from itertools import groupby
 from pathlib import Path, PurePosixPath
+from string import ascii_lowercase
 from urllib.parse import quote
 
 from fmu_didim.report.discovery import texts
@@ -89,16 +90,16 @@ def write_discovery_report(folder: Path | str) -> Path:
 def discovery_report(document: FindingsDocument, parts: Sequence[ExperimentCharts] = ()) -> Report:
     """All that is shown of a discovery, with the charts of its experiments."""
     changed = bool(document.findings)
-    heading = "Torque and residual before and after" if changed else "Torque and residual"
+    heading = ("Outputs" if document.outputs else "Torque") + " and residual" + (" before and after" if changed else "")
     sections = [
         Section("Findings", [], anchor="findings"),
         *(_finding(document, number, finding) for number, finding in enumerate(document.findings, start=1)),
         _gap(document),
-        _friction(document),
-        Section(heading, [], anchor="torque"),
+        *([] if document.outputs else [_friction(document)]),
+        Section(heading, [], anchor="outputs" if document.outputs else "torque"),
         *torque_sections(parts),
         *residual_sections(parts, "What the models leave"),
-        *_places(document),
+        *([] if document.outputs else _places(document)),
         _noise(document),
         *_competition(document),
         *_parameters(document),
@@ -116,7 +117,7 @@ def discovery_report(document: FindingsDocument, parts: Sequence[ExperimentChart
 def _cards(document: FindingsDocument) -> list[tuple[str, str]]:
     """The figures at the top: a head and a value each."""
     changed = bool(document.findings)
-    cards = [("effects named", str(len(document.findings)))]
+    cards = [("effects named", str(sum(f.effect != "undecided" for f in document.findings)))]
     for label, pair in document.gap.items():
         title = texts.experiment_name(document, label)
         cards.append((f"gap / noise, {title}", texts.step_text(pair, changed=changed)))
@@ -124,8 +125,13 @@ def _cards(document: FindingsDocument) -> list[tuple[str, str]]:
         cards.append(("held-out RMS over the base model's, 95 %", texts.interval_text(document.ratio_interval)))
     for label, errors in document.error_percent.items():
         title = texts.experiment_name(document, label)
-        cards.append((f"torque error, {title}", texts.error_text(*errors, changed=changed)))
+        cards.append((f"{_what(document).lower()} error, {title}", texts.error_text(*errors, changed=changed)))
     return [*cards, ("time taken", f"{significant(document.seconds)} s")]
+
+
+def _what(document: FindingsDocument) -> str:
+    """What is compared, in a word."""
+    return "Output" if document.outputs else "Torque"
 
 
 def _finding(document: FindingsDocument, number: int, finding: FindingResult) -> Section:
@@ -144,8 +150,12 @@ def _finding(document: FindingsDocument, number: int, finding: FindingResult) ->
     rivals = []
     for r in finding.ambiguous:
         why = "same class" if r.bic_behind is None else f"BIC {significant(r.bic_behind, 2)} behind"
-        rivals.append(f"{r.title}, {texts.location(r.effect, r.joint)} ({why})")
-    facts.append(Fact("cannot be told from", "; ".join(rivals) or "nothing in the catalogue"))
+        values = "".join(f", {p.name} = {texts.value_line(p)}" for p in r.parameters)
+        rivals.append(f"{texts.finding_title(r)} ({why}{values})")
+    if finding.effect == "undecided":
+        facts += [Fact(f"{number}{letter}", rival) for letter, rival in zip(ascii_lowercase, rivals, strict=False)]
+    else:
+        facts.append(Fact("cannot be told from", "; ".join(rivals) or "nothing in the catalogue"))
     facts.append(Fact("to split them" if rivals else "to confirm it", finding.experiment))
     blocks: list[Block] = [Text(finding.equation, "code", "page"), _values(finding.parameters), Facts(facts)]
     heading = f"{number}  {texts.finding_title(finding)} ({finding.place})"
@@ -177,15 +187,15 @@ def _gap(document: FindingsDocument) -> Section:
     joints = len(document.torque_unit) if len(document.torque_unit) > 1 else 0
     for j in range(joints):
         own = [(item_or_none(pair.before_per_joint, j), item_or_none(pair.after_per_joint, j)) for pair in final]
-        rows.append((f"   joint {j + 1}", [GapPair(before=b, after=a, before_per_joint=[b], after_per_joint=[a])
-                                           for b, a in own]))  # fmt: skip
+        steps = [GapPair(before=b, after=a, before_per_joint=[b], after_per_joint=[a]) for b, a in own]
+        rows.append((f"   {texts.output_title(document, j)}", list(steps)))
     sizes = [v for _, pairs in rows for p in pairs if p for v in (p.before, p.after) if v is not None]
     longest = max(sizes, default=0.0)
     columns = [words("Gap, in times the noise".ljust(NAME_WIDTH), [name for name, _ in rows], limit=NAME_WIDTH)]
     for k, label in enumerate(labels):
         pairs = [pairs[k] for _, pairs in rows]
-        steps = [texts.step_text(pair, changed=changed) for pair in pairs]
-        columns.append(Column(label, steps, bars=[_bar(pair, longest) for pair in pairs]))
+        shown = [texts.step_text(pair, changed=changed) for pair in pairs]
+        columns.append(Column(label, shown, bars=[_bar(pair, longest) for pair in pairs]))
     if changed:
         rest = [""] * joints
         shares = [*(texts.share_text(f.share_of_gap) for f in found), "", *rest]
@@ -258,7 +268,8 @@ def _noise(document: FindingsDocument) -> Section:
         source = {"residual": "residual above the frequencies of the motion"}.get(noise.source, noise.source)
         if noise.source == "periods" and noise.period_s is not None:
             source = f"difference of {noise.periods} periods of {significant(noise.period_s)} s"
-        facts.append(Fact("Noise σ", f"{noise_text(noise.std, document.torque_unit)} ({source})"))
+        facts.append(Fact("Noise σ", f"{noise_text(noise.std, document.torque_unit, document.outputs)} ({source})"))
+    if noise.correlation:
         correlations = [f"joint {j} {significant(value, 2)}" for j, value in enumerate(noise.correlation, start=1)]
         facts.append(Fact("Correlation of neighbouring samples", ", ".join(correlations), shown="page"))
     for name, channel in document.channels.items():
@@ -273,7 +284,7 @@ def _noise(document: FindingsDocument) -> Section:
         for label, pair in document.error_percent.items()
     ]
     if errors:
-        facts.append(Fact("Torque error", ", ".join(errors)))
+        facts.append(Fact(f"{_what(document)} error", ", ".join(errors)))
     if document.ratio_interval is not None:
         interval = texts.interval_text(document.ratio_interval)
         facts.append(Fact("Held-out RMS", f"{interval} of the base model's, 95 % interval"))
@@ -284,8 +295,9 @@ def _noise(document: FindingsDocument) -> Section:
 def _competition(document: FindingsDocument) -> list[Section]:
     """The candidates of each round with the best first, and those that were not added or not tried."""
     why = {(effect, joint): reason for effect, joint, reason in document.refused}
+    where = "beside all that is identified" if document.outputs else "in the closed loop"
     text = (
-        "The candidates that were fitted in the closed loop, round by round. A fit was left early when it could not "
+        f"The candidates that were fitted {where}, round by round. A fit was left early when it could not "
         "reach the best of its round; its gain is that of the point where it was left. Behind: BIC difference to the "
         "best; within 10 the data cannot decide."
     )
@@ -308,7 +320,7 @@ def _round(ranked: Sequence[CandidateResult], why: dict[tuple[str, int], str]) -
     best = max((gain for gain in gains if gain is not None), default=0.0)
     behind = [MISSING if gain is None else significant(best - gain) for gain in gains]
     columns = [
-        words("candidate", [texts.candidate_title(c.effect, c.joint) for c in ranked]),
+        words("candidate", [texts.candidate_title(c.effect, c.joint, c.signal) for c in ranked]),
         words("outcome", ["added" if c.accepted else c.outcome for c in ranked]),
         numbers("gain in BIC", [significant(gain) for gain in gains]), numbers("behind", behind),
         numbers("parameters", [MISSING if c.parameters is None else f"{c.parameters:g}" for c in ranked]),
@@ -345,7 +357,7 @@ def _parameters(document: FindingsDocument) -> list[Section]:
 
 
 def _loop(document: FindingsDocument) -> Section:
-    loop = document.provenance.get("loop", {})
+    loop = {} if document.outputs else document.provenance.get("loop", {})
     drawn = loop_diagram(loop)
     blocks: list[Block] = [Drawing(drawn), Items(loop_lines(loop), shown="page")] if drawn is not None else []
     return Section("Loop of the base model", blocks, anchor="loop")
@@ -353,6 +365,8 @@ def _loop(document: FindingsDocument) -> Section:
 
 def _files(document: FindingsDocument) -> Section:
     kinds = {texts.SIGNALS: "torques", texts.SIMULATED: "simulated torques, every control period"}
+    if document.outputs:
+        kinds = {texts.SIGNALS: "outputs", texts.SIMULATED: "simulated outputs, every step"}
     titles = [
         next((f"{kinds[k]}, {key.removeprefix(k)}" for k in kinds if key.startswith(k)), FILES.get(key, key))
         for key in document.files

@@ -19,6 +19,7 @@ from fmu_didim.results.findings import (
     FindingResult,
     FindingsDocument,
     GapPair,
+    Rival,
     ValueFound,
 )
 
@@ -87,14 +88,21 @@ def location(effect: str, joint: int) -> str:
     return "whole log" if effect in EFFECTS and EFFECTS[effect].is_of_log else f"joint {joint}"
 
 
-def finding_title(finding: FindingResult) -> str:
-    """Title and location of an effect that was found."""
-    return f"{finding.title}, {location(finding.effect, finding.joint)}"
+def finding_title(finding: FindingResult | Rival) -> str:
+    """Title and location of an effect that was found; on a model alone its title says where."""
+    return f"{finding.title}, {location(finding.effect, finding.joint)}" if finding.joint else finding.title
 
 
-def candidate_title(effect: str, joint: int) -> str:
-    """Name and location of a candidate."""
+def candidate_title(effect: str, joint: int, signal: str = "") -> str:
+    """Name and location of a candidate; on a model alone its signal, where its name does not say it."""
+    if not joint:
+        return f"{effect} of {signal}" if signal else effect
     return f"{effect.replace('_', ' ')}, {location(effect, joint)}"
+
+
+def output_title(document: FindingsDocument, j: int) -> str:
+    """What column ``j``, from 0, is: a joint, or an output of a model."""
+    return document.outputs[j] if document.outputs else f"joint {j + 1}"
 
 
 def error_text(before: float | None, after: float | None, *, changed: bool = True) -> str:

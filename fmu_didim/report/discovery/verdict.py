@@ -5,7 +5,7 @@ from __future__ import annotations
 from math import inf
 
 from fmu_didim.report.discovery.regions import strongest_regions
-from fmu_didim.report.discovery.texts import gap_text, location
+from fmu_didim.report.discovery.texts import gap_text, location, value_line
 from fmu_didim.report.numbers import capitalised
 from fmu_didim.report.verdict import Banner, acknowledged_text
 from fmu_didim.results.findings import FindingResult, FindingsDocument, GapPair
@@ -13,6 +13,7 @@ from fmu_didim.results.findings import FindingResult, FindingsDocument, GapPair
 HEADS = {
     "nothing": ("good", "NOTHING MISSING"),
     "named": ("good", "NAMED"),
+    "undecided": ("doubtful", "NOT DECIDED"),
     "named_with_remainder": ("doubtful", "NAMED IN PART"),
     "unknown": ("refused", "UNKNOWN"),
     "disagreement": ("doubtful", "THE EXPERIMENTS DO NOT AGREE"),
@@ -48,14 +49,21 @@ def verdict_of(document: FindingsDocument) -> Banner:
             sentences[-1] += f"; {', '.join(of_channels)}"
     if document.answer == "named_with_remainder":
         sentences += _remainder(document)
-    if document.answer == "unknown":
+    if document.answer == "unknown" and not document.outputs:
         worst = strongest_regions(document, count=1)
-        sentences += [f"Most of it: {worst[0]}" if worst else "It shows in no region of its own"]
+        sentences += [f"Most of it: {worst[0]}" if worst else "It shows in no region of its own"][
+            : not document.outputs
+        ]
     sentences += map(capitalised, acknowledged_text(document.acknowledged))
     return Banner(grade, head, ". ".join(sentences) + ".", document.reasons)
 
 
 def _named(finding: FindingResult, *, first: bool) -> str:
+    if not finding.joint:
+        found = ", ".join(f"{p.name} = {value_line(p)}" for p in finding.parameters)
+        either = "; or ".join(rival.title for rival in finding.ambiguous)
+        text = f"{finding.title}: {either or found}"
+        return capitalised(text) if first else text
     where = location(finding.effect, finding.joint)
     text = f"{capitalised(where) if first else where}: {finding.title}"
     if count := len(finding.ambiguous):

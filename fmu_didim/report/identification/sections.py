@@ -105,9 +105,7 @@ def result_report(document: ResultDocument, parts: Sequence[ExperimentCharts] = 
     kind = f"{document.estimator}, {count} parameters" if count else document.estimator
     history = [] if document.status == "converged" else document.history
     notes = [f"{it.stage} {it.number}: {it.note}" for it in history if it.note]
-    advice = "A shape says that the model lacks something" + (
-        "." if document.outputs else "; fmu-didim discover finds out what."
-    )
+    advice = "A shape says that the model lacks something; fmu-didim discover finds out what."
     sections = [
         _parameters(document),
         _experiments(document),

@@ -20,6 +20,7 @@ from fmu_didim.data.signals import Array, trajectory, write_csv
 from fmu_didim.discovery.augmentation.builder import LoopModelBuilder
 from fmu_didim.discovery.augmentation.places import InWiring
 from fmu_didim.discovery.run import Found
+from fmu_didim.discovery.signals.run import FoundOnSignals
 from fmu_didim.dynamics.robot import RobotDescription, RobotModel, write_robot
 from fmu_didim.export import build_fmu
 from fmu_didim.fit.fit import Fit
@@ -56,9 +57,9 @@ def write_augmented(
     return files | system, note
 
 
-def write_signals(found: Found, out: Path) -> dict[str, str]:
+def write_signals(found: Found | FoundOnSignals, out: Path) -> dict[str, str]:
     """As CSV, of each experiment: measured torque, that of the base and of the final model, and the motion at the
-    samples; and the torque of both models at every control period."""
+    samples; and the torque of both models at every control period. Of a model alone its outputs, and its inputs."""
     files: dict[str, str] = {}
     base, final = found.discovery.base, found.discovery.final
     for label, experiment in final.model.experiments.items():
@@ -70,7 +71,7 @@ def write_signals(found: Found, out: Path) -> dict[str, str]:
             torque = run.torque()
             columns |= {f"{name}{j}": torque[:, j - 1] for j in joints}
             table = simulated_table(run)
-            every |= {f"{name}{j}": table.column(f"tau{j}") for j in joints}
+            every |= {f"{name}{j}": table.values[:, j - 1] for j in joints}
         columns |= motion_at_samples(run, table)
         files |= _written(out, f"signals_{label}", experiment.time, columns)
         files |= _written(out, f"simulated_{label}", table.time, every)

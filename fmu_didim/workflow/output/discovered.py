@@ -14,6 +14,7 @@ from fmu_didim.data.signals import Array
 from fmu_didim.data.tables import read_trajectory
 from fmu_didim.discovery.progress import Progress
 from fmu_didim.discovery.run import Found
+from fmu_didim.discovery.signals.run import FoundOnSignals
 from fmu_didim.model.experiment import Role
 from fmu_didim.model.loop_model import LoopModel
 from fmu_didim.model.simulated_table import simulated_table
@@ -59,12 +60,13 @@ class Discovered:
 
     Attributes:
         document: the content of ``findings.json``.
-        fits: base and final model with the noise, the steps between; None where it was loaded.
+        fits: base and final model with the noise, the steps between; None where it was loaded. Of a model alone the
+            estimates without and with what was found.
         folder: from which it was loaded; case: which was searched, None where it was loaded.
     """
 
     document: FindingsDocument
-    fits: Found | None = None
+    fits: Found | FoundOnSignals | None = None
     folder: Path | None = None
     case: Case | None = None
 
@@ -122,7 +124,7 @@ class Discovered:
         return written
 
     @property
-    def found(self) -> Found:
+    def found(self) -> Found | FoundOnSignals:
         """The fits behind it; raises InputError where it was loaded."""
         if self.fits is None:
             raise InputError(

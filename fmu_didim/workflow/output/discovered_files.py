@@ -12,6 +12,7 @@ from fmu_didim.case import Case
 from fmu_didim.discovery.next_experiment.design import design_experiment
 from fmu_didim.discovery.progress import Progress
 from fmu_didim.discovery.run import Found
+from fmu_didim.discovery.signals.run import FoundOnSignals
 from fmu_didim.dynamics.robot import RobotModel
 from fmu_didim.results.findings import FINDINGS_FILE, FindingsDocument, save_findings
 from fmu_didim.workflow.output.augmented_files import (
@@ -38,8 +39,14 @@ def result_folder(out: Path | str, *, figures: bool = False) -> ResultFolder:
     return ResultFolder(Path(out), "discover", FINDINGS_FILE, fixed, patterns, "files", figures)
 
 
-def write_found(case: Case, found: Found, new: Path, home: Path, progress: Progress) -> FindingsDocument:
+def write_found(
+    case: Case, found: Found | FoundOnSignals, new: Path, home: Path, progress: Progress
+) -> FindingsDocument:
     """Write all but the page to a folder whose files will lie in ``home``; returns the document, which names them."""
+    if isinstance(found, FoundOnSignals):
+        document = found.document.model_copy(update={"files": write_signals(found, new)})
+        save_findings(document, new)
+        return document
     files, notes = write_signals(found, new), list(found.document.notes)
     if found.discovery.final.model.added_effects or found.discovery.refitted:
         progress.say("writing the augmented model")

@@ -14,7 +14,7 @@ from fmu_didim.data.signals import Array, trajectory
 from fmu_didim.estimators.clie import Clie
 from fmu_didim.fit.estimate import Estimate, Status
 from fmu_didim.fit.noise.error_models import Student, student_noise
-from fmu_didim.model.error_model import ErrorModel
+from fmu_didim.model.signals.error_model import ErrorModel
 from tests.case.calibration.models import case_of
 
 TIME = np.linspace(0, 10, 61)

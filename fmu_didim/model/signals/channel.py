@@ -8,7 +8,7 @@ import numpy as np
 
 from fmu_didim.cosim import SampleOperator
 from fmu_didim.data.signals import Array
-from fmu_didim.model.error_model import PLAIN, ErrorModel
+from fmu_didim.model.signals.error_model import PLAIN, ErrorModel
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,0 +1,128 @@
+"""What happens to a signal on its way into a model, or from there to its sensor.
+
+The inputs u of a model alone are recorded, and nothing is fed back to them: they are changed before a simulation, and
+its outputs y after it. Free parameters of the owners ``INPUT`` and ``OUTPUT`` say by how much, by the keys
+``signal:parameter``. In this order, s being the signal and t_0 where the simulation starts,
+
+    delay         s(t - delay)
+    lag           lag s' + s_new = s,  s_new(t_0) = s(t_0)
+    scale         scale s
+    offset        s + offset
+    drift         s + drift (t - t_0)
+    transient     s + transient exp(-(t - t_0)/fades)
+    upper, lower  no more than upper, no less than lower
+
+Before t_0 and after the end a signal keeps its first and its last value.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Set
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fmu_didim.cosim import Recording
+from fmu_didim.data.signals import Array, Trajectory
+
+INPUT, OUTPUT = "input signal", "output signal"
+"""Owners of free parameters of signals; see :class:`~fmu_didim.model.free_parameter.FreeParameter`."""
+DELAY, LAG, SCALE, OFFSET, DRIFT = "delay", "lag", "scale", "offset", "drift"
+TRANSIENT, FADES, UPPER, LOWER = "transient", "fades", "upper limit", "lower limit"
+"""Parameters of a signal."""
+
+
+def signal_key(signal: str, parameter: str) -> str:
+    """The key of a parameter of a signal."""
+    return f"{signal}:{parameter}"
+
+
+def by_signal(values: Mapping[str, float]) -> dict[str, dict[str, float]]:
+    """Signal -> parameter -> value, of the values by their keys."""
+    found = dict[str, dict[str, float]]()
+    for key, value in values.items():
+        signal, _, parameter = key.rpartition(":")
+        found.setdefault(signal, {})[parameter] = value
+    return found
+
+
+def changed_inputs(reference: Trajectory, ramps: Set[str], values: Mapping[str, float]) -> Trajectory:
+    """Inputs as they act.
+
+    Args:
+        reference: inputs at the ticks, (T, m); ramps: names of those that go straight, the others are held.
+        values: of the parameters by their keys.
+    """
+    table = reference.values.copy()
+    for name, own in by_signal(values).items():
+        place = reference.names.index(name)
+        table[:, place] = changed(reference.time, table[:, place], own, is_held=name not in ramps)
+    return replace(reference, values=table)
+
+
+def changed_outputs(
+    recording: Recording, ticks: NDArray[np.int64], values: Mapping[str, float], component: str
+) -> Recording:
+    """Some ticks of an experiment, from the recording of all of them, with the outputs of a component as their sensors
+    show them."""
+    sampled, applied = (dict(table) for table in (recording.sampled, recording.applied))
+    for name, own in by_signal(values).items():
+        signal = f"{component}.{name}"
+        for table in (sampled, applied):
+            if signal in table:
+                table[signal] = changed(recording.time, table[signal], own)
+    tables = [{name: v[ticks] for name, v in table.items()} for table in (applied, recording.inputs, sampled)]
+    instants = None if recording.instants is None else recording.instants[ticks]
+    return replace(
+        recording, ticks=recording.ticks[ticks], applied=tables[0], inputs=tables[1], sampled=tables[2],
+        instants=instants,
+    )  # fmt: skip
+
+
+def changed(time: Array, signal: Array, values: Mapping[str, float], *, is_held: bool = False) -> Array:
+    """(T,) a signal after what the values of its parameters do to it.
+
+    Args:
+        time, signal: (T,) at the ticks; is_held: whether it keeps its value from tick to tick; else it goes straight.
+            What is held and comes late then has its mean over each step.
+    """
+    found = signal
+    if delay := values.get(DELAY, 0.0):
+        found = _held_late(time, found, delay) if is_held else np.interp(time - delay, time, found)
+    if (lag := values.get(LAG, 0.0)) > 0:
+        found = _lagging(time, found, lag, is_held=is_held)
+    since = time - time[0]
+    found = values.get(SCALE, 1.0) * found + values.get(OFFSET, 0.0) + values.get(DRIFT, 0.0) * since
+    if (size := values.get(TRANSIENT, 0.0)) and (constant := values.get(FADES, 0.0)) > 0:
+        found = found + size * np.exp(-since / constant)
+    return np.asarray(np.clip(found, values.get(LOWER, -np.inf), values.get(UPPER, np.inf)))
+
+
+def _held_late(time: Array, signal: Array, delay: float) -> Array:
+    """The mean over each step of a signal that is held and comes late, so that it changes smoothly with the delay."""
+    room = abs(delay) + float(np.ptp(time)) + 1.0
+    places = np.concatenate([[time[0] - room], time, [time[-1] + room]])
+    steps = np.concatenate([[signal[0]], signal]) * np.diff(places)
+    total = np.concatenate([[0.0], np.cumsum(steps)])
+    ends = np.append(time, 2 * time[-1] - time[-2]) - delay
+    return np.asarray(np.diff(np.interp(ends, places, total)) / np.diff(ends))
+
+
+def _lagging(time: Array, signal: Array, lag: float, *, is_held: bool) -> Array:
+    """A signal after a lag of first order, exactly at the ticks; of one that is held the mean over each step."""
+    steps = np.diff(time)
+    decay = np.exp(-steps / lag)
+    # Where the signal goes straight, so does what the state comes to, as far behind as the slope times the lag.
+    behind = np.zeros(steps.size) if is_held else np.diff(signal) / steps * lag
+    first = signal[:-1] - behind
+    last = first if is_held else signal[1:] - behind
+    state = float(signal[0])
+    found = [state]
+    for begin, end, factor in zip(first.tolist(), last.tolist(), decay.tolist(), strict=True):
+        state = end + (state - begin) * factor
+        found.append(state)
+    if not is_held:
+        return np.array(found)
+    part = (1 - decay) * lag / steps
+    return np.asarray(signal + (np.array(found) - signal) * np.append(part, part[-1]))

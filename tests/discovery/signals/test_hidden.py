@@ -1,0 +1,146 @@
+"""Something hidden on a signal is named with an interval that holds it, or told among what data do not tell apart."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+import pytest
+
+from fmu_didim.results.findings import FindingResult
+from fmu_didim.workflow import Discovered, discover
+from tests.discovery.signals.hidden import Hidden, crane, room
+
+pytestmark = pytest.mark.gate
+
+WORDS = {"upper": "upper limit", "lower": "lower limit"}
+"""Name of what is hidden -> of what is found, where they differ."""
+
+
+def found_in(
+    make: Callable[..., Path], folder: Path, on: Mapping[str, Mapping[str, float]], **more: object
+) -> Discovered:
+    """The discovery beside data in which something is hidden."""
+    return discover(make(folder, Hidden(on), **more))
+
+
+def only(found: Discovered) -> FindingResult:
+    """The one thing that was named."""
+    assert (found.answer, found.verdict) == ("named", "valid"), found.summary()
+    (one,) = found.findings
+    assert one.ambiguous == []
+    return one
+
+
+NAMED = [
+    (make, signal, kind, value)
+    for make, signal, kind, values in [
+        (room, "Ti1", "scale", (1.2, 1.05)),
+        (room, "T", "scale", (1.05, 0.98)),
+        (room, "T", "offset", (1.0, 0.5)),
+        (room, "Ti1", "lag", (300.0, 150.0)),
+        (room, "T", "lag", (300.0, 120.0)),
+        (room, "Ti1", "delay", (180.0, 90.0)),
+        (room, "T", "delay", (120.0, 60.0)),
+        (room, "Ti1", "upper", (8.0, 10.0)),
+        (room, "T", "lower", (9.0, 8.0)),
+        (crane, "u", "scale", (1.2, 1.03)),
+        (crane, "phi", "offset", (0.02, 0.004)),
+        (crane, "u", "offset", (0.02, 0.004)),
+        (crane, "u", "lag", (0.2, 0.1)),
+        (crane, "phi", "delay", (0.2, 0.1)),
+        (crane, "phi", "drift", (0.05, 0.01)),
+        (crane, "u", "upper", (0.4, 0.5)),
+    ]
+    for value in values
+]
+
+
+@pytest.mark.parametrize(("make", "signal", "kind", "value"), NAMED)
+def test_what_is_hidden_is_named(
+    tmp_path: Path, make: Callable[..., Path], signal: str, kind: str, value: float
+) -> None:
+    found = discover(make(tmp_path, Hidden({signal: {kind: value}})))
+    one = only(found)
+    assert (one.effect, one.signal) == (WORDS.get(kind, kind), signal)
+    (parameter,) = one.parameters
+    length = 399 * 0.05 if make is crane else (400 - 1 / 20) * 60.0
+    truth = value / length if kind == "drift" else value
+    room_for_chance = 0.5 * parameter.std  # two in a hundred draws lie farther out than the interval and this
+    assert parameter.interval[0] - room_for_chance < truth < parameter.interval[1] + room_for_chance
+    assert found.gap["validation"].after < 0.5 * found.gap["validation"].before
+
+
+@pytest.mark.parametrize(("make", "size", "fades"), [(room, 3.0, 1000.0), (room, 1.0, 1000.0), (crane, 0.05, 2.0)])
+def test_an_initial_transient_is_named(tmp_path: Path, make: Callable[..., Path], size: float, fades: float) -> None:
+    signal = "phi" if make is crane else "T"
+    one = only(discover(make(tmp_path, Hidden({signal: {"transient": size, "fades": fades}}))))
+    assert (one.effect, one.signal) == ("transient", signal)
+    for parameter, truth in zip(one.parameters, (size, fades), strict=True):
+        assert abs(parameter.value - truth) < 3 * parameter.std
+
+
+@pytest.mark.parametrize("value", [22.0, 21.0])
+def test_another_start_of_the_model_is_named_as_its_parameter(tmp_path: Path, value: float) -> None:
+    one = only(discover(room(tmp_path, Hidden(parameters={"T0": value}))))
+    assert (one.effect, one.signal) == ("parameter", "T0")
+    (parameter,) = one.parameters
+    assert abs(parameter.value - value) < 3 * parameter.std
+
+
+UNDECIDED = [
+    # a constant flow of heat: from either side
+    (room, {"Ti1": {"offset": 1.0}}, {}, {"offset Ti1", "offset Ti2"}),
+    # slow beside the room, so that it is the same on all sides
+    (room, {"T": {"drift": 1.0}}, {}, {"drift T", "drift Ti1", "drift Ti2"}),
+    (room, {"Ti1": {"drift": 3.0}}, {}, {"drift T", "drift Ti1", "drift Ti2"}),
+    # with both resistances free, only their ratio to the capacity shows
+    (room, {"Ti1": {"scale": 1.2}}, {"identify": ("R1", "R2")}, {"scale Ti1", "scale Ti2"}),
+    # swings of a small angle: gravity over a length that is identified
+    (crane, {"phi": {"scale": 1.03}}, {}, {"scale phi", "parameter g"}),
+]
+
+
+@pytest.mark.parametrize(("make", "on", "more", "wanted"), UNDECIDED)
+def test_what_data_do_not_tell_apart_is_told_and_not_named(
+    tmp_path: Path, make: Callable[..., Path], on: Mapping[str, Mapping[str, float]], more: Mapping[str, object],
+    wanted: set[str],
+) -> None:  # fmt: skip
+    found = discover(make(tmp_path, Hidden(on), **more))
+    assert (found.answer, found.verdict) == ("undecided", "doubtful")
+    (one,) = found.findings
+    assert (one.effect, one.signal, one.parameters) == ("undecided", "", [])
+    assert {f"{rival.effect} {rival.signal}" for rival in one.ambiguous} == wanted
+    assert [reason.code for reason in found.reasons] == ["effects-undecided"]
+    ((signal, hidden),) = on.items()
+    ((kind, value),) = hidden.items()
+    true = next(rival for rival in one.ambiguous if (rival.effect, rival.signal) == (kind, signal))
+    if kind != "drift":
+        assert abs(true.parameters[0].value - value) < 3 * (true.parameters[0].std or 0.0)
+
+
+def test_another_value_of_a_parameter_is_not_taken_for_that_of_a_signal(tmp_path: Path) -> None:
+    found = discover(room(tmp_path, Hidden(parameters={"R2": 0.3})))
+    assert found.answer == "undecided"
+    (one,) = found.findings
+    assert {f"{rival.effect} {rival.signal}" for rival in one.ambiguous} == {"parameter R2", "parameter C"}
+
+
+@pytest.mark.parametrize("seed", range(2, 7))
+@pytest.mark.parametrize("identify", [("R1",), ("R1", "R2")])
+def test_nothing_is_named_in_a_room_that_lacks_nothing(tmp_path: Path, seed: int, identify: tuple[str, ...]) -> None:
+    found = discover(room(tmp_path, seed=seed, identify=identify))
+    assert (found.answer, found.verdict, found.findings) == ("nothing", "valid", [])
+
+
+@pytest.mark.parametrize("seed", range(2, 5))
+def test_nothing_is_named_on_a_crane_that_lacks_nothing(tmp_path: Path, seed: int) -> None:
+    found = discover(crane(tmp_path, seed=seed))
+    assert (found.answer, found.verdict, found.findings) == ("nothing", "valid", [])
+
+
+@pytest.mark.parametrize("seed", range(2, 7))
+def test_slow_noise_is_no_name_and_not_called_valid(tmp_path: Path, seed: int) -> None:
+    found = discover(room(tmp_path, seed=seed, colour=0.8))
+    assert (found.answer, found.verdict, found.findings) == ("unknown", "doubtful", [])
+    assert "slow" in found.text
