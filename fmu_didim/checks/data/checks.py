@@ -13,6 +13,7 @@ from fmu_didim.checks.data.expected import Expected, expected
 from fmu_didim.checks.data.linear_fit import FittedMotion, fitted_motion, motion_with_regressor
 from fmu_didim.checks.data.log import (
     FEW_OUTLIERS,
+    LOG_CONSTANT,
     LOG_OUTLIERS,
     OUTLIERS_LEFT_OUT,
     PERIOD_CHANGES,
@@ -68,12 +69,13 @@ def data_diagnostics(model: LoopModel, *, without_torque: Sequence[str] = (), ca
         of_file = [diagnostic for check in LOG_CHECKS for diagnostic in check(run, given)]
         found += of_file
         # What is wrong by itself would make a log look like that of another motion.
-        clean = given.without(wrong_by_themselves(experiment, given))
+        faulty = wrong_by_themselves(experiment, given)
+        clean = given.without(faulty)
         of_units = unit_diagnostics(run, clean) if clean.has_all_joints else []
-        of_log = of_units or torque_channel_diagnostics(clean, gains, label)
+        of_log = of_units or ([] if faulty.all() else torque_channel_diagnostics(clean, gains, label))
         found += [*of_log, *([] if of_units else position_diagnostics(run))]
         held_out = experiment.role == "validation"
-        if any(d.code is PERIOD_CHANGES for d in of_file):  # it would look like another clock or another scale
+        if any(d.code in (PERIOD_CHANGES, LOG_CONSTANT) for d in of_file):  # like another clock, scale or motion
             continue
         if not causes or of_log or (held_out and explained) or (fitted := fitted_motion(model.on(label))) is None:
             continue

@@ -233,6 +233,7 @@ PHYSICAL: Mapping[str, Mistake] = {
     "spikes": Mistake(torques(_spikes), ("log-outliers",)),
     "a stuck tail": Mistake(torques(_stuck), ("log-constant",)),
     "a dead channel": Mistake(torques(_constant), ("log-constant",)),
+    "a log that is no log": Mistake(torques(lambda rng, t: np.full_like(t, rng.uniform(-1, 1))), ("log-constant",)),
     "clipped": Mistake(torques(_clipped), ("log-saturated",)),
     "coarse": Mistake(torques(_coarse), ("log-coarse",)),
     "held samples": Mistake(torques(_held), ("log-upsampled",)),
