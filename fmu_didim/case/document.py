@@ -74,7 +74,7 @@ class CaseDocument(Strict):
             entries of a component. ``inputs`` and ``measured`` then say, here for the one experiment or in each of
             several, what drove it and what was measured of it, and ``identify`` which of its parameters are unknown.
         inputs, measured: of the experiment that is fitted, in the short form.
-        robot: robot description (``.yaml``); a plant without one needs ``identify``.
+        robot: robot description (``.yaml``) or URDF (``.urdf``); a plant without one needs ``identify``.
         identify: name -> parameter of another part of the loop that is identified beside the robot's base parameters;
             or, where parameters of the plant are listed, these instead of the base parameters.
         plant, controller: what runs in the loop: the short form for two components.
@@ -346,10 +346,15 @@ def make_estimator(options: Mapping[str, Any]) -> Estimator:
 
 
 def _endless(values: Mapping[str, Any]) -> list[str]:
-    """Names of the numbers that are not finite, ``start.ZZ1R`` inside a mapping."""
+    """Names of the numbers that are not finite, and of the entries of a mapping that are no such number,
+    ``start.ZZ1R``."""
     found = [name for name, value in values.items() if isinstance(value, float) and not math.isfinite(value)]
     inner = {name: value for name, value in values.items() if isinstance(value, Mapping)}
-    return found + [f"{name}.{one}" for name, value in inner.items() for one in _endless(value)]
+    return found + [f"{name}.{one}" for name, value in inner.items() for one in value if not _is_finite(value[one])]
+
+
+def _is_finite(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
 
 
 def read_case(path: Path | str) -> CaseDocument:

@@ -334,7 +334,8 @@ class ExperimentSource(Strict):
         reference: what the controller follows: a file with a row a control period, or a formula (``kind:``).
         inputs: of a ``model:``, as they were recorded; start_s: where its simulation starts, by default with the first
             row of the inputs, without inputs at 0 or with the first sample, if that is earlier.
-        torque: the log; positions: measured positions ``q<j>``, for ``idim_ls`` and ``output_error`` only.
+        torque: the log; positions: measured positions ``q<j>``, for the estimators that use them instead of simulating
+            the loop.
         instants: of the controller, where its period was not constant.
         measured: what ``didim`` and ``clie`` fit together with the torque, or what is fitted of a ``model:``: one file,
             or a list.

@@ -27,6 +27,8 @@ COMMAND_WITHOUT_GAIN = CATALOGUE(
     "the same.",
 )  # fmt: skip
 
+FEWEST_ROWS = 2
+"""[samples] That a log must have: one tells nothing of a motion."""
 ROUNDING_S = 1e-9
 """[s] By which a row may lie outside the part of a run that is used."""
 
@@ -83,6 +85,12 @@ def read_torque_log(
     if file.rate_hz is not None:
         changes = source.instants is not None or period_change(log.time) is not None
         times, torque = _torque_at(log, torque, file, changes=changes)
+        if times.size < FEWEST_ROWS:
+            raise InputError(
+                "Hardly any sample of the log is left at the rate that is asked for.", where=f"{label}: torque.rate_hz",
+                got=f"{file.rate_hz:g} Hz, {times.size} samples in {np.ptp(log.time):g} s",
+                next_step="Leave rate_hz out, or give a higher one: the rate of the log is the usual one.",
+            )  # fmt: skip
     times = times + file.offset_s
     check_within(times, reference, step, source)
     return TorqueLog(times, torque, log.time, read.told)
@@ -93,7 +101,7 @@ def _part(times: Array, source: ExperimentSource) -> NDArray[np.bool_]:
     first, last = (limit if limit is not None else other for limit, other in (
         (source.from_s, -math.inf), (source.to_s, math.inf)))  # fmt: skip
     kept = (times >= first - ROUNDING_S) & (times <= last + ROUNDING_S)
-    if kept.sum() < 2:
+    if kept.sum() < FEWEST_ROWS:
         raise InputError(
             "The log has no samples in the part of the run that is to be used.", where="from_s, to_s",
             got=f"{first:g} to {last:g} s", valid=f"within {times[0]:g} to {times[-1]:g} s",

@@ -1,4 +1,5 @@
-"""The command line of the verbs that come before a case runs: example, init, validate, schema, effects, completion."""
+"""The command line of the verbs that come before a case runs: example, init, validate, robot, schema, effects,
+completion."""
 
 from __future__ import annotations
 
@@ -37,6 +38,10 @@ _EFFECTS = """examples:
   fmu-didim effects stribeck                      equation, signature, parameters, plot
   fmu-didim effects my_module:Grease              one of your own
   fmu-didim effects stribeck --json"""
+_ROBOT = """examples:
+  fmu-didim robot robot.yaml                      frames, masses, base parameters
+  fmu-didim robot ur10e.urdf --out robot.yaml     a URDF, as a description to which effects can be added
+  fmu-didim robot panda.urdf --tip panda_link8    an arm whose gripper does not move"""
 _COMPLETION = """examples:
   eval "$(fmu-didim completion bash)"             in this shell; in ~/.bashrc for all
   fmu-didim completion zsh > ~/.zfunc/_fmu-didim"""
@@ -63,10 +68,15 @@ def add_prepare_verbs(commands: Commands, *, parser: argparse.ArgumentParser) ->
     schema = _verb(commands, "schema", help_, _SCHEMA)
     schema.add_argument("kind", choices=KINDS, help=", ".join(KINDS))
     schema.set_defaults(run=_schema)
+    robot = _verb(commands, "robot", "show what a robot description or a URDF says, and write it as YAML", _ROBOT)
+    robot.add_argument("file", type=Path, metavar="FILE", help="robot description, .yaml or .urdf")
+    robot.add_argument("--tip", default="", metavar="LINK", help="the link of a URDF at which the robot ends")
+    robot.add_argument("--out", type=Path, metavar="FILE.yaml", help="write the description there")
+    robot.set_defaults(run=_robot)
     shell = _verb(commands, "completion", "print the completion of commands and options for a shell", _COMPLETION)
     shell.add_argument("shell", choices=SHELLS, help=", ".join(SHELLS))
     shell.set_defaults(run=_completion, parser=parser)
-    return [example, init, validate, effects, schema, shell]
+    return [example, init, validate, effects, schema, robot, shell]
 
 
 def _verb(commands: Commands, name: str, help_: str, examples: str) -> argparse.ArgumentParser:
@@ -196,6 +206,17 @@ def _schema(options: argparse.Namespace) -> int:
     is_campaign = options.kind == "campaign"
     made = {"$schema": DIALECT, **CampaignDocument.model_json_schema()} if is_campaign else schema(options.kind)
     print(json_shown(json.dumps(made, indent=1, ensure_ascii=False)))
+    return 0
+
+
+def _robot(options: argparse.Namespace) -> int:
+    from fmu_didim.workflow.robot_file import robot_lines, robot_of, write_as_yaml
+
+    robot = robot_of(options.file, options.tip)
+    print("\n".join(robot_lines(robot)))
+    if options.out is not None:
+        write_as_yaml(robot, options.out)
+        print(f"\nWritten: {options.out}")
     return 0
 
 

@@ -68,6 +68,8 @@ PROBE_FACTOR = 1e5
 """[1] By which a probe that is too short is longer, and one that is too long shorter, the next time."""
 PROBES = 6
 """[probes] From 1e-20 to 1e20 of the unit of a state, both ways."""
+NEARER = 0.5
+"""[1] Of the error of a loop to which that without its delay must fall for the delay to be blamed."""
 OTHER_VELOCITIES = "The minimum was found from a start with the velocities of the reference."
 NOT_SHOWN = "{}: its initial state is asked for, but the log does not show it; the motion starts on its reference."
 NOT_OFFERED = (
@@ -296,13 +298,26 @@ class OtherStart:
 
 
 def start_advice(model: LoopModel) -> str:
-    """What to do first about a loop that cannot be simulated, where its start is given or taken for granted."""
+    """What to do first about a loop that cannot be simulated: where its delay breaks it, or where its start is given or
+    taken for granted."""
+    delay = model.loop.systems[model.first].delays.get(model.loop.plant_name, 0.0)
+    if delay > 0 and _error(model.with_delay(0.0)) < NEARER * _error(model):
+        return f"Correct the delay of the loop: without its {delay:.4g} samples it comes much nearer to the log. "
     kinds = {label: model.experiments[label].initial_state.kind for label in model.estimation_labels}
     if "given" in kinds.values():
         return "Leave initial_state out, or correct it: the log may start elsewhere. "
     if any(kind == "detected" and not begins_moving(model, label) for label, kind in kinds.items()):
         return "Where the log begins before the machine stands on its reference, write initial_state: free. "
     return ""
+
+
+def _error(model: LoopModel) -> float:
+    """Error of the torque at the values of a model, in the size of the log; infinite where its loop does not run."""
+    try:
+        error = float(np.linalg.norm(model.measured - model.torque(model.start)))
+    except SimulationError:
+        return np.inf
+    return error / float(np.linalg.norm(model.measured))
 
 
 def contradicted_starts(fit: Fit) -> list[OtherStart]:

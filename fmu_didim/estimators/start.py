@@ -78,7 +78,7 @@ def start_values(model: LoopModel, start: Start) -> Array:
     if start == PRIOR and model.prior is not None:
         sure = replace(model.prior, rows=SURE * model.prior.rows, target=SURE * model.prior.target)
         return _fitted(replace(model, prior=sure), whole_reference, held=False)
-    if isinstance(start, str) and start not in KINDS:
+    if start not in KINDS if isinstance(start, str) else not isinstance(start, Mapping):
         raise InputError(
             "This start is not known.", where="start", got=start, valid=(*KINDS, "values by name"),
             next_step="Take one of these, or give values by name.",

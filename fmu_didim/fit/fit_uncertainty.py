@@ -10,6 +10,7 @@ import numpy as np
 from fmu_didim.data.signals import Array
 from fmu_didim.fit.confounding import shown_directions
 from fmu_didim.fit.fit import Fit
+from fmu_didim.fit.noise.noise import TINY
 from fmu_didim.fit.noise.shared import counted_once, variance_by_sharing
 from fmu_didim.fit.noise.weighting import noise_floor, whitened
 from fmu_didim.fit.statistics import deviation_of_sums, influence_efficient, influence_of_instruments
@@ -56,6 +57,14 @@ def influences(fit: Fit) -> tuple[Array, Array]:
     the rows of its prior."""
     influence, of_prior = _influences(fit, fit.jacobian, None)
     return influence if fit.model.experiments.low_pass is None else filtered_torque(fit, influence), of_prior
+
+
+def moved_by(fit: Fit, error: Array) -> Array:
+    """(p,) standard deviations by which an error (M, m) of the outputs moves the values of a fit, by one linear
+    step."""
+    influence, _ = influences(fit)
+    deviation = np.sqrt(np.diag(fit_uncertainty(fit).covariance))
+    return np.asarray(np.abs(np.einsum("mjp,mj->p", influence, error)) / np.maximum(deviation, TINY))
 
 
 def data_covariance(fit: Fit, influence: Array, colours: Sequence[Colour], residual: Array) -> Array:

@@ -8,6 +8,7 @@ add a row to a section: it appears on both.
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, Literal
@@ -15,6 +16,7 @@ from typing import Any, ClassVar, Literal
 from markupsafe import Markup
 
 from fmu_didim.report.drawing.charts import Chart
+from fmu_didim.report.drawing.skeleton import Skeleton
 from fmu_didim.report.numbers import MISSING, decimal_aligned
 from fmu_didim.report.verdict import Banner
 
@@ -23,6 +25,9 @@ MOST_VALUES = 14
 """[columns] Widest matrix whose values are written in its cells."""
 STRONGEST = 60
 """[percent] Colour strength of the largest value of a matrix: text on it stays legible."""
+_PLACE = re.compile(r"^(?:[^:]{1,40}: )?(?:joint \d+: )?")
+"""An experiment, a joint or both, at the beginning of a remark."""
+_NUMBER = re.compile(r"[-+]?\d[\d.]*(?:e[-+]?\d+)?")
 
 
 @dataclass(frozen=True)
@@ -204,6 +209,15 @@ class Drawing:
 
 
 @dataclass(frozen=True)
+class Moving:
+    """A robot that moves."""
+
+    kind: ClassVar[str] = "moving"
+    skeleton: Skeleton
+    shown: ClassVar[Shown] = "page"
+
+
+@dataclass(frozen=True)
 class Tree:
     """Nested keys and values."""
 
@@ -230,7 +244,7 @@ class Folded:
         return bool(self.block)
 
 
-Block = Table | Facts | Items | Text | Charts | Matrix | Drawing | Tree | Folded
+Block = Table | Facts | Items | Text | Charts | Matrix | Drawing | Moving | Tree | Folded
 
 
 @dataclass(frozen=True)
@@ -263,7 +277,8 @@ class Report:
     Attributes:
         name: of the case; title: first line on the terminal; what: added to the title of the page.
         subtitles: below the name on the page; banner: the verdict; verdict_first: whether the terminal starts with it.
-        cards: heads and values at the top of the page; remarks: shown with the verdict.
+        cards: heads and values at the top of the page; remarks: below the first section, on the terminal
+            with the verdict.
     """
 
     name: str
@@ -283,6 +298,14 @@ class Report:
         """All charts of its sections."""
         blocks = (block for section in self.sections for block in section.blocks)
         return [chart for block in blocks if isinstance(block, Charts) for chart in block.charts]
+
+    @property
+    def remark_groups(self) -> list[tuple[str, list[str]]]:
+        """The first remark of each kind, and the others that differ from it by numbers and places alone."""
+        kinds: dict[str, list[str]] = {}
+        for remark in self.remarks:
+            kinds.setdefault(_NUMBER.sub("#", _PLACE.sub("", remark)), []).append(remark)
+        return [(first, others) for first, *others in kinds.values()]
 
     def on(self, place: Shown) -> list[Section]:
         """The sections with content for the terminal or the page, and the headings above them."""

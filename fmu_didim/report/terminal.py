@@ -50,11 +50,10 @@ def verdict_lines(banner: Banner) -> list[str]:
     first, *others = banner.text.splitlines() or [""]
     lines = wrapped(f"{banner.head}: {first}", "", "  ")
     lines += [line for other in others for line in wrapped(other.strip(), "  ", "    ")]
-    for number, reason in enumerate(banner.reasons, start=1):
+    for number, (reason, step) in enumerate(banner.advised, start=1):
         lines += wrapped(reason_text(reason), f"{number:3}. ", "     ")
-        later = banner.reasons[number:]
-        if reason.next_step and not any(other.next_step == reason.next_step for other in later):
-            lines += wrapped(f"Next: {reason.next_step}", "     ")
+        if step:
+            lines += wrapped(f"Next: {step}", "     ")
     return lines
 
 

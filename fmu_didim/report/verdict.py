@@ -33,6 +33,13 @@ class Banner:
     text: str
     reasons: Sequence[DiagnosticResult] = ()
 
+    @property
+    def advised(self) -> list[tuple[DiagnosticResult, str]]:
+        """The reasons, each with what to do about it; what several of them ask for only below the last of these."""
+        steps = [reason.next_step for reason in self.reasons]
+        return [(reason, "" if reason.next_step in steps[k:] else reason.next_step)
+                for k, reason in enumerate(self.reasons, start=1)]  # fmt: skip
+
 
 def verdict(document: ResultDocument) -> Banner:
     """The verdict on an identification."""

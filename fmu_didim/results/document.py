@@ -21,16 +21,19 @@ from fmu_didim.fit.iteration import Iteration
 from fmu_didim.fit.statistics import correlation, error_percent
 from fmu_didim.model.free_parameter import BASE, PLANT
 from fmu_didim.model.loop_model import LoopModel
+from fmu_didim.model.parameters import RobotParameters
 from fmu_didim.results.result import (
     ChannelErrorResult,
     ChannelResult,
     ConsistencyResult,
     ErrorResult,
     ExperimentResult,
+    GeometryResult,
     InitialStateResult,
     IntegrationResult,
     IterationResult,
     JointResult,
+    LinkResult,
     ParameterResult,
     PriorParameterResult,
     PriorResult,
@@ -122,6 +125,7 @@ def result_document(
         integration=IntegrationResult(**asdict(estimate.integration)) if estimate.integration is not None else None,
         history=_history(estimate.names, estimate.iterations),
         loop=model.system(model.start).describe(),
+        geometry=_geometry(model),
         signals={v.label: f"{model.loop.quantity}_{v.label}.csv" for v in validations if not v.failure},
         simulated={v.label: f"simulated_{v.label}.csv" for v in validations if v.every is not None},
         checks=model.parameters.checks(),
@@ -253,6 +257,17 @@ def _initial_state(model: LoopModel, label: str) -> InitialStateResult:
         return InitialStateResult(kind="reference" if model.loop.shows_torque else "model")
     values = {name: float(value) for name, value in state.values.items()}
     return InitialStateResult(kind="found" if state.kind == "found" else "given", values=values)
+
+
+def _geometry(model: LoopModel) -> GeometryResult | None:
+    """The links of a robot; None of a plant without a description."""
+    if not isinstance(model.parameters, RobotParameters):
+        return None
+    robot = model.parameters.model.description
+    keys = ("type", "alpha", "a", "theta", "d")
+    links = [LinkResult(**{key: getattr(joint, key) for key in keys}) for joint in robot.joints]
+    x, y, z = robot.gravity
+    return GeometryResult(links=links, gravity=(x, y, z))
 
 
 def refused_document(

@@ -14,6 +14,7 @@ from fmu_didim.checks import (
     held_out,
     held_out_channels,
     identification,
+    judgement,
     physical,
     prior,
     residual,
@@ -45,6 +46,7 @@ ENGINE = (
     (torque_channel, ("CHANCE", "OTHER_JOINT", "AGAINST")),
     (timing, ("SHIFT_SIGMAS", "LEAST_SHIFT")),
     (log_noise, ("NOT_NOISE", "CHANCE")),
+    (judgement, ("MATTERS",)),
 )
 """Constants on which every answer depends, by module: of data, noise and fits."""
 DECIDING = (
@@ -92,7 +94,7 @@ OF_OUTPUTS = (
     *((module, names) for module, names in DECIDING if module not in OF_ROBOTS and module is not physical),
     (following, ("CHANCE", "LEAST", "AS_WELL", "MOSTLY", "BEYOND", "BEYOND_NOISE", "STEPS")),
     (suspects, ("SMALL", "MOST_INPUTS", "MOST_PARAMETERS", "TRANSIENTS")),
-    (outliers, ("FAR", "MOST", "MOVED")),
+    (outliers, ("FAR", "MOST")),
     (trusted, ("TENTH", "TRIED", "UNSEEN", "MOVES")),
 )
 """The same for a model."""

@@ -244,6 +244,23 @@ class PriorResult(Saved):
     tested: int = Field(description="directions of the parameters that both know")
 
 
+class LinkResult(Saved):
+    """A link of the robot, in modified Denavit-Hartenberg convention."""
+
+    type: Literal["revolute", "prismatic"] = Field(description="of the joint whose position moves it")
+    alpha: float = Field(description="rad")
+    a: float = Field(description="m")
+    theta: float = Field(description="rad")
+    d: float = Field(description="m")
+
+
+class GeometryResult(Saved):
+    """The geometry of the robot, as the page draws it."""
+
+    links: list[LinkResult] = Field(description="of its joints, from the base on")
+    gravity: tuple[float, float, float] = Field(description="in the base frame, m/s2")
+
+
 class ResultDocument(Saved):
     """The content of ``result.json``.
 
@@ -317,6 +334,7 @@ class ResultDocument(Saved):
     )
     history: list[IterationResult]
     loop: dict[str, Any]
+    geometry: GeometryResult | None = Field(default=None, description="null without a robot description")
     signals: dict[str, str] = Field(description="label -> CSV file with measured and simulated torque")
     simulated: dict[str, str] = Field(
         default={}, description="label -> CSV file with the simulated torque of every control period"

@@ -48,6 +48,7 @@ def test_of_the_command_line(command: str, told: str, capsys: pytest.CaptureFixt
         ({"kind": "idim_ls", "cutoff_hz": 0.0}, "cutoff_hz"),
         ({"kind": "idim_ls", "decimation": 0}, "decimation"),
         ({"kind": "idim_ls", "skip": -1}, "skip"),
+        ({"start": {"ZZ1R": "abc"}}, "start.ZZ1R must be a finite number"),
         ({"start": {"ZZ1R": float("nan")}}, "start.ZZ1R must be a finite number"),
         ({"start": {"ZZ1R": 1.0, "Fv1": float("inf")}}, "start.Fv1 must be a finite number"),
     ],

@@ -4,31 +4,39 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from fmu_didim.workflow import discover
 from tests.foreign import exported, foreign_case, one_joint, spring_pendulum
 
 DEFAULTS = {"m": 1.0, "l": 0.5, "k": 2.0, "d": 0.2}
-TRUTH = {"m": 1.4, "k": 4.0, "d": 0.3, "Fc1": 4.0}
+TRUTH = {"m": 1.4, "k": 4.0, "d": 0.3}
 IDENTIFY = {"m": {"minimum": 0.01}, "k": {}, "d": {}}
 
 
 @pytest.mark.gate
 @pytest.mark.parametrize(
-    ("gains", "size", "astray"),
+    ("gains", "size", "friction", "astray"),
     [
-        # Slow: on some machines it is named with an answer of its own that is near, Fc1 = 3.3, and doubted for the gap.
-        pytest.param((20.0, 2.0), 0.2, (0.02, 0.2), marks=pytest.mark.slow),
-        ((20.0, 2.0), 0.5, (1.5, 1.6)),
+        ((20.0, 2.0), 0.2, 4.0, (0.02, 0.2)),
+        ((20.0, 2.0), 0.5, 4.0, (1.5, 1.6)),
+        *(
+            pytest.param(*row, marks=pytest.mark.slow)
+            for row in [
+                ((60.0, 6.0), 0.1, 4.0, (0.0, 0.1)),
+                ((10.0, 1.0), 0.5, 4.0, (0.9, 1.2)),
+                ((20.0, 2.0), 0.1, 1.0, (0.5, 0.9)),
+            ]
+        ),
     ],
 )
 def test_it_is_named_with_right_values(
-    tmp_path: Path, gains: tuple[float, float], size: float, astray: tuple[float, float]
+    tmp_path: Path, gains: tuple[float, float], size: float, friction: float, astray: tuple[float, float]
 ) -> None:
-    """The drive fights a friction of 4 N.m with 2.7 and 4.0 N.m on average; without it the mass is far off."""
+    """The drive fights a friction of up to 4 N.m with 2.7 and 4.0 N.m on average; without it the mass is far off."""
     plant = exported(tmp_path / "plant", one_joint("pendulum", DEFAULTS, spring_pendulum))
-    truth = {**DEFAULTS, "m": 1.4, "k": 4.0, "d": 0.3, "Fc": 4.0}
+    truth = {**DEFAULTS, "m": 1.4, "k": 4.0, "d": 0.3, "Fc": friction}
     data = exported(tmp_path / "truth", one_joint("pendulum", truth, spring_pendulum, rate=4000.0))
     found = discover(foreign_case(tmp_path, plant, data, IDENTIFY, gains=gains, size=size))
     assert found.fits is not None
@@ -37,7 +45,9 @@ def test_it_is_named_with_right_values(
     assert (found.document.answer, found.verdict) == ("named", "valid")
     assert [(f.effect, f.joint) for f in found.document.findings] == [("coulomb", 1)]
     values = dict(zip(final.model.names, final.values, strict=True))
-    assert {name: values[name] for name in TRUTH} == pytest.approx(TRUTH, rel=0.02)
+    deviation = dict(zip(final.model.names, np.sqrt(np.diag(final.covariance)), strict=True))
+    for name, true in {**TRUTH, "Fc1": friction}.items():  # where the motion is small some are hardly known
+        assert abs(values[name] - true) < max(0.02 * true, 4 * deviation[name]), name
 
 
 @pytest.mark.gate

@@ -5,24 +5,29 @@ from __future__ import annotations
 import logging
 import re
 import shutil
+import subprocess
+import sys
 import zipfile
 from importlib.metadata import PackageNotFoundError
 from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 
 from fmu_didim.base.errors import BuildError, InputError
 from fmu_didim.case import load_case
 from fmu_didim.cli.main import main
 from fmu_didim.components import load_fmu
 from fmu_didim.cosim import simulation
+from fmu_didim.data.signals import trajectory, write_csv
 from fmu_didim.export import build_modelica, modelica
 from fmu_didim.export.modelica_names import SUFFIX, circular, restored, set_aside
 from fmu_didim.results.result import read_result
-from fmu_didim.workflow import identify
+from fmu_didim.workflow import identify, simulate
 from tests.conftest import package
 from tests.helpers import ROOT, drive
+from tests.patience import patience
 
 PENDULUM = ROOT / "examples/pendulum_modelica"
 LAG = """model Lag "T dy/dt = u - y"
@@ -189,6 +194,54 @@ def test_a_plant_without_robot_description_ends_as_ssv(tmp_path: Path, capsys: p
             re.findall(r'name="(\w+)">\s*<ssv:Real value="([^"]+)"', ssp.read("resources/plant.ssv").decode())
         )
     assert {name: float(value) for name, value in values.items()} == {n: p.value for n, p in found.items()}
+
+
+FRICTION = {"J": 0.62, "mgl": 1.43, "d": 0.25, "fc": 0.35}
+"""Of a plant whose friction is steep: its time constants are a tenth of those of the motion."""
+
+
+def own_pendulum(folder: Path, rate_hz: int) -> Path:
+    """A case of a plant and a controller of one's own, with steep friction, whose control and log have this rate."""
+    text = (PENDULUM / "Pendulum.mo").read_text(encoding="utf-8")
+    text = text.replace("parameter Real c(", "parameter Real mgl(").replace(
+        "c*sin(x)", "mgl*sin(x) - d*v - fc*tanh(v/0.02)"
+    )
+    text = text.replace("  input", "  parameter Real d = 0.1;\n  parameter Real fc = 0.2;\n  input", 1)
+    (folder / "Pendulum.mo").write_text(text, encoding="utf-8")
+    shutil.copy(PENDULUM / "PD.mo", folder)
+    case = yaml.safe_load((PENDULUM / "identify.yaml").read_text(encoding="utf-8"))
+    del case["plant"]["substeps"]
+    case["loop"] = {"rate_hz": rate_hz}
+    case["identify"] = {name: {"parameter": name} for name in FRICTION} | {"J": {"parameter": "J", "minimum": 0.01}}
+    rng = np.random.default_rng(1)
+    for label in ("train", "validation"):
+        case[label]["torque"] = {"file": "none.csv", "rate_hz": rate_hz}
+    (folder / "making.yaml").write_text(yaml.safe_dump(case), encoding="utf-8")
+    for label in ("train", "validation"):
+        experiment = "estimation" if label == "train" else label
+        table = simulate(folder / "making.yaml", parameters=FRICTION, experiment=experiment)
+        torque = table.column("tau1")
+        torque = torque + 0.02 * np.std(torque) * rng.standard_normal(torque.size)
+        write_csv(trajectory(table.time, {"tau1": torque}), folder / f"{label}.csv")
+        case[label]["torque"] = {"file": f"{label}.csv"}
+    (folder / "case.yaml").write_text(yaml.safe_dump(case, sort_keys=False), encoding="utf-8")
+    return folder / "case.yaml"
+
+
+@pytest.mark.gate
+@pytest.mark.parametrize("rate_hz", [200, 1000])
+def test_a_plant_of_ones_own_at_the_rate_of_a_drive_says_what_it_does_and_ends(tmp_path: Path, rate_hz: int) -> None:
+    """At 1 kHz it ran for ten minutes without a word; at 200 Hz its parameters were said to have no effect."""
+    package("rumoca")
+    case = own_pendulum(tmp_path, rate_hz)
+    command = [sys.executable, "-m", "fmu_didim.cli.main", "identify", str(case), "--out", str(tmp_path / "out")]
+    done = subprocess.run(command, capture_output=True, text=True, encoding="utf-8", timeout=patience(60.0), check=True)
+    told = [line for line in done.stdout.splitlines() if re.search(r"clie \d+: torque error", line)]
+    assert "building its FMUs" in done.stdout and len(told) > 2
+    result = read_result(tmp_path / "out")
+    assert result.verdict == "valid", result.reasons
+    for name, true in FRICTION.items():
+        assert abs(result.parameters[name].value - true) < 4 * result.parameters[name].std, name
 
 
 @pytest.mark.gate

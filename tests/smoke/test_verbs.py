@@ -79,6 +79,11 @@ def validate(made: Made, printed: Say) -> None:
     assert "No mistakes" in printed()
 
 
+def robot(made: Made, printed: Say) -> None:
+    made.run("robot", "fmus/scara/robot.yaml")
+    assert "base parameters: " in printed()
+
+
 def effects(made: Made, printed: Say) -> None:
     made.run("effects")
     assert "stribeck" in printed()
@@ -185,7 +190,7 @@ def campaign_show(made: Made, printed: Say) -> None:
 
 
 VERBS = {
-    "example": example, "init": init, "validate": validate, "effects": effects, "schema": schema,
+    "example": example, "init": init, "validate": validate, "effects": effects, "schema": schema, "robot": robot,
     "completion": completion,
     "identify": identify, "check": check, "simulate": simulate, "discover": discover, "export": export,
     "fmu info": fmu_info, "fmu check": fmu_check, "cache show": cache_show, "cache clear": cache_clear,

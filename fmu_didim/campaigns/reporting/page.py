@@ -19,6 +19,7 @@ from fmu_didim.campaigns.reporting.results import Results
 from fmu_didim.campaigns.reporting.sections import brief_report, confusion_section, group_columns, groups_section, shown
 from fmu_didim.campaigns.running.store import FILES, unwritable
 from fmu_didim.report.discovery.sections import DISCOVERY_FILE
+from fmu_didim.report.drawing.forest_chart import Expectation, forest_chart
 from fmu_didim.report.identification.sections import REPORT_FILE
 from fmu_didim.report.numbers import MISSING, pretty_unit, significant
 from fmu_didim.report.page import write_page
@@ -31,6 +32,7 @@ ROWS_SHOWN = 5000
 """[rows] Most runs that the page lists one by one; files hold all of them."""
 CELL_RUNS = 25
 """[runs] Most runs that a group of the page links to, those without answer first."""
+FOREST = "How far the mean of the answers of each group is off the truth, and where 95 % of the answers lie."
 VALUES_SHOWN = 500
 """[rows] Most values of a field whose groups the page lists by this field alone."""
 
@@ -168,8 +170,14 @@ def _parameters(results: Results, quality: pd.DataFrame) -> Section:
     columns.append(Column("coverage", [_percent(r["coverage"]) for r in rows]))
     columns.append(Column("answers of runs", [f"{r['used']} of {r['ran']}" for r in rows]))
     text = "σ: standard deviation of the answers of a group; σ stated: root of the mean of their variances."
+    several: dict[str, dict[str, Expectation]] = {}
+    for r in rows:
+        group = ", ".join(shown(r[path]) for path in results.paths) or "all runs"
+        several.setdefault(group, {})[r["parameter"]] = Expectation(r["value"], r["sigma"], r["true"])
+    forest = forest_chart("forest", "Means of the answers beside the true values", "the truth", several)
     folded = Folded("All of them", Table(columns), is_open=len(rows) <= ROWS_OPEN)
-    return Section("Parameters", [note(text), folded], anchor="parameters")
+    drawn: list[Block] = [note(FOREST), Charts([forest])] if forest is not None else []
+    return Section("Parameters", [note(text), *drawn, folded], anchor="parameters")
 
 
 def _runs(results: Results, runs: pd.DataFrame) -> Section:

@@ -33,7 +33,8 @@ def groups_section(
     columns = group_columns(groups, paths, quantity=quantity)
     if runs:
         counts = [str(len(links)) for links in runs]
-        columns.append(words("runs, those without answer first", counts, links=runs, shown="page"))
+        links = words("its runs", counts, links=runs, shown="page", page_head="its runs, those without answer first")
+        columns.insert(len(paths), links)  # before the many figures, some of which a narrow window hides
     return Section("Groups", [note(GROUPS_NOTE), Table(columns)], anchor="groups", is_brief=True)
 
 

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fmu_didim.base.errors import FmuDidimError, SimulationError
 from fmu_didim.data.signals import Array
@@ -22,6 +23,10 @@ SHIFTS = (0.13, 0.23, 0.31, 0.43, 0.57, 0.69, 0.77)
 """[1] Of the length of the log: no whole periods."""
 DEPENDENT = 1e-12
 """[1] Eigenvalue of the normal equations, of the largest one, below which columns depend on others."""
+MOSTLY = 0.5
+"""[1] Part of the samples of a joint that are wrong by themselves, above which its log tells nothing."""
+FEWEST = 20
+"""[samples] That are left for each joint, with fewer of which nothing is left out."""
 
 
 @dataclass(frozen=True)
@@ -31,17 +36,39 @@ class Expected:
     Attributes:
         measured: (N, n); nominal: (N, n) simulated at the start values, None where the loop does not run with them.
         columns: (N, n, b) regressor along the reference; known: (N, n) torque beside it; None without one.
+        left: which rows (N,) and which joints (n,) of the log these are; None: all.
     """
 
     measured: Array
     nominal: Array | None = None
     columns: Array | None = None
     known: Array | None = None
+    left: tuple[NDArray[np.bool_], NDArray[np.bool_]] | None = None
 
     @property
     def size(self) -> Array:
         """(n,) standard deviation of each measured torque, never zero."""
         return np.asarray(np.maximum(self.measured.std(axis=0), TINY))
+
+    def without(self, wrong: NDArray[np.bool_]) -> Expected:
+        """The same without the samples (N, n) that are wrong by themselves: without the joints of which hardly any
+        other is left, and without the rows in which one of the other joints has one."""
+        joints = np.asarray(wrong.mean(axis=0) <= MOSTLY)
+        rows = np.asarray(~wrong[:, joints].any(axis=1))
+        if not wrong.any() or not joints.any() or rows.sum() < FEWEST * joints.sum():
+            return self
+        parts = (self.nominal, self.columns, self.known)
+        nominal, columns, known = (None if part is None else part[rows][:, joints] for part in parts)
+        return Expected(self.measured[rows][:, joints], nominal, columns, known, (rows, joints))
+
+    def kept(self, torque: Array) -> Array:
+        """Those samples of a torque (N, n) of the whole log that are left."""
+        return torque if self.left is None else torque[self.left[0]][:, self.left[1]]
+
+    @property
+    def has_all_joints(self) -> bool:
+        """Whether no joint was left out."""
+        return self.left is None or bool(self.left[1].all())
 
     @cached_property
     def fitted(self) -> Array | None:
@@ -57,8 +84,9 @@ class Expected:
     def after(self, part: float) -> Expected:
         """The same without the first part of the log, as a fraction of it."""
         rows = slice(int(part * self.measured.shape[0]), None)
-        tables = (None if table is None else table[rows] for table in (self.nominal, self.columns, self.known))
-        return Expected(self.measured[rows], *tables)
+        parts = (self.nominal, self.columns, self.known)
+        nominal, columns, known = (None if part is None else part[rows] for part in parts)
+        return Expected(self.measured[rows], nominal, columns, known)
 
     def chance(self) -> float:
         """Median error of the fit for the log rolled to other instants."""

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -139,13 +139,13 @@ class FittedMotion:
 
     def moved_by(self, operator: SampleOperator) -> Array:
         """(b,) standard deviations by which another sampling moves the values of the fit."""
-        measured = self.run.model.experiments.measured_in(self.run.label)
-        both = [
-            solved_by(self._sampled(self.columns, o), measured - self._sampled(self.known, o), self.size)
-            for o in (self.experiment.operator, operator)
-        ]
-        deviation = both[0][1] * np.sqrt(measured.size / self.samples)
-        return np.asarray(np.abs(both[1][0] - both[0][0]) / np.maximum(deviation, TINY))
+        return self.apart(replace(self, run=self.run.on(replace(self.experiment, operator=operator))))
+
+    def apart(self, other: FittedMotion) -> Array:
+        """(b,) standard deviations between the values of the fits along this motion and along another one."""
+        (own, deviation), (others, _) = (one._solved(self.size) for one in (self, other))
+        deviation = deviation * np.sqrt(self.experiment.torque.size / self.samples)
+        return np.asarray(np.abs(others - own) / np.maximum(deviation, TINY))
 
     def sampled(self, values: Array) -> Array:
         """(N, ...) values (K, ...) at the ticks as the log samples them, not filtered."""
@@ -153,6 +153,11 @@ class FittedMotion:
 
     def _sampled(self, values: Array, operator: SampleOperator) -> Array:
         return self.run.model.experiments.filtered(operator.apply(values[operator.ticks]), self.run.label)
+
+    def _solved(self, size: Array) -> tuple[Array, Array]:
+        """The values (b,) of the fit, and their deviations as of noise of this size (n,)."""
+        operator, measured = self.experiment.operator, self.run.model.experiments.measured_in(self.run.label)
+        return solved_by(self._sampled(self.columns, operator), measured - self._sampled(self.known, operator), size)
 
     def _rest(self, operator: SampleOperator, columns: Array, size: Array) -> Array:
         measured = self.run.model.experiments.measured_in(self.run.label)

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fmu_didim.base.diagnostics import CATALOGUE, DOUBT, PROBLEM, REMARK, Diagnostic, by_weight
 from fmu_didim.checks.data.expected import Expected
+from fmu_didim.checks.judgement import MATTERS
 from fmu_didim.cosim import Indices, grid_places, period_change
 from fmu_didim.cosim.instants import PeriodChange
 from fmu_didim.data.filters import running_maximum, running_median
@@ -39,6 +41,10 @@ TOO_COARSE = 24
 """[steps] In the range, up to which quantisation hardly acts as noise: it is above 1 % of the torque."""
 ON_GRID = 0.02
 """[1] Of a step by which values may lie off the grid of a quantised log: rounding."""
+STUCK = 0.05
+"""[1] Part of the samples that have one value one after the other, from which a log may stand still,"""
+FEWEST_STUCK = 20
+"""[samples] and their smallest number."""
 CLIPPED = 0.01
 """[1] Part of the samples at an extreme value from which a log may be saturated,"""
 FEWEST_CLIPPED = 5
@@ -65,13 +71,11 @@ QUANTILES = (5.0, 95.0)
 """[%] Between which the range of a column is taken, free of outliers."""
 MOST_SPIKES = 0.1
 """[1] Part of the samples above which they are no outliers but the rule."""
-MOVED = 0.3
-"""[standard deviations] By which outliers may move the values, all together: a 95 % interval then still holds the truth
-94 times of 100."""
 
 LOG_CONSTANT = CATALOGUE(
     "log-constant", PROBLEM, rank=6,
-    meaning="A torque column does not change although the joint's torque must: the wrong column, or a dead channel.",
+    meaning="A torque column does not change, throughout or for long, although the joint's torque must: the wrong "
+    "column, a dead channel, or a logger that repeats its last value.",
     next_step="Check the columns of the log: torque: {columns: {tau1: ...}}.",
 )  # fmt: skip
 RATE_ABOVE_LOG = CATALOGUE(
@@ -158,7 +162,7 @@ def log_diagnostics(experiment: Experiment, label: str, given: Expected, control
     ]
     for j in range(experiment.torque.shape[1]):
         place, values = f"{label}: joint {j + 1}", experiment.torque[:, j]
-        constant = [*_constant(experiment, j, place, given)]
+        constant = [*_constant(experiment, j, place, given)] or [*_stuck(experiment, j, place, given)]
         found += constant or [
             *_quantised(values, place),
             *_saturated(values, j, place, given),
@@ -263,6 +267,59 @@ def _constant(experiment: Experiment, j: int, place: str, given: Expected) -> It
         yield Diagnostic(LOG_CONSTANT, text, place, float(np.ptp(values)))
 
 
+def _standing(values: Array) -> slice:
+    """The longest part of a column (N,) that has one value."""
+    same = np.abs(np.diff(values)) <= SAME * np.ptp(values)
+    edges = np.flatnonzero(np.diff(same, prepend=False, append=False))
+    if not edges.size:
+        return slice(0, 0)
+    begins, ends = edges[::2], edges[1::2]
+    k = int(np.argmax(ends - begins))
+    return slice(int(begins[k]), int(ends[k]) + 1)
+
+
+def _stuck(experiment: Experiment, j: int, place: str, given: Expected) -> Iterator[Diagnostic]:
+    """A part of the log that stands still at a value that is no extreme, as one that is clipped would."""
+    values, best, part = experiment.torque[:, j], given.best, _standing_still(experiment.torque[:, j], j, given)
+    if best is None or part is None:
+        return
+    time = experiment.time
+    begin, end = time[part.start], time[part.stop - 1]
+    text = (
+        f"The log is {values[part.start]:.4g} from t = {begin:.6g} s to {end:.6g} s, where the expected torque varies "
+        f"by {np.ptp(best[part, j]):.4g}."
+    )
+    left = f"to_s: {begin:.6g}" if part.stop == values.size else f"from_s: {end:.6g}"
+    step = f"Leave that part out, {left}, or take the rows out of the log (gaps are allowed), or record anew."
+    yield Diagnostic(LOG_CONSTANT, text, place, float(part.stop - part.start), unit="samples", next_step=step)
+
+
+def _standing_still(values: Array, j: int, given: Expected) -> slice | None:
+    """The part of a column (N,) that stands still where the torque must vary; None without one."""
+    part, best = _standing(values), given.best
+    if best is None or part.stop - part.start < max(FEWEST_STUCK, STUCK * values.size):
+        return None
+    value = float(values[part.start])
+    is_extreme = min(value - values.min(), values.max() - value) <= SAME * np.ptp(values)
+    bound = max(CLIPPED_SPREAD, 2 / (steps_in_range(values) or np.inf))
+    varies = float(np.ptp(best[part, j])) > bound * max(float(np.ptp(best[:, j])), TINY)
+    return part if varies and not is_extreme else None
+
+
+def wrong_by_themselves(experiment: Experiment, given: Expected) -> NDArray[np.bool_]:
+    """(N, n) samples that are no torque of any motion: of columns and parts that stand still, and outliers."""
+    wrong = np.zeros(experiment.torque.shape, dtype=bool)
+    for j in range(experiment.torque.shape[1]):
+        values = experiment.torque[:, j]
+        if [*_constant(experiment, j, "", given)]:
+            wrong[:, j] = True
+        elif part := _standing_still(values, j, given):
+            wrong[part, j] = True
+        elif (found := _spikes(j, given)) is not None:
+            wrong[found.rows, j] = True
+    return wrong
+
+
 def column_diagnostics(values: Array, place: str) -> list[Diagnostic]:
     """What a column (N,) shows by itself, whatever it is."""
     return list(_quantised(values, place))
@@ -309,13 +366,24 @@ def _saturated(values: Array, j: int, place: str, given: Expected) -> Iterator[D
     yield from by_weight(found)[:1]
 
 
-def _outliers(j: int, place: str, given: Expected, *, held_out: bool) -> Iterator[Diagnostic]:
+@dataclass(frozen=True)
+class _Spikes:
+    """Samples that leave their neighbours by up to ``largest``, more than ``bound``; ``spread``: of the log."""
+
+    rows: Indices
+    largest: float
+    bound: float
+    spread: float
+
+
+def _spikes(j: int, given: Expected) -> _Spikes | None:
+    """The samples of a joint that motion and noise do not explain; None without any, or where they are the rule."""
     best = given.best
     if best is None:
-        return
+        return None
     values = given.measured[:, j]
     if values.size < NEIGHBOURS:
-        return
+        return None
     spread = float(np.ptp(np.percentile(values, QUANTILES)))
     rests = [signal - running_median(signal, NEIGHBOURS, outside=0.0) for signal in (values, values - best[:, j])]
     deviation = np.min(np.abs(rests), axis=0)
@@ -325,22 +393,31 @@ def _outliers(j: int, place: str, given: Expected, *, held_out: bool) -> Iterato
         deviation = np.maximum(deviation - running_maximum(swings, NEIGHBOURS), 0.0)
     noise = FAR_FROM_NOISE * NORMAL * float(np.median(np.abs(rests[1])))
     lowest = max(_lone(deviation, spread), noise)
-    spikes = np.flatnonzero(deviation > np.where(_is_inside(values.size), lowest, max(SPIKE * spread, noise)))
-    if 0 < spikes.size <= MOST_SPIKES * values.size:
-        text = (
-            f"{spikes.size} of {values.size} samples differ from their neighbours by up to {deviation.max():.4g}; "
-            f"nine tenths of the log lie within {spread:.4g}."
-        )
-        if held_out:
-            squares = (values - best[:, j]) ** 2
-            share = 100 * float(squares[spikes].sum() / max(squares.sum(), TINY))
-            text += f" They are {share:.2g} % of the squared difference from the expected torque."
-        moved = _moved(j, spikes, given)
-        if moved <= MOVED:
-            text += f" They move the values by {moved:.2g} standard deviations, all together."
-            yield Diagnostic(FEW_OUTLIERS, text, place, moved, MOVED, "1")
-        else:
-            yield Diagnostic(LOG_OUTLIERS, text, place, float(deviation.max()), lowest)
+    rows = np.flatnonzero(deviation > np.where(_is_inside(values.size), lowest, max(SPIKE * spread, noise)))
+    if 0 < rows.size <= MOST_SPIKES * values.size:
+        return _Spikes(rows, float(deviation.max()), lowest, spread)
+    return None
+
+
+def _outliers(j: int, place: str, given: Expected, *, held_out: bool) -> Iterator[Diagnostic]:
+    found, best = _spikes(j, given), given.best
+    if found is None or best is None:
+        return
+    values, spikes = given.measured[:, j], found.rows
+    text = (
+        f"{spikes.size} of {values.size} samples differ from their neighbours by up to {found.largest:.4g}; "
+        f"nine tenths of the log lie within {found.spread:.4g}."
+    )
+    if held_out:
+        squares = (values - best[:, j]) ** 2
+        share = 100 * float(squares[spikes].sum() / max(squares.sum(), TINY))
+        text += f" They are {share:.2g} % of the squared difference from the expected torque."
+    moved = _moved(j, spikes, given)
+    if moved <= MATTERS:
+        text += f" They move the values by {moved:.2g} standard deviations, all together."
+        yield Diagnostic(FEW_OUTLIERS, text, place, moved, MATTERS, "1")
+    else:
+        yield Diagnostic(LOG_OUTLIERS, text, place, found.largest, found.bound)
 
 
 def _lone(deviation: Array, spread: float) -> float:

@@ -18,7 +18,8 @@ import numpy as np
 
 from fmu_didim.base.diagnostics import Diagnostic
 from fmu_didim.checks.data.linear_fit import EXACT, FittedMotion
-from fmu_didim.checks.data.log import FEW_OUTLIERS, LOG_OUTLIERS, MOST_SPIKES, MOVED, NEIGHBOURS, NORMAL
+from fmu_didim.checks.data.log import FEW_OUTLIERS, LOG_OUTLIERS, MOST_SPIKES, NEIGHBOURS, NORMAL
+from fmu_didim.checks.judgement import MATTERS
 from fmu_didim.cosim import Indices
 from fmu_didim.data.signals import Array
 from fmu_didim.fit.base_projection import BaseProjection
@@ -70,8 +71,8 @@ def outlier_diagnostics(fitted: FittedMotion, found: Mapping[int, Indices]) -> l
             f"{largest / max(noise, TINY):.3g} times the rest of the residual; the first at t = {first} s. "
             f"They move the values by {moved:.2g} standard deviations, all together."
         )
-        code = FEW_OUTLIERS if moved <= MOVED else LOG_OUTLIERS
-        told.append(Diagnostic(code, text, f"{fitted.run.label}: joint {j + 1}", moved, MOVED, "standard deviations"))
+        code = FEW_OUTLIERS if moved <= MATTERS else LOG_OUTLIERS
+        told.append(Diagnostic(code, text, f"{fitted.run.label}: joint {j + 1}", moved, MATTERS, "standard deviations"))
     return told
 
 

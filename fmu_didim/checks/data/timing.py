@@ -10,7 +10,7 @@ All are judged along one simulated motion near the measured one, with base param
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import minimize_scalar
@@ -18,8 +18,8 @@ from scipy.optimize import minimize_scalar
 from fmu_didim.base.diagnostics import CATALOGUE, DOUBT, REMARK, Diagnostic
 from fmu_didim.base.errors import SimulationError
 from fmu_didim.checks.data.linear_fit import WORTH_IT, Explanation, FittedMotion, fitted_motion, motion_with_regressor
+from fmu_didim.checks.judgement import MATTERS
 from fmu_didim.checks.sampling_kind import other_ways, way_text
-from fmu_didim.model.loop_model import Simulation
 
 SHIFTS_S = (0.002, 0.006, 0.018, 0.054, 0.16, 0.5)
 """[s] Shifts of a log that are tried, late and early, before the least misfit is searched near the best one."""
@@ -32,10 +32,7 @@ CURVATURE = 0.5
 SHIFT_SIGMAS = 4.0
 """[standard deviations] Of a shift from which it is reported,"""
 LEAST_SHIFT = 0.3
-"""[control periods] and its size: less is how a command is held,"""
-MOVED = 0.3
-"""[standard deviations] and what it moves a value by: a 95 % interval that is off by less still holds the truth 94
-times of 100."""
+"""[control periods] and its size: less is how a command is held."""
 
 CLOCK_LATE = CATALOGUE(
     "clock-late", DOUBT, rank=21,
@@ -50,6 +47,12 @@ CLOCK_EARLY = CATALOGUE(
 CLOCK_SLIGHTLY_OFF = CATALOGUE(
     "clock-slightly-off", REMARK, rank=21,
     meaning="The log is stamped later or earlier than the torque that it shows, by too little to move the values.",
+    next_step="",
+)  # fmt: skip
+TIMING_SLIGHTLY_OFF = CATALOGUE(
+    "timing-slightly-off", REMARK, rank=21,
+    meaning="The log seems to show averages where the case says points, or vice versa, or the command to act later "
+    "than in the model, by too little to move the values.",
     next_step="",
 )  # fmt: skip
 COMMAND_DELAY = CATALOGUE(
@@ -103,9 +106,9 @@ def _of_clock(fitted: FittedMotion, aligned: FittedMotion, late: float, deviatio
         f"{'late' if late > 0 else 'early'}: aligned, the residual of the base parameters falls to "
         f"{100 * np.sqrt(least):.0f} %."
     )
-    if moved <= MOVED:
+    if moved <= MATTERS:
         text += f" That moves no value by more than {moved:.2g} standard deviations."
-        return Explanation(least, gain, Diagnostic(CLOCK_SLIGHTLY_OFF, text, fitted.run.label, moved, MOVED, "1"))
+        return Explanation(least, gain, Diagnostic(CLOCK_SLIGHTLY_OFF, text, fitted.run.label, moved, MATTERS, "1"))
     advice = f"Align the clocks, or give torque: {{log_shift_s: {operator.lag * fitted.run.step_size + late:.4g}}}; "
     advice += "to estimate it: identify: {clock: {of: log}}."
     limit, code = float(np.copysign(1000 * bound, late)), CLOCK_LATE if late > 0 else CLOCK_EARLY
@@ -136,15 +139,15 @@ def _kinds(fitted: FittedMotion) -> Iterator[Explanation]:
     if not ways:
         return
     misfit, kind, window, operator = min(ways, key=lambda way: way[0])
-    misfit = _brought_near(fitted, fitted.run.on(replace(fitted.experiment, operator=operator)), misfit)
+    sampled = fitted.run.on(replace(fitted.experiment, operator=operator))
+    near = _brought_near(fitted, replace(fitted, run=sampled), misfit)
     shows, entry = way_text(kind, window, 1000 / fitted.experiment.rate_hz)
     text = (
         f"The log seems to show {shows}: with that, the residual of the base parameters falls to "
-        f"{100 * np.sqrt(misfit):.0f} %."
+        f"{100 * np.sqrt(near.misfit):.0f} %."
     )
     advice = f"Find out how the logger samples; if so: torque: {{{entry}}}."
-    diagnostic = Diagnostic(SAMPLING_KIND, text, label, misfit, WORTH_IT, "1", advice)
-    yield Explanation(misfit, fitted.gain(misfit, 0.0), diagnostic)
+    yield near.explanation(fitted, Diagnostic(SAMPLING_KIND, text, label, near.misfit, WORTH_IT, "1", advice))
 
 
 def _delay(fitted: FittedMotion) -> Iterator[Explanation]:
@@ -154,21 +157,37 @@ def _delay(fitted: FittedMotion) -> Iterator[Explanation]:
     delayed = model.with_loop(systems={label: system.with_delay(model.loop.plant_name, samples)})
     later = replace(fitted.run, model=delayed)
     try:
-        misfit = _brought_near(fitted, later, fitted.misfit_of(motion_with_regressor(later)))
+        along = motion_with_regressor(later)
+        near = _brought_near(fitted, along, fitted.misfit_of(along))
     except SimulationError:
         return
     text = (
         f"The command seems to act {1000 * system.step_size:.4g} ms later than in the model: with that, the "
-        f"residual of the base parameters falls to {100 * np.sqrt(misfit):.0f} %."
+        f"residual of the base parameters falls to {100 * np.sqrt(near.misfit):.0f} %."
     )
     advice = f"Give loop: {{delay_samples: {samples:g}}}, or estimate it: estimator: {{estimate_delay: true}}."
-    diagnostic = Diagnostic(COMMAND_DELAY, text, label, misfit, WORTH_IT, "1", advice)
-    yield Explanation(misfit, fitted.gain(misfit, 0.0), diagnostic)
+    yield near.explanation(fitted, Diagnostic(COMMAND_DELAY, text, label, near.misfit, WORTH_IT, "1", advice))
 
 
-def _brought_near(fitted: FittedMotion, other: Simulation, misfit: float) -> float:
-    """The misfit of another simulation, with a motion of its own where it promises anything along this one."""
-    if misfit >= WORTH_IT:
-        return misfit
-    own = fitted_motion(other.model)
-    return misfit if own is None else min(misfit, fitted.misfit_of(own))
+@dataclass(frozen=True)
+class _Near:
+    """Another timing with the motion that comes nearest to the log with it, and its misfit."""
+
+    motion: FittedMotion
+    misfit: float
+
+    def explanation(self, fitted: FittedMotion, doubt: Diagnostic) -> Explanation:
+        """The explanation by it: a doubt, or a remark where the values stay."""
+        moved = float(fitted.apart(self.motion).max(initial=0.0))
+        if moved <= MATTERS:
+            text = f"{doubt.text} That moves no value by more than {moved:.2g} standard deviations."
+            doubt = Diagnostic(TIMING_SLIGHTLY_OFF, text, doubt.place, moved, MATTERS, "standard deviations")
+        return Explanation(self.misfit, fitted.gain(self.misfit, 0.0), doubt)
+
+
+def _brought_near(fitted: FittedMotion, other: FittedMotion, misfit: float) -> _Near:
+    """Another timing, with a motion of its own where it promises anything along this one."""
+    own = None if misfit >= WORTH_IT else fitted_motion(other.run.model)
+    if own is None or fitted.misfit_of(own) >= misfit:
+        return _Near(other, misfit)
+    return _Near(own, fitted.misfit_of(own))

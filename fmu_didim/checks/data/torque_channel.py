@@ -84,9 +84,10 @@ def torque_channel_diagnostics(given: Expected, gains: Array, label: str) -> lis
         gains: (n,) from the command to the torque of each drive, 1 without one.
     """
     foreign = _foreign(given, label)
+    whole = given.has_all_joints
     if foreign and not _foreign(later := given.after(FIRST_PART), label):
         given, foreign = later, []  # it does not start on its reference: the transient says nothing of the log
-    if foreign or given.nominal is None:
+    if foreign or given.nominal is None or not whole:
         return foreign
     found = _order(given.measured, given.nominal, label)
     correlation, ratio = correlation_and_ratio(given.measured, given.nominal)

@@ -80,7 +80,7 @@ def unit_diagnostics(run: Simulation, given: Expected) -> list[Diagnostic]:
             torque = _nominal(run, *rows_on(other, whole_reference(other))) if regressor else other.torque()
         except FmuDidimError:
             continue
-        if unlikeness(given.measured, torque) <= LIKE:
+        if unlikeness(given.measured, given.kept(torque)) <= LIKE:
             widest = max(float(np.ptp(reference.column(f"q{j}"))) for j in joints)
             code = REFERENCE_UNIT if widest > largest else REFERENCE_UNIT_DOUBT
             text = (

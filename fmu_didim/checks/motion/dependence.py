@@ -39,13 +39,15 @@ from scipy import linalg
 from fmu_didim.base.diagnostics import CATALOGUE, DOUBT, Diagnostic
 from fmu_didim.base.distributions import f_sf
 from fmu_didim.base.errors import SimulationError
-from fmu_didim.checks.data.timing import CLOCK_EARLY, CLOCK_LATE
+from fmu_didim.checks.data.timing import CLOCK_EARLY, CLOCK_LATE, CLOCK_SLIGHTLY_OFF
+from fmu_didim.checks.judgement import MATTERS
 from fmu_didim.checks.motion.colour import Colour, Columns, Logs, orthonormal, rest_of
 from fmu_didim.checks.motion.functions import SIGNATURE, TORQUE_RATE, functions_of_motion, looks_like
 from fmu_didim.checks.motion.misfits import Misfit
 from fmu_didim.cosim import Indices
 from fmu_didim.data.signals import Array
 from fmu_didim.fit.fit import Fit
+from fmu_didim.fit.fit_uncertainty import moved_by
 from fmu_didim.fit.noise.noise import TINY
 from fmu_didim.fit.uncertainty import stretches
 from fmu_didim.model.loop_model import LoopModel
@@ -74,6 +76,8 @@ AS_WELL = 0.8
 CLOCK_ALONE = 0.8
 """[1] Share in the explained part of a residual from which the rate of the torque is the only cause: a clock 5 ms late
 gives 0.9 and more, steeper friction or other gains less than 0.6."""
+ALIKE = 3.0
+"""[standard deviations] Between the clocks that two joints of a log tell, from which it is none."""
 SIGNIFICANT = 2.0
 """[standard deviations] From which a value is different from zero."""
 OWN_PART = 1e-6
@@ -106,6 +110,8 @@ class Dependence:
         slope, deviation: of the residual over that function, with its standard deviation.
         as_well: other functions that explain nearly as much.
         samples: their number where they are too few for a test.
+        moved: standard deviations by which a clock of the log that is off by the slope, of which all joints tell the
+            same, moves a value at most; infinite where that is not known.
     """
 
     joint: int
@@ -117,6 +123,12 @@ class Dependence:
     deviation: float = 0.0
     as_well: tuple[str, ...] = ()
     samples: int | None = None
+    moved: float = np.inf
+
+    @property
+    def is_clock(self) -> bool:
+        """Whether the rate of the torque is the only cause of what follows the motion."""
+        return self.most == TORQUE_RATE and self.most_share > CLOCK_ALONE
 
     @staticmethod
     def untested(joint: int, samples: int) -> Dependence:
@@ -136,7 +148,7 @@ class Dependence:
 def motion_diagnostics(found: Sequence[Dependence]) -> list[Diagnostic]:
     """The joints whose residual depends on the motion beyond chance, by another clock or otherwise, or is untested."""
     level = MOTION_CHANCE / max(len(found), 1)
-    clock = [d for d in found if d.p_value < level and d.most == TORQUE_RATE and d.most_share > CLOCK_ALONE]
+    clock = [d for d in found if d.p_value < level and d.is_clock]
     return [_clock(d) for d in clock] + [
         Diagnostic(
             DEPENDS_ON_MOTION,
@@ -155,6 +167,9 @@ def motion_diagnostics(found: Sequence[Dependence]) -> list[Diagnostic]:
 def _clock(found: Dependence) -> Diagnostic:
     late, deviation = -1000 * found.slope, 1000 * found.deviation  # r = tau(t - late) - tau(t)
     text = f"The log is {abs(late):.3g} ± {deviation:.1g} ms {'late' if late > 0 else 'early'}, or the loop is."
+    if found.moved <= MATTERS:
+        text += f" That moves no value by more than {found.moved:.2g} standard deviations."
+        return Diagnostic(CLOCK_SLIGHTLY_OFF, text, f"joint {found.joint}", found.moved, MATTERS, "standard deviations")
     bound = SIGNIFICANT * deviation
     return Diagnostic(CLOCK_LATE if late > 0 else CLOCK_EARLY, text, f"joint {found.joint}", late, bound, "ms")
 
@@ -195,6 +210,17 @@ class JointResidual:
             self, motion=np.column_stack([self.motion, signatures[:, new]]),
             names=[*self.names, *(SIGNATURE + names[k] for k in new)],
         )  # fmt: skip
+
+    def slope(self, name: str) -> tuple[float, float]:
+        """Of the residual over one function of the motion, beside the sensitivities, and its standard deviation as if
+        the noise was white; no slope, of infinite deviation, where nothing of the function is left."""
+        function = rest_of(self.motion[:, self.names.index(name)], self.basis)
+        power, rest = float(function @ function), rest_of(self.residual, self.basis)
+        if not power > 0:
+            return 0.0, np.inf
+        slope = float(function @ rest) / power
+        left, freedom = rest - slope * function, max(rest.size - self.basis.shape[1] - 1, 1)
+        return slope, float(np.sqrt(left @ left / freedom / power))
 
     def dependence(self) -> Dependence:
         """How it depends on the motion."""
@@ -254,7 +280,26 @@ def dependence_of_fit(fit: Fit, misfits: Iterable[Misfit] = ()) -> list[Dependen
         for own in rows.values():
             if own.size * fit.model.joint_count < 2 * fit.values.size:
                 return [Dependence.untested(j + 1, own.size) for j in range(fit.model.joint_count)]
-    return [one.dependence() for one in residuals_of_fit(fit, rows, misfits)]
+    joints = residuals_of_fit(fit, rows, misfits)
+    return [
+        replace(found, moved=_moved_by_clock(fit, found, joints)) if found.is_clock else found
+        for found in (one.dependence() for one in joints)
+    ]
+
+
+def _moved_by_clock(fit: Fit, found: Dependence, joints: Sequence[JointResidual]) -> float:
+    """Standard deviations by which a clock that is off as a joint tells moves a value at most, by one linear step;
+    infinite where another joint tells otherwise: then it is no clock."""
+    for one in joints:
+        slope, deviation = one.slope(TORQUE_RATE)
+        if abs(slope - found.slope) > ALIKE * np.hypot(deviation, found.deviation):
+            return np.inf
+    parts, n = fit.model.experiments.rows, fit.model.joint_count
+    error = np.zeros_like(fit.residual)
+    for label, rows in parts.items():
+        tables = functions_of_motion(fit.simulation(label))
+        error[rows, :n] = found.slope * np.column_stack([one[TORQUE_RATE] for one in tables])
+    return float(np.max(moved_by(fit, error)))
 
 
 def residuals_of_fit(fit: Fit, rows: Mapping[str, Indices], misfits: Iterable[Misfit] = ()) -> list[JointResidual]:

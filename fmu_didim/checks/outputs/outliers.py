@@ -6,6 +6,7 @@ import numpy as np
 
 from fmu_didim.base.diagnostics import Diagnostic
 from fmu_didim.checks.data.log import FEW_OUTLIERS, LOG_OUTLIERS
+from fmu_didim.checks.judgement import MATTERS
 from fmu_didim.checks.motion.colour import orthonormal
 from fmu_didim.checks.motion.dependence import independent
 from fmu_didim.checks.outputs.residuals import OutputResiduals
@@ -17,8 +18,6 @@ NORMAL = 1.4826
 """[1] Standard deviation of normal noise over the median of its sizes."""
 MOST = 0.02
 """[1] Of the samples that may be outliers: more of them are no exceptions."""
-MOVED = 0.3
-"""[standard deviations] By which outliers may move the values, all together, before they are doubted."""
 
 
 def outlier_diagnostics(found: OutputResiduals) -> list[Diagnostic]:
@@ -41,10 +40,10 @@ def outlier_diagnostics(found: OutputResiduals) -> list[Diagnostic]:
             f"{count} up to {np.abs(wrong).max():.3g} standard deviations from the model, the first at t = {first:.6g} "
             f"s; they move the values by {moved:.2g} standard deviations, all together."
         )
-        code = LOG_OUTLIERS if moved > MOVED else FEW_OUTLIERS
+        code = LOG_OUTLIERS if moved > MATTERS else FEW_OUTLIERS
         advice = (
             f"Look at them; empty the cells of those that are errors of the sensor, or let the fit count what is far "
             f"off less: measured: {{columns: {{{name}: {{robust: true}}}}}}."
         )
-        told.append(Diagnostic(code, text, name, moved, MOVED, "1", next_step=advice))
+        told.append(Diagnostic(code, text, name, moved, MATTERS, "1", next_step=advice))
     return told

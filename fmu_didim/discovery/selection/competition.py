@@ -68,8 +68,9 @@ SMALLER = (1.0, 0.3, 0.03)
 """[1] Fractions of the proposal from which a fit starts, one after the other, until one can be simulated."""
 HELD_FIRST = (0.0, 0.5, 1.0)
 """[1] Places in the range of a shape at which it is held while all else is fitted."""
-RELEASED_UPDATES = 3
-"""[sensitivities] Taken anew at most when it is released: the fit starts near its minimum."""
+HELD_UPDATES = 3
+"""[sensitivities] Taken anew at most while it is held, and when it is released: the first ones are those of a base that
+may be far off."""
 LEAST = 5.0
 """[chi-square] By which a candidate must promise to lower it for its fit to be completed: less is no BIC difference
 of 10."""
@@ -263,7 +264,8 @@ class Competition:
         """The fit of a candidate, or a better one whose shapes are held until all else is fitted.
 
         Where a black box lacks an effect of every base model, the fit of the base may have gone astray, an inertia
-        standing for friction: the slopes there lead the shapes away, to friction that is far too steep.
+        standing for friction: the slopes there lead the shapes away, to friction that is far too steep. So it starts
+        from the values of the case, too.
         """
         effect_at, builder = candidate.effect_at, self.builder
         placed = builder.at(effect_at)
@@ -272,8 +274,10 @@ class Competition:
         proposal, held = candidate.signature.proposal(candidate.coefficients), list[Fit]()
         for place in HELD_FIRST:
             shapes = {v.name: _at_place(placed.search[v.name], place) for v in placed.shapes}
-            fitted = self.refit(replace(proposal, values={**proposal.values, **shapes}), until=until, hold=True)
-            held += [fitted] if fitted is not None else []
+            at_place = replace(proposal, values={**proposal.values, **shapes})
+            for start in (self, self._at_start_of_case):
+                fitted = start.refit(at_place, until=until, hold=True, updates=HELD_UPDATES)
+                held += [fitted] if fitted is not None else []
         if not held:
             return found
         best = min(held, key=lambda fit: fit.chi_square)
@@ -284,9 +288,23 @@ class Competition:
             else replace(p, value=float(value))
             for p, value in zip(best.model.free_parameters, best.values, strict=True)
         )
-        stopping = Stopping(updates=RELEASED_UPDATES, until=until, check_all=False)
+        stopping = Stopping(updates=HELD_UPDATES, until=until, check_all=False)
         released = minimise(model, self.fit.noise, stopping=stopping, outputs=best.outputs)
         return released if found is None or released.chi_square < found.chi_square else found
+
+    @cached_property
+    def _at_start_of_case(self) -> Competition:
+        """The same competition with what is identified at the values of the case, where its loop runs there."""
+        base, fit = self.builder.base, self.fit
+        own = dict(zip(base.names, base.start, strict=True))
+        values = np.array([own.get(name, value) for name, value in zip(fit.model.names, fit.values, strict=True)])
+        model = fit.model.with_values(values)
+        try:
+            outputs = model.outputs(values)
+            jacobian = sensitivity(model, values, outputs, exact=False, whole=False)
+        except SimulationError:
+            return self
+        return replace(self, fit=replace(fit, model=model, values=values, outputs=outputs, jacobian=jacobian))
 
     def _scanned(self, candidate: ScreenedCandidate) -> list[Proposal]:
         """Starts of a candidate outside the torque balance, the best first: sizes and shapes tried in the loop, with
@@ -343,12 +361,18 @@ class Competition:
         return float(np.sqrt(squares.sum(axis=0) / counts).max())
 
     def refit(
-        self, proposal: Proposal, *, give_up_above: float = np.inf, until: float = np.inf, hold: bool = False
+        self,
+        proposal: Proposal,
+        *,
+        give_up_above: float = np.inf,
+        until: float = np.inf,
+        hold: bool = False,
+        updates: int = 1,
     ) -> Fit | None:
         """The present model with one more effect, fitted; None if no start of it can be simulated.
 
         Args:
-            give_up_above, until: see :func:`~fmu_didim.fit.solver.least_squares.minimise`.
+            give_up_above, until, updates: see :func:`~fmu_didim.fit.solver.least_squares.minimise`.
             hold: whether its shapes stay as they are proposed.
         """
         builder, fit = self.builder, self.fit
@@ -379,7 +403,7 @@ class Competition:
             jacobian = np.concatenate([fit.jacobian, slopes], axis=2)
             return minimise(
                 model, fit.noise,
-                stopping=Stopping(updates=1, give_up_above=give_up_above, until=until, check_all=False),
+                stopping=Stopping(updates=updates, give_up_above=give_up_above, until=until, check_all=False),
                 jacobian=jacobian, outputs=outputs,
             )  # fmt: skip
         return None

@@ -173,9 +173,30 @@ def effect_catalogue(further: Sequence[str]) -> Mapping[str, Effect]:
     """All effects of the tree by their names, and further ones, each by the name that is given.
 
     Raises:
-        InputError, UnknownNameError: as :func:`find_effect`.
+        InputError, UnknownNameError: as :func:`find_effect`; InputError: a further one has a parameter with the name of
+            another's.
     """
-    return {**EFFECTS, **{name: find_effect(name) for name in further}}
+    found = {**EFFECTS, **{name: find_effect(name) for name in further}}
+    for name in further:
+        for other in found:
+            if other != name and (clashing := clashing_names(found[name], found[other])):
+                raise InputError(
+                    f"The effect '{name}' has a parameter of the same name as '{other}', which a joint may have, too.",
+                    where=_WHERE, got=", ".join(clashing), next_step="Give its parameters names of their own.",
+                )  # fmt: skip
+    return found
+
+
+def clashing_names(one: Effect, other: Effect) -> list[str]:
+    """Names of parameters that two effects have and that do not mean the same: amplitudes, and shapes that differ."""
+    found = set[str]()
+    for of in ("revolute", "prismatic"):
+        (own, shapes), (theirs, their_shapes) = (
+            ({v.name: v for v in e.parameters(of)}, {v.name: v for v in e.shapes(of)}) for e in (one, other)
+        )
+        found |= own.keys() & (theirs.keys() | their_shapes.keys()) | shapes.keys() & theirs.keys()
+        found |= {name for name in shapes.keys() & their_shapes.keys() if shapes[name] != their_shapes[name]}
+    return sorted(found)
 
 
 def torque_effect(name: str) -> TorqueEffect:
@@ -194,5 +215,6 @@ __all__ = [
     "DEFAULT_EFFECTS", "EFFECTS", "LINK_PARAMETERS", "NOMINAL_ACCELERATION", "NOMINAL_SPEED", "PAYLOAD", "UNITS",
     "Column", "Effect", "InsertedEffect", "JointTorque", "JointType", "JointUnits", "MeasurementEffect",
     "NonlinearEffect", "OperatingRange", "Parameter", "Place", "PreCheck", "Search", "StatedSize", "StructureEffect",
-    "Surroundings", "TorqueEffect", "Values", "effect_catalogue", "effect_name", "find_effect", "torque_effect",
+    "Surroundings", "TorqueEffect", "Values", "clashing_names", "effect_catalogue", "effect_name", "find_effect",
+    "torque_effect",
 ]  # fmt: skip

@@ -6,10 +6,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Literal
 
-import yaml
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
-from fmu_didim.base.documents import FOLDER, Angle, Strict, read_document
+from fmu_didim.base.documents import FOLDER, Angle, Strict
 from fmu_didim.base.errors import InputError, UnknownNameError
 from fmu_didim.data.signals import Variable
 from fmu_didim.dynamics.effects import (
@@ -245,15 +244,3 @@ class RobotDescription(Strict):
             joint.model_copy(update={"parameters": p}) for joint, p in zip(self.joints, changed, strict=True)
         )
         return self.model_copy(update={"joints": joints})
-
-
-def write_robot(robot: RobotDescription, path: Path | str) -> None:
-    """Write a robot description as YAML; :func:`read_robot` gives it back."""
-    content = robot.model_dump(mode="json", by_alias=True, exclude_defaults=True)
-    content = {"schema": robot.schema_version, **content}
-    Path(path).write_text(yaml.safe_dump(content, sort_keys=False, allow_unicode=True), encoding="utf-8")
-
-
-def read_robot(path: Path | str) -> RobotDescription:
-    """Read and validate a robot description; raises InputError with all its problems."""
-    return read_document(RobotDescription, path)

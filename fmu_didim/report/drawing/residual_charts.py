@@ -108,6 +108,16 @@ def binned(at: Array, values: Array, *, bins: int = BINS) -> tuple[Array, Array,
     return centre[kept], mean[kept], error[kept]
 
 
+def share_with(at: Array, values: Array) -> float:
+    """Part of the variance of (N,) values that means of bins of (N,) ``at`` explain, less what they do by chance."""
+    _, mean, error = binned(at, values)
+    variance = float(values.var())
+    if mean.size < 2 or variance <= 0:
+        return 0.0
+    explained = float(np.mean((mean - values.mean()) ** 2) - np.mean(error**2))
+    return min(max(explained / variance, 0.0), 1.0)
+
+
 def longest_even(time: Array) -> slice:
     """The longest part of (N,) instants that is equally spaced."""
     steps = np.diff(time)

@@ -238,8 +238,35 @@ class Chart {
     if (aloud) this.spoken.textContent = `${shown.head || shown.label}, ${where}: ${lines.map(l => l.join(" ")).join(", ")}`;
   }
 }
+class Skeleton {
+  constructor(place) {
+    this.motion = JSON.parse(document.getElementById(place.dataset.figure).textContent);
+    const all = [...this.motion.points.flat(), ...this.motion.path], size = 440, room = 26;
+    const low = [0, 1].map(k => Math.min(...all.map(p => p[k]))), high = [0, 1].map(k => Math.max(...all.map(p => p[k])));
+    const unit = Math.max(high[0] - low[0], high[1] - low[1]) || 1, f = (size - 2 * room) / unit;
+    this.height = Math.round((high[1] - low[1]) * f + 2 * room); this.width = size;
+    this.to = p => [room + (p[0] - low[0] + (unit - high[0] + low[0]) / 2) * f, this.height - room - (p[1] - low[1]) * f].map(v => v.toFixed(1));
+    const tone = k => `color-mix(in srgb, var(--residual) ${15 + 85 * k / Math.max(this.motion.levels - 1, 1)}%, var(--raised))`;
+    const path = this.motion.path.map((p, k) => [this.motion.level[k], this.to(p)]).sort((a, b) => a[0] - b[0]).map(([k, p]) => `<circle r="${2 + 0.5 * k}" cx="${p[0]}" cy="${p[1]}" style="fill:${tone(k)}"/>`).join("");
+    place.innerHTML = `<svg viewBox="0 0 ${size} ${this.height}" role="img" aria-label="${escape(this.motion.title)}"><g>${path}</g><g class="robot"></g></svg><div class="controls"><button type="button">play</button><input type="range" min="0" max="${this.motion.time.length - 1}" value="0" aria-label="instant of ${escape(this.motion.title)}"><output></output></div>`;
+    this.robot = place.querySelector(".robot"); this.range = place.querySelector("input"); this.shown = place.querySelector("output"); this.button = place.querySelector("button");
+    this.range.addEventListener("input", () => { this.stop(); this.draw(Number(this.range.value)); });
+    this.button.addEventListener("click", () => this.timer ? this.stop() : this.play());
+    this.draw(0);
+  }
+  draw(k) {
+    const points = this.motion.points[k].map(this.to), line = from => points.slice(from, from < 0 ? undefined : -1).map(p => p.join(" ")).join("L"), tip = points[points.length - 1];
+    this.robot.innerHTML = `<path class="link" d="M${line(0)}"/><path class="link last" d="M${line(-2)}"/>${points.slice(1, -1).map(p => `<circle class="joint" r="5.5" cx="${p[0]}" cy="${p[1]}"/>`).join("")}<rect class="base" x="${points[0][0] - 9}" y="${points[0][1] - 4}" width="18" height="8"/><circle class="at" r="4" cx="${tip[0]}" cy="${tip[1]}"/>`;
+    this.range.value = k; this.shown.textContent = `${short(this.motion.time[k])} s`;
+  }
+  play() { this.button.textContent = "pause"; this.timer = setInterval(() => this.draw((Number(this.range.value) + 1) % this.motion.time.length), 33); }
+  stop() { clearInterval(this.timer); this.timer = undefined; this.button.textContent = "play"; }
+}
+document.querySelectorAll(".skeleton").forEach(place => new Skeleton(place));
 const charts = [...document.querySelectorAll(".chart")].map(place => new Chart(place));
-new ResizeObserver(() => { if (!matchMedia("print").matches) charts.forEach(c => { if (c.canvas.clientWidth && c.canvas.clientWidth !== c.width) c.draw(); }); }).observe(document.body);
+const hint = () => document.querySelectorAll(".scroll").forEach(e => e.classList.toggle("wide", e.scrollWidth > e.clientWidth + 1));
+hint(); addEventListener("toggle", hint, true);
+new ResizeObserver(() => { hint(); if (!matchMedia("print").matches) charts.forEach(c => { if (c.canvas.clientWidth && c.canvas.clientWidth !== c.width) c.draw(); }); }).observe(document.body);
 const opened = [];
 addEventListener("toggle", event => charts.forEach(c => { if (event.target.contains(c.place)) c.draw(); }), true);
 addEventListener("beforeprint", () => {

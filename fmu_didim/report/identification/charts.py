@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,6 +14,7 @@ from fmu_didim.report import experiments
 from fmu_didim.report.drawing.charts import Chart
 from fmu_didim.report.drawing.residual import Residual
 from fmu_didim.report.drawing.residual_charts import QUANTITIES
+from fmu_didim.report.drawing.skeleton import Skeleton, skeleton
 from fmu_didim.report.drawing.torque_charts import (
     DrawnChannel,
     DrawnInput,
@@ -106,4 +107,26 @@ def _experiment(
         [_drawn_over(document, signals, j) for j in joints], names=names,
         further={**dict(zip((simulated for _, simulated in pairs), units, strict=True)), **document.inputs},
     )  # fmt: skip
-    return ExperimentCharts(title, samples_text(signals.time), torque, residual)
+    return ExperimentCharts(
+        title,
+        samples_text(signals.time),
+        torque,
+        residual,
+        skeleton=_skeleton(document, str(number), title, signals, pairs),
+    )
+
+
+def _skeleton(
+    document: ResultDocument, number: str, title: str, signals: Trajectory, pairs: Sequence[tuple[str, str]]
+) -> Skeleton | None:
+    """The robot along the motion of an experiment; None where its geometry or its positions are not known."""
+    geometry, places = document.geometry, [f"q{j}" for j in range(1, len(pairs) + 1)]
+    if geometry is None or len(geometry.links) != len(places) or not set(places) <= set(signals.names):
+        return None
+    measured, simulated = (signals.select([pair[k] for pair in pairs]) for k in (0, 1))
+    deviation = (measured - simulated).std(axis=0)
+    size = np.abs(measured - simulated) / np.where(deviation > 0, deviation, np.inf)
+    return skeleton(
+        f"skeleton-{number}", f"The robot, {title}", geometry.links, geometry.gravity, signals.time,
+        signals.select(places), size.max(axis=1),
+    )  # fmt: skip

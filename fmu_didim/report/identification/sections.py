@@ -10,6 +10,7 @@ from pathlib import Path
 from fmu_didim.checks.validation import Validation
 from fmu_didim.report import experiments
 from fmu_didim.report.drawing.diagram import loop_diagram
+from fmu_didim.report.drawing.forest_chart import Expectation, forest_chart
 from fmu_didim.report.drawing.torque_charts import history_chart
 from fmu_didim.report.experiment_charts import ExperimentCharts, residual_sections, torque_sections
 from fmu_didim.report.identification.charts import saved_charts
@@ -189,6 +190,14 @@ def _parameters(document: ResultDocument) -> Section:
         "10 %, coarsely hatched up to 30 %, finely beyond. Start: where the iterations began."
         + ("" if document.outputs else BY_DESCRIPTION)
     ))  # fmt: skip
+    described = {
+        name: Expectation(p.value, p.std, p.described)
+        for name, p in document.parameters.items()
+        if p.described is not None
+    }
+    forest = forest_chart("forest", "Values beside those of the description", "the description", {"value": described})
+    if forest is not None and not document.outputs:
+        blocks += [note("How far each value is off that of the description, with its 95 % interval."), Charts([forest])]
     return Section("Parameters", blocks, anchor="parameters", is_brief=True)
 
 
@@ -386,7 +395,8 @@ def _stages(document: ResultDocument) -> Section:
             columns.append(numbers(f"{stage}: {head}", texts))
     columns.append(words("unit", [experiments.shown_unit(p) or MISSING for p in document.parameters.values()]))
     text = ("Values and standard deviations at the end of each stage; the Cramér-Rao bound is the smallest that an "
-            "unbiased estimator can have.")  # fmt: skip
+            "unbiased estimator can have with values and noise of that stage. A later stage estimates both anew "
+            "and may attain the bound, so that its σ can be a little below the one that stands before it.")  # fmt: skip
     return Section("Stages", [note(text), Table(columns, shown="page")] if document.stages else [], anchor="stages")
 
 

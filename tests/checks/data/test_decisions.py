@@ -252,6 +252,8 @@ NOISY = np.sin(0.05 * N) + 0.01 * np.random.default_rng(4).normal(size=400)
         (np.where(N % 23 == 7, NOISY + 0.8, NOISY), {}, None, None),  # what comes often is the motion
         (NOISY + 0.2 * np.random.default_rng(3).normal(size=N.size), {}, None, None),
         (np.zeros(400), {}, "log-constant", 0.0),
+        (np.where(N > 350, NOISY[350], NOISY), {}, "log-constant", 50.0),  # the logger repeats its last value
+        (np.where(N > 390, NOISY[390], NOISY), {}, None, None),  # too short to tell
         (np.rint(NOISY * 50) / 50, {}, "log-quantised", None),
         (np.rint(NOISY * 8) / 8, {}, "log-coarse", None),
     ],

@@ -10,13 +10,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fmu_didim.base.diagnostics import REMARK, Code
+from fmu_didim.base.diagnostics import REMARK, Code, Diagnostic
 from fmu_didim.checks import data
 from fmu_didim.checks.data import linear_fit
 from fmu_didim.checks.data.checks import data_diagnostics, drive_gains
 from fmu_didim.checks.data.linear_fit import fitted_motion
 from fmu_didim.checks.data.robot import length_unit_diagnostics
-from fmu_didim.checks.data.timing import MOVED, _clock, _of_clock
+from fmu_didim.checks.data.timing import SAMPLING_KIND, _clock, _Near, _of_clock
+from fmu_didim.checks.judgement import MATTERS
 from fmu_didim.checks.sampling_kind import sampled_as
 from fmu_didim.components import ModelComponent
 from fmu_didim.cosim import SampleOperator
@@ -68,6 +69,18 @@ def spikes(torque: Array) -> Array:
     rng = np.random.default_rng(5)
     at = rng.choice(torque.shape[0] - 10, size=torque.shape[0] // 100, replace=False) + 5
     torque[at, 0] += 4 * np.ptp(torque[:, 0]) * rng.choice([-1, 1], size=at.size)
+    return torque
+
+
+def far_off(torque: Array) -> Array:
+    """One sample, by more than all others together."""
+    torque[torque.shape[0] // 3, 0] += 40 * np.ptp(torque[:, 0])
+    return torque
+
+
+def stuck(torque: Array) -> Array:
+    """The logger repeats its last row."""
+    torque[int(0.7 * torque.shape[0]) :] = torque[int(0.7 * torque.shape[0])]
     return torque
 
 
@@ -149,6 +162,8 @@ WRONG: list[tuple[str, Callable[[LoopModel], LoopModel], str]] = [
     ("torque in mN.m", lambda m: with_log(m, lambda torque: 1000 * torque), "torque-unit"),
     ("torque in kN.m", lambda m: with_log(m, lambda torque: torque / 1000), "torque-unit"),
     ("spikes", lambda m: with_log(m, spikes), "log-outliers"),
+    ("one sample far off", lambda m: with_log(m, far_off), "log-outliers"),
+    ("a tail that stands still", lambda m: with_log(m, stuck), "log-constant"),
     ("column constant", lambda m: with_log(m, constant), "log-constant"),
     ("clipped at 60 %", lambda m: with_log(m, clipped), "log-saturated"),
     ("12 steps in the range", lambda m: with_log(m, coarse), "log-coarse"),
@@ -218,7 +233,7 @@ ELSEWHERE = {
     "validation-without-torque",  # tests/case/test_file_checks.py
     "positions-unit",  # tests/workflow/test_objects.py
     "outliers-left-out",  # tests/workflow/test_outliers.py
-    "clock-slightly-off",  # below
+    "clock-slightly-off", "timing-slightly-off",  # below
     "drive-gain", "length-unit", "link-length", "reference-unit-doubtful", "torque-scale",  # below
 }  # fmt: skip
 """Codes that are provoked in other tests."""
@@ -373,9 +388,23 @@ def test_a_clock_that_moves_no_value_is_no_doubt(robot: str, late_s: float, told
     (values, deviation), (others, _) = fit(shifted), fit(own.operator)
     moved = np.abs(others - values) / deviation
     np.testing.assert_allclose(aligned.moved_by(own.operator), moved, rtol=1e-3)
-    assert (moved.max() > MOVED) == (told == "clock-late")
+    assert (moved.max() > MATTERS) == (told == "clock-late")
     if told == "clock-slightly-off":
         assert found.value == pytest.approx(moved.max(), rel=1e-3)
+
+
+@pytest.mark.parametrize(("late_s", "told"), [(2e-5, "timing-slightly-off"), (5e-3, "sampling-kind")])
+def test_another_timing_that_moves_no_value_is_no_doubt(late_s: float, told: str) -> None:
+    fitted = fitted_motion(right("scara", 1).on("estimation"))
+    assert fitted is not None
+    own, step = fitted.experiment, fitted.run.step_size
+    operator = own.operator.stamped_later(late_s / step, own.reference.time.size, between=True)
+    other = replace(fitted, run=fitted.run.on(replace(own, operator=operator)))
+    doubt = Diagnostic(SAMPLING_KIND, "The log shows averages.", "estimation", 0.5, 0.9, "1")
+    found = _Near(other, 0.5).explanation(fitted, doubt)
+    assert found.diagnostic.code.name == told
+    assert (fitted.apart(other).max() > MATTERS) == (told == "sampling-kind")
+    assert found.gain == fitted.gain(0.5, 0.0)
 
 
 @pytest.mark.parametrize("change", [lambda y, g: y / g, lambda y, g: y * g], ids=["current", "twice"])

@@ -15,10 +15,13 @@ from fmu_didim.checks.motion.colour import Colour, Columns, Logs
 from fmu_didim.checks.motion.dependence import (
     Dependence,
     OwnColours,
+    _moved_by_clock,
     dependence,
     dependence_of_fit,
     motion_dependence,
     motion_diagnostics,
+    residuals_of_fit,
+    tested_rows,
 )
 from fmu_didim.checks.motion.functions import (
     LIKE_GRAVITY,
@@ -30,9 +33,11 @@ from fmu_didim.checks.motion.functions import (
 )
 from fmu_didim.data.filters import LowPass
 from fmu_didim.fit.fit import point
+from fmu_didim.fit.fit_uncertainty import fit_uncertainty
 from fmu_didim.fit.noise.weighting import NoiseOfResidual
 from fmu_didim.fit.uncertainty import stretches
 from fmu_didim.model.loop_model import Simulation
+from tests.checks.data.right import loaded, right
 from tests.helpers import model_of, with_torque
 
 RNG = np.random.default_rng
@@ -110,24 +115,29 @@ def test_a_memory_is_told_from_an_autoregression():
 
 
 @pytest.mark.parametrize(
-    ("most", "most_share", "p_value", "codes"),
+    ("most", "most_share", "p_value", "moved", "codes"),
     [
-        ("velocity", 0.9, 1e-9, ["residual-depends-on-motion"]),
-        (TORQUE_RATE, 0.95, 1e-9, ["clock-late"]),
-        (TORQUE_RATE, 0.5, 1e-9, ["residual-depends-on-motion"]),
-        (TORQUE_RATE, 0.95, 1e-3, []),
-        ("velocity", 0.95, 0.04, []),
+        ("velocity", 0.9, 1e-9, np.inf, ["residual-depends-on-motion"]),
+        ("velocity", 0.9, 1e-9, 0.1, ["residual-depends-on-motion"]),  # that may be anything
+        (TORQUE_RATE, 0.95, 1e-9, np.inf, ["clock-late"]),  # not known
+        (TORQUE_RATE, 0.95, 1e-9, 0.31, ["clock-late"]),
+        (TORQUE_RATE, 0.95, 1e-9, 0.29, ["clock-slightly-off"]),
+        (TORQUE_RATE, 0.5, 1e-9, 0.1, ["residual-depends-on-motion"]),
+        (TORQUE_RATE, 0.95, 1e-3, np.inf, []),
+        ("velocity", 0.95, 0.04, np.inf, []),
     ],
 )
-def test_what_is_reported(most, most_share, p_value, codes):
+def test_what_is_reported(most, most_share, p_value, moved, codes):
     """Of two joints: each needs half the level; the other one is as noise is."""
-    joints = [Dependence(1, 0.4, 0.01, "offset", 0.3), Dependence(2, p_value, 0.2, most, most_share, -0.005, 0.0001)]
-    told = motion_diagnostics(joints)
+    other = Dependence(2, p_value, 0.2, most, most_share, -0.005, 0.0001, moved=moved)
+    told = motion_diagnostics([Dependence(1, 0.4, 0.01, "offset", 0.3), other])
     assert [d.code.name for d in told] == codes
     assert all(d.place == "joint 2" for d in told)
     if codes == ["clock-late"]:
         assert told[0].value == pytest.approx(5.0)
         assert "5 ± 0.1 ms late" in told[0].text
+    if codes == ["clock-slightly-off"]:
+        assert told[0].value == moved and "moves no value by more than 0.29" in told[0].text
 
 
 def test_functions_follow_the_motion_at_the_samples():
@@ -318,3 +328,35 @@ def test_a_band_too_narrow_to_ask_is_told():
     told = motion_diagnostics(dependence_of_fit(point(model, NoiseOfResidual(model))))
     assert [(d.code.name, d.place) for d in told] == [("motion-untested", "joint 1"), ("motion-untested", "joint 2")]
     assert all("samples are too few" in d.text for d in told)
+
+
+@pytest.mark.parametrize(
+    ("late_s", "joints", "codes"),
+    [
+        (5e-5, 2, {"clock-slightly-off"}),
+        (5e-4, 2, {"clock-late"}),
+        (5e-4, 1, {"clock-late"}),  # the other joint of the log is in time: whatever it is, no clock
+    ],
+)
+def test_a_clock_after_the_fit_is_doubted_where_it_moves_a_value(late_s, joints, codes):
+    """What it moves the values by, in their deviations, is that of one more step of least squares."""
+    model = right("scara", 1, noise=0.01)
+    model = model.on("estimation").with_values(loaded("scara").start)
+    own = model.experiments["estimation"]
+    rates = functions_of_motion(model.simulation(model.start))
+    shift = -late_s * np.column_stack([one[TORQUE_RATE] for one in rates])
+    shift[:, joints:] = 0.0
+    fit = point(with_torque(model, own.torque + shift), NoiseOfResidual(model))
+    tested = residuals_of_fit(fit, tested_rows(fit))
+    slopes = [one.slope(TORQUE_RATE) for one in tested]
+    for (slope, deviation), is_late in zip(slopes, [True, joints == 2], strict=True):
+        assert abs(-slope - late_s * is_late) < 4 * deviation
+    slope, deviation = slopes[0]
+    clock = Dependence(1, 1e-9, 0.2, TORQUE_RATE, 0.95, -late_s, deviation)
+    told = replace(clock, moved=_moved_by_clock(fit, clock, tested))
+    assert {d.code.name for d in motion_diagnostics([told])} == codes
+    if joints == 2:
+        table = (fit.jacobian / fit.deviation[:, None]).reshape(-1, fit.values.size)
+        step = np.linalg.lstsq(table, (shift / fit.deviation).ravel(), rcond=None)[0]
+        moved = np.abs(step) / np.sqrt(np.diag(fit_uncertainty(fit).covariance))
+        assert told.moved == pytest.approx(moved.max(), rel=0.05)

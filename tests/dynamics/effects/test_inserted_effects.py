@@ -23,8 +23,7 @@ from fmu_didim.data.signals import Trajectory, trajectory, write_csv
 from fmu_didim.data.units import parse_unit
 from fmu_didim.dynamics.base_parameters import base_parameters
 from fmu_didim.dynamics.effects import EFFECTS, Effect, InsertedEffect, NonlinearEffect, StructureEffect
-from fmu_didim.dynamics.robot import RobotDescription, RobotModel, read_robot
-from fmu_didim.dynamics.robot.description import write_robot
+from fmu_didim.dynamics.robot import RobotDescription, RobotModel, read_robot, write_robot
 from fmu_didim.dynamics.robot.tilt import horizontal_axes
 from fmu_didim.estimators import Didim
 from fmu_didim.export import build_fmu

@@ -1,0 +1,25 @@
+"""Robot descriptions in files: YAML, written and read, and URDF."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import yaml
+
+from fmu_didim.base.documents import read_document
+from fmu_didim.dynamics.robot.description import RobotDescription
+from fmu_didim.dynamics.robot.urdf import SUFFIX, read_urdf
+
+
+def write_robot(robot: RobotDescription, path: Path | str) -> None:
+    """Write a robot description as YAML; :func:`read_robot` gives it back."""
+    content = robot.model_dump(mode="json", by_alias=True, exclude_defaults=True)
+    content = {"schema": robot.schema_version, **content}
+    Path(path).write_text(yaml.safe_dump(content, sort_keys=False, allow_unicode=True), encoding="utf-8")
+
+
+def read_robot(path: Path | str) -> RobotDescription:
+    """Read and validate a robot description, YAML or URDF (``.urdf``); raises InputError with all its problems."""
+    if Path(path).suffix.lower() == SUFFIX:
+        return read_urdf(path)
+    return read_document(RobotDescription, path)

@@ -1,0 +1,184 @@
+"""URDF files: the same torque as Pinocchio's, and what no serial robot has is refused by name."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fmu_didim import identify, load_case
+from fmu_didim.base.errors import InputError
+from fmu_didim.cli.main import main
+from fmu_didim.dynamics.robot import RobotDescription, RobotModel, read_robot
+from fmu_didim.dynamics.robot.urdf import read_urdf
+from tests.helpers import ROOT
+
+AXES = ["0 0 1", "0 1 0", "1 0 0", "0 0 -1", "0 0 1"]
+TURNS = [0.0, np.pi / 2, -np.pi / 2, np.pi]
+
+
+def link(name: str, rng: np.random.Generator) -> str:
+    root = rng.normal(size=(3, 3))
+    j, m = root @ root.T + np.eye(3), rng.uniform(0.5, 3.0)
+    entries = " ".join(f'i{"xyz"[a]}{"xyz"[b]}="{0.02 * m * j[a, b]}"' for a in range(3) for b in range(a, 3))
+    centre, turn = text(0.1 * rng.normal(size=3)), text(rng.normal(size=3))
+    return (
+        f'<link name="{name}"><inertial><origin xyz="{centre}" rpy="{turn}"/>'
+        f'<mass value="{m}"/><inertia {entries}/></inertial></link>'
+    )
+
+
+def joint(
+    name: str, kind: str, parent: str, child: str, *, xyz: str = "0 0 0", rpy: str = "0 0 0", axis: str = "0 0 1"
+) -> str:
+    return (
+        f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>'
+        f'<origin xyz="{xyz}" rpy="{rpy}"/><axis xyz="{axis}"/>'
+        '<limit lower="-2" upper="2" effort="9" velocity="3"/></joint>'
+    )
+
+
+def text(values: np.ndarray) -> str:
+    return " ".join(str(float(v)) for v in values)
+
+
+def drawn(seed: int, folder: Path, joints: int = 7) -> Path:
+    """A chain with fixed and sliding joints; axes that are askew, or parallel, crossing and on each other."""
+    rng, parts = np.random.default_rng(seed), ['<robot name="drawn 1">', '<link name="l0"/>']
+    for j in range(1, joints + 1):
+        kind = "revolute" if j in (1, joints) else str(rng.choice(["revolute", "continuous", "prismatic", "fixed"]))
+        if seed % 2:
+            pose = {
+                "xyz": text(0.3 * rng.normal(size=3)),
+                "rpy": text(rng.normal(size=3)),
+                "axis": text(rng.normal(size=3)),
+            }
+        else:
+            xyz, rpy = 0.3 * rng.integers(0, 2, size=3), rng.choice(TURNS, size=3)
+            pose = {"xyz": text(xyz), "rpy": text(rpy), "axis": str(rng.choice(AXES))}
+        parts += [link(f"l{j}", rng), joint(f"j{j}", kind, f"l{j - 1}", f"l{j}", **pose)]
+    (path := folder / "drawn.urdf").write_text("".join([*parts, "</robot>"]), encoding="utf-8")
+    return path
+
+
+def bare(robot: RobotDescription) -> RobotModel:
+    """The robot with nothing but its links."""
+    joints = (j.model_copy(update={"effects": ()}) for j in robot.joints)
+    return RobotModel(robot.model_copy(update={"joints": tuple(joints)}))
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_torque_is_that_of_pinocchio(seed: int, tmp_path: Path) -> None:
+    pin = pytest.importorskip("pinocchio")
+    path, rng = drawn(seed, tmp_path), np.random.default_rng(seed)
+    theirs, robot = pin.buildModelFromUrdf(str(path)), bare(read_robot(path))
+    chi = robot.parameter_values
+    for _ in range(3):
+        q, dq, ddq = rng.normal(size=(3, robot.joint_count))
+        q_theirs = pin.neutral(theirs)
+        for one in list(theirs.joints)[1:]:
+            angle = q[one.idx_v]
+            q_theirs[one.idx_q : one.idx_q + one.nq] = [angle] if one.nq == 1 else [np.cos(angle), np.sin(angle)]
+        wanted = pin.rnea(theirs, theirs.createData(), q_theirs, dq, ddq)
+        got = np.array(robot.inverse(q, dq, ddq, chi, [])).ravel()
+        np.testing.assert_allclose(got, wanted, rtol=0, atol=1e-9 * np.abs(wanted).max())
+
+
+TREE = '<robot name="r"><link name="a"/><link name="b"/><link name="c"/><link name="d"/>{}</robot>'
+FIRST = joint("j1", "revolute", "a", "b")
+HEAVY = '<link name="d"><inertial><mass value="-1"/></inertial></link>'
+REFUSED = [
+    ("<robot", "no XML"),
+    ('<sdf version="1.7"/>', "no URDF"),
+    ('<robot xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:macro/></robot>', "no URDF"),
+    ('<!DOCTYPE robot [<!ENTITY a "b">]><robot/>', "document type"),
+    (TREE.format(""), "no joint that moves"),
+    (TREE.format(FIRST + joint("j2", "revolute", "b", "x")), "names a link that is not there"),
+    (TREE.format(FIRST + joint("j2", "revolute", "c", "b")), "closed loop"),
+    (TREE.format(FIRST + joint("j2", "revolute", "b", "a")), "ring without a root"),
+    (TREE.format(FIRST + joint("j2", "revolute", "b", "c") + joint("j3", "prismatic", "b", "d")), "--tip b "),
+    (TREE.format(FIRST + joint("j2", "floating", "b", "c")), "type of joint is not known"),
+    (TREE.format(FIRST + joint("j2", "revolute", "b", "c").replace("<limit", '<mimic joint="j1"/><limit')), "mimic"),
+    (TREE.format(joint("j1", "revolute", "a", "b", axis="0 0 0")), "axis has no direction"),
+    (TREE.format(joint("j1", "revolute", "a", "b", xyz="0 0")), "not 3 finite numbers"),
+    (TREE.format(joint("j1", "revolute", "a", "b", rpy="0 nan 0")), "not 3 finite numbers"),
+    (TREE.format(FIRST).replace('<link name="d"/>', HEAVY), "negative"),
+    (TREE.format(FIRST).replace('<link name="d"/>', "<link/>"), "link has no name"),
+    (TREE.format(FIRST.replace('<parent link="a"/>', "")), "no parent link"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("content", "words"), REFUSED)
+def test_what_is_no_serial_robot_is_refused(content: str, words: str, tmp_path: Path) -> None:
+    (path := tmp_path / "r.urdf").write_text(content, encoding="utf-8")
+    with pytest.raises(InputError, match=words) as caught:
+        read_robot(path)
+    assert caught.value.next_step
+
+
+def test_a_tip_leaves_the_gripper_where_it_is(tmp_path: Path) -> None:
+    """Its mass belongs to the link that carries it."""
+    rng = np.random.default_rng(3)
+    names = ["base", "arm", "left", "right"]
+    fingers = joint("f1", "prismatic", "arm", "left", xyz="0 0.1 0.5") + joint(
+        "f2", "prismatic", "arm", "right", xyz="0 -0.1 0.5"
+    )
+    content = "".join(
+        [
+            '<robot name="r">',
+            *(link(n, rng) for n in names),
+            joint("j1", "revolute", "base", "arm"),
+            fingers,
+            "</robot>",
+        ]
+    )
+    (path := tmp_path / "r.urdf").write_text(content, encoding="utf-8")
+    with pytest.raises(InputError, match="left, right"):
+        read_robot(path)
+    with_fingers = read_urdf(path, tip="arm")
+    (tmp_path / "alone.urdf").write_text(content.replace(fingers, ""), encoding="utf-8")
+    alone = read_urdf(tmp_path / "alone.urdf", tip="arm")
+    assert [j.name for j in with_fingers.joints] == ["j1"]
+    assert with_fingers.joints[0].parameters["M"] > alone.joints[0].parameters["M"]
+    with pytest.raises(InputError, match="No joint that moves leads"):
+        read_urdf(path, tip="base")
+    with pytest.raises(InputError, match="no link of the name"):
+        read_urdf(path, tip="hand")
+
+
+def test_the_verb_shows_and_writes_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path, out = drawn(3, tmp_path), tmp_path / "robot.yaml"
+    assert main(["robot", str(path), "--out", str(out)]) == 0
+    shown = capsys.readouterr().out
+    assert "base parameters: " in shown
+    assert read_robot(out) == read_robot(path)
+    assert main(["robot", str(path), "--out", str(out)]) == 1
+    assert "there already" in capsys.readouterr().err
+    assert main(["robot", str(out), "--tip", "l3"]) == 1
+    assert main(["robot", str(tmp_path / "none.urdf")]) == 1
+
+
+@pytest.mark.gate
+def test_a_case_takes_it_as_its_robot(tmp_path: Path) -> None:
+    """The SCARA of the examples as a URDF: the same base parameters, the same answer."""
+    case = load_case(ROOT / "examples/scara/identify.yaml")
+    before = read_robot(ROOT / "fmus/scara/robot.yaml")
+    links = ['<link name="l0"/>']
+    for j, one in enumerate(before.joints, start=1):
+        zz, centre = one.parameters["ZZ"], [one.parameters.get(name, 0.0) for name in ("MX", "MY")]
+        links.append(
+            f'<link name="l{j}"><inertial><origin xyz="{centre[0]} {centre[1]} 0"/>'
+            f'<mass value="1"/><inertia ixx="1" iyy="1" izz="{zz}" ixy="0" ixz="0" iyz="0"/></inertial></link>'
+        )
+    second = f"{before.joints[1].a} 0 0"
+    moves = joint("j1", "revolute", "l0", "l1") + joint("j2", "revolute", "l1", "l2", xyz=second)
+    content = f'<robot name="scara">{"".join(links)}{moves}</robot>'
+    (path := tmp_path / "scara.urdf").write_text(content, encoding="utf-8")
+    robot = read_robot(path)
+    assert [(j.type, j.alpha, j.a, j.d) for j in robot.joints] == [(j.type, j.alpha, j.a, j.d) for j in before.joints]
+    found = identify(case.with_(robot=str(path), estimator={"kind": "didim"}))
+    wanted = identify(case.with_(estimator={"kind": "didim"}))
+    for name in ("ZZ2", "MX2", "MY2"):
+        one, other = found.parameters[name], wanted.parameters[name]
+        assert abs(one.value - other.value) < 2 * one.std
