@@ -35,7 +35,8 @@ from fmu_didim.model.loop_model import LoopModel
 STARTS = 2
 """[starts] Of a candidate that are fitted to the minimum: the best ones with all else refitted to first order."""
 LEAST = 5.0
-"""[chi-square] By which a further start must promise to lower it: less is no BIC difference of 10."""
+"""[chi-square] By which a start must promise to lower it, where the promise is a slope or another one was fitted: less
+is no BIC difference of 10."""
 ITERATIONS = 25
 """[steps] Of such a fit at most; most take five."""
 TOLERANCE = 1e-6
@@ -173,8 +174,9 @@ class SignalSearch:
     ) -> FittedSignal | None:
         """A candidate at its best minimum; None where none is found."""
         best: FittedSignal | None = None
+        is_slope = candidate.kind.is_scaled or candidate.known is not None  # so that the promise is that of its fit
         for promised, model in starts:
-            if best is not None and promised < LEAST:
+            if promised < LEAST and (is_slope or best is not None):
                 continue
             try:
                 other = fitted(model, until=self.progress.ends)
