@@ -409,11 +409,11 @@ class Simulation:
             key = (response, *run, tuple(driven.items()))
             if known := model.recordings.find(key):
                 return known
-        reference = changed_inputs(reference, system.ramps, driven) if driven else reference
         reference = with_external_torques(reference, external)
         if subdivision > 1:
             reference = held(reference, subdivision, at_instants=system.at_instants, ramps=system.ramps)
             ticks = ticks * subdivision
+        reference = changed_inputs(reference, system.ramps, driven) if driven else reference
         recording = simulate(system, reference, ticks=ticks, bounds=bounds, observe=observe, pool=model.pool)
         if key is not None:
             model.recordings.keep(key, recording)

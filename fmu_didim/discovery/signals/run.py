@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import time as clock
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+
+import numpy as np
 
 from fmu_didim.base.diagnostics import Diagnostic
 from fmu_didim.base.errors import IdentificationError, SimulationError
@@ -13,8 +15,10 @@ from fmu_didim.checks.judgement import Judgement
 from fmu_didim.checks.outputs.before import START_ELSEWHERE
 from fmu_didim.checks.validation import validate_on
 from fmu_didim.discovery.request import Request
+from fmu_didim.discovery.selection.plausible import ZERO, chance_of_none
+from fmu_didim.discovery.signals.candidates import Candidate
 from fmu_didim.discovery.signals.document import signals_document
-from fmu_didim.discovery.signals.search import SignalDiscovery, SignalSearch
+from fmu_didim.discovery.signals.search import SignalDiscovery, SignalSearch, fitted
 from fmu_didim.fit.estimate import Estimate
 from fmu_didim.model.loop_model import LoopModel
 from fmu_didim.results.findings import FindingsDocument
@@ -59,10 +63,10 @@ def discover_on_signals(
     if found.steps:
         request.progress.say("final model")
         try:
-            final = estimating(found.final.model.with_values(found.final.values))
+            found, final = _identified(found, base, estimating)
         except (IdentificationError, SimulationError) as error:
-            found, notes = SignalDiscovery(found.base, found.base, tried=found.tried), f"{NOT_IDENTIFIED} {error.what}"
-            request = request.noting(notes)
+            found = SignalDiscovery(found.base, found.base, tried=found.tried)
+            request = request.noting(f"{NOT_IDENTIFIED} {error.what}")
     if found.steps:  # whether the final model starts where the data do, its own residual says
         before = [d for d in before if d.code is not START_ELSEWHERE]
     document = signals_document(request, found, base, final, _judged(final, before), clock.perf_counter() - begin)
@@ -70,6 +74,34 @@ def discover_on_signals(
 
 
 NOT_IDENTIFIED = "What explains the data best cannot be identified beside all else, and was taken out again:"
+
+
+def _identified(found: SignalDiscovery, base: Estimate, estimating: Estimating) -> tuple[SignalDiscovery, Estimate]:
+    """The final model identified, without what its values say may be absent: a search ends less sharply."""
+    while found.steps:
+        final = estimating(found.final.model.with_values(found.final.values))
+        chances = {step: chance_of_absence(step.chosen.candidate, final) for step in found.steps}
+        least = max(found.steps, key=lambda step: chances[step])
+        if chances[least] <= ZERO:
+            return found, final
+        names = {p.name for p in least.chosen.candidate.free({}, 0)}
+        model = final.model.with_values(final.value)
+        without = fitted(model.with_free(p for p in model.free_parameters if p.name not in names), until=float("inf"))
+        found = replace(found, final=without, steps=tuple(step for step in found.steps if step is not least))
+    return found, base
+
+
+def chance_of_absence(candidate: Candidate, estimate: Estimate) -> float:
+    """Probability of values of a candidate as far from those with which nothing changes by chance; zero for a limit,
+    which has none."""
+    names = {p.name for p in candidate.free({}, 0)}
+    free = estimate.model.free_parameters
+    neutral = {i: candidate.neutral(p) for i, p in enumerate(free) if p.effect is not None and p.name in names}
+    places = [i for i, off in neutral.items() if off is not None]
+    if not places:
+        return 0.0
+    off = np.array([neutral[i] for i in places], dtype=float)
+    return chance_of_none(estimate.value[places], estimate.covariance[np.ix_(places, places)], off)
 
 
 def _judged(estimate: Estimate, before: Sequence[Diagnostic]) -> Judgement:

@@ -35,7 +35,8 @@ from fmu_didim.model.loop_model import LoopModel
 STARTS = 2
 """[starts] Of a candidate that are fitted to the minimum: the best ones with all else refitted to first order."""
 LEAST = 5.0
-"""[chi-square] By which a further start must promise to lower it: less is no BIC difference of 10."""
+"""[chi-square] By which a start must promise to lower it, where the promise is a slope or another one was fitted: less
+is no BIC difference of 10."""
 ITERATIONS = 25
 """[steps] Of such a fit at most; most take five."""
 TOLERANCE = 1e-6
@@ -80,7 +81,7 @@ class TriedSignal:
     fitted: FittedSignal | None = None
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class SignalStep:
     """What was added in a round.
 
@@ -133,9 +134,9 @@ class SignalSearch:
         base = fitted(model, until=float("inf"))
         found = SignalDiscovery(base, base)
         every = candidates(base.model, simulated_outputs(base), self.options.forbid)
+        seen = set[str]()  # what was added, and maybe taken out again
         while len(found.steps) < self.options.rounds:
-            added = {step.chosen.candidate.name for step in found.steps}
-            step, tried, absorbed = self._round(found.final, [c for c in every if c.name not in added])
+            step, tried, absorbed = self._round(found.final, [c for c in every if c.name not in seen])
             is_cut = any(t.outcome is Outcome.NOT_TRIED for t in tried)
             found = replace(
                 found, tried=(*found.tried, tried), is_cut=is_cut, absorbed=found.absorbed if found.steps else absorbed
@@ -143,6 +144,7 @@ class SignalSearch:
             if step is None or is_cut:
                 break
             self.progress.say(f"added: {step.chosen.candidate.title}")
+            seen.add(step.chosen.candidate.name)
             found = self._backward(replace(found, final=step.chosen.fit, steps=(*found.steps, step)))
         return self._told_apart(found, every) if len(found.steps) > 1 and not found.is_cut else found
 
@@ -150,10 +152,7 @@ class SignalSearch:
         self, fit: Fit, every: Sequence[Candidate]
     ) -> tuple[SignalStep | None, tuple[TriedSignal, ...], tuple[str, ...]]:
         """What to add to a fit, if anything; all candidates; and those that it makes up for."""
-        noise, index = (
-            quick_noise(fit),
-            1 + max((p.effect for p in fit.model.free_parameters if p.effect is not None), default=-1),
-        )
+        noise, index = quick_noise(fit), 1 + max(_added(fit.model), default=-1)
         report, base = self.progress.counted("fitting candidate", len(every)), _projection(fit)
         tried, absorbed = [], []
         for candidate in every:
@@ -175,8 +174,9 @@ class SignalSearch:
     ) -> FittedSignal | None:
         """A candidate at its best minimum; None where none is found."""
         best: FittedSignal | None = None
+        is_slope = candidate.kind.is_scaled or candidate.known is not None  # so that the promise is that of its fit
         for promised, model in starts:
-            if best is not None and promised < LEAST:
+            if promised < LEAST and (is_slope or best is not None):
                 continue
             try:
                 other = fitted(model, until=self.progress.ends)
@@ -250,8 +250,9 @@ class SignalSearch:
             return None
 
     def _backward(self, found: SignalDiscovery) -> SignalDiscovery:
-        """Take out what a later addition has made superfluous."""
-        for step in found.steps[:-1]:
+        """Take out what a later addition has made superfluous; and that one itself where all else, fitted from its
+        minimum without it, explains as much: then it has only led there."""
+        for step in found.steps:
             without = self._without(found.final, step)
             if without is None:
                 continue

@@ -135,7 +135,8 @@ class Discovered:
 
     @property
     def answer(self) -> Answer:
-        """``nothing``, ``named``, ``named_with_remainder``, ``unknown``, ``disagreement`` or ``unfinished``."""
+        """``nothing``, ``named``, ``undecided``, ``named_with_remainder``, ``unknown``, ``disagreement`` or
+        ``unfinished``."""
         return self.document.answer
 
     @property
@@ -276,7 +277,11 @@ class Discovered:
             raise UnknownNameError("experiment", label, self.roles, where=self.document.name)
         names = {"base": "base model", **({"final": "final model"} if self.findings else {})}
         time, measured, models = (self._saved if self.fits is None else self._simulated)(label, names)
-        return matplotlib_figure(torque_chart("torque", label, time, measured, models, self.document.torque_unit))
+        return matplotlib_figure(
+            torque_chart(
+                "torque", label, time, measured, models, self.document.torque_unit, names=self.document.outputs
+            )
+        )  # fmt: skip
 
     def _simulated(self, label: str, names: Mapping[str, str]) -> Torques:
         from fmu_didim.report.drawing.torque_charts import Simulated
@@ -310,7 +315,9 @@ class Discovered:
     __hash__ = None  # type: ignore[assignment]
 
     def __repr__(self) -> str:
-        effects = ", ".join(f"{finding.effect} {finding.joint}" for finding in self.findings)
+        effects = ", ".join(
+            f"{finding.effect} {finding.signal or finding.joint}".removesuffix(" 0") for finding in self.findings
+        )
         return f"Discovered({self.document.name!r}, {self.answer}" + (f": {effects})" if effects else ")")
 
     def _repr_html_(self) -> str:

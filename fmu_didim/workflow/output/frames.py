@@ -37,13 +37,18 @@ def matrix_frame(document: ResultDocument) -> DataFrame:
 
 
 def findings_frame(document: FindingsDocument) -> DataFrame:
-    """One row a parameter of each effect found; see :meth:`fmu_didim.Discovered.to_frame`."""
+    """One row a parameter of each effect found, and of each that is undecided; see
+    :meth:`fmu_didim.Discovered.to_frame`."""
     heads = ("effect", "joint", "parameter", "value", "std", "low", "high", "unit", "share_of_gap", "delta_bic")
-    rows = [
-        (f.effect, f.joint, v.name, v.value, v.std, *v.interval, v.unit, f.share_of_gap, f.delta_bic,
-         ", ".join(f"{rival.effect} {rival.joint}" for rival in f.ambiguous))
-        for f in document.findings for v in f.parameters
-    ]  # fmt: skip
+    rows = []
+    for f in document.findings:
+        for one in f.ambiguous if f.effect == "undecided" else (f,):
+            others = [f"{r.effect} {r.signal or r.joint}" for r in f.ambiguous if r is not one]
+            rows += [
+                (one.effect, one.joint, v.name, v.value, v.std, *v.interval, v.unit, f.share_of_gap, f.delta_bic,
+                 ", ".join(others))
+                for v in one.parameters
+            ]  # fmt: skip
     return _frame(rows, (*heads, "ambiguous"), numbers=(*heads[3:7], *heads[8:]))
 
 

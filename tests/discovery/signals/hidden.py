@@ -123,7 +123,7 @@ def crane_fmu() -> Path:
 
 
 def crane(
-    folder: Path, hidden: Hidden = NOTHING, *, seed: int = 1, count: int = 400, noise: float = 0.003,
+    folder: Path, hidden: Hidden = NOTHING, *, seed: int = 1, count: int = 250, noise: float = 0.003,
     held: bool = True, identify: Any = ("L", "d"), colour: float = 0.0,
 ) -> Path:  # fmt: skip
     """A crane whose input goes straight from row to row."""

@@ -51,6 +51,11 @@ def test_the_scale_of_the_only_output_and_the_start_that_scales_it_are_not_told_
     assert {"scale X", "parameter X0"} <= set(told) <= {"scale X", "parameter X0", "delay X"}
     assert told["scale X"] == pytest.approx(1.2, rel=0.02)
     assert told["parameter X0"] == pytest.approx(0.12, rel=0.02)
+    table = found.to_frame().set_index("parameter")
+    assert "parameter X0" in table.loc["scale of X", "ambiguous"]
+    assert repr(found) == "Discovered('growth', undecided: undecided)"
+    (axes, *_) = found.plot().axes
+    assert "X" in axes.get_ylabel()
 
 
 @pytest.mark.parametrize("seed", range(5))

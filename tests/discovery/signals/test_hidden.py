@@ -41,7 +41,7 @@ NAMED = [
         (room, "Ti1", "lag", (300.0, 150.0)),
         (room, "T", "lag", (300.0, 120.0)),
         (room, "Ti1", "delay", (180.0, 90.0)),
-        (room, "T", "delay", (120.0, 60.0)),
+        (room, "T", "delay", (120.0, 90.0)),
         (room, "Ti1", "upper", (8.0, 10.0)),
         (room, "T", "lower", (9.0, 8.0)),
         (crane, "u", "scale", (1.2, 1.03)),
@@ -64,7 +64,7 @@ def test_what_is_hidden_is_named(
     one = only(found)
     assert (one.effect, one.signal) == (WORDS.get(kind, kind), signal)
     (parameter,) = one.parameters
-    length = 399 * 0.05 if make is crane else (400 - 1 / 20) * 60.0
+    length = 249 * 0.05 if make is crane else (400 - 1 / 20) * 60.0
     truth = value / length if kind == "drift" else value
     room_for_chance = 0.5 * parameter.std  # two in a hundred draws lie farther out than the interval and this
     assert parameter.interval[0] - room_for_chance < truth < parameter.interval[1] + room_for_chance
