@@ -30,7 +30,7 @@ VERBS: Mapping[str, Callable[[Path], list[str]]] = {
     **{
         verb: lambda file: [str(file)]
         for verb in (
-            "validate", "check", "fmu info", "fmu check", "cache clear", "campaign status", "campaign report",
+            "validate", "check", "robot", "fmu info", "fmu check", "cache clear", "campaign status", "campaign report",
             "campaign retry", "campaign show", "effects", "example", "schema", "completion", "cache show",
             "robot",
         )
@@ -62,7 +62,7 @@ def kind_of(file: Path) -> str:
     if file.suffix != ".yaml":
         return {".csv": "data", ".parquet": "data", ".mo": "modelica", ".fmu": "fmu"}.get(file.suffix, "text")
     keys = yaml.safe_load(file.read_text(encoding="utf-8"))
-    named = {"case": "campaign", "joints": "robot", "law": "controller", "model": "model"}
+    named = {"case": "campaign", "law": "controller", "joints": "robot", "model": "model"}
     return next((kind for key, kind in named.items() if key in keys), "case")
 
 
