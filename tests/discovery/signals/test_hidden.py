@@ -50,7 +50,7 @@ NAMED = [
         (crane, "u", "lag", (0.2, 0.1)),
         (crane, "phi", "delay", (0.2, 0.1)),
         (crane, "phi", "drift", (0.05, 0.01)),
-        (crane, "u", "upper", (0.4, 0.5)),
+        (crane, "u", "upper", (0.5, 0.6)),
     ]
     for value in values
 ]
