@@ -155,7 +155,8 @@ def _finding(step: Step, discovery: Discovery, builder: LoopModelBuilder) -> Fin
 
 def _smoothing(found: Refitted, discovery: Discovery) -> FindingResult:
     """A smoothing velocity other than the description states, as a finding."""
-    effect, final = EFFECTS["coulomb"], discovery.final
+    final, shape = discovery.final, found.parameter.key.partition("_")[0]
+    effect = next(e for e in EFFECTS.values() if e.is_base and shape in {v.name for v in e.shapes("revolute")})
     noise = final.torque_alone.noise
     gaps = {}
     for label in final.model.experiments:
