@@ -119,7 +119,8 @@ def test_shared_and_own_parameters_of_two_experiments(tmp_path: Path, seed: int)
 @pytest.mark.gate
 def test_sigma_is_the_joint_cramer_rao_bound(tmp_path: Path) -> None:
     """Of both experiments together: the bound of each alone, information added where a parameter is shared."""
-    loaded_case = two_payloads(tmp_path, 1)
+    stated = [0.2, 0.008]  # between those of both logs, each of which has 5 % of its own torque
+    loaded_case = two_payloads(tmp_path, 1).with_(torque_std=stated)
     assert loaded_case.model is not None
     estimate = loaded_case.estimator.estimate(loaded_case.model)
     model = loaded_case.model.with_values(estimate.value)
@@ -134,7 +135,7 @@ def test_sigma_is_the_joint_cramer_rao_bound(tmp_path: Path) -> None:
     bound = np.sqrt(np.diag(np.linalg.inv(information)))
     assert estimate.standard_deviation == pytest.approx(bound, rel=1e-3)
     # Sharing pays: friction of joint 1 is known better than from the first experiment alone.
-    first = case(tmp_path, {"empty": run(tmp_path, "empty", "train", seed=1)})
+    first = case(tmp_path, {"empty": run(tmp_path, "empty", "train", seed=1)}, torque_std=stated)
     assert first.model is not None
     alone = first.estimator.estimate(first.model)
     place = alone.names.index("Fc1")

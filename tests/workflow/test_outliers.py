@@ -99,7 +99,7 @@ def test_outliers_that_are_kept_are_the_first_reason(robot: str, rate_hz: float)
         assert found.verdict == "doubtful"
         assert set(found.codes) == {"log-outliers"}
         inside, compared = inside + found.inside, compared + found.compared
-    assert inside / compared >= 0.88  # of some 60 values: 95 % but for 2.5 standard deviations
+    assert inside / compared >= 0.95 - 2.5 * np.sqrt(0.95 * 0.05 / compared)
 
 
 @pytest.mark.gate

@@ -256,7 +256,7 @@ class Skeleton {
   }
   draw(k) {
     const points = this.motion.points[k].map(this.to), line = from => points.slice(from, from < 0 ? undefined : -1).map(p => p.join(" ")).join("L"), tip = points[points.length - 1];
-    this.robot.innerHTML = `<path class="link" d="M${line(0)}"/><path class="link last" d="M${line(-2)}"/>${points.slice(1, -1).map(p => `<circle class="joint" r="5.5" cx="${p[0]}" cy="${p[1]}"/>`).join("")}<rect class="base" x="${points[0][0] - 9}" y="${points[0][1] - 4}" width="18" height="8"/><circle class="at" r="4" cx="${tip[0]}" cy="${tip[1]}"/>`;
+    this.robot.innerHTML = `<path class="link" d="M${line(0)}"/><path class="link last" d="M${line(-2)}"/>${points.slice(1, -1).map(p => `<circle class="pivot" r="5.5" cx="${p[0]}" cy="${p[1]}"/>`).join("")}<rect class="base" x="${points[0][0] - 9}" y="${points[0][1] - 4}" width="18" height="8"/><circle class="at" r="4" cx="${tip[0]}" cy="${tip[1]}"/>`;
     this.range.value = k; this.shown.textContent = `${short(this.motion.time[k])} s`;
   }
   play() { this.button.textContent = "pause"; this.timer = setInterval(() => this.draw((Number(this.range.value) + 1) % this.motion.time.length), 33); }
