@@ -41,7 +41,7 @@ def test_the_home_page_has_a_picture_and_a_sentence_for_each_kind_of_user() -> N
     ("page", "words"),
     [
         ("docs/howto/own-data.md", ("Per cent", "rated:", "CiA 402")),
-        ("docs/robot.md", ("URDF", "fmu-didim robot arm.urdf")),
+        ("docs/robot.md", ("URDF", "robot: arm.urdf", "--tip LINK")),
         ("docs/index.md", ("How to cite", "CITATION.cff")),
         ("docs/case.md", ("Ctrl-C",)),
         ("docs/howto/campaigns.md", ("Ctrl-C", "finished runs are kept")),
