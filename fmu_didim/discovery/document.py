@@ -62,7 +62,7 @@ def findings_document(
         outside: torques from outside, which come first; windows: when they acted.
         regions: where the base model disagrees.
     """
-    residuals = _residuals(discovery)
+    residuals = residuals_of(discovery.base, discovery.final)
     unfinished_diagnostic, unfinished = unfinished_search(discovery, request.progress.limit_s)
     judgement = judged(discovery, unfinished_diagnostic, request.doubts)
     answer: Answer = "unfinished" if unfinished is not None else answer_of(discovery, judgement)
@@ -219,29 +219,30 @@ def values_found(fit: Fit, wanted: Callable[[FreeParameter], bool]) -> list[Valu
     deviation = np.sqrt(np.maximum(np.diag(fit.covariance), 0.0))
     blocks = fit.model.experiments.blocks(fit.residual)  # samples that count as independent:
     samples = sum(own.shape[0] * float(fit.noise.of(columns).factor.sum()) for columns, own in blocks)
-    intervals = confidence_interval(fit.values, deviation, samples - fit.values.size)
+    free = fit.model.free_parameters
+    found = with_intervals(free, fit.values, deviation, samples - fit.values.size)
+    return [value for parameter, value in zip(free, found, strict=True) if wanted(parameter)]
+
+
+def with_intervals(free: Sequence[FreeParameter], values: Array, deviation: Array, freedom: float) -> list[ValueFound]:
+    """Free parameters with their values, standard deviations and 95 % intervals."""
+    intervals = confidence_interval(values, deviation, freedom)
     return [
-        ValueFound(
-            name=parameter.name, unit=parameter.unit, value=float(v), std=float(s),
-            interval=(float(low), float(high)),
-        )
-        for parameter, v, s, (low, high) in zip(
-            fit.model.free_parameters, fit.values, deviation, intervals, strict=True
-        )
-        if wanted(parameter)
-    ]  # fmt: skip
+        ValueFound(name=p.name, unit=p.unit, value=float(v), std=float(s), interval=(float(low), float(high)))
+        for p, v, s, (low, high) in zip(free, values, deviation, intervals, strict=True)
+    ]
 
 
-def _residuals(discovery: Discovery) -> Residuals:
+def residuals_of(base: Fit, final: Fit) -> Residuals:
     """Label of each experiment -> residuals of the base and of the final model; infinite where one cannot be run."""
     result = {}
-    for label in discovery.base.model.experiments:
+    for label in base.model.experiments:
         pair = []
-        for fit in (discovery.base, discovery.final):
+        for fit in (base, final):
             try:
                 pair.append(fit.residual_in(label))
             except SimulationError:
-                pair.append(np.full(discovery.base.model.experiments.measured_in(label).shape, np.inf))
+                pair.append(np.full(base.model.experiments.measured_in(label).shape, np.inf))
         result[label] = (pair[0], pair[1])
     return result
 

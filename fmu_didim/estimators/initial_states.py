@@ -133,11 +133,15 @@ def _lower(minimum: Minimum, before: Fit, starts: Sequence[FreeParameter], finis
         before: where the minimum was searched from, the starts free.
     """
     model, found = minimum.fit.model, before.values.copy()
+    velocities = [start for start in starts if start.owner == PLANT and _name(start).startswith("dq")]
+    if not velocities:
+        return minimum
     for start in starts:
+        place = model.names.index(start.name)
+        found[place] = minimum.fit.values[place]
+    for start in velocities:
         assert start.experiment is not None
-        place, name = model.names.index(start.name), _name(start)
-        is_velocity = start.owner == PLANT and name.startswith("dq")
-        found[place] = _on(model, start.experiment)[name] if is_velocity else minimum.fit.values[place]
+        found[model.names.index(start.name)] = _on(model, start.experiment)[_name(start)]
     try:
         other = finish(point(before.model.with_values(found), NoiseOfResidual(before.model)))
     except (SimulationError, IdentificationError):

@@ -14,7 +14,7 @@ from fmu_didim.checks.judgement import Judgement, diagnostic_result, judgement
 from fmu_didim.checks.outputs.following import OUTPUT_FOLLOWS
 from fmu_didim.checks.residual import RESIDUAL_ABOVE_NOISE, RESIDUAL_SLOW
 from fmu_didim.data.signals import Array
-from fmu_didim.discovery.document import gap_pair
+from fmu_didim.discovery.document import gap_pair, residuals_of, with_intervals
 from fmu_didim.discovery.request import Request
 from fmu_didim.discovery.selection.candidates import Outcome
 from fmu_didim.discovery.signals.candidates import Candidate
@@ -25,7 +25,7 @@ from fmu_didim.fit.estimate import Estimate
 from fmu_didim.fit.fit import Fit
 from fmu_didim.fit.gap import channel_gaps, gaps, held_out_ratio
 from fmu_didim.fit.noise.noise import TINY, Noise
-from fmu_didim.fit.statistics import confidence_interval, relative_error_percent
+from fmu_didim.fit.statistics import relative_error_percent
 from fmu_didim.model.free_parameter import FreeParameter
 from fmu_didim.results.findings import (
     ANSWER_TEXT,
@@ -91,7 +91,7 @@ def signals_document(
         unfinished=None if unfinished is None else _unfinished_result(found, unfinished),
         findings=[_finding(step, found, final, noise, request.options.seed) for step in found.steps],
         roles={label: e.role for label, e in base.model.experiments.items()},
-        gap={label: gap_pair(*pair, shown) for label, pair in _residuals(found)},
+        gap={label: gap_pair(*pair, shown) for label, pair in residuals_of(found.base, found.final).items()},
         error_percent=dict(_errors(found)),
         ratio_interval=(ratio.low, ratio.high) if ratio is not None else None,
         noise=NoiseResult(
@@ -231,15 +231,11 @@ def _norm(values: Array) -> float:
 def _rival(one: FittedSignal, best: float) -> Rival:
     c = one.candidate
     deviation = np.sqrt(np.maximum(np.diag(one.fit.covariance), 0.0))
-    samples = float(one.fit.model.output_counts.sum())
-    names = one.fit.model.names
+    samples, free = float(one.fit.model.output_counts.sum()), one.fit.model.free_parameters
+    found = with_intervals(free, one.fit.values, deviation, samples - len(free))
     return Rival(
         effect=c.kind.name, title=c.title, joint=0, bic_behind=best - one.gain, side=c.side, signal=c.signal,
-        parameters=[
-            v for p, v in zip(one.fit.model.free_parameters,
-                              _values(one.fit.model.free_parameters, one.fit.values, deviation, samples - len(names)),
-                              strict=True) if _of(c)(p)
-        ],
+        parameters=[value for parameter, value in zip(free, found, strict=True) if _of(c)(parameter)],
     )  # fmt: skip
 
 
@@ -252,33 +248,13 @@ def _of(candidate: Candidate) -> Callable[[FreeParameter], bool]:
 def values_of(estimate: Estimate, wanted: Callable[[FreeParameter], bool]) -> list[ValueFound]:
     """The wanted parameters of an estimate with their intervals."""
     free = estimate.model.free_parameters
-    found = _values(free, estimate.value, estimate.standard_deviation, estimate.freedom)
+    found = with_intervals(free, estimate.value, estimate.standard_deviation, estimate.freedom)
     return [value for parameter, value in zip(free, found, strict=True) if wanted(parameter)]
-
-
-def _values(free: Sequence[FreeParameter], values: Array, deviation: Array, freedom: float) -> list[ValueFound]:
-    intervals = confidence_interval(values, deviation, freedom)
-    return [
-        ValueFound(name=p.name, unit=p.unit, value=float(v), std=float(s), interval=(float(low), float(high)))
-        for p, v, s, (low, high) in zip(free, values, deviation, intervals, strict=True)
-    ]
-
-
-def _residuals(found: SignalDiscovery) -> Iterator[tuple[str, tuple[Array, Array]]]:
-    """Label of each experiment and the residuals of base and final model there; infinite where one cannot be run."""
-    for label in found.base.model.experiments:
-        pair = []
-        for fit in (found.base, found.final):
-            try:
-                pair.append(fit.residual_in(label))
-            except SimulationError:
-                pair.append(np.full(fit.model.experiments.measured_in(label).shape, np.inf))
-        yield label, (pair[0], pair[1])
 
 
 def _errors(found: SignalDiscovery) -> Iterator[tuple[str, tuple[float | None, float | None]]]:
     """Relative error of base and final model: of the outputs, about their means."""
-    for label, pair in _residuals(found):
+    for label, pair in residuals_of(found.base, found.final).items():
         measured = found.base.model.experiments.measured_in(label)
         about = measured - measured.mean(axis=0)
         both = [relative_error_percent(about, about - r)[0] if np.isfinite(r).all() else None for r in pair]

@@ -189,15 +189,14 @@ class SignalSearch:
                 best = FittedSignal(candidate, other, gain, explained_gap(fit, other, noise)[1])
         return best
 
-    def _decided(self, fit: Fit, tried: Sequence[TriedSignal]) -> SignalStep | None:
-        """The best candidate that is accepted, with those that are as good."""
+    def _decided(self, fit: Fit, tried: list[TriedSignal]) -> SignalStep | None:
+        """The best candidate that is accepted, with those that are as good; why others are not goes to ``tried``."""
         ranked = sorted((t.fitted for t in tried if t.fitted is not None), key=lambda f: -f.gain)
         for place, one in enumerate(ranked):
             why = self.objection(fit, one)
             tried_at = next(k for k, t in enumerate(tried) if t.fitted is one)
             ranked[place] = replace(one, objection=why)
-            if isinstance(tried, list):
-                tried[tried_at] = replace(tried[tried_at], fitted=ranked[place])
+            tried[tried_at] = replace(tried[tried_at], fitted=ranked[place])
             if why:
                 continue
             near = one.gain - nearness(one.gain, self.options)
