@@ -14,7 +14,7 @@ from fmu_didim.components.base import Component, Instance, SameObject, SampleClo
 from fmu_didim.components.block_control import state_space, to_control
 from fmu_didim.components.native import Native, NativeLinear
 from fmu_didim.data.signals import Array, Variable
-from fmu_didim.dynamics.block import MAXIMUM_SUBSTEPS, Block, choose_substeps, runge_kutta_step
+from fmu_didim.dynamics.block import MAXIMUM_SUBSTEPS, Block, Steps, choose_steps, runge_kutta_step
 
 DEFAULT_SUBSTEPS = 10
 
@@ -44,7 +44,7 @@ class ControlComponent(Component):
         inputs, outputs, parameters: its variables, in the order of the system's signals.
         initial_state: (nx,) start value of the state; that of a block follows from the first inputs.
         state_parameters: names of the parameters that are ``initial_state``, of a system that offers it.
-        substeps: in a communication step; None: 10, or chosen from the rate of the block.
+        substeps: in a communication step; None: 10, or chosen, with the method, from the rates of the block.
         origin: where the system comes from, for the provenance.
         block: the equations, if the system was made from a block; its matrices follow the parameters.
     """
@@ -141,7 +141,7 @@ class _ControlInstance(Instance):
         self._clock: SampleClock | None = None
         self._live, self._initialising, self._time = True, False, 0.0
         self._count = component.substeps or 0
-        self._chosen: dict[float, int] = {}
+        self._chosen: dict[float, Steps] = {}
         self._update, self._output = _functions(component.system, self._parameters)
         implicit = component.block.implicit if component.block is not None else None
         self._implicit = implicit.step() if implicit is not None else None
@@ -199,28 +199,34 @@ class _ControlInstance(Instance):
         )  # fmt: skip
 
     def _integrate(self, time: float, size: float) -> None:
-        count = self._count or self._choose(size)
-        if count > MAXIMUM_SUBSTEPS:
+        steps = Steps(self._count, self._implicit is None) if self._count else self._choose(size)
+        if steps.count > MAXIMUM_SUBSTEPS:
             raise SimulationError(
                 "The equations of the python-control system are too stiff to integrate.", where=self._component.origin,
                 got=f"t = {time:.6g} s",
                 next_step="Check the units of its parameters and its gains, or give it as a discrete system.",
             )  # fmt: skip
-        h, x, u, update = size / count, self._x, self._held, self._update
-        for i in range(count):
-            if self._implicit is not None:
+        h, x, u, update = size / steps.count, self._x, self._held, self._update
+        if steps.explicit:
+            self._memory = np.zeros(self._memory.size)
+        for i in range(steps.count):
+            if self._implicit is not None and not steps.explicit:
                 x, self._memory = (v.full().ravel() for v in self._implicit(x, self._memory, u, self._p, h))
             else:
                 x = runge_kutta_step(lambda t, stage: update(t, stage, u), time + i * h, x, h)
         self._x = x
 
-    def _choose(self, size: float) -> int:
+    def _chosen_count(self, size: float) -> int:
+        return self._choose(size).count
+
+    def _choose(self, size: float) -> Steps:
         block = self._component.block
-        if block is None or block.step_rate is None:
-            return DEFAULT_SUBSTEPS
-        if size not in self._chosen:  # the rate belongs to the parameters, which do not change in a run
-            rate = float(block.step_rate(block.start(np.zeros(len(block.inputs)), self._p), self._p))
-            self._chosen[size] = choose_substeps(rate, size, minimum=block.fewest_substeps)
+        if block is None or block.rates is None:
+            return Steps(DEFAULT_SUBSTEPS, True)
+        if size not in self._chosen:
+            # of the start: where the state is, hardly changes it
+            rates = block.rates(block.start(np.zeros(len(block.inputs)), self._p), self._p)
+            self._chosen[size] = choose_steps(rates.full().ravel(), size)
         return self._chosen[size]
 
     def _sample(self, time: float, size: float) -> None:
@@ -236,6 +242,7 @@ class _ControlInstance(Instance):
     def set_parameters(self, values: Mapping[str, float]) -> None:
         self._parameters.update({name: float(value) for name, value in values.items()})
         self._p = np.array(list(self._parameters.values()))
+        self._chosen.clear()
         block = self._component.block
         if block is not None:  # matrices of a linear block follow its parameters
             system = to_control(block.with_parameters(self._parameters))
@@ -250,7 +257,7 @@ class _ControlInstance(Instance):
         a, b, c, d = (np.ascontiguousarray(m, dtype=float) for m in (system.A, system.B, system.C, system.D))
         start = self._clock.start if self._clock else 0.0
         self._x, self._held = np.ascontiguousarray(self._x, dtype=float), np.ascontiguousarray(self._held)
-        return NativeLinear((a, b, c, d), self._x, self._held, period or 0.0, start, self._count, self._choose)
+        return NativeLinear((a, b, c, d), self._x, self._held, period or 0.0, start, self._count, self._chosen_count)
 
     def save_state(self) -> Any:
         count = self._clock.count if self._clock else 0

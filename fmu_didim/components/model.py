@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import casadi as ca
@@ -13,7 +14,7 @@ from fmu_didim.base.errors import SimulationError
 from fmu_didim.components.base import Component, Instance, SampleClock, block_feedthrough
 from fmu_didim.components.evaluator import Evaluator
 from fmu_didim.data.signals import Array, Variable
-from fmu_didim.dynamics.block import MAXIMUM_SUBSTEPS, Block, choose_substeps, runge_kutta_step
+from fmu_didim.dynamics.block import MAXIMUM_SUBSTEPS, Block, Steps, choose_steps, runge_kutta_step
 
 
 @dataclass(frozen=True)
@@ -23,7 +24,7 @@ class ModelComponent(Component):
 
     Attributes:
         block: the equations.
-        substeps: in a communication step; None chooses them from the block's rate.
+        substeps: in a communication step; None chooses them, and the method that needs less, from the block's rates.
         twin: the same block as C code, which a compiled loop runs instead (see :func:`with_compiled_twin`).
     """
 
@@ -94,7 +95,7 @@ class _ModelInstance(Instance):
         self._memory = np.zeros(block.implicit.memory if block.implicit is not None else 0)
         self._remembered = np.zeros(self._memory.size)
         self._size = np.zeros(1)
-        self._rate = 0.0
+        self._rates: Array | None = None
         self._live = True
         self._initialising = False
         self._clock: SampleClock | None = None
@@ -106,11 +107,16 @@ class _ModelInstance(Instance):
         self._output = Evaluator(self._block.output, [self._x, self._held, self._p], outputs)
         if self._block.sample_time is not None:
             self._update = Evaluator(self._block.update, [self._x, self._held, self._p], self._next)
-        elif self._block.implicit is None:
-            self._update = Evaluator(_substep(self._block), [self._x, self._held, self._p, self._size], self._next)
-        else:
-            arguments = [self._x, self._memory, self._held, self._p, self._size]
-            self._update = Evaluator(self._block.implicit.step(), arguments, self._next, self._remembered)
+
+    @cached_property
+    def _explicit(self) -> Evaluator:
+        return Evaluator(_substep(self._block), [self._x, self._held, self._p, self._size], self._next)
+
+    @cached_property
+    def _implicit(self) -> Evaluator:
+        assert self._block.implicit is not None
+        arguments = [self._x, self._memory, self._held, self._p, self._size]
+        return Evaluator(self._block.implicit.step(), arguments, self._next, self._remembered)
 
     def begin_initialisation(self, time: float) -> None:
         self._initialising = True
@@ -120,8 +126,7 @@ class _ModelInstance(Instance):
     def end_initialisation(self) -> None:
         self._start()
         self._initialising = False
-        if self._block.step_rate is not None:
-            self._rate = float(self._block.step_rate(self._x, self._p))
+        self._rates = None
 
     def _start(self) -> None:
         if self._x.size:
@@ -143,18 +148,29 @@ class _ModelInstance(Instance):
             self._sample(time, size)
 
     def _integrate(self, time: float, size: float) -> None:
-        count = self._substeps or choose_substeps(self._rate, size, minimum=self._block.fewest_substeps)
-        if count > MAXIMUM_SUBSTEPS:
+        stated = self._substeps
+        steps = self._choose(size) if stated is None else Steps(stated, self._block.implicit is None)
+        if steps.count > MAXIMUM_SUBSTEPS:
             raise SimulationError(
                 f"The equations of '{self._block.name}' are too stiff to integrate.",
-                got=f"fastest rate {self._rate:.3g} 1/s at t = {time:.6g} s",
+                got=f"{steps.count} substeps or more at t = {time:.6g} s",
+                valid=f"at most {MAXIMUM_SUBSTEPS}",
                 next_step="Check the inertias and the smoothing velocities.",
             )
-        self._size[0] = size / count
-        for _ in range(count):
-            self._update()
+        self._size[0] = size / steps.count
+        update = self._explicit if steps.explicit else self._implicit
+        if steps.explicit:
+            self._remembered[:] = 0.0
+        for _ in range(steps.count):
+            update()
             self._x[:] = self._next
             self._memory[:] = self._remembered
+
+    def _choose(self, size: float) -> Steps:
+        if self._rates is None:
+            known = self._block.rates
+            self._rates = known(self._x, self._p).full().ravel() if known is not None else np.zeros(1)
+        return choose_steps(self._rates, size)
 
     def _sample(self, time: float, size: float) -> None:
         clock = self._clock
@@ -170,14 +186,15 @@ class _ModelInstance(Instance):
         places = {v.name: i for i, v in enumerate(self._block.parameters)}
         for name, value in values.items():
             self._p[places[name]] = value
+        self._rates = None
 
     def save_state(self) -> Any:
         count = self._clock.count if self._clock else 0
         memory = self._memory.copy()
-        return self._x.copy(), memory, self._held.copy(), self.outputs.copy(), self._live, count, self._rate
+        return self._x.copy(), memory, self._held.copy(), self.outputs.copy(), self._live, count, self._rates
 
     def restore_state(self, state: Any) -> None:
-        self._x[:], self._memory[:], self._held[:], self.outputs[:], self._live, count, self._rate = state
+        self._x[:], self._memory[:], self._held[:], self.outputs[:], self._live, count, self._rates = state
         if self._clock:
             self._clock.count = count
 

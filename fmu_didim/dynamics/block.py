@@ -13,8 +13,9 @@ The initial state is ``start(u, p)``, evaluated once with the first inputs.
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import casadi as ca
@@ -66,7 +67,7 @@ class Block:
         sample_time: period in s of a discrete system, None for a continuous one.
         fixed: names of the parameters that may only change before initialisation.
         balance: how its accelerations are computed, if they are solved for; it says the same as update and output.
-        implicit: its linearly implicit step, if its stiff part is known; else RK4 integrates it.
+        implicit: its linearly implicit step, if its stiff part is known; without it RK4 integrates it.
     """
 
     name: str
@@ -107,24 +108,30 @@ class Block:
 
     @property
     def step_rate(self) -> ca.Function | None:
-        """(x, p) -> rate in 1/s from which the substeps follow, of the method that integrates it."""
+        """(x, p) -> rate in 1/s of the method by which a stated number of substeps is made."""
         return self.rate_bound if self.implicit is None else self.implicit.rate
 
-    @property
-    def fewest_substeps(self) -> int:
-        """Substeps in a communication step that are never undercut, of the method that integrates it."""
-        return FEWEST_EXPLICIT if self.implicit is None else FEWEST_IMPLICIT
-
-    @property
-    def refinement(self) -> int:
-        """By how much twice the substeps divide the error of the method that integrates it: 2 to the power of its
-        order."""
-        return 2**4 if self.implicit is None else 2**2
+    @cached_property
+    def rates(self) -> ca.Function | None:
+        """(x, p) -> rates in 1/s for :func:`choose_steps`, (1,) or (2,)."""
+        if self.rate_bound is None or self.implicit is None:
+            return self.rate_bound
+        x, p = ca.SX.sym("x", len(self.states)), ca.SX.sym("p", len(self.parameters))
+        return ca.Function("rates", [x, p], [ca.densify(ca.vertcat(self.rate_bound(x, p), self.implicit.rate(x, p)))])
 
     def automatic_substeps(self, step: float) -> int:
-        """The substeps in a communication step (s), from the start of the block."""
+        """The substeps in a communication step (s) of the method by which a stated number is made, from the start of
+        the block."""
         assert self.step_rate is not None
-        return choose_substeps(self.at_start(self.step_rate), step, minimum=self.fewest_substeps)
+        fewest = FEWEST_EXPLICIT if self.implicit is None else FEWEST_IMPLICIT
+        return choose_substeps(self.at_start(self.step_rate), step, minimum=fewest)
+
+    def automatic_steps(self, step: float) -> Steps:
+        """How a communication step (s) is integrated where no number of substeps is stated, from the start of the
+        block."""
+        assert self.rates is not None
+        p = self.parameter_values
+        return choose_steps(self.rates(self.start(np.zeros(len(self.inputs)), p), p).full().ravel(), step)
 
     def at_start(self, rate: ca.Function) -> float:
         """A rate (x, p) -> 1/s at the start of the block, with inputs of zero."""
@@ -152,7 +159,7 @@ class Block:
         for group in (self.inputs, self.outputs, self.states, self.parameters):
             state.update(repr(group).encode())
         implicit = () if self.implicit is None else (self.implicit.solution, self.implicit.following)
-        for function in (self.update, self.output, self.start, self.step_rate, *implicit):
+        for function in (self.update, self.output, self.start, self.rates, *implicit):
             if function is not None:
                 state.update(function.serialize().encode())
         return state.hexdigest()
@@ -167,6 +174,10 @@ SUBSTEP_TOLERANCE = 1e-5
 Who asks an FMU for less gets twice the substeps as often as the order of the method asks for it."""
 FINEST_TOLERANCE = 1e-12
 """The least tolerance that can be asked for: below, rounding in thousands of substeps would be larger."""
+REFINEMENT_EXPLICIT, REFINEMENT_IMPLICIT = 2**4, 2**2
+"""By how much twice the substeps divide the error: 2 to the power of the order."""
+EXPLICIT_COST = 2.0
+"""Time of a substep of RK4, over that of a linearly implicit one: 1.8 for a SCARA, 2.0 for a TX40."""
 FEWEST_EXPLICIT = 4
 """Substeps of RK4 in a communication step at least: what no rate bounds, the motion itself, is resolved by them."""
 FEWEST_IMPLICIT = 16
@@ -192,6 +203,30 @@ def choose_substeps(rate: float, step: float, *, minimum: int = FEWEST_EXPLICIT)
     while count < wanted and count <= MAXIMUM_SUBSTEPS:
         count *= 2
     return count
+
+
+@dataclass(frozen=True)
+class Steps:
+    """How a communication step is integrated: the number of equal substeps, and whether they are of RK4 (explicit) or
+    linearly implicit."""
+
+    count: int
+    explicit: bool
+
+
+def choose_steps(rates: Sequence[float] | Array, step: float) -> Steps:
+    """The method that needs less for the accuracy of :func:`choose_substeps`, and its substeps.
+
+    RK4 where nothing is steep, the linearly implicit method where friction, gears or bristles would ask for many small
+    steps. The rates alone decide, not the step: a run does not change its method from one step to the next.
+
+    Args:
+        rates: 1/s, of RK4, and of the linearly implicit method where there is one.
+        step: communication step, s.
+    """
+    if len(rates) == 1 or EXPLICIT_COST * rates[0] <= rates[1]:
+        return Steps(choose_substeps(float(rates[0]), step, minimum=FEWEST_EXPLICIT), True)
+    return Steps(choose_substeps(float(rates[1]), step, minimum=FEWEST_IMPLICIT), False)
 
 
 def runge_kutta_step(rate: Callable[[float, Any], Any], time: float, x: Any, h: Any) -> Any:

@@ -14,7 +14,18 @@ import casadi as ca
 
 from fmu_didim.base.errors import InputError
 from fmu_didim.base.symbolic import forward
-from fmu_didim.dynamics.block import FINEST_TOLERANCE, MAXIMUM_SUBSTEPS, SUBSTEP_RATE, SUBSTEP_TOLERANCE, Block
+from fmu_didim.dynamics.block import (
+    EXPLICIT_COST,
+    FEWEST_EXPLICIT,
+    FEWEST_IMPLICIT,
+    FINEST_TOLERANCE,
+    MAXIMUM_SUBSTEPS,
+    REFINEMENT_EXPLICIT,
+    REFINEMENT_IMPLICIT,
+    SUBSTEP_RATE,
+    SUBSTEP_TOLERANCE,
+    Block,
+)
 from fmu_didim.export.variables import SUBSTEPS_NAME, TOLERANCE_NAME, exported_variables, layout
 from fmu_didim.export.xml_file import is_text
 
@@ -99,7 +110,7 @@ def generate_c(block: Block) -> str:
     ``block_start``               (u, p) -> x (nx,)
     ``block_ready``               (x, p) -> the first outputs, if no input reaches them, without the others
     ``block_step``                (x, m, u, p, h) -> x (nx,), m (nm,) after a linearly implicit step, if there is one
-    ``block_rate``                (x, p) -> bound of the fastest rate, 1/s; 0 if there is no bound
+    ``block_rate``                (x, p) -> rates of RK4 and of linearly implicit steps, if there are, 1/s; 0 without
     ``block_directional``         (x, u, p, dx, du, dp) -> J_update d, J_output d
     ``block_start_directional``   (u, p, du, dp) -> J_start d
     ============================  ===========================================================
@@ -132,12 +143,15 @@ def generate_config(block: Block, *, guid: str) -> str:
         f"#define BLOCK_SAMPLED {int(block.sample_time is not None)}",
         f"#define BLOCK_SAMPLE_TIME {float(block.sample_time or 0.0)!r}",
         f"#define BLOCK_SUBSTEP_RATE {SUBSTEP_RATE!r}",
-        # The rule of `choose_substeps` is handed over, not repeated.
-        f"#define BLOCK_MINIMUM_SUBSTEPS {block.fewest_substeps}",
+        # The rule of `choose_steps` is handed over, not repeated.
+        f"#define BLOCK_EXPLICIT_COST {EXPLICIT_COST!r}",
+        f"#define BLOCK_FEWEST_EXPLICIT {FEWEST_EXPLICIT}",
+        f"#define BLOCK_FEWEST_IMPLICIT {FEWEST_IMPLICIT}",
         f"#define BLOCK_MAXIMUM_SUBSTEPS {MAXIMUM_SUBSTEPS}",
         f"#define BLOCK_TOLERANCE {SUBSTEP_TOLERANCE!r}",
         f"#define BLOCK_FINEST_TOLERANCE {FINEST_TOLERANCE!r}",
-        f"#define BLOCK_REFINEMENT {block.refinement}",
+        f"#define BLOCK_REFINEMENT_EXPLICIT {REFINEMENT_EXPLICIT}",
+        f"#define BLOCK_REFINEMENT_IMPLICIT {REFINEMENT_IMPLICIT}",
         f"#define READY_COUNT {ready_count(block)}",
         f"#define BLOCK_IMPLICIT {int(implicit is not None)}",
         f"#define MEMORY_COUNT {implicit.memory if implicit is not None else 0}",
@@ -165,7 +179,7 @@ def generate_config(block: Block, *, guid: str) -> str:
 
 def _exported_functions(block: Block) -> list[ca.Function]:
     nx, nu, p = len(block.states), len(block.inputs), len(block.parameters)
-    functions = [f for f in (block.update, block.output, block.start, block.step_rate) if f is not None]
+    functions = [f for f in (block.update, block.output, block.start, block.rates) if f is not None]
     # Scalar expressions give straight-line code; matrix expressions are kept where they are needed.
     kind: Any = ca.SX if all(f.is_a("SXFunction") for f in functions) else ca.MX
     x, u, q = kind.sym("x", nx), kind.sym("u", nu), kind.sym("p", p)
@@ -177,7 +191,7 @@ def _exported_functions(block: Block) -> list[ca.Function]:
     update = column(block.update(x, u, q), nx)
     output = column(block.output(x, u, q), len(block.outputs))
     start = column(block.start(u, q), nx)
-    rate = column(block.step_rate(x, q), 1) if block.step_rate is not None else kind(ca.DM(0.0))
+    rate = column(block.rates(x, q), block.rates.numel_out(0)) if block.rates is not None else kind(ca.DM(0.0))
     # One forward sweep for both results, so that they share what they have in common.
     dots = [ca.densify(dot) for dot in forward([update, output], [x, u, q], [[dx, du, dq]])[0]]
     start_dot = ca.densify(forward([start], [u, q], [[du, dq]])[0][0])

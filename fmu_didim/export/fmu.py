@@ -39,8 +39,8 @@ def build_fmu(
     A continuous block is integrated in co-simulation with ``substeps`` equal substeps in a communication
     step and the input held constant: by the linearly implicit method of
     :mod:`fmu_didim.dynamics.linearly_implicit` where the block knows its stiff part, else by the classical
-    Runge-Kutta method of fourth order. By default their number follows
-    :func:`fmu_didim.dynamics.block.choose_substeps` from the block's rate at the initial state. Outputs follow
+    Runge-Kutta method of fourth order. By default their number, and which of the two methods needs less, follow
+    :func:`fmu_didim.dynamics.block.choose_steps` from the block's rates at the initial state. Outputs follow
     inputs and tunable parameters at once. A sampled block samples at t_start + n T: at such an instant
     its outputs follow its inputs at once, between them they are held. In model exchange those instants
     are time events.

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 from fmu_didim.components import Component
 from fmu_didim.cosim import System
-from fmu_didim.dynamics.block import Block, choose_substeps
+from fmu_didim.dynamics.block import Block, Steps, choose_substeps
 from fmu_didim.dynamics.linearly_implicit import NAME
 
 STABLE = 8
@@ -33,7 +33,8 @@ def integration(plant: Component, step: float) -> Integration | None:
     if known is None or known[0].step_rate is None:
         return None
     block, stated = known
-    return Integration("RK4" if block.implicit is None else NAME, stated or block.automatic_substeps(step))
+    steps = block.automatic_steps(step) if stated is None else Steps(stated, block.implicit is None)
+    return Integration("RK4" if steps.explicit else NAME, steps.count)
 
 
 def stable_substeps(block: Block, step: float) -> int:

@@ -189,7 +189,7 @@ APART static int refresh_rate(Core *core) {
     if (!s->rate_stale) return CORE_OK;
     core->arguments[0] = s->values + STATE_FIRST;
     core->arguments[1] = s->values + PARAMETER_FIRST;
-    core->results[0] = &s->rate;
+    core->results[0] = s->rates;
     if (evaluate(core, block_rate, "rate bound")) return CORE_ERROR;
     s->rate_stale = 0;
     return CORE_OK;
@@ -330,34 +330,51 @@ static int core_finish_initialization(Core *core) {
     return refresh_rate(core);
 }
 
-/* The power of two >= step * rate / BLOCK_SUBSTEP_RATE: `choose_substeps` of fmu_didim/dynamics/block.py. Its error stays below
- * BLOCK_TOLERANCE, and twice the substeps divide it by BLOCK_REFINEMENT. */
-static int choose_substeps(Core *core, double step, int *substeps) {
+/* By how many times twice the substeps a method comes from the error of the rule to the tolerance asked for. */
+static int doublings(const CoreState *s, double refinement) {
+    const double tolerance = s->tolerance > 0.0 ? s->tolerance : s->stated_tolerance;
+    int count = 0;
+    if (tolerance > 0.0)
+        for (double error = BLOCK_TOLERANCE; error > tolerance; error /= refinement) ++count;
+    return count;
+}
+
+/* Whether RK4 costs less than linearly implicit steps of the same accuracy. It does not depend on the step, so that a run
+ * does not change its method from one step to the next. */
+static int is_explicit(const CoreState *s) {
+#if BLOCK_IMPLICIT
+    if (s->substeps > 0) return 0;
+    return ldexp(BLOCK_EXPLICIT_COST * s->rates[0], doublings(s, BLOCK_REFINEMENT_EXPLICIT)) <=
+           ldexp(s->rates[1], doublings(s, BLOCK_REFINEMENT_IMPLICIT));
+#else
+    (void)s;
+    return 1;
+#endif
+}
+
+/* The power of two >= step * rate / BLOCK_SUBSTEP_RATE: `choose_steps` of fmu_didim/dynamics/block.py. Its error stays
+ * below BLOCK_TOLERANCE, and twice the substeps divide it by the refinement of the method. */
+static int choose_steps(Core *core, double step, int *substeps, int *explicit_steps) {
     CoreState *s = &core->state;
+    if (s->substeps == 0 && refresh_rate(core)) return CORE_ERROR; /* a tunable parameter was changed */
+    *explicit_steps = is_explicit(s);
     *substeps = s->substeps;
     if (s->substeps > 0) return CORE_OK;
-    if (refresh_rate(core)) return CORE_ERROR; /* a tunable parameter was changed */
-    const double wanted = step * s->rate / BLOCK_SUBSTEP_RATE;
-    int count = BLOCK_MINIMUM_SUBSTEPS;
+    const double rate = s->rates[*explicit_steps ? 0 : RATE_COUNT - 1], wanted = step * rate / BLOCK_SUBSTEP_RATE;
+    int count = *explicit_steps ? BLOCK_FEWEST_EXPLICIT : BLOCK_FEWEST_IMPLICIT;
     while (count < wanted && count < BLOCK_MAXIMUM_SUBSTEPS) count *= 2;
     if (!(wanted <= count)) /* written so that a NaN fails */
         return core_fail(core, "the communication step of %.6g s at t=%.9g s needs %.6g substeps (fastest rate %.6g "
                          "1/s), more than the largest number of %d: use a shorter step, softer parameters, or set "
-                         "'substeps'", step, s->time, wanted, s->rate, BLOCK_MAXIMUM_SUBSTEPS);
-    const double tolerance = s->tolerance > 0.0 ? s->tolerance : s->stated_tolerance;
-    if (tolerance > 0.0)
-        for (double error = BLOCK_TOLERANCE; error > tolerance; error /= BLOCK_REFINEMENT) count *= 2;
-    *substeps = count;
+                         "'substeps'", step, s->time, wanted, rate, BLOCK_MAXIMUM_SUBSTEPS);
+    *substeps = count << doublings(s, *explicit_steps ? BLOCK_REFINEMENT_EXPLICIT : BLOCK_REFINEMENT_IMPLICIT);
     return CORE_OK;
 }
 
 #if BLOCK_IMPLICIT
 /* Equal substeps of the linearly implicit method of fmu_didim/dynamics/linearly_implicit.py, constant input. */
-static int integrate(Core *core, double step) {
+static int implicit_steps(Core *core, double h, int substeps) {
     double *x = core->state.values + STATE_FIRST, *memory = core->state.memory;
-    int substeps;
-    if (choose_substeps(core, step, &substeps)) return CORE_ERROR;
-    const double h = step / substeps;
     for (int n = 0; n < substeps; ++n) {
         core->arguments[0] = x;
         core->arguments[1] = memory;
@@ -372,14 +389,12 @@ static int integrate(Core *core, double step) {
     }
     return CORE_OK;
 }
-#else
+#endif
+
 /* Classical Runge-Kutta of fourth order with equal substeps and constant input. */
-static int integrate(Core *core, double step) {
+static int runge_kutta_steps(Core *core, double h, int substeps) {
     double *x = core->state.values + STATE_FIRST;
     double *k = core->slope, *sum = core->slope_sum, *stage = core->stage;
-    int substeps;
-    if (choose_substeps(core, step, &substeps)) return CORE_ERROR;
-    const double h = step / substeps;
     for (int n = 0; n < substeps; ++n) {
         if (evaluate_update(core, x, k)) return CORE_ERROR;
         for (int i = 0; i < STATE_COUNT; ++i) {
@@ -401,7 +416,16 @@ static int integrate(Core *core, double step) {
     }
     return CORE_OK;
 }
+
+static int integrate(Core *core, double step) {
+    int substeps, explicit_steps;
+    if (choose_steps(core, step, &substeps, &explicit_steps)) return CORE_ERROR;
+#if BLOCK_IMPLICIT
+    if (!explicit_steps) return implicit_steps(core, step / substeps, substeps);
+    memset(core->state.memory, 0, sizeof(core->state.memory)); /* RK4 remembers nothing */
 #endif
+    return runge_kutta_steps(core, step / substeps, substeps);
+}
 
 /* One sample of a sampled block: hold the outputs, go to the next state, wait for the next sample. */
 APART static int sample(Core *core) {

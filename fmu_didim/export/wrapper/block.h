@@ -18,6 +18,7 @@
 
 #include "block_config.h"
 
+#define RATE_COUNT (1 + BLOCK_IMPLICIT)
 #define AT_LEAST_ONE(count) ((count) > 0 ? (count) : 1) /* C has no empty array */
 
 enum { CORE_OK = 0, CORE_ERROR = 1 };
@@ -40,11 +41,11 @@ typedef struct {
     double memory[AT_LEAST_ONE(MEMORY_COUNT)]; /* what a linearly implicit step knows of the one before */
     double start_time;
     double time;
-    double rate;            /* bound of the fastest rate, 1/s */
+    double rates[RATE_COUNT]; /* of RK4, and of linearly implicit steps where there are, 1/s */
     long long sample_index; /* the next sample is due at start_time + sample_index * period */
     double tolerance;       /* relative, of the integration; 0: the stated one */
     double stated_tolerance; /* by the master for the experiment; 0: none */
-    int substeps;           /* 0: chosen from `rate`, the tolerance and the communication step */
+    int substeps;           /* 0: chosen from `rates`, the tolerance and the communication step */
     int mode;               /* CoreMode */
     int start_stale, outputs_stale, ready_stale, derivatives_stale, rate_stale; /* 1: recompute before use */
 } CoreState;
@@ -56,12 +57,9 @@ typedef struct {
     double sensitivity[AT_LEAST_ONE(VALUE_COUNT)];
     double state_dot[AT_LEAST_ONE(STATE_COUNT)];
     double stage[AT_LEAST_ONE(STATE_COUNT)];
-#if BLOCK_IMPLICIT
     double remembered[AT_LEAST_ONE(MEMORY_COUNT)];
-#else
     double slope[AT_LEAST_ONE(STATE_COUNT)];
     double slope_sum[AT_LEAST_ONE(STATE_COUNT)];
-#endif
     const double **arguments; /* CasADi's work arrays, sized for the hungriest function */
     double **results;
     long long *integers;

@@ -1,6 +1,7 @@
 /* A block together with the derivatives of its states and outputs by some parameters, one lane a parameter.
 
-   The derivatives are those of the discrete equations: the same substeps, differentiated stage by stage.
+   The derivatives are those of the discrete equations: the same substeps, differentiated stage by stage. Of a block whose
+   stiff part is known they are linearly implicit, where a block without derivatives may take RK4 instead, which errs less.
    set, get and step have the signatures of FMI 2.0, so that the compiled loop calls them as it calls an FMU; the
    arrays are the values, then for each variable its LANES derivatives. */
 #include <math.h>
