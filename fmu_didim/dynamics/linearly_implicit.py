@@ -21,6 +21,7 @@ SIAM J. Numer. Anal. 7 (1970), for a Theta that follows the step.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import casadi as ca
 
@@ -53,6 +54,12 @@ class LinearlyImplicit:
     def hidden(self) -> int:
         """Number of hidden unknowns na."""
         return int(self.residual.numel_out(0))
+
+    @cached_property
+    def resolves_all(self) -> bool:
+        """Whether nothing must be resolved, at any values of the parameters."""
+        x, p = (ca.SX.sym(name, self.resolution.numel_in(i)) for i, name in enumerate("xp"))
+        return bool(ca.SX(self.resolution(x, p)).is_zero())
 
     @property
     def memory(self) -> int:

@@ -22,6 +22,7 @@ import clarabel
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
+from scipy.linalg import block_diag
 
 from fmu_didim.base.errors import IdentificationError
 from fmu_didim.components import SameObject
@@ -217,19 +218,25 @@ class Region:
         one = np.eye(count)
         of_machines = [(one * unit)[m.place[m.physical.rows]] / m.physical.row_scale[:, None] for m in self.machines]
         inertias = [(m.place, *m.triangles(self.smallest)) for m in self.machines]
-        none = sparse.csc_matrix((0, 0))
-        maps = sparse.block_diag([none, *(m.map / m.row_scale[:, None] for m in machines)])
-        motors = sparse.block_diag([none, *(m.table[: len(m.motors)] for m in machines)])
-        links = sparse.block_diag([none, *(m.table[len(m.motors) :] for m in machines)])
-        room = self.margin * np.array([float(row == column) for row, column in TRIANGLE])
-        blocks = [
-            [table, sparse.csc_matrix((rows, maps.shape[1])), -sparse.eye(rows)],
-            [np.vstack([np.zeros((0, count)), *of_machines]), -maps, None],
-            [np.vstack([sign * one[at] for sign, _, at in limits]), None, None],
-            [None, -motors, None],
-            [None, -links, None],
-            *([-columns @ (one * unit)[place], None, None] for place, columns, _ in inertias),
+        none = np.zeros((0, 0))
+        maps = block_diag(none, *(m.map / m.row_scale[:, None] for m in machines))
+        motors = block_diag(none, *(m.table[: len(m.motors)] for m in machines))
+        links = block_diag(none, *(m.table[len(m.motors) :] for m in machines))
+        of_links = slice(count, count + maps.shape[1])
+        blocks: list[tuple[Array, slice]] = [  # rows of coefficients, and of which unknowns; those of others are zero
+            (np.vstack([table, *of_machines]), slice(count)),
+            *((sign * one[at], slice(count)) for sign, _, at in limits),
+            (-motors, of_links),
+            (-links, of_links),
+            *((-columns @ (one * unit)[place], slice(count)) for place, columns, _ in inertias),
         ]
+        whole = np.zeros((sum(len(part) for part, _ in blocks), of_links.stop + rows))
+        first = 0
+        for part, place in blocks:
+            whole[first : (first := first + len(part)), place] = part
+        whole[:rows, of_links.stop :] = -np.eye(rows)
+        whole[rows : rows + self._equal, of_links] = -maps
+        room = self.margin * np.array([float(row == column) for row, column in TRIANGLE])
         rights = [
             right,
             np.zeros(self._equal),
@@ -247,8 +254,9 @@ class Region:
         weights = np.concatenate([np.zeros(count), np.full(maps.shape[1], MASS_ALONE), np.ones(rows)])
         settings = clarabel.DefaultSettings()
         settings.verbose = False
-        quadratic, whole = sparse.diags_array(weights, format="csc"), sparse.bmat(blocks, format="csc")
-        return clarabel.DefaultSolver(quadratic, np.zeros(weights.size), whole, np.concatenate(rights), cones, settings)
+        quadratic, sparse_whole = sparse.diags_array(weights, format="csc"), sparse.csc_matrix(whole)
+        linear = np.zeros(weights.size)
+        return clarabel.DefaultSolver(quadratic, linear, sparse_whole, np.concatenate(rights), cones, settings)
 
     def _of_machines(self, stacked: Array) -> tuple[Array, ...]:
         """The inequalities of each machine, from those of all motors followed by those of all links."""

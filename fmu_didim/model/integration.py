@@ -40,6 +40,8 @@ def integration(plant: Component, step: float) -> Integration | None:
 def stable_substeps(block: Block, step: float) -> int:
     """The fewest substeps in a communication step (s) that are stable, and resolve oscillations."""
     if block.implicit is not None:
+        if block.implicit.resolves_all:
+            return 1
         return choose_substeps(block.at_start(block.implicit.resolution), step, minimum=1)
     assert block.rate_bound is not None
     return choose_substeps(block.at_start(block.rate_bound), step, minimum=2 * STABLE) // STABLE

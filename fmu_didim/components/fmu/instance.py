@@ -194,12 +194,15 @@ class FmuInstance(RestartableInstance):
         component = self._component
         wanted: dict[int, list[float]] = {}
         for name, value in values.items():
-            reference = component.reference(name)
+            reference, own = component.reference(name), component.parameter_conversion(name).to_own(value)
             siblings = component.arrays.get(name, (name,))
-            if reference not in wanted or len(siblings) == 1:
-                known = {**component.start_values, **component.parameter_values()} if len(siblings) > 1 else {}
+            if len(siblings) == 1:
+                wanted[reference] = [own]
+                continue
+            if reference not in wanted:
+                known = {**component.start_values, **component.parameter_values()}
                 wanted[reference] = [component.parameter_conversion(s).to_own(known.get(s, value)) for s in siblings]
-            wanted[reference][siblings.index(name)] = component.parameter_conversion(name).to_own(value)
+            wanted[reference][siblings.index(name)] = own
         return wanted
 
     def _set_own(self, values: Mapping[str, float]) -> None:
