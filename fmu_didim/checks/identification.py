@@ -160,7 +160,7 @@ def checked(estimate: Estimate, validations: Sequence[Validation], *, before: It
     tests = residual_tests(estimate)
     agreements = {} if estimate.fit is None else agreement(estimate.fit)
     found = [
-        *confirmed(model, before),
+        *confirmed(estimate.fitted_model, before),
         *held_parameters(model),
         *limit_diagnostics(estimate),
         *agreement_diagnostics(agreements),

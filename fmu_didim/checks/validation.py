@@ -109,8 +109,8 @@ def validate_on(model: LoopModel, values: Array, label: str) -> Validation:
     run, measured = model.simulation(values, label), model.experiments.recorded_in(label)
     every, motion, channels = None, dict[str, Array](), dict[str, ChannelValidation]()
     try:
-        simulated, failure = run.experiment.unscaled(run.torque()), ""
         table = simulated_table(run)
+        simulated, failure = run.experiment.unscaled(run.torque()), ""
         every = table.first(model.joint_count) if model.loop.shows_torque else table
         motion = motion_at_samples(run, table)
         channels = validated_channels(run)

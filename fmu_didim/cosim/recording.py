@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -36,6 +36,16 @@ class Recording:
     sampled: Mapping[str, Array]
     compiled: bool = False
     instants: Array | None = None
+
+    def at(self, ticks: NDArray[np.int64]) -> Recording:
+        """These of its ticks, with the spacing that it has."""
+        rows = np.searchsorted(self.ticks, ticks)
+        return replace(
+            self, ticks=self.ticks[rows], instants=None if self.instants is None else self.instants[rows],
+            applied={name: column[rows] for name, column in self.applied.items()},
+            inputs={name: column[rows] for name, column in self.inputs.items()},
+            sampled={name: column[rows] for name, column in self.sampled.items()},
+        )  # fmt: skip
 
     @property
     def spacing(self) -> float | Array:

@@ -78,6 +78,30 @@ class SampleOperator:
             origin=None if self.origin is None else self.origin.before(count),
         )
 
+    def thinned(self, most: int) -> SampleOperator:
+        """Averages by some of the ticks alone, about ``most`` of the longest window, and straight lines between them.
+
+        They are exact for straight lines. Windows that have no more ticks stay as they are.
+        """
+        stride = int(np.diff(self.matrix.indptr).max(initial=0)) // most
+        if self.positions is not None or stride < 2:
+            return self
+        steps = np.diff(self.ticks)
+        wanted = np.arange(self.ticks.size) % stride == 0
+        wanted[:-1] |= steps > steps.min()  # both sides of a gap
+        wanted[1:] |= steps > steps.min()
+        wanted[-1] = True
+        left = np.flatnonzero(wanted)
+        after = np.clip(np.searchsorted(left, np.arange(self.ticks.size)), 1, left.size - 1)
+        begin, end = self.ticks[left[after - 1]], self.ticks[left[after]]
+        share = (self.ticks - begin) / (end - begin)
+        rows = np.arange(self.ticks.size)
+        lines = sparse.csr_array(
+            (np.concatenate([1 - share, share]), (np.tile(rows, 2), np.concatenate([after - 1, after]))),
+            shape=(rows.size, left.size),
+        )
+        return replace(self, ticks=self.ticks[left], matrix=sparse.csr_array(self.matrix @ lines), origin=None)
+
     def apply(self, values: Array) -> Array:
         """(K, ...) values at the ticks -> (N, ...) samples."""
         flat = values.reshape(values.shape[0], -1)

@@ -152,6 +152,14 @@ class Estimate:
     provenance: Mapping[str, Any] = field(default_factory=dict)
 
     @property
+    def fitted_model(self) -> LoopModel:
+        """The model integrated as it was fitted: twice the substeps move the values by ``integration_shift`` alone."""
+        if self.fit is None or self.fit.model.loop.substeps is None:
+            return self.model
+        loop = self.fit.model.loop
+        return self.model.with_loop(substeps=loop.substeps, substep_factor=loop.substep_factor)
+
+    @property
     def names(self) -> tuple[str, ...]:
         """(p,) of the parameters."""
         return self.model.names

@@ -161,7 +161,8 @@ def _judged(
     known: Mapping[str, Any],
     sentences: Mapping[str, str],
 ) -> Result:
-    validations = [validate_on(estimate.model, estimate.value, label) for label in estimate.model.experiments]
+    model = estimate.fitted_model
+    validations = [validate_on(model, estimate.value, label) for label in model.experiments]
     checks = checked(estimate, validations, before=before)
     checks = replace(checks, judgement=checks.judgement.acknowledging(sentences))
     document = result_document(

@@ -269,3 +269,23 @@ def test_a_negative_phase_is_refused() -> None:
 def test_a_rate_beyond_all_logs_is_refused() -> None:
     with pytest.raises(InputError, match="fewer samples than that"):
         decimated_times(np.arange(10.0), 1e12)
+
+
+@pytest.mark.parametrize("window", ["preceding", "centred", "following"])
+@pytest.mark.parametrize("window_s", [0.05, 0.0511])
+def test_averages_by_some_of_the_ticks(window: Window, window_s: float) -> None:
+    """They are exact for straight lines, also over logs with gaps, and near for smooth signals; few ticks are left."""
+    step, count = 0.0002, 5000
+    times = np.delete(0.06 * np.arange(1, 15), [4, 5])
+    whole = sample_operator(
+        times, start=0.0, step=step, tick_count=count, kind="average", window=window, window_s=window_s
+    )
+    few = whole.thinned(10)
+    assert few.ticks.size < 0.13 * whole.ticks.size
+    at = step * np.arange(count)
+    np.testing.assert_allclose(few.apply(1 + at[few.ticks]), whole.apply(1 + at[whole.ticks]), rtol=1e-13)
+    swing = np.sin(2 * np.pi * 3 * at)
+    np.testing.assert_allclose(few.apply(swing[few.ticks]), whole.apply(swing[whole.ticks]), atol=1e-3)
+    assert whole.thinned(whole.ticks.size) is whole
+    points = plain(START + STEP * np.arange(10))
+    assert points.thinned(1) is points

@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
 from fmu_didim.base.diagnostics import Diagnostic
@@ -26,6 +27,7 @@ from fmu_didim.fit.noise.noise import TINY, effective_fraction
 from fmu_didim.fit.solver.admissible import mass_matrix_problem
 from fmu_didim.model.experiment import Experiment
 from fmu_didim.model.loop_model import LoopModel, Simulation
+from fmu_didim.model.parameters import Parameters
 from fmu_didim.model.prediction import predict
 
 DIDIM_STEPS = 20
@@ -43,6 +45,9 @@ CLEARLY = 20.0
 """[1] BIC difference from which an explanation is reported: twice that of very strong evidence."""
 WORTH_IT = 0.97
 """[1] Of the mean square residual that an explanation must leave at most."""
+WHOLE = 4
+"""[1] Ticks of a run over those of a log up to which the regressor is computed at all of them at once, for every shift
+of the log that is tried; beyond, at those that a shift asks for."""
 FINE = 0.1
 """[1] Of the step to its sides, to which the least misfit is searched."""
 
@@ -56,21 +61,64 @@ class Explanation:
     diagnostic: Diagnostic
 
 
+Ticks = NDArray[np.int64]
+Rows = Callable[[Ticks], tuple[Array, Array]]
+"""From ticks (K,) to columns (K, n, b) and known (K, n), so that the logged torque there is columns theta + known."""
+
+
+@dataclass(frozen=True)
+class RegressorRows:
+    """The regressor along a motion, computed where it is asked for.
+
+    Attributes:
+        parameters: whose regressor; theta: (b,) values of the motion.
+        motion: q, dq, ddq, (K, n) each; observed: (K, no) further signals; torque: (K, n) as logged, at all ticks.
+    """
+
+    parameters: Parameters
+    theta: Array
+    motion: tuple[Array, Array, Array]
+    observed: Array | None
+    torque: Array
+
+    def __call__(self, ticks: Ticks) -> tuple[Array, Array]:
+        if len(self.torque) > WHOLE * ticks.size:
+            return self._at(ticks)
+        columns, known = self._whole
+        return columns[ticks], known[ticks]
+
+    @cached_property
+    def _whole(self) -> tuple[Array, Array]:
+        return self._at(np.arange(len(self.torque)))
+
+    def _at(self, ticks: Ticks) -> tuple[Array, Array]:
+        columns = self.columns(self.parameters, ticks)
+        return columns, self.torque[ticks] - columns @ self.theta
+
+    def columns(self, parameters: Parameters, ticks: Ticks) -> Array:
+        """(K, n, b) of any parameters along the motion."""
+        observed = None if self.observed is None else self.observed[ticks]
+        return parameters.regressor(*(signal[ticks] for signal in self.motion), observed=observed)[0]
+
+
 @dataclass(frozen=True)
 class FittedMotion:
     """A simulated motion at all ticks of an experiment, and its regressor.
 
     Attributes:
         run: the simulation, of a loop with that experiment alone.
-        motion: q, dq, ddq, (K, n) each; observed: (K, no) further signals of the regressor.
-        columns: (K, n, b); known: (K, n), so that the logged torque is columns theta + known.
+        along: the regressor along the motion.
+        changed: the rows of another robot along it; None: those of the own one.
     """
 
     run: Simulation
-    motion: tuple[Array, Array, Array]
-    observed: Array | None
-    columns: Array
-    known: Array
+    along: RegressorRows
+    changed: Rows | None = None
+
+    @property
+    def rows(self) -> Rows:
+        """The rows of the fit."""
+        return self.along if self.changed is None else self.changed
 
     @property
     def experiment(self) -> Experiment:
@@ -81,7 +129,7 @@ class FittedMotion:
     def size(self) -> Array:
         """(n,) of the residual as the case has it, by which the joints of all compared residuals are divided."""
         equal = np.maximum(self.experiment.torque.std(axis=0), TINY)
-        rest = self._rest(self.experiment.operator, self.columns, equal)
+        rest = self._rest(self.experiment.operator, equal)
         return np.asarray(np.maximum(rest.std(axis=0), EXACT * equal))
 
     @cached_property
@@ -92,7 +140,7 @@ class FittedMotion:
 
     def residual(self, operator: SampleOperator | None = None) -> Array:
         """(N, n) residual of a fit of the log, with another sampling where one is given."""
-        return self._rest(self.experiment.operator if operator is None else operator, self.columns, self.size)
+        return self._rest(self.experiment.operator if operator is None else operator, self.size)
 
     def misfit(self, operator: SampleOperator | None = None) -> float:
         """Mean square of that residual, each joint divided by its size; 1 as the case has it."""
@@ -129,7 +177,7 @@ class FittedMotion:
 
     def misfit_of(self, other: FittedMotion) -> float:
         """The misfit along another motion, joints divided by their size along this one."""
-        rest = other._rest(other.experiment.operator, other.columns, self.size)
+        rest = other._rest(other.experiment.operator, self.size)
         return float(np.mean((rest / self.size) ** 2))
 
     def gain(self, misfit: float, parameters: float = 1.0) -> float:
@@ -147,22 +195,34 @@ class FittedMotion:
         deviation = deviation * np.sqrt(self.experiment.torque.size / self.samples)
         return np.asarray(np.abs(others - own) / np.maximum(deviation, TINY))
 
-    def sampled(self, values: Array) -> Array:
-        """(N, ...) values (K, ...) at the ticks as the log samples them, not filtered."""
-        return self.experiment.operator.apply(values[self.experiment.operator.ticks])
+    @cached_property
+    def sampled(self) -> tuple[Array, Array]:
+        """Columns (N, n, b) and known (N, n) as the log samples them, not filtered."""
+        operator = self.experiment.operator
+        columns, known = self.rows(operator.ticks)
+        return operator.apply(columns), operator.apply(known)
 
-    def _sampled(self, values: Array, operator: SampleOperator) -> Array:
-        return self.run.model.experiments.filtered(operator.apply(values[operator.ticks]), self.run.label)
+    @property
+    def sampled_speed(self) -> Array:
+        """(N, n) speeds of the joints as the log samples them."""
+        operator = self.experiment.operator
+        return operator.apply(np.abs(self.along.motion[1][operator.ticks]))
+
+    def _filtered(self, operator: SampleOperator) -> tuple[Array, Array]:
+        columns, known = self.rows(operator.ticks)
+        filtered = self.run.model.experiments.filtered
+        return filtered(operator.apply(columns), self.run.label), filtered(operator.apply(known), self.run.label)
 
     def _solved(self, size: Array) -> tuple[Array, Array]:
         """The values (b,) of the fit, and their deviations as of noise of this size (n,)."""
         operator, measured = self.experiment.operator, self.run.model.experiments.measured_in(self.run.label)
-        return solved_by(self._sampled(self.columns, operator), measured - self._sampled(self.known, operator), size)
+        columns, known = self._filtered(operator)
+        return solved_by(columns, measured - known, size)
 
-    def _rest(self, operator: SampleOperator, columns: Array, size: Array) -> Array:
+    def _rest(self, operator: SampleOperator, size: Array) -> Array:
         measured = self.run.model.experiments.measured_in(self.run.label)
-        known = self._sampled(self.known, operator)
-        return np.asarray(measured - fitted_by(self._sampled(columns, operator), measured, known, size))
+        columns, known = self._filtered(operator)
+        return np.asarray(measured - fitted_by(columns, measured, known, size))
 
 
 def fitted_motion(model: LoopModel, start: Array | None = None) -> FittedMotion | None:
@@ -190,9 +250,8 @@ def motion_with_regressor(run: Simulation) -> FittedMotion:
         ddq = np.gradient(dq, recording.spacing, axis=0)
     names = [f"{model.loop.plant_name}.{name}" for name in model.parameters.observed]
     observed = recording.table(names) if names else None
-    columns, _ = model.parameters.regressor(q, dq, ddq, observed=observed)
-    known = run.logged_torque(recording) - columns @ run.theta
-    return FittedMotion(run, (q, dq, ddq), observed, columns, known)
+    rows = RegressorRows(model.parameters, run.theta, (q, dq, ddq), observed, run.logged_torque(recording))
+    return FittedMotion(run, rows)
 
 
 def _starts(model: LoopModel) -> Iterator[Array]:

@@ -51,7 +51,7 @@ def outliers(fitted: FittedMotion) -> dict[int, Indices]:
     for j in range(residual.shape[1]):
         sizes = np.abs(residual[:, j])
         rows = _settled(_above_gap(sizes, EXACT * float(fitted.experiment.torque[:, j].std())))
-        if rows.size and not _follows_motion(rows, sizes, fitted.sampled(np.abs(fitted.motion[1][:, j]))):
+        if rows.size and not _follows_motion(rows, sizes, fitted.sampled_speed[:, j]):
             found[j] = rows
     return found
 
@@ -84,7 +84,8 @@ def without(fitted: FittedMotion, rows: Iterable[Indices]) -> FittedMotion:
 
 def _robust_residual(fitted: FittedMotion) -> Array:
     """(N, n) residual of the log as it is, not filtered, by Tukey's biweight."""
-    columns, target = fitted.sampled(fitted.columns), fitted.experiment.torque - fitted.sampled(fitted.known)
+    columns, known = fitted.sampled
+    target = fitted.experiment.torque - known
     size, weight = fitted.size, np.ones_like(target)
     flat, right = columns / size[:, None], target / size
     length = np.maximum(np.sqrt((flat**2).sum(axis=(0, 1))), TINY)
@@ -148,5 +149,5 @@ def _is_unlikely(off: float, count: int) -> bool:
 def _moved(fitted: FittedMotion, wrong: Array, left: Array) -> float:
     """Standard deviations by which (N, n) errors move the values, all together; ``left``: the residual beside them."""
     weight = np.sqrt(effective_fraction(left)) / np.maximum(left.std(axis=0), TINY)
-    base = BaseProjection.of(fitted.sampled(fitted.columns), weight)
+    base = BaseProjection.of(fitted.sampled[0], weight)
     return float(np.linalg.norm(base.basis.T @ base.weighted(wrong)))

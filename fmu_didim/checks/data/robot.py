@@ -17,7 +17,7 @@ from dataclasses import replace
 import numpy as np
 
 from fmu_didim.base.diagnostics import CATALOGUE, DOUBT, Diagnostic
-from fmu_didim.checks.data.linear_fit import Explanation, FittedMotion
+from fmu_didim.checks.data.linear_fit import Explanation, FittedMotion, Ticks
 from fmu_didim.checks.data.timing import SHIFT_SIGMAS
 from fmu_didim.dynamics.robot import RobotDescription, RobotModel
 from fmu_didim.model.loop_model import LoopModel
@@ -78,8 +78,12 @@ def _scales(fitted: FittedMotion) -> Iterator[Explanation]:
 
         def misfit(x: float, rows: np.ndarray = rows) -> float:
             scale = np.where(rows, math.exp(x), 1.0)
-            columns, known = fitted.columns * scale[:, None], fitted.known * scale
-            return fitted.misfit_of(replace(fitted, columns=columns, known=known))
+
+            def scaled(ticks: Ticks) -> tuple[np.ndarray, np.ndarray]:
+                columns, known = fitted.along(ticks)
+                return columns * scale[:, None], known * scale
+
+            return fitted.misfit_of(replace(fitted, changed=scaled))
 
         for x, deviation, least in _clear(fitted, misfit, math.log(LARGEST_SCALE)):
             text = (
@@ -97,9 +101,6 @@ def _link_lengths(fitted: FittedMotion) -> Iterator[Explanation]:
         return
     lengths = _lengths(robot)
     longest = max((abs(length) for _, _, length in lengths), default=0.0)
-    ticks, taken = fitted.experiment.operator.ticks, np.zeros_like(fitted.columns)
-    motion = [signal[ticks] for signal in fitted.motion]
-    observed = None if fitted.observed is None else fitted.observed[ticks]
     for j, name, length in lengths:
         if abs(length) < SHORT_LINK * longest or not length:
             continue
@@ -108,8 +109,11 @@ def _link_lengths(fitted: FittedMotion) -> Iterator[Explanation]:
             joints = list(robot.joints)
             joints[j - 1] = joints[j - 1].model_copy(update={name: length * (1 + x)})
             other = RobotParameters(RobotModel(robot.model_copy(update={"joints": tuple(joints)})), parameters.base)
-            taken[ticks] = other.regressor(*motion, observed=observed)[0]
-            return fitted.misfit_of(replace(fitted, columns=taken))
+
+            def longer(ticks: Ticks) -> tuple[np.ndarray, np.ndarray]:
+                return fitted.along.columns(other, ticks), fitted.along(ticks)[1]
+
+            return fitted.misfit_of(replace(fitted, changed=longer))
 
         for x, deviation, least in _clear(fitted, misfit, LARGEST_CHANGE):
             text = (

@@ -27,6 +27,8 @@ SHIFT_PASSES = 4
 """[fits] Of the motion with the shift that was found, until that settles."""
 SHIFT_ACCURACY = 0.02
 """[control periods] To which the least misfit is searched."""
+IN_A_WINDOW = 10
+"""[ticks] Of a window over which a log may be an average, at which the torque is taken to see whether it is."""
 CURVATURE = 0.5
 """[control periods] Beside the least misfit at which its curvature is taken."""
 SHIFT_SIGMAS = 4.0
@@ -135,7 +137,10 @@ def _least_misfit(fitted: FittedMotion) -> tuple[float, float]:
 
 def _kinds(fitted: FittedMotion) -> Iterator[Explanation]:
     label = fitted.run.label
-    ways = [(fitted.misfit(o[label]), kind, window, o[label]) for kind, window, o in other_ways({label: fitted.run})]
+    ways = [
+        (fitted.misfit(o[label].thinned(IN_A_WINDOW)), kind, window, o[label])
+        for kind, window, o in other_ways({label: fitted.run})
+    ]
     if not ways:
         return
     misfit, kind, window, operator = min(ways, key=lambda way: way[0])

@@ -384,7 +384,7 @@ def test_a_clock_that_moves_no_value_is_no_doubt(robot: str, late_s: float, told
     scale = np.repeat(1 / aligned.size[None], own.time.size, axis=0).ravel()
 
     def fit(operator: SampleOperator) -> tuple[Array, Array]:
-        columns, known = (operator.apply(values[operator.ticks]) for values in (fitted.columns, fitted.known))
+        columns, known = (operator.apply(values) for values in fitted.rows(operator.ticks))
         flat = columns.reshape(scale.size, -1) * scale[:, None]
         values = np.linalg.lstsq(flat, (own.torque - known).ravel() * scale, rcond=None)[0]
         return values, np.sqrt(np.diag(np.linalg.inv(flat.T @ flat)) * scale.size / aligned.samples)
