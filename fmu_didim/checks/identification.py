@@ -25,6 +25,7 @@ from fmu_didim.checks.outputs.judged import output_diagnostics
 from fmu_didim.checks.outputs.words import of_a_model
 from fmu_didim.checks.physical import physical_diagnostics
 from fmu_didim.checks.plant.unidentified import unidentified_diagnostics
+from fmu_didim.checks.power.moves import unseen_diagnostics
 from fmu_didim.checks.power.statement import PowerResult, power_of_fit
 from fmu_didim.checks.prior import prior_diagnostics
 from fmu_didim.checks.residual import (
@@ -195,6 +196,8 @@ def checked(estimate: Estimate, validations: Sequence[Validation], *, before: It
     power = None
     if judged.verdict == "valid" and estimate.fit is not None:
         power = power_of_fit(estimate.fit, misfits)
+    if power is not None:
+        judged = replace(judged, remarks=(*judged.remarks, *unseen_diagnostics(power)))
     return Checks(judged, tests, agreements, power)
 
 

@@ -30,7 +30,7 @@ from fmu_didim.fit.derivatives.load_response import MEMORY_S, LoadResponse, load
 from fmu_didim.fit.derivatives.torque_signature import TorqueSignature
 from fmu_didim.fit.fit import Fit
 from fmu_didim.fit.noise.noise import TINY
-from fmu_didim.model.free_parameter import joint_parameter
+from fmu_didim.model.free_parameter import BASE, joint_parameter
 from fmu_didim.model.motion import Motion, simulated_motion
 from fmu_didim.model.parameters import RobotParameters
 
@@ -43,6 +43,9 @@ INSTANTS = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9)
 """[1] Parts of the log at which an effect that begins on the way is looked for: these follow nine tenths of a change
 between two of them."""
 
+NO_LOAD = 1e-6
+"""[1/rad or 1/m] Change of the torque of the links by a step of a joint, over that torque, below which a zero that is
+off does nothing but by rounding: that of an axis along gravity."""
 LATE_PART = 0.1
 """[periods] By which a log is late for a slope: between two instants of the command it follows a line."""
 
@@ -50,6 +53,11 @@ TORQUE_SCALE = StatedSize("a scale of all torques that is off", "%", 100.0, join
 GRAVITY = StatedSize("a size of gravity that is off", "%", 100.0, joints="all")
 LINK_LENGTH = StatedSize("a length of a link that is off", "%", 100.0)
 """What a case says of the machine, and data can show in part only."""
+LARGEST_TURN = 10.0
+"""[deg] Up to which a zero that is off changes the torque to first order: by a cosine that is 1.5 % off one."""
+ZERO_TURNING = StatedSize("a zero of a position that is off", "deg", float(np.degrees(1.0)), largest=LARGEST_TURN)
+ZERO_SLIDING = StatedSize("a zero of a position that is off", "mm", 1e3, largest=100.0)
+"""The same of where a joint is at zero."""
 
 
 @dataclass(frozen=True)
@@ -200,13 +208,45 @@ def misfits_on_the_way(motions: FittedMotions, effects: Mapping[str, Effect] = E
 
 
 def _answered(motions: FittedMotions, loads: Sequence[Load]) -> list[Misfit]:
+    """The misfits of loads: what of a load the fitted parameters make acts as these do, by the sensitivities of the
+    fit; the loop answers the rest to first order."""
     loads, tables = [_of_unit_size(motions, load) for load in loads], []
+    joined = {label: _joined(loads, label) for label in motions.motions}
+    columns, places = _columns_of_fit(motions)
+    amounts = _amounts(columns, joined)
     for label, response in motions.responses.items():
-        answers = iter(np.moveaxis(response.at_samples(_joined(loads, label)), 2, 0))
+        answers = iter(np.moveaxis(response.at_samples(joined[label] - columns[label] @ amounts), 2, 0))
         changes = [load.tables[label] if load.is_of_log else next(answers) for load in loads]
         tables.append(motions.fit.model.experiments.filtered(np.stack(changes, axis=2), label))
     signatures = np.concatenate(tables)
+    of_loop = [k for k, load in enumerate(loads) if not load.is_of_log]
+    signatures[:, :, of_loop] += motions.fit.jacobian[:, :, places] @ amounts
     return [Misfit(load, signatures[:, :, k]) for k, load in enumerate(loads)]
+
+
+def _columns_of_fit(motions: FittedMotions) -> tuple[dict[str, Array], list[int]]:
+    """Label -> loads (K, n, b) by one of each fitted parameter in which the torque of the plant is linear, and the
+    places (b,) of these among all; of a plant without inverse model none."""
+    fit = motions.fit
+    parameters, free = fit.model.parameters, fit.model.free_parameters
+    shared = [k for k, p in enumerate(free) if p.owner == BASE and [q.key for q in free].count(p.key) == 1]
+    if not isinstance(parameters, RobotParameters):
+        return {label: np.zeros((*m.q.shape, 0)) for label, m in motions.motions.items()}, []
+    own, theta = [parameters.names.index(free[k].key) for k in shared], fit.model.theta(fit.values)
+    columns = {}
+    for label, m in motions.motions.items():
+        observed = parameters.observed_along(m.time, m.q, m.dq, m.ddq, theta)
+        columns[label] = parameters.regressor(m.q, m.dq, m.ddq, observed=observed)[0][:, :, own]
+    return columns, shared
+
+
+def _amounts(columns: Mapping[str, Array], loads: Mapping[str, Array]) -> Array:
+    """(b, w) of the fitted parameters that come nearest to loads (K, n, w) along all motions."""
+    table = np.concatenate([one.reshape(-1, one.shape[2]) for one in columns.values()])
+    size = np.maximum(np.linalg.norm(table, axis=0), TINY)
+    given = np.concatenate([one.reshape(-1, one.shape[2]) for one in loads.values()])
+    found = np.linalg.lstsq(table / size, given, rcond=None)[0]
+    return np.asarray(found / size[:, None])
 
 
 def _joined(loads: Sequence[Load], label: str) -> Array:
@@ -323,7 +363,7 @@ def _tilts(motions: FittedMotions, name: str, effect: Effect, stated: StatedSize
 
 def loads_of_case(motions: FittedMotions) -> Iterator[Load]:
     """The loads of what a case says of the machine and data can show in part only: the scale of all torques, the size
-    of gravity, the lengths of links."""
+    of gravity, the lengths of links, and where each joint is at zero."""
     parts = motions.fit.model.experiments.rows
     scale = {label: motions.fit.torque[parts[label]] for label in motions.motions}
     yield Load("torque_scale", TORQUE_SCALE, 1, "", scale, is_of_log=True)
@@ -341,6 +381,18 @@ def loads_of_case(motions: FittedMotions) -> Iterator[Load]:
             tables = _change_of_links(motions, robot.model_copy(update={"joints": tuple(joints)}))
             if any(np.abs(table).max() > TINY for table in tables.values()):
                 yield Load("link_length", LINK_LENGTH, j + 1, f"{key} of joint {j + 1}", tables)
+    yield from _zeros(motions, motions.robot)
+
+
+def _zeros(motions: FittedMotions, robot: RobotModel) -> Iterator[Load]:
+    """The loads of joints whose zero is off: reference and sensor have the same one, so that only the links act
+    otherwise."""
+    for j, joint in enumerate(robot.description.joints):
+        stated = ZERO_TURNING if joint.type == "revolute" else ZERO_SLIDING
+        found = _links(motions, robot, shifted=SMALL_STEP * np.eye(motions.joint_count)[j])
+        tables = {label: (table - motions.motions[label].load) / SMALL_STEP for label, table in found.items()}
+        if any(np.abs(t).max() > NO_LOAD * np.abs(motions.motions[k].load).max() for k, t in tables.items()):
+            yield Load("position_zero", stated, j + 1, f"joint {j + 1}", tables)
 
 
 def _change_of_links(motions: FittedMotions, changed: RobotDescription) -> dict[str, Array]:
@@ -349,11 +401,14 @@ def _change_of_links(motions: FittedMotions, changed: RobotDescription) -> dict[
     return {label: (table - motions.motions[label].load) / SMALL_STEP for label, table in found.items()}
 
 
-def _links(motions: FittedMotions, robot: RobotModel, *, at_rest: bool = False) -> dict[str, Array]:
-    """(K, n) torque of the links of a robot along the motions; ``at_rest``: by gravity alone."""
+def _links(
+    motions: FittedMotions, robot: RobotModel, *, at_rest: bool = False, shifted: Array | float = 0.0
+) -> dict[str, Array]:
+    """(K, n) torque of the links of a robot along the motions; ``at_rest``: by gravity alone; ``shifted``: (n,) by
+    which it stands elsewhere."""
     chi = np.array([motions.values.get(v.name, v.start) for v in robot.parameters])
     still = 0.0 if at_rest else 1.0
     return {
-        label: robot.at_points("transmitted", m.q.T, still * m.dq.T, still * m.ddq.T, chi)
+        label: robot.at_points("transmitted", (m.q + shifted).T, still * m.dq.T, still * m.ddq.T, chi)
         for label, m in motions.motions.items()
     }

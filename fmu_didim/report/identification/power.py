@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from fmu_didim.checks.power.statement import PowerResult, StatedResult
+from fmu_didim.checks.power.statement import PowerResult, StatedResult, TrustResult
 from fmu_didim.report.numbers import significant
 from fmu_didim.report.sections import Block, Column, Section, Table, Text, note, words
 from fmu_didim.results.result import ResultDocument
@@ -34,12 +34,14 @@ def _stated(power: PowerResult) -> list[Block]:
         Column("above", [_size(s.size, s.largest) for s in listed]),
         words("unit", [s.unit if s.size is not None else "" for s in listed]),
         words("at", [_values(s) for s in listed], shrinks=True),
+        words("below it moves up to", [_moves(s) for s in listed], shrinks=True),
     ], shown="page")  # fmt: skip
     text = (
         f"A misfit of this size would have been doubted with a probability of about {100 * power.power:.0f} %; a "
-        "smaller one may be there, and the values absorb it. To first order, by the test of the residual for what "
-        "follows the motion; other checks may see more. Of the peak torque: the largest torque of the effect over that "
-        "of the joint."
+        "smaller one may be there, and the values absorb it: the one that is moved most is named, by how many of its "
+        "standard deviations (sigma) and by which part of the value. To first order, by the test of the residual for "
+        "what follows the motion; other checks may see more. Of the peak torque: the largest torque of the effect over "
+        "that of the joint."
     )
     return [note(text), table]
 
@@ -49,15 +51,30 @@ def _trusted(power: PowerResult) -> list[Block]:
     table = Table([
         words("what", [t.what for t in listed], shrinks=True),
         words("where", [t.place or "whole machine" for t in listed]),
-        Column("seen above", ["not at all" if t.size is None else f"{significant(t.size, 2)} %" for t in listed]),
+        Column("seen above", [_seen(t) for t in listed]),
+        words("moves up to", [_moves(t) for t in listed], shrinks=True),
         words("how to check it", [t.check for t in listed], shrinks=True),
     ], shown="page")  # fmt: skip
-    text = "The case says it, and the data do not show an error of it, or only one above this size."
+    text = (
+        "The case says it, and the data do not show an error of it, or only one above this size; below it the value "
+        "that is named may be off by so many of its standard deviations (sigma)."
+    )
     return [note(text), table]
 
 
 def _size(size: float | None, largest: float) -> str:
     return f"not up to {largest:g}" if size is None else significant(size, 2)
+
+
+def _seen(one: TrustResult) -> str:
+    return "not at all" if one.size is None else f"{significant(one.size, 2)} {one.unit}"
+
+
+def _moves(one: StatedResult | TrustResult) -> str:
+    """The value that is moved most, at the size from which it shows, or by one unit."""
+    if one.moves is None:
+        return ""
+    return one.moves.text if one.size is not None else f"{one.moves.text} for each {one.unit}"
 
 
 def _values(stated: StatedResult) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -19,7 +20,8 @@ from fmu_didim.fit.fit import Fit, point
 from fmu_didim.fit.noise.weighting import NoiseOfResidual
 from fmu_didim.model.loop_model import EffectAtJoint, LoopModel
 from tests.checks.data.right import loaded, right
-from tests.tools.verdict.catalogue import _robot
+from tests.tools.verdict.catalogue import _described, _robot
+from tests.tools.verdict.power import along, machine, with_logs
 
 STATED = [name for name, effect in EFFECTS.items() if effect.stated is not None]
 
@@ -90,7 +92,9 @@ def test_what_the_machine_is_said_to_be_is_among_them(fitted: tuple[str, Fit, li
     robot, _, found = fitted
     said = [m.load.effect for m in found if m.load.stated.what in HOW_TO_CHECK]
     gravity = ["gravity"] if robot == "arm" else []  # the SCARA's plane is horizontal
-    assert said == ["torque_scale", *gravity, "link_length"]
+    zeros = [1, 2] if robot == "arm" else [2]  # an axis along gravity, or without it, has no zero that matters
+    assert said == ["torque_scale", *gravity, "link_length", *("position_zero" for _ in zeros)]
+    assert [m.load.joint for m in of(found, "position_zero")] == zeros
     assert bool(of(found, "base_tilt")) is (robot == "arm")
 
 
@@ -98,8 +102,9 @@ def test_what_the_model_has_is_not_stated() -> None:
     fit = at_the_truth("scara")
     motions = FittedMotions.of(fit)
     assert motions is not None
-    assert {m.load.effect for m in misfits(motions, {"coulomb": EFFECTS["coulomb"]})} == {"torque_scale", "link_length"}
-    assert {m.load.effect for m in misfits(motions, {"own": DeadZone()})} == {"own", "torque_scale", "link_length"}
+    said = {"torque_scale", "link_length", "position_zero"}
+    assert {m.load.effect for m in misfits(motions, {"coulomb": EFFECTS["coulomb"]})} == said
+    assert {m.load.effect for m in misfits(motions, {"own": DeadZone()})} == {"own", *said}
 
 
 def test_a_valid_verdict_states_what_it_excludes_and_another_one_does_not() -> None:
@@ -112,6 +117,49 @@ def test_a_valid_verdict_states_what_it_excludes_and_another_one_does_not() -> N
     doubtful = replace(estimate, integration_shift=np.array([0.5]))
     validations = [validate_on(model, estimate.value, label) for label in model.experiments]
     assert checked(doubtful, validations).power is None
+
+
+def test_a_zero_that_is_off_is_the_change_of_the_closed_loop(fitted: tuple[str, Fit, list[Misfit]]) -> None:
+    """Of the same robot that stands elsewhere at zero, along the same reference."""
+    robot, fit, found = fitted
+
+    def logged(turn: float, joint: int) -> Array:
+        def change(content: dict[str, Any]) -> None:
+            content["joints"][joint - 1]["theta"] = turn
+
+        real = replace(_described(robot, change), experiments=fit.model.experiments).on("estimation")
+        return real.torque(real.start)
+
+    for misfit in of(found, "position_zero"):
+        step = 0.1  # degrees
+        change = logged(np.radians(step), misfit.load.joint) - logged(0.0, misfit.load.joint)
+        expected = step * misfit.signature
+        assert _like(change, expected) > 0.98
+        assert np.linalg.norm(change) == pytest.approx(np.linalg.norm(expected), rel=0.05)
+
+
+@pytest.mark.gate
+def test_what_a_misfit_moves_is_what_it_moves() -> None:
+    """An offset of the torque below the size that shows is valid, and moves a value as far as is said of it."""
+    robot, seed = "arm", 300
+    model = along(robot, seed)
+    right_torques = {label: model.torque(model.start, label) for label in model.experiments}
+    estimates = []
+    (stated,) = (
+        s for s in judged(with_logs(model, right_torques, seed, 0.01))[0].stated
+        if s.effect == "torque_offset" and s.joint == 1
+    )  # fmt: skip
+    assert stated.moves is not None and abs(stated.moves.deviations) > 10
+    for times in (0.0, 0.5):
+        real = machine(robot, model, stated, times)
+        torques = {label: real.torque(real.start, label) for label in real.experiments}
+        power, estimate = judged(with_logs(model, torques, seed, 0.01))
+        assert power is not None
+        estimates.append(estimate)
+    before, after = estimates
+    at = before.names.index(stated.moves.parameter)
+    moved = (after.value[at] - before.value[at]) / after.standard_deviation[at]
+    assert moved == pytest.approx(0.5 * stated.moves.deviations, rel=0.1)
 
 
 def judged(model: LoopModel):  # type: ignore[no-untyped-def]

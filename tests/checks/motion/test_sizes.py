@@ -18,7 +18,7 @@ from fmu_didim.checks.motion.dependence import (
 )
 from fmu_didim.checks.motion.dependence import tested_rows as rows_of
 from fmu_didim.checks.motion.functions import SIGNATURE
-from fmu_didim.checks.motion.misfits import INSTANTS, Misfits
+from fmu_didim.checks.motion.misfits import INSTANTS, Misfit, Misfits
 from fmu_didim.fit.fit import Fit, point
 from fmu_didim.fit.noise.weighting import NoiseOfResidual
 from tests.checks.data.right import loaded, right
@@ -64,13 +64,18 @@ def test_a_misfit_of_any_larger_size_is_told_by_its_name(fit: Fit, found: Misfit
 def test_what_functions_follow_has_no_column_of_its_own_and_all_else_has(fit: Fit, found: Misfits) -> None:
     rows = rows_of(fit)
     plain, beside = residuals_of_fit(fit, rows), residuals_of_fit(fit, rows, found)
+
+    def shows(misfit: Misfit, k: int) -> float:
+        left = rest_of(misfit.signature[samples_of(fit, rows), k], plain[k].basis)
+        return float(np.sum(left**2)) / plain[k].left
+
     for k, (usual, one) in enumerate(zip(plain, beside, strict=True)):
         functions = rest_of(usual.motion, usual.basis)
         for misfit in found.stated:
             signature = rest_of(misfit.signature[samples_of(fit, rows), k], usual.basis)
             if followed(signature, functions) >= FOLLOWED:
                 assert SIGNATURE + misfit.what not in one.names
-            elif misfit.load.joint == k + 1:
+            elif shows(misfit, k) == max(shows(misfit, j) for j in range(len(plain))):
                 assert SIGNATURE + misfit.what in one.names
 
 
