@@ -161,8 +161,7 @@ def _judged(
     known: Mapping[str, Any],
     sentences: Mapping[str, str],
 ) -> Result:
-    model = estimate.fitted_model
-    validations = [validate_on(model, estimate.value, label) for label in model.experiments]
+    validations = [validate_on(estimate.model, estimate.value, label) for label in estimate.model.experiments]
     checks = checked(estimate, validations, before=before)
     checks = replace(checks, judgement=checks.judgement.acknowledging(sentences))
     document = result_document(

@@ -152,7 +152,7 @@ def _kinds(fitted: FittedMotion) -> Iterator[Explanation]:
         f"{100 * np.sqrt(near.misfit):.0f} %."
     )
     advice = f"Find out how the logger samples; if so: torque: {{{entry}}}."
-    yield near.explanation(fitted, Diagnostic(SAMPLING_KIND, text, label, near.misfit, WORTH_IT, "1", advice))
+    yield from near.explanations(fitted, Diagnostic(SAMPLING_KIND, text, label, near.misfit, WORTH_IT, "1", advice))
 
 
 def _delay(fitted: FittedMotion) -> Iterator[Explanation]:
@@ -171,7 +171,7 @@ def _delay(fitted: FittedMotion) -> Iterator[Explanation]:
         f"residual of the base parameters falls to {100 * np.sqrt(near.misfit):.0f} %."
     )
     advice = f"Give loop: {{delay_samples: {samples:g}}}, or estimate it: estimator: {{estimate_delay: true}}."
-    yield near.explanation(fitted, Diagnostic(COMMAND_DELAY, text, label, near.misfit, WORTH_IT, "1", advice))
+    yield from near.explanations(fitted, Diagnostic(COMMAND_DELAY, text, label, near.misfit, WORTH_IT, "1", advice))
 
 
 @dataclass(frozen=True)
@@ -181,13 +181,15 @@ class _Near:
     motion: FittedMotion
     misfit: float
 
-    def explanation(self, fitted: FittedMotion, doubt: Diagnostic) -> Explanation:
-        """The explanation by it: a doubt, or a remark where the values stay."""
+    def explanations(self, fitted: FittedMotion, doubt: Diagnostic) -> Iterator[Explanation]:
+        """The explanation by it, if it leaves less: a doubt, or a remark where the values stay."""
+        if self.misfit >= WORTH_IT:
+            return
         moved = float(fitted.apart(self.motion).max(initial=0.0))
         if moved <= MATTERS:
             text = f"{doubt.text} That moves no value by more than {moved:.2g} standard deviations."
             doubt = Diagnostic(TIMING_SLIGHTLY_OFF, text, doubt.place, moved, MATTERS, "standard deviations")
-        return Explanation(self.misfit, fitted.gain(self.misfit, 0.0), doubt)
+        yield Explanation(self.misfit, fitted.gain(self.misfit, 0.0), doubt)
 
 
 def _brought_near(fitted: FittedMotion, other: FittedMotion, misfit: float) -> _Near:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 from pydantic import Field
 
@@ -12,6 +14,7 @@ from fmu_didim.checks.power.power import POWER, JointTest, smallest_size
 from fmu_didim.data.signals import Array
 from fmu_didim.fit.fit import Fit
 from fmu_didim.fit.fit_uncertainty import moves_of
+from fmu_didim.model.workers import side_by_side
 
 HOW_TO_CHECK = {
     TORQUE_SCALE.what: "Hold a known weight at a measured lever arm: the torque must change by weight times arm.",
@@ -109,7 +112,8 @@ def power_of_fit(fit: Fit, misfits: Misfits) -> PowerResult | None:
     tested = [test for test in tests if test is not None]
     if not tested:
         return None
-    sizes = [smallest_size(tested, k, misfit.load.stated.largest) for k, misfit in enumerate(found)]
+    searches = [partial(smallest_size, tested, k, misfit.load.stated.largest) for k, misfit in enumerate(found)]
+    sizes = side_by_side(searches, fit.model.workers)
     table, deviation = moves_of(fit, np.stack([misfit.signature for misfit in found], axis=2))
     moved = [_moved(fit, *one, deviation) for one in zip(sizes, table.T, strict=True)]
     told = list(zip(found, sizes, moved, strict=True))

@@ -405,10 +405,11 @@ def test_another_timing_that_moves_no_value_is_no_doubt(late_s: float, told: str
     operator = own.operator.stamped_later(late_s / step, own.reference.time.size, between=True)
     other = replace(fitted, run=fitted.run.on(replace(own, operator=operator)))
     doubt = Diagnostic(SAMPLING_KIND, "The log shows averages.", "estimation", 0.5, 0.9, "1")
-    found = _Near(other, 0.5).explanation(fitted, doubt)
+    (found,) = _Near(other, 0.5).explanations(fitted, doubt)
     assert found.diagnostic.code.name == told
     assert (fitted.apart(other).max() > MATTERS) == (told == "sampling-kind")
     assert found.gain == fitted.gain(0.5, 0.0)
+    assert not [*_Near(other, 0.98).explanations(fitted, doubt)], "what leaves as much explains nothing"
 
 
 @pytest.mark.parametrize("change", [lambda y, g: y / g, lambda y, g: y * g], ids=["current", "twice"])
