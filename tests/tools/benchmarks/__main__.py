@@ -26,6 +26,7 @@ from tests.tools.benchmarks import (
     scara_loop,
     tx40_identification,
     tx40_simulation,
+    whole_commands,
 )
 from tests.tools.benchmarks.figure import Figure, Settings
 from tests.tools.benchmarks.publish import load, publish, record
@@ -41,6 +42,7 @@ BENCHMARKS: Mapping[str, Callable[[Settings], list[Figure]]] = {
     "campaigns": campaigns.run,
     "reruns": reruns.run,
     "command_start": command_start.run,
+    "whole_commands": whole_commands.run,
     "first_identification": first_identification.run,
     "discovery": discovery.run,
     "discovery_stages": discovery_stages.run,

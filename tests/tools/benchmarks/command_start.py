@@ -9,16 +9,20 @@ from pathlib import Path
 from tests.tools.benchmarks.figure import Figure, Settings, interleaved
 
 
+def command() -> list[str]:
+    """``fmu-didim`` of this environment."""
+    found = [p for name in ("fmu-didim", "fmu-didim.exe") if (p := Path(sys.executable).parent / name).is_file()]
+    return [str(found[0])] if found else [sys.executable, "-c", "from fmu_didim.cli.main import main; main()"]
+
+
 def run(settings: Settings) -> list[Figure]:
     """Wall time against ``python -c pass``, both in fresh processes."""
-    found = [p for name in ("fmu-didim", "fmu-didim.exe") if (p := Path(sys.executable).parent / name).is_file()]
-    command = [str(found[0])] if found else [sys.executable, "-c", "from fmu_didim.cli.main import main; main()"]
 
     def call(arguments: list[str]) -> None:
         subprocess.run(arguments, check=True, capture_output=True)
 
     times = interleaved(
-        {"help": lambda: call([*command, "--help"]), "nothing": lambda: call([sys.executable, "-c", "pass"])},
+        {"help": lambda: call([*command(), "--help"]), "nothing": lambda: call([sys.executable, "-c", "pass"])},
         repeats=2 * settings.repeats,
     )
     return [
