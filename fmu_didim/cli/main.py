@@ -480,6 +480,11 @@ def _cache_clear(options: argparse.Namespace) -> int:
 
     if options.file is not None and not is_file(options.file):
         raise InputError("The FMU does not exist.", where=str(options.file), next_step="Check the path.")
+    if options.file is not None and options.file.suffix.lower() != ".fmu":
+        raise InputError(
+            "This is no FMU, and what is kept belongs to FMUs.", where=str(options.file), got=options.file.suffix,
+            valid=".fmu", next_step="Name an FMU, or none to clear all: fmu-didim cache clear.",
+        )  # fmt: skip
     removed, kept = clear(list(entries(file_digest(options.file) if options.file is not None else "")))
     print(f"{len(removed)} entries removed, {sum(entry.size for entry in removed) / 2**20:.1f} MB")
     for why, found in kept.items():

@@ -45,13 +45,13 @@ MEANT_FOR: Mapping[str, set[str]] = {
     "robot": {"export", "robot"},
     "controller": {"export"},
     "modelica": {"fmu info", "fmu check", "export"},
-    "fmu": {"fmu info", "fmu check"},
+    "fmu": {"fmu info", "fmu check", "cache clear"},
     "data": set(),
     "text": set(),
 }
 """Kind of file -> the verbs that must succeed with it; all others may refuse it."""
-ANY = {"init", "cache clear"}
-"""Verbs that may take some files of a kind and not others: a log alone, an FMU of which nothing is kept."""
+ANY = {"init"}
+"""Verbs that may take some files of a kind and not others: a log alone."""
 SLOW = {"discover", "campaign run"}
 """Verbs that take tens of seconds."""
 SLOW_FILES = ("tx40/discover_load.yaml", "tx40/discover_wrist.yaml", "scara/identify_modelica.yaml")

@@ -8,6 +8,7 @@ import numpy as np
 
 from fmu_didim.base.diagnostics import CATALOGUE, DOUBT, PROBLEM, Diagnostic
 from fmu_didim.base.errors import SimulationError
+from fmu_didim.checks.plant.idle import with_change
 from fmu_didim.data.signals import Array
 from fmu_didim.model.loop_model import LoopModel
 
@@ -78,7 +79,7 @@ def _of_start(model: LoopModel, label: str) -> Iterator[Diagnostic]:
     ):
         return
     first = _first(model, model.start, label)
-    moved = [_first(model, _moved(model.start, i), label) for i in range(model.start.size)]
+    moved = [_first(model, with_change(model.start, i, MOVED), label) for i in range(model.start.size)]
     noise = rough_noise(experiment.torque)
     for j, name in enumerate(model.loop.labels):
         if any(abs(other[j] - first[j]) > SAME * max(abs(first[j]), 1.0) for other in moved):
@@ -93,12 +94,6 @@ def _of_start(model: LoopModel, label: str) -> Iterator[Diagnostic]:
             yield Diagnostic(
                 START_ELSEWHERE, text, f"{label}: {name}", away, bound, next_step=START_ELSEWHERE.next_step + step
             )
-
-
-def _moved(values: Array, place: int) -> Array:
-    other = values.copy()
-    other[place] += MOVED * (abs(values[place]) or 1.0)
-    return other
 
 
 def _first(model: LoopModel, values: Array, label: str) -> Array:

@@ -54,9 +54,10 @@ def _recorded(model: LoopModel, values: Array, label: str) -> Recording:
     return model.simulation(values, label).record(ticks=ticks)
 
 
-def _moved(values: Array, i: int) -> Array:
+def with_change(values: Array, i: int, relative: float) -> Array:
+    """Values (p,) with one of them changed by a part of itself, or by so much where it is zero."""
     other = values.copy()
-    other[i] += CHANGE * (abs(values[i]) or 1.0)
+    other[i] += relative * (abs(values[i]) or 1.0)
     return other
 
 
@@ -64,7 +65,7 @@ def _changed(model: LoopModel, values: Array, i: int, label: str, before: Record
     if not model.free_parameters.acts(i, label):
         return False
     try:
-        after = _recorded(model, _moved(values, i), label)
+        after = _recorded(model, with_change(values, i, CHANGE), label)
     except SimulationError:
         return True  # it acts, if only to the worse
     channels = [measured_output(model.loop.systems[label], c.signal) for c in model.experiments[label].channels]
@@ -82,7 +83,7 @@ def _others_changed(model: LoopModel, values: Array, i: int) -> list[str]:
     whole = model.with_loop(plant=seen)
     label = next(label for label in model.estimation_labels if model.free_parameters.acts(i, label))
     try:
-        before, after = (_recorded(whole, at, label) for at in (values, _moved(values, i)))
+        before, after = (_recorded(whole, at, label) for at in (values, with_change(values, i, CHANGE)))
     except SimulationError:
         return []
     prefix, measured = f"{model.loop.plant_name}.", {*model.loop.logged, *_channels(model, label)}
