@@ -22,6 +22,8 @@ from fmu_didim.export import build_fmu
 
 STEP = 60.0
 """[s] Between two rows."""
+SUN = 6000.0
+"""[s] Length of a day of the sun: near the period of the second neighbour, which follows much of it."""
 OF_ROBOTS = "torque joint gain reference controller drive motion encoder robot gravity plant machine loop friction"
 """Words that mean nothing where there is a model alone."""
 TRUTH = {"R1": 0.1, "R2": 0.25, "C": 2000.0, "T0": 20.0}
@@ -73,13 +75,16 @@ def temperature(inputs: Array, *, third: tuple[float, float] | None = None, **va
 
 def write_room(
     folder: Path, *, seed: int = 1, noise: float = 0.1, count: int = 500, offset: float = 0.0, delay: int = 0,
-    drift: float = 0.0, outlier: float = 0.0, flow: int = 0, hold: int = 1, name: str = "", **truth: Any,
+    drift: float = 0.0, outlier: float = 0.0, flow: int = 0, hold: int = 1, sun: float = 0.0, memory: float = 0.0,
+    name: str = "", **truth: Any,
 ) -> None:  # fmt: skip
     """Write ``weather.csv`` and ``room.csv``, and with ``flow`` every so many rows of Q into ``flow.csv``.
 
     Args:
         offset, drift: of the sensor; outlier: of one sample; delay: rows by which the first input acts later.
         hold: rows for which both inputs stay.
+        sun: power in W at noon of a sun that is not recorded, and shines on the room half of each ``SUN`` seconds.
+        memory: correlation of the noise of one row with that of the next.
         name: in front of the names of the files.
     """
     rng = np.random.default_rng(seed)
@@ -87,8 +92,12 @@ def write_room(
     acting = inputs.copy()
     if delay:
         acting[:, 0] = np.concatenate([np.full(delay, inputs[0, 0]), inputs[:-delay, 0]])
-    true = temperature(acting, **truth)
-    measured = true + offset + drift * time / time[-1] + rng.normal(0, noise, count)
+    shining = sun * np.maximum(np.sin(2 * np.pi * time / SUN), 0)
+    true = temperature(acting + {**TRUTH, **truth}["R1"] * np.outer(shining, [1, 0]), **truth)
+    errors = rng.normal(0, noise, count)
+    for k in range(1, count):
+        errors[k] = memory * errors[k - 1] + np.sqrt(1 - memory**2) * errors[k]
+    measured = true + offset + drift * time / time[-1] + errors
     measured[count // 2] += outlier
     _write(folder / f"{name}weather.csv", "t,Ti1,Ti2", np.column_stack([time, inputs]))
     _write(folder / f"{name}room.csv", "t,T", np.column_stack([time, measured]))

@@ -209,7 +209,14 @@ def slow_diagnostics(
 
 
 def large_diagnostics(
-    tests: Sequence[NoiseResult], errors: Mapping[int, float], motion_hz: float, cutoff_hz: float = np.inf
+    tests: Sequence[NoiseResult],
+    errors: Mapping[int, float],
+    motion_hz: float,
+    cutoff_hz: float = np.inf,
+    *,
+    labels: Sequence[str] = (),
+    what: str = "where motion and friction are",
+    of: str = "torque",
 ) -> list[Diagnostic]:
     """The joints whose residual is large and slow: one of several per cent of the torque need not be as slow as the
     motion itself to be no noise.
@@ -219,6 +226,8 @@ def large_diagnostics(
 
     Args:
         errors: joint, from 1 -> residual over the torque, root mean squares.
+        labels: of the columns, where they are no joints; what: lies up to four times that frequency; of: what the
+            errors are parts of.
     """
     found = []
     for test in tests:
@@ -227,8 +236,8 @@ def large_diagnostics(
             continue
         error = errors[test.joint] * np.sqrt(band.share)
         if error > LARGE_ERROR:
-            one = _slow(test, band, (), "where motion and friction are")
-            text = f"{one.text} That is {100 * error:.2g} % of the torque, and too much for noise."
+            one = _slow(test, band, labels, what)
+            text = f"{one.text} That is {100 * error:.2g} % of the {of}, and too much for noise."
             found.append(replace(one, text=text, value=error, bound=LARGE_ERROR))
     return found
 

@@ -15,10 +15,11 @@ from fmu_didim.checks.outputs.held_out import held_out_output_diagnostics
 from fmu_didim.checks.outputs.outliers import outlier_diagnostics
 from fmu_didim.checks.outputs.residuals import OutputResiduals
 from fmu_didim.checks.outputs.trusted import trusted_diagnostics
-from fmu_didim.checks.residual import NoiseResult, residual_diagnostics, slow_diagnostics
+from fmu_didim.checks.residual import NoiseResult, large_diagnostics, residual_diagnostics, slow_diagnostics
 from fmu_didim.checks.validation import Validation
 from fmu_didim.data.signals import Array
 from fmu_didim.fit.estimate import Estimate
+from fmu_didim.fit.noise.noise import TINY
 
 POWER = 0.95
 """[1] Of the power of a simulated output that lies below the frequency up to which it moves."""
@@ -47,8 +48,22 @@ def output_diagnostics(
         found += outlier_diagnostics(residuals)
         found += trusted_diagnostics(residuals, estimate.standard_deviation)
         highest = max((_highest(residuals, k) for k in range(len(labels))), default=np.inf)
-        found += slow_diagnostics(tests, highest, labels=labels, what="where the outputs move")
+        slow = slow_diagnostics(tests, highest, labels=labels, what="where the outputs move")
+        found += slow or _large(residuals, tests, highest, labels)
     return found
+
+
+def _large(
+    residuals: OutputResiduals, tests: Sequence[NoiseResult], highest: float, labels: Sequence[str]
+) -> list[Diagnostic]:
+    """Outputs whose residual is slow and a large part of what they move, and no noise that the case states: what acts
+    and was not recorded need not follow anything that was."""
+    unstated = [t for t in tests if not (t.noise_is_stated and t.chi_square_per_sample is not None)]
+    moved = (residuals.outputs[residuals.rows(k), k].std() for k in range(len(labels)))
+    errors = {k + 1: float(residuals.deviation[k] / max(size, TINY)) for k, size in enumerate(moved)}
+    return large_diagnostics(
+        unstated, errors, highest, labels=labels, what="about where the outputs move", of="movement of the output"
+    )
 
 
 def _highest(found: OutputResiduals, k: int) -> float:

@@ -61,6 +61,20 @@ def test_a_right_model_is_valid(tmp_path: Path, seed: int) -> None:
         assert abs(found.parameters[name].value - true) < 4 * found.parameters[name].std
 
 
+@pytest.mark.parametrize("sun", [20.0, 30.0])
+@pytest.mark.parametrize("seed", range(3))
+def test_a_sun_that_is_not_recorded_is_doubted(tmp_path: Path, sun: float, seed: int) -> None:
+    """It leaves a residual of five to eight times the noise, which follows no input and passed for coloured noise."""
+    assert identified(tmp_path, {"sun": sun, "seed": 100 + seed}).verdict == "doubtful"
+
+
+def test_noise_with_a_memory_is_none(tmp_path: Path) -> None:
+    """Some per cent of what the room moves."""
+    for seed in range(3):
+        found = identified(tmp_path, {"memory": 0.9, "seed": 100 + seed})
+        assert found.verdict == "valid", found.reasons
+
+
 @pytest.mark.gate
 def test_hardly_any_right_model_is_doubted(tmp_path: Path) -> None:
     verdicts = [identified(tmp_path, {"seed": 1000 + seed}).verdict for seed in range(40)]
