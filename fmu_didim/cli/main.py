@@ -476,14 +476,17 @@ def _cache_show(options: argparse.Namespace) -> int:
 
 def _cache_clear(options: argparse.Namespace) -> int:
     """Remove what is kept between runs, of one FMU or all; it is made anew when it is needed."""
+    from zipfile import is_zipfile
+
     from fmu_didim.base.cache import clear, entries, file_digest
 
     if options.file is not None and not is_file(options.file):
         raise InputError("The FMU does not exist.", where=str(options.file), next_step="Check the path.")
-    if options.file is not None and options.file.suffix.lower() != ".fmu":
+    if options.file is not None and not is_zipfile(options.file):
         raise InputError(
-            "This is no FMU, and what is kept belongs to FMUs.", where=str(options.file), got=options.file.suffix,
-            valid=".fmu", next_step="Name an FMU, or none to clear all: fmu-didim cache clear.",
+            "Only what is kept of an FMU can be cleared by a file, and this is none.", where=str(options.file),
+            valid="an FMU, or no file: then all is removed",
+            next_step="Name the FMU that the case uses, or run fmu-didim cache clear.",
         )  # fmt: skip
     removed, kept = clear(list(entries(file_digest(options.file) if options.file is not None else "")))
     print(f"{len(removed)} entries removed, {sum(entry.size for entry in removed) / 2**20:.1f} MB")

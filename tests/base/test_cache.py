@@ -228,3 +228,14 @@ def test_who_asks_at_the_same_time_never_loses_what_another_has_made(
     with ThreadPoolExecutor(8) as pool:
         assert sum(pool.map(ask, range(8))) == 0
     assert not list((tmp_path / "exported").glob(".partial-*"))
+
+
+def test_clear_takes_fmus_alone(tmp_path: Path, root: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Of a case nothing is kept: "0 entries removed" would say that its FMUs are made anew."""
+    case = tmp_path / "case.yaml"
+    case.write_text("schema: 1")
+    assert main(["cache", "clear", str(case)]) == 1
+    told = capsys.readouterr().err
+    assert "an FMU, or no file" in told
+    assert "cache clear" in told
+    assert "case.yaml" in told

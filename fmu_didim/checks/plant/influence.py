@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from fmu_didim.base.diagnostics import CATALOGUE, PROBLEM, DiagnosedError, Diagnostic
 from fmu_didim.base.errors import SimulationError
-from fmu_didim.checks.plant.idle import CHANGE, awakening, idle_parameters
+from fmu_didim.checks.plant.idle import CHANGE, awakening, idle_parameters, with_change
 from fmu_didim.cosim import Recording
 from fmu_didim.data.signals import Array
 from fmu_didim.fit.solver.admissible import mass_matrix_problem
@@ -110,8 +110,7 @@ def _idle(model: LoopModel, values: Array, count: int, asked: list[int]) -> list
         ticks = _ticks(min(count, model.experiments[label].reference.time.size))
         if label not in base:
             base[label] = model.simulation(values, label).record(ticks=ticks)
-        other = values.copy()
-        other[i] += CHANGE * (abs(values[i]) or 1.0)
+        other = with_change(values, i, CHANGE)
         if mass_matrix_problem(model, other):
             continue
         try:
