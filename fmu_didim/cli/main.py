@@ -474,20 +474,26 @@ def _cache_show(options: argparse.Namespace) -> int:
     return 0
 
 
-def _cache_clear(options: argparse.Namespace) -> int:
-    """Remove what is kept between runs, of one FMU or all; it is made anew when it is needed."""
+def _check_fmu(file: Path) -> None:
+    """Raise InputError where a file is not there, or no FMU."""
     from zipfile import is_zipfile
 
-    from fmu_didim.base.cache import clear, entries, file_digest
-
-    if options.file is not None and not is_file(options.file):
-        raise InputError("The FMU does not exist.", where=str(options.file), next_step="Check the path.")
-    if options.file is not None and not is_zipfile(options.file):
+    if not is_file(file):
+        raise InputError("The FMU does not exist.", where=str(file), next_step="Check the path.")
+    if not is_zipfile(file):
         raise InputError(
-            "Only what is kept of an FMU can be cleared by a file, and this is none.", where=str(options.file),
+            "Only what is kept of an FMU can be cleared by a file, and this is none.", where=str(file),
             valid="an FMU, or no file: then all is removed",
             next_step="Name the FMU that the case uses, or run fmu-didim cache clear.",
         )  # fmt: skip
+
+
+def _cache_clear(options: argparse.Namespace) -> int:
+    """Remove what is kept between runs, of one FMU or all; it is made anew when it is needed."""
+    from fmu_didim.base.cache import clear, entries, file_digest
+
+    if options.file is not None:
+        _check_fmu(options.file)
     removed, kept = clear(list(entries(file_digest(options.file) if options.file is not None else "")))
     print(f"{len(removed)} entries removed, {sum(entry.size for entry in removed) / 2**20:.1f} MB")
     for why, found in kept.items():

@@ -242,9 +242,11 @@ def _columns_of_fit(motions: FittedMotions) -> tuple[dict[str, Array], list[int]
 
 def _amounts(columns: Mapping[str, Array], loads: Mapping[str, Array]) -> Array:
     """(b, w) of the fitted parameters that come nearest to loads (K, n, w) along all motions."""
-    table = np.concatenate([one.reshape(-1, one.shape[2]) for one in columns.values()])
+    table, given = (
+        np.concatenate([one.reshape(one.shape[0] * one.shape[1], one.shape[2]) for one in tables.values()])
+        for tables in (columns, loads)
+    )
     size = np.maximum(np.linalg.norm(table, axis=0), TINY)
-    given = np.concatenate([one.reshape(-1, one.shape[2]) for one in loads.values()])
     found = np.linalg.lstsq(table / size, given, rcond=None)[0]
     return np.asarray(found / size[:, None])
 
