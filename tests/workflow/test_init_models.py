@@ -163,6 +163,23 @@ def test_likely_parameters_are_active_and_all_are_listed(tmp_path: Path) -> None
 
 
 @pytest.mark.parametrize(
+    ("parameters", "active"),
+    [
+        ("mu_max x_max y_limit", ["mu_max", "x_max"]),
+        ("mu_max X0 start", ["mu_max"]),
+        ("mu_max Y_XS", ["Y_XS"]),
+        ("mu_max:1/s Y_XS", ["Y_XS"]),
+        ("X0 start", ["EDIT"]),
+    ],
+)
+def test_a_name_like_a_limit_is_offered_where_nothing_else_is_there(
+    tmp_path: Path, parameters: str, active: list[str]
+) -> None:
+    files = table(tmp_path / "y.csv", "time,y")
+    assert list(content_of(fmu("", "y", parameters), files)["identify"] or {}) == active
+
+
+@pytest.mark.parametrize(
     "other",
     [
         "absTolerance", "relTol", "timeStep", "timeSlowStart", "stepSizeCtrlMaxStep", "settings.dtMin", "_cs_rel_tol",

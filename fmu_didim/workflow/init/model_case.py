@@ -102,8 +102,9 @@ def _parameters(fmu: FmuDescription) -> tuple[list[dict[str, str]], list[dict[st
         and v.name not in _NOT_IDENTIFIED
     ]  # fmt: skip
     offered.sort(key=_is_setting)
-    likely = [v for v in offered if v.unit and _is_likely(v)] or [v for v in offered if _is_likely(v)]
-    active = likely[:MOST_ACTIVE]
+    likely = [v for v in offered if _is_likely(v)]
+    of_limits = [v for v in offered if _is_likely(v, or_limit=True)]  # mu_max, where nothing else is there
+    active = ([v for v in likely if v.unit] or likely or of_limits)[:MOST_ACTIVE]
     return [_listed(v) for v in active], [_listed(v) for v in offered if v not in active]
 
 
@@ -124,10 +125,10 @@ def _is_setting(v: FmuVariable) -> bool:
     return bool(re.search(_SETTING, v.name, re.IGNORECASE))
 
 
-def _is_likely(v: FmuVariable) -> bool:
+def _is_likely(v: FmuVariable, *, or_limit: bool = False) -> bool:
     if float(v.start or 0) == 0 or _is_setting(v) or re.search(_NATURE, v.name):
         return False
-    return not re.search(f"{_INITIAL}|{_LIMIT}", v.name, re.IGNORECASE)
+    return not re.search(_INITIAL if or_limit else f"{_INITIAL}|{_LIMIT}", v.name, re.IGNORECASE)
 
 
 def _listed(v: FmuVariable) -> dict[str, str]:
