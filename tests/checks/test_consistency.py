@@ -255,7 +255,7 @@ def test_vendor_names_give_the_same_result(tmp_path: Path, estimator: str) -> No
     known = identify(SCARA).estimate
     assert (np.abs(outcome.estimate.value - known.value) <= NEAR * known.standard_deviation).all()
     assert outcome.document.provenance["parameter_names"]["Fv1"] == "axis[1].friction.d"
-    assert outcome.document.remarks == []
+    assert not [remark for remark in outcome.document.remarks if not remark.startswith("It would not show")]
     np.testing.assert_allclose(simulate(path).values, simulate(SCARA).values, rtol=0, atol=1e-9)
 
 
