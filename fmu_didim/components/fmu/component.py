@@ -125,8 +125,7 @@ class FmuComponent(FmuSettings):
             return None  # a start value has become a parameter
         if (self.options.get(TOLERANCE_NAME) or self.tolerance) and self.stated_substeps is None:
             return None  # the FMU takes more substeps than the rule
-        present = replace(self.block, inputs=self.inputs, outputs=self.outputs, parameters=self.parameters)
-        return present, self.stated_substeps
+        return self.block.with_variables(self.inputs, self.outputs, self.parameters), self.stated_substeps
 
     @property
     def start_parameters(self) -> tuple[str, ...]:
