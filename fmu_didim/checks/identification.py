@@ -168,7 +168,7 @@ def checked(estimate: Estimate, validations: Sequence[Validation], *, before: It
         *held_out_diagnostics(
             model, estimate.covariance, Residual.of(estimate.measured, estimate.simulated),
             {v.label: Residual.of(v.measured, v.simulated) for v in held if not v.failure},
-            {v.label: v.failure for v in validations if v.failure},
+            {v.label: v.failure for v in validations if v.failure}, estimate.colours,
         ),
         *held_out_channels(estimate, validations),
     ]  # fmt: skip
