@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from scipy.optimize import least_squares
 
 from fmu_didim.case import load_case
 from fmu_didim.components import ModelComponent
@@ -121,7 +122,7 @@ def test_a_real_robot_is_identified_from_the_default_start() -> None:
     assert found.parameters["Fv2"].interval[0] == 0.0
 
 
-HOUSE = Path("examples/house")
+HOUSE, BATCH = Path("examples/house"), Path("examples/batch")
 
 
 def test_a_model_that_is_no_robot_is_calibrated() -> None:
@@ -138,23 +139,75 @@ def test_a_model_that_is_no_robot_is_calibrated() -> None:
     assert percent["validation"].total < 1.2 * percent["estimation"].total  # type: ignore[operator]
 
 
-def test_data_and_fmu_of_the_house_are_what_its_scripts_make(tmp_path: Path) -> None:
+def test_replicates_of_a_model_share_some_values_and_have_others_of_their_own() -> None:
+    """Values and deviations of SciPy's least squares on the equations, from fifteen lines."""
+    assert len((BATCH / "identify.yaml").read_text(encoding="utf-8").splitlines()) <= 15
+    script = load("examples/batch/make_data.py")
+    found = identify(BATCH / "identify.yaml")
+    assert found.verdict == "valid" and found.document.status == "converged"
+    expected, deviation = _replicates_by_scipy(script)
+    values = np.array([value.value for value in found.parameters.values()])
+    stds = np.array([value.std for value in found.parameters.values()])
+    assert list(found.parameters) == ["mu_max", "Y_XS", "X0", "X0[second]"]
+    assert (np.abs(values - expected) < 1e-3 * deviation).all()
+    np.testing.assert_allclose(stds, deviation, rtol=0.03)
+    truth = [script["MU_MAX"], script["Y_XS"], *script["X0"].values()]  # type: ignore[attr-defined]
+    assert (np.abs(values - truth) < 3 * stds).all()
+
+
+def _replicates_by_scipy(script: dict[str, object]) -> tuple[np.ndarray, np.ndarray]:
+    """Values and standard deviations of mu_max, Y_XS and the two X0, weighted as the case states the noise."""
+    tables = [np.genfromtxt(BATCH / f"{name}.csv", delimiter=",", skip_header=1) for name in script["X0"]]  # type: ignore[attr-defined]
+    weights: list[np.ndarray] = []
+
+    def outputs(values: np.ndarray) -> np.ndarray:
+        script["true"].__globals__.update(MU_MAX=values[0], Y_XS=values[1])  # type: ignore[attr-defined]
+        return np.vstack([
+            script["true"](x0, table[:, 0]) for x0, table in zip(values[2:], tables, strict=True)  # type: ignore[operator]
+        ])  # fmt: skip
+
+    measured = np.vstack([table[:, 1:] for table in tables])
+    taken = np.isfinite(measured)
+
+    def residual(values: np.ndarray) -> np.ndarray:
+        return ((outputs(values) - measured) / weights[-1])[taken]
+
+    values = np.array([0.4, 0.5, 0.15, 0.15])
+    for _ in range(12):  # the deviation of X is a part of the X that is simulated
+        simulated = outputs(values)
+        biomass = np.hypot(0.02, 0.05 * simulated[:, 0])
+        weights.append(np.column_stack([biomass, np.full(len(simulated), 0.2)]))
+        found = least_squares(residual, values, x_scale=[0.4, 0.5, 0.1, 0.1], jac="3-point", diff_step=1e-4, xtol=1e-12)
+        values = found.x
+    return values, np.sqrt(np.diag(np.linalg.inv(found.jac.T @ found.jac)))
+
+
+@pytest.mark.parametrize(
+    ("folder", "tables", "values"),
+    [
+        (HOUSE, ("weather", "room", "weather_2", "room_2"), [0.03, 0.02]),
+        (BATCH, ("batch_1", "batch_2"), [0.5, 0.4, 0.15, 0.1]),
+    ],
+)
+def test_data_and_fmu_of_a_model_are_what_its_scripts_make(
+    folder: Path, tables: tuple[str, ...], values: list[float], tmp_path: Path
+) -> None:
     """The tables come from SciPy; the FMU holds sources alone, and computes what its equations say."""
     copy = tmp_path / "make_data.py"
-    copy.write_text((HOUSE / "make_data.py").read_text(encoding="utf-8"), encoding="utf-8")
+    copy.write_text((folder / "make_data.py").read_text(encoding="utf-8"), encoding="utf-8")
     runpy.run_path(str(copy), run_name="__main__")
-    for name in ("weather", "room", "weather_2", "room_2"):
-        made, shipped = (np.loadtxt(at / f"{name}.csv", delimiter=",", skiprows=1) for at in (tmp_path, HOUSE))
-        np.testing.assert_allclose(made, shipped, atol=1e-4, err_msg=name)
-    with zipfile.ZipFile(HOUSE / "house.fmu") as archive:
+    for name in tables:
+        made, shipped = (np.genfromtxt(at / f"{name}.csv", delimiter=",", skip_header=1) for at in (tmp_path, folder))
+        np.testing.assert_allclose(made, shipped, rtol=1e-4, atol=1e-4, err_msg=name)
+    with zipfile.ZipFile(folder / f"{folder.name}.fmu") as archive:
         assert not [member for member in archive.namelist() if member.startswith("binaries/")]
-    block = load("examples/house/make_fmu.py")["house"]()  # type: ignore[operator]
-    case = load_case(HOUSE / "identify.yaml")
+    block = load(str(folder / "make_fmu.py"))[folder.name]()  # type: ignore[operator]
+    case = load_case(folder / "identify.yaml")
     described = {v.name: v.start for v in case.plant.parameters}
     assert described == {v.name: v.start for v in block.parameters}
     of_block = case.with_(model=ModelComponent(block))
-    values = np.array([0.03, 0.02])
-    assert of_block.model.torque(values) == pytest.approx(case.model.torque(values), abs=1e-4)
+    simulated, expected = (one.model.torque(np.array(values)) for one in (case, of_block))
+    assert simulated == pytest.approx(expected, abs=1e-4)
 
 
 @pytest.mark.gate
@@ -198,6 +251,7 @@ def test_every_case_file_is_named_here() -> None:
         ),
         "examples/pendulum_modelica/identify.yaml",
         "examples/house/identify.yaml",
+        "examples/batch/identify.yaml",
         "examples/emps/identify.yaml",
         "examples/emps/identify_idim_ls.yaml",
         "examples/emps/discover.yaml",

@@ -30,7 +30,7 @@ class SearchResult(Saved):
     """A search for other minima.
 
     Attributes:
-        method: ``starts`` or ``differential_evolution``; seed: of its draws.
+        method: ``starts``, ``differential_evolution`` or ``cmaes``; seed: of its draws.
         failures: why local fits failed -> how many.
     """
 

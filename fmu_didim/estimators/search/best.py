@@ -11,10 +11,12 @@ import numpy as np
 
 from fmu_didim.data.signals import Array
 from fmu_didim.estimators.base import Estimator, Progress
+from fmu_didim.estimators.search.adaptation import adapted
 from fmu_didim.estimators.search.box import Box
 from fmu_didim.estimators.search.crew import Crew, Ended, check_minima
 from fmu_didim.estimators.search.evolution import evolved
-from fmu_didim.estimators.search.options import EVOLUTION, Search
+from fmu_didim.estimators.search.generations import VISIBLE, Generations
+from fmu_didim.estimators.search.options import Search
 from fmu_didim.estimators.search.places import Place, distinct
 from fmu_didim.estimators.starts.start import start_values, with_free_delay
 from fmu_didim.fit.estimate import Estimate
@@ -22,8 +24,8 @@ from fmu_didim.fit.exploration.minima import SearchOutcome
 from fmu_didim.fit.iteration import Iteration
 from fmu_didim.model.loop_model import LoopModel
 
-VISIBLE = 0.1
-"""[chi-square] A misfit that is lower by less counts as the same: the rest of the iterations."""
+GLOBAL = {"differential_evolution": evolved, "cmaes": adapted}
+"""Method of a search -> what looks at the box as a whole."""
 HARDLY_WORSE = 10.8
 """[chi-square] Another minimum that is worse by less is not excluded by the data: 0.1 % by chance, with one degree of
 freedom."""
@@ -40,8 +42,8 @@ def searched(
         progress: gets an iteration ``start`` for each local fit, then those of the last one, from the best values.
 
     Raises:
-        InputError: the answer of the estimator is not a minimum of the misfit; and as of the estimator, where the fit
-            from the start of the case fails with all others.
+        InputError: the answer of the estimator is not a minimum of the misfit, or the package of the method is absent;
+            and as of the estimator, where the fit from the start of the case fails with all others.
     """
     check_minima(estimator, model, "search")
     if getattr(estimator, "estimate_delay", False):
@@ -52,10 +54,11 @@ def searched(
         nothing = SearchOutcome(search.method, search.seed, 1, search.starts, (), model.names, ())
         return replace(estimator.estimate(model, progress=progress), search=nothing)
     run = _Run(model, search, crew, progress)
-    if search.method == EVOLUTION:
-        lowest, evaluations, stopped = evolved(model, box, search, crew, progress)
-        ends = run.fits([lowest, begin])  # the former in any case, also where the time is over
-        run.stopped = stopped
+    if search.method in GLOBAL:
+        looked = Generations(model, box, search, crew, progress)
+        GLOBAL[search.method](looked)
+        ends = run.fits([looked.best, begin])  # the former in any case, also where the time is over
+        run.stopped, evaluations = looked.stopped, looked.spent
     else:
         ends, evaluations = run.fits([begin, *box.drawn(search.starts - 1, search.seed)]), 0
     places = [Place.of(model, end) for end in ends if not end.problem]

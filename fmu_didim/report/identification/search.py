@@ -40,8 +40,8 @@ def _how(search: SearchResult) -> str:
     if search.method == "starts":
         text = f"{search.starts} starts between the bounds of {names} (seed {search.seed})"
     else:
-        text = f"differential evolution between the bounds of {names} (seed {search.seed}): "
-        text += f"{search.evaluations} simulations"
+        method = {"cmaes": "CMA-ES"}.get(search.method, search.method.replace("_", " "))
+        text = f"{method} between the bounds of {names} (seed {search.seed}): {search.evaluations} simulations"
     text += f"; it ended early: {search.stopped}" if search.stopped else ""
     text += f"; without bounds, and so not searched: {', '.join(search.held)}" if search.held else ""
     return f"{text}."

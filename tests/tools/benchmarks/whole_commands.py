@@ -23,6 +23,7 @@ EXAMPLES = {
     "SCARA, torque at 10 Hz": ("examples/scara/identify.yaml", 2.0),
     "double pendulum, measured, 30 s": ("examples/double_pendulum/identify.yaml", 3.0),
     "a model of a house, two parameters": ("examples/house/identify.yaml", 3.0),
+    "a model of a batch, two replicates, four parameters": ("examples/batch/identify.yaml", 3.0),
 }
 """Title -> case, and within how many seconds the answer is wanted."""
 TX40_S = {5000: 5.0, 1000: 5.0}
