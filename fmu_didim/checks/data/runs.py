@@ -26,6 +26,8 @@ SHIFTED_POINTS = 4096
 turn of a motion of a hundred."""
 SHIFT_ACCURACY = 0.01
 """[1] Of the distance of these points, to which it is then found: far below what moves a motion by ``SAME_MOTION``."""
+ALL_DIFFERENT = 10.0
+"""[1] Of the difference, beyond which it counts as this much while the instant is looked for."""
 ROUNDING_S = 1e-9
 """[s] By which two equal instants may differ."""
 
@@ -111,8 +113,9 @@ def difference(reference: Trajectory, other: Trajectory) -> tuple[float, float]:
     options = {"xatol": SHIFT_ACCURACY * step}
     bounds = (later - step, later + step)
     found = minimize_scalar(
-        lambda s: _apart(reference, other, names, s), bounds=bounds, method="bounded", options=options
-    )
+        lambda s: min(_apart(reference, other, names, s), ALL_DIFFERENT), bounds=bounds, method="bounded",
+        options=options,
+    )  # fmt: skip
     shifts = {float(found.x): float(found.fun), later: _apart(reference, other, names, later), 0.0: at_once}
     best = min(shifts, key=lambda s: shifts[s])
     return shifts[best], best
