@@ -1,4 +1,4 @@
-"""The Reference FMUs of the Modelica Association in FMI 3.0, in the loop and in FMPy by hand."""
+"""Public FMUs of FMI 3.0, the Reference FMUs and those of tools, in the loop and in FMPy by hand."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from fmpy.fmi3 import FMU3Slave
 
-from fmu_didim.components import FmuComponent, load_fmu
+from fmu_didim.components import load_fmu
 from fmu_didim.components.fmu import probe_fmu
 from fmu_didim.cosim import Connection, System, simulate
 from fmu_didim.data.signals import trajectory
@@ -22,9 +22,18 @@ FOLDER = Path(os.environ.get("FMU_DIDIM_EXTERNAL_FMUS", "external-fmus"))
 TICKS = 40
 STEPS = {
     "BouncingBall": 0.01, "Dahlquist": 0.1, "Feedthrough": 0.1, "Resource": 1.0, "Roberts": 0.01, "Stair": 0.2,
-    "StateSpace": 1.0, "VanDerPol": 0.01,
+    "StateSpace": 1.0, "VanDerPol": 0.01, "sinewave_array": 0.01, "IO": 0.1, "SpringPendulumExtForce1D": 0.01,
+    "SpringFrictionPendulumExtForce1D": 0.01,
 }  # fmt: skip
 """[s] Communication step of each: a multiple of its own."""
+PLACES = {
+    "sinewave_array": "github.com/INTO-CPS-Association/maestro (Altair Activate)",
+    **dict.fromkeys(
+        ("IO", "SpringPendulumExtForce1D", "SpringFrictionPendulumExtForce1D"),
+        "github.com/ThummeTo/FMIZoo.jl (models/bin/Dymola/2023x/3.0)",
+    ),
+}
+"""Where those are that are not in a release of github.com/modelica/Reference-FMUs."""
 VALUES: Mapping[str, Mapping[str, float]] = {
     "BouncingBall": {"e": 0.6}, "Dahlquist": {"k": 1.5}, "VanDerPol": {"mu": 1.3},
     "StateSpace": {"A[1,2]": 0.25, "A[1,1]": -0.5, "A[3,1]": 0.125, "B[2,3]": 0.5, "C[2,1]": -1.0, "D[1,3]": 2.0,
@@ -37,29 +46,30 @@ def needs(name: str) -> Path:
     path = FOLDER / f"{name}.fmu"
     if not path.is_file():
         pytest.skip(
-            f"needs {name}.fmu of FMI 3.0, which is not shipped: get it from a release of "
-            "github.com/modelica/Reference-FMUs and set FMU_DIDIM_EXTERNAL_FMUS to its folder"
+            f"needs {name}.fmu of FMI 3.0, which is not shipped: get it from "
+            f"{PLACES.get(name, 'a release of github.com/modelica/Reference-FMUs')} and set FMU_DIDIM_EXTERNAL_FMUS to "
+            "its folder"
         )
     return path
 
 
-def given(name: str, one: FmuComponent) -> np.ndarray:
-    """(TICKS, inputs) numbers that each type holds: 0 and 1, but of real inputs of 64 bits."""
-    rng = np.random.default_rng(len(name))
-    whole = rng.integers(0, 2, (TICKS, len(one.inputs))).astype(float)
-    for k, variable in enumerate(one.inputs):
-        if variable.name.startswith(("u", "Float64")):
-            whole[:, k] = rng.normal(size=TICKS)
-        elif variable.name.startswith("Enumeration"):  # its values begin with 1
-            whole[:, k] += 1
-    return whole
+def given(path: Path, inputs: list[str]) -> np.ndarray:
+    """(TICKS, inputs) numbers that each type holds: any of Float64, else 0 and 1, and 1 and 2 of an enumeration."""
+    kinds = {v.name: v.type for v in fmpy.read_model_description(str(path), validate=False).modelVariables}
+    rng = np.random.default_rng(len(path.stem))
+    columns = [np.empty((TICKS, 0))]
+    for name in inputs:
+        kind = kinds[name.partition("[")[0]]
+        real, whole = rng.normal(size=(TICKS, 1)), rng.integers(0, 2, (TICKS, 1)) + (kind == "Enumeration")
+        columns.append(real if kind == "Float64" else whole.astype(float))
+    return np.hstack(columns)
 
 
 class ByHand:
     """FMPy's instance, of which elements of arrays are set and read by their names."""
 
     def __init__(self, path: Path, folder: Path) -> None:
-        self.described = fmpy.read_model_description(str(path))
+        self.described = fmpy.read_model_description(str(path), validate=False)
         fmpy.extract(str(path), unzipdir=str(folder))
         own = self.described.coSimulation.modelIdentifier
         self.fmu = FMU3Slave(
@@ -127,7 +137,7 @@ def by_fmpy(name: str, folder: Path, inputs: list[str], outputs: list[str], rows
 def test_the_loop_is_that_of_fmpy(name: str, isolated: bool, tmp_path: Path) -> None:
     one = load_fmu(needs(name), isolated=isolated, si_units=False).with_parameters(VALUES.get(name, {}))
     inputs, outputs = [v.name for v in one.inputs], [v.name for v in one.outputs]
-    rows = given(name, one)
+    rows = given(needs(name), inputs)
     wanted = by_fmpy(name, tmp_path, inputs, outputs, rows)
     time = STEPS[name] * np.arange(TICKS)
     motion = trajectory(time, {f"r{k}": column for k, column in enumerate(rows.T)} or {"r0": time})
