@@ -1,6 +1,6 @@
 """Makes docs/static/pages.png anew: the pages of an identification and of a discovery, side by side.
 
-    python docs/picture.py      # some ten seconds; needs Chromium on the path
+python docs/picture.py      # some ten seconds; needs Chromium on the path
 """
 
 from __future__ import annotations

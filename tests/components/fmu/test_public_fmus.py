@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -17,8 +16,8 @@ from fmu_didim.components import load_fmu
 from fmu_didim.components.fmu import probe_fmu
 from fmu_didim.cosim import Connection, System, simulate
 from fmu_didim.data.signals import trajectory
+from tests.foreign import external_fmu
 
-FOLDER = Path(os.environ.get("FMU_DIDIM_EXTERNAL_FMUS", "external-fmus"))
 TICKS = 40
 STEPS = {
     "BouncingBall": 0.01, "Dahlquist": 0.1, "Feedthrough": 0.1, "Resource": 1.0, "Roberts": 0.01, "Stair": 0.2,
@@ -43,14 +42,7 @@ VALUES: Mapping[str, Mapping[str, float]] = {
 
 
 def needs(name: str) -> Path:
-    path = FOLDER / f"{name}.fmu"
-    if not path.is_file():
-        pytest.skip(
-            f"needs {name}.fmu of FMI 3.0, which is not shipped: get it from "
-            f"{PLACES.get(name, 'a release of github.com/modelica/Reference-FMUs')} and set FMU_DIDIM_EXTERNAL_FMUS to "
-            "its folder"
-        )
-    return path
+    return external_fmu(name, PLACES.get(name, "a release of github.com/modelica/Reference-FMUs (FMI 3.0)"))
 
 
 def given(path: Path, inputs: list[str]) -> np.ndarray:
