@@ -45,12 +45,17 @@ def test_draws_are_the_same_and_change_something() -> None:
     assert len(PHYSICAL) > 25
 
 
-def said(verdict: str = "", *, value: float = 1.0, std: float = 0.1, step: str = "Mend it.", text: str = "") -> Said:
+def said(
+    verdict: str = "", *, value: float = 1.0, std: float = 0.1, step: str = "Mend it.", text: str = "",
+    moves: tuple[str, float] | None = None,
+) -> Said:  # fmt: skip
     if not verdict:
         return Said(1, text)
     reasons = [] if verdict == "valid" else [{"code": "log-outliers", "next_step": step}]
     parameters = {"a": {"value": value, "std": std}, "other": {"value": 7.0, "std": 1.0}}
     result: dict[str, Any] = {"verdict": verdict, "reasons": reasons, "parameters": parameters, "advice": ""}
+    if moves is not None:
+        result["power"] = {"stated": [{"moves": {"parameter": moves[0], "deviations": moves[1]}}]}
     return Said(0, text, result)
 
 
@@ -58,8 +63,12 @@ def said(verdict: str = "", *, value: float = 1.0, std: float = 0.1, step: str =
     ("found", "what"),
     [
         (said("valid"), HARMLESS),
-        (said("valid", value=1.49), HARMLESS),
-        (said("valid", value=1.51), SILENT),
+        (said("valid", value=1.049), HARMLESS),
+        (said("valid", value=1.051), SILENT),
+        (said("valid", value=1.3, moves=("a", -4.0)), HARMLESS),
+        (said("valid", value=1.3, moves=("a", 2.0)), SILENT),
+        (said("valid", value=1.3, moves=("other", 4.0)), SILENT),
+        (said("valid", value=1.51, moves=("a", 40.0)), SILENT),
         (said("valid", std=0.4), SILENT),
         (said("valid", std=0.0), SILENT),
         (said("doubtful", value=9.0), TOLD),
