@@ -136,6 +136,20 @@ def test_positions_that_are_early_are_refused_with_what_to_check(tmp_path: Path)
     assert "clock of the positions" in caught.value.next_step and "start: description" in caught.value.next_step
 
 
+@pytest.mark.gate
+@pytest.mark.parametrize("late_s", [0.0002, 0.002])
+def test_positions_that_are_late_are_doubted_by_the_torque(late_s: float, tmp_path: Path) -> None:
+    """Viscous friction takes the lateness, so that the positions leave no more than their noise."""
+    case = CASE.with_(
+        train={"positions": {"file": str(write(log_of(late_s=late_s), tmp_path))}}, estimator={"kind": "output_error"}
+    )
+    found = identify(case)
+    assert found.verdict == "doubtful"
+    reason = found.document.reasons[0]
+    assert reason.code == "channels-disagree" and "by the torque along that motion" in reason.text
+    assert "clocks of torque and positions" in reason.next_step
+
+
 # ---- what is told of the answer
 
 
