@@ -25,9 +25,9 @@ LABELS = {"estimation": "train", "validation": "validation"}
 SAME = 0.5
 """[1] Standard deviations of the right fit by which a value may be off that fit and counts as right: of 480 drawn
 mistakes 58 of the 59 that are harmless move none by more than 0.24."""
-FARTHEST = 5.0
-"""[1] Standard deviations by which it may be off where the result itself says, for that parameter, that what it does
-not exclude moves it as far (``moves``): an offset of a seventh of the size that shows moves MX1 by 4.2."""
+PRECISION = 0.005
+"""[1] Of a value, by which it may be off where the result itself says, for that parameter, that a mistake below a size
+that shows moves it as far (``moves``): an offset of 0.4 of that size moves MX2 by 15 deviations, 0.24 %."""
 SPREAD = 3.0
 """[1] Factor by which a standard deviation may be off that of the right fit."""
 TOLD, HARMLESS, SILENT, UNFORESEEN, NO_STEP = "told", "harmless", "silent", "unforeseen", "no next step"
@@ -156,14 +156,16 @@ def _is_right(said: Said, expected: Mapping[str, tuple[float, float]]) -> bool:
     off = {name: abs(p["value"] - expected[name][0]) / expected[name][1] for name, p in found.items()}
     spread = (abs(math.log((p["std"] or math.inf) / expected[name][1])) for name, p in found.items())
     worst = max(off, key=lambda name: off[name])
+    value, std = expected[worst]
     told = max((abs(m["deviations"]) for m in _moves(said.result) if m["parameter"] == worst), default=0.0)
-    return off[worst] < max(SAME, min(FARTHEST, told)) and all(one < math.log(SPREAD) for one in spread)
+    return off[worst] < max(SAME, min(told, PRECISION * abs(value) / std)) and all(
+        one < math.log(SPREAD) for one in spread
+    )
 
 
 def _moves(result: Mapping[str, Any]) -> list[Mapping[str, Any]]:
-    """What the result says that it does not exclude would move."""
-    power = result.get("power") or {}
-    return [one["moves"] for kind in ("stated", "trusted") for one in power.get(kind) or [] if one.get("moves")]
+    """What mistakes below the sizes that the result says to exclude would move."""
+    return [one["moves"] for one in (result.get("power") or {}).get("stated", []) if one.get("moves")]
 
 
 def expected_of(said: Said) -> dict[str, tuple[float, float]]:
