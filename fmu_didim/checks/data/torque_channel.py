@@ -76,7 +76,7 @@ DRIVE_GAIN = CATALOGUE(
     "torque.",
 )  # fmt: skip
 TORQUE_UNIT = CATALOGUE(
-    "torque-unit", DOUBT, rank=10,
+    "torque-unit", DOUBT, rank=10, at_once=True,
     meaning="The torque is much larger or smaller than gravity and inertia of the robot description give it.",
     next_step="Give the torque in N.m or N, on the side of the gear that the robot description means.",
 )  # fmt: skip
