@@ -41,6 +41,7 @@ class Code:
         name: stable, words joined by hyphens; severity: what it means for an answer.
         rank: the smaller, the earlier it is named: causes (below 50) come before what follows from them.
         meaning: one sentence or more for the page of codes; next_step: what a user does about it.
+        at_once: whether one look settles all that is found of it, so that it is one reason.
     """
 
     name: str
@@ -48,6 +49,7 @@ class Code:
     rank: int
     meaning: str
     next_step: str
+    at_once: bool = False
 
 
 @dataclass(frozen=True)
@@ -135,10 +137,12 @@ class Catalogue:
     def __init__(self) -> None:
         self._codes: dict[str, Code] = {}
 
-    def __call__(self, name: str, severity: Severity, *, rank: int, meaning: str, next_step: str) -> Code:
+    def __call__(
+        self, name: str, severity: Severity, *, rank: int, meaning: str, next_step: str, at_once: bool = False
+    ) -> Code:
         """Add a code and return it."""
         assert name not in self._codes, f"the code {name} is there twice"
-        self._codes[name] = Code(name, severity, rank, meaning, next_step)
+        self._codes[name] = Code(name, severity, rank, meaning, next_step, at_once)
         return self._codes[name]
 
     def __iter__(self) -> Iterator[Code]:

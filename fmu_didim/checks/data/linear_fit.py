@@ -189,10 +189,14 @@ class FittedMotion:
         """(b,) standard deviations by which another sampling moves the values of the fit."""
         return self.apart(replace(self, run=self.run.on(replace(self.experiment, operator=operator))))
 
+    def values(self) -> tuple[Array, Array]:
+        """The values (b,) of the fit, and their standard deviations with the memory of the residual."""
+        values, deviation = self._solved(self.size)
+        return values, deviation * np.sqrt(self.experiment.torque.size / self.samples)
+
     def apart(self, other: FittedMotion) -> Array:
         """(b,) standard deviations between the values of the fits along this motion and along another one."""
-        (own, deviation), (others, _) = (one._solved(self.size) for one in (self, other))
-        deviation = deviation * np.sqrt(self.experiment.torque.size / self.samples)
+        (own, deviation), (others, _) = self.values(), other._solved(self.size)
         return np.asarray(np.abs(others - own) / np.maximum(deviation, TINY))
 
     @cached_property
