@@ -90,8 +90,10 @@ class Explained:
 
 def following_diagnostics(found: OutputResiduals) -> list[Diagnostic]:
     """The outputs whose residual follows something, with the suspects, the likeliest first."""
+    if not found.judged:
+        return []
     tables = first_changes(found, _without_parameters(found))
-    tests = {k: _test(found, k, tables) for k in range(len(found.names))}
+    tests = {k: _test(found, k, tables) for k in found.judged}
     level = CHANCE / len(tests)
     tests = {k: d if d.p_value < level else _start_of(found, k, d) for k, d in tests.items()}
     told = {k: d for k, d in tests.items() if d.p_value < level and d.share > LEAST}

@@ -51,20 +51,22 @@ def output_diagnostics(
         found += outlier_diagnostics(residuals)
         found += trusted_diagnostics(residuals, estimate.standard_deviation)
         highest = max((_highest(residuals, k) for k in range(len(labels))), default=np.inf)
+        tests = [test for test in tests if test.joint - 1 in residuals.judged]
         slow = slow_diagnostics(tests, highest, labels=labels, what="where the outputs move")
         slow = slow or _large(residuals, tests, highest, labels)
         told = {d.place for d in slow}
-        found += [*slow, *(d for d in _few_independent(estimate, residuals.names) if d.place not in told)]
+        found += [*slow, *(d for d in _few_independent(estimate, residuals) if d.place not in told)]
     return found
 
 
-def _few_independent(estimate: Estimate, names: Sequence[str]) -> list[Diagnostic]:
+def _few_independent(estimate: Estimate, residuals: OutputResiduals) -> list[Diagnostic]:
     """Outputs whose residual is worth few samples."""
     fit = estimate.minimum
     if fit is None:
         return []
     colours = fit_uncertainty(fit).colours if fit.model.experiments.channels else estimate.colours
-    return few_independent(colours, names, (~np.isnan(fit.model.stated_deviations)).tolist())
+    stated = ~np.isnan(fit.model.stated_deviations)
+    return few_independent([c for c in colours if c.joint - 1 in residuals.judged], residuals.names, stated.tolist())
 
 
 def _large(

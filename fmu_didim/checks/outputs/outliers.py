@@ -31,8 +31,8 @@ MOST = 0.02
 def outlier_diagnostics(found: OutputResiduals) -> list[Diagnostic]:
     """The outliers of each output, a doubt where they move the values."""
     told = []
-    for k, name in enumerate(found.names):
-        rows = found.rows(k)
+    for k in found.judged:
+        name, rows = found.names[k], found.rows(k)
         residual = found.residual[rows, k]
         spread = NORMAL * float(np.median(np.abs(residual - np.median(residual))))
         far = np.flatnonzero(np.abs(residual - np.median(residual)) > FAR * spread)

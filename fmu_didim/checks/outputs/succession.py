@@ -28,7 +28,6 @@ from fmu_didim.cosim import Indices
 from fmu_didim.data.signals import Array
 from fmu_didim.fit.noise.noise import TINY
 from fmu_didim.fit.noise.residual_noise import FEWEST_COLOURED
-from fmu_didim.fit.noise.weighting import noise_floor
 from fmu_didim.fit.uncertainty import Colour
 
 ALIKE = 0.005
@@ -117,22 +116,19 @@ def few_independent(colours: Sequence[Colour], names: Sequence[str], stated: Seq
 
 
 def successions(found: OutputResiduals) -> Iterator[Succession]:
-    """How alike the residuals of each output are in its short records; nothing of an output without any, or whose
-    residual is rounding."""
+    """How alike the residuals of each output are in its short records; nothing of an output without any, or that
+    leaves no more than the simulation errs by."""
     basis = orthonormal(independent(found.whitened(found.jacobian)))
     places = np.full(found.measured_at.shape, -1)
     places[found.measured_at] = np.arange(basis.shape[0])
     for k in range(len(found.names)):
         logs = _short(found, k)
-        if not logs:
+        if not logs or k not in found.judged:
             continue
         rows = np.concatenate(logs)
         residual = found.residual[rows, k] / found.deviation[k]
         own = basis[places[rows, k]]
         left = round(rows.size - float(np.sum(own**2)), DIGITS)
-        measured = found.model.measured_outputs[found.rows(k), k, None]
-        if found.deviation[k] <= float(noise_floor(measured)[0]) and left >= FEWEST_LEFT:
-            continue
         yield Succession(k, left) if left < FEWEST_LEFT else _tested(k, left, residual, own, [log.size for log in logs])
 
 
