@@ -25,7 +25,13 @@ from fmu_didim.fit.log_noise import known_noise
 from fmu_didim.fit.noise.weighting import NoiseOfResidual, whitened
 from fmu_didim.fit.prior_fit import prior_fit
 from fmu_didim.fit.region import Region
-from fmu_didim.fit.solver.accuracy import Accuracy, integration_change, simulation_accuracy, with_accuracy
+from fmu_didim.fit.solver.accuracy import (
+    Accuracy,
+    divided_steps,
+    integration_change,
+    simulation_accuracy,
+    with_accuracy,
+)
 from fmu_didim.fit.solver.least_squares import minimise
 from fmu_didim.fit.solver.numerical_noise import Roughness, roughness, smoother_advice
 from fmu_didim.fit.solver.search import FAILED, NO_STEP
@@ -182,6 +188,11 @@ def efficient_finish(
         remarks.append(
             f"Steps are divided into {fit.model.loop.subdivision}: over each of them linear inputs are held."
         )
+    if fit.model.loop.finest < MOST_SUBDIVISIONS:
+        remarks.append(
+            f"Steps are not divided into more than {fit.model.loop.finest}, as linear inputs would ask for: shorter "
+            "ones change the outputs without end, as of an FMU whose own solver has a fixed step."
+        )
     if not model.loop.shows_torque:  # where it began, the outputs may have shown what they do not here
         _refuse_confounded(fit)
     if error.excess > 1:
@@ -217,7 +228,7 @@ def _finer(model: LoopModel, values: Array, excess: float) -> LoopModel:
     doubled; or with so many shorter steps over which linear inputs are held."""
     if model.loop.holds_ramps:
         wanted = model.loop.subdivision * 2 ** math.ceil(math.log2(excess) / 2)
-        return model.with_loop(subdivision=min(wanted, MOST_SUBDIVISIONS))
+        return divided_steps(model, values, wanted)
     if model.loop.substeps is None:
         return model.with_loop(substep_factor=2 * model.loop.substep_factor)
     more = max(model.loop.substeps, model.fewest_substeps(values)) * 2 ** math.ceil(math.log2(excess) / 2)

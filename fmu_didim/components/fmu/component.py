@@ -200,6 +200,13 @@ def solver_tolerance(component: Component) -> float:
     return float(given or USUAL_TOLERANCE)
 
 
+def own_step(component: Component) -> float | None:
+    """Step in s of the solver inside an FMU of another tool in co-simulation, as its file states it: that of FMI 3.0,
+    else that of its default experiment, which is the step of a solver that has a fixed one; None without."""
+    form = foreign_co_simulation(component)
+    return None if form is None else form.interface.own_step or form.fmu.experiment.step
+
+
 def foreign_co_simulation(component: Component) -> FmuComponent | None:
     """The FMU of another tool that a component runs in co-simulation, by a solver that is unknown here; None if it
     does not run one."""

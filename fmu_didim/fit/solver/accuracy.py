@@ -3,6 +3,7 @@ noise of the data."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -17,6 +18,7 @@ from fmu_didim.fit.fit_uncertainty import influences
 from fmu_didim.fit.solver.least_squares import minimise
 from fmu_didim.fit.solver.termination import Stopping
 from fmu_didim.fit.uncertainty import Uncertainty
+from fmu_didim.model.loop import MOST_SUBDIVISIONS
 from fmu_didim.model.loop_model import LoopModel
 
 ERRORS_ADD_UP = 10.0
@@ -25,6 +27,9 @@ add up to some ten times that."""
 DECIDES = 1.1
 """[1] Standard deviations over those of noise alone, from which it is said that the accuracy of the simulation decides
 them."""
+FALLS = 2.5
+"""[1] By which halves of the steps must change less than those twice as long: the error of inputs that are held falls
+to a quarter, that of steps within those of an FMU to a half or not at all."""
 POLISHING = 2
 """[steps] From the minimum with one integration to that with a finer one, a small fraction of the noise away."""
 INTEGRATION_SHARE = 0.01
@@ -62,13 +67,39 @@ def with_fitting_substeps(model: LoopModel, values: Array, deviation: Array | No
 
 def _with_fitting_steps(model: LoopModel, values: Array, deviation: Array | None) -> LoopModel:
     """The model with the longest steps over which linear inputs are held whose halves change the outputs by no more."""
-    chosen = model.with_loop(subdivision=1)
-    outputs, finer = _outputs(chosen, values), chosen.twice_as_fine()
-    while outputs is not None and finer is not None:
-        more = _outputs(finer, values)
-        if more is None or integration_change(model, outputs, more, deviation) <= 1:
+
+    def is_hidden(outputs: Array, finer: Array) -> bool:
+        return integration_change(model, outputs, finer, deviation) <= 1
+
+    return divided_steps(model.with_loop(subdivision=1), values, MOST_SUBDIVISIONS, is_hidden)
+
+
+def divided_steps(
+    model: LoopModel, values: Array, wanted: int, is_hidden: Callable[[Array, Array], bool] = lambda *_: False
+) -> LoopModel:
+    """The model with so many subdivisions of its steps, or fewer where finer ones change nothing that shows.
+
+    What shorter steps change falls with the square of the step where an FMU takes any. One that has a solver of a fixed
+    step inside and is stepped within it only acts on its inputs at other instants, and what that changes does not fall
+    so: then its steps are those that its file states, or those of the samples.
+
+    Args:
+        is_hidden: whether the change from the outputs (M, m) to those of finer steps does not show.
+    """
+    own = model.loop.own_subdivision
+    chosen, outputs, before, has_fallen = model, _outputs(model, values), np.inf, False
+    while outputs is not None and (finer := chosen.twice_as_fine()) is not None:
+        more, ratio = _outputs(finer, values), finer.loop.subdivision / chosen.loop.subdivision
+        if more is None or is_hidden(outputs, more):
             return chosen
-        chosen, outputs, finer = finer, more, finer.twice_as_fine()
+        change = float(np.linalg.norm(more - outputs))
+        if finer.loop.subdivision > own and change > before / FALLS ** np.log2(ratio):
+            last = chosen.loop.subdivision if has_fallen else min(chosen.loop.subdivision, own)
+            return model.with_loop(subdivision=last, finest=last)
+        if chosen.loop.subdivision >= wanted:
+            return chosen
+        has_fallen = np.isfinite(before)
+        chosen, outputs, before = finer, more, change
     return chosen
 
 
@@ -121,7 +152,8 @@ def simulation_accuracy(fit: Fit, change: Array | None) -> Accuracy:
     if model.loop.shows_torque:
         return Accuracy(np.zeros_like(fit.outputs), np.zeros(counts.size), np.zeros(counts.size))
     if change is None and model.loop.holds_ramps and model.loop.subdivision > 1:
-        longer = _outputs(model.with_loop(subdivision=model.loop.subdivision // 2), fit.values)
+        coarser = max(count for count in model.loop.subdivisions if count < model.loop.subdivision)
+        longer = _outputs(model.with_loop(subdivision=coarser), fit.values)
         change = None if longer is None else fit.outputs - longer
     if change is None and (finer := _with_half_the_steps(model)) is not None:
         outputs = _outputs(finer, fit.values)
