@@ -22,7 +22,7 @@ from fmu_didim.checks import (
 )
 from fmu_didim.checks.data import log, timing, torque_channel
 from fmu_didim.checks.motion import colour, dependence, periods
-from fmu_didim.checks.outputs import following, outliers, suspects, trusted
+from fmu_didim.checks.outputs import following, outliers, succession, suspects, trusted
 from fmu_didim.data.tables import clock
 from fmu_didim.estimators import finish, initial_states, local_minima
 from fmu_didim.estimators.search import best, places
@@ -95,7 +95,8 @@ OF_OUTPUTS = (
     *((module, names) for module, names in DECIDING if module not in OF_ROBOTS and module is not physical),
     (following, ("CHANCE", "LEAST", "AS_WELL", "MOSTLY", "BEYOND", "BEYOND_NOISE", "STEPS")),
     (suspects, ("SMALL", "MOST_INPUTS", "MOST_PARAMETERS", "TRANSIENTS")),
-    (outliers, ("FAR", "MOST")),
+    (outliers, ("FAR", "CHANCE", "MOST")),
+    (succession, ("ALIKE", "FEWEST_LEFT", "FEWEST_INDEPENDENT")),
     (trusted, ("TENTH", "TRIED", "UNSEEN", "MOVES")),
 )
 """The same for a model."""

@@ -19,7 +19,7 @@ SLAVE = """<?xml version="1.0" encoding="UTF-8"?>
 <fmiModelDescription fmiVersion="2.0" modelName="slave" guid="awkward">
   <CoSimulation modelIdentifier="slave" canGetAndSetFMUstate="true" canHandleVariableCommunicationStepSize="true"/>
   <UnitDefinitions>{definitions}</UnitDefinitions>
-  <DefaultExperiment stepSize="0.01"/>
+  <DefaultExperiment{step}/>
   <ModelVariables>
     <ScalarVariable name="{u}" valueReference="0" causality="input"><Real start="0"{u_unit}/></ScalarVariable>
     <ScalarVariable name="{y}" valueReference="1" causality="output"><Real{y_unit}/></ScalarVariable>
@@ -110,6 +110,7 @@ DEFAULTS = {
     "variability": "tunable",
     "definitions": "",
     "dependencies": "",
+    "step": ' stepSize="0.01"',
 }
 
 

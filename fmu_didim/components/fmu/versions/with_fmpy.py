@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import inspect
+import math
 import tempfile
 import types
 import typing
@@ -101,6 +102,7 @@ def _interfaces(own: Any, root: ET.Element) -> Iterator[Interface]:
                 needs_completed_step=completed,
                 has_event_mode=stated.get("hasEventMode") in TRUE,
                 may_return_early=stated.get("mightReturnEarlyFromDoStep") in TRUE,
+                own_step=_positive(stated.get("fixedInternalStepSize")),
             )
 
 
@@ -115,6 +117,15 @@ def _dependencies(own: Any) -> dict[str, tuple[str, ...] | None]:
     stated = {u.variable.name: _inputs(u.dependencies) for u in own.outputs}
     further = {v.name: stated[v.alias.name] for v in own.modelVariables if v.alias and v.alias.name in stated}
     return stated | further
+
+
+def _positive(text: str | None) -> float | None:
+    """A positive number in an attribute; None where there is none."""
+    try:
+        found = float(text or 0)
+    except ValueError:
+        return None
+    return found if found > 0 and math.isfinite(found) else None
 
 
 def _inputs(known: Any) -> tuple[str, ...] | None:
