@@ -40,13 +40,14 @@ LINK_TOO_LONG = CATALOGUE(
     next_step="Give a and d of the robot description in m, angles in rad.",
 )  # fmt: skip
 LINK_LENGTH = CATALOGUE(
-    "link-length", DOUBT, rank=22,
+    "link-length", DOUBT, rank=21,
     meaning="Another length of a link explains the log clearly better than the one of the robot description.",
     next_step="Measure the distance of the joint axes, and correct a or d of the robot description.",
 )  # fmt: skip
 TORQUE_SCALE = CATALOGUE(
-    "torque-scale", DOUBT, rank=22,
-    meaning="The torques of the joints do not fit each other: coupling and gravity show that one of them is scaled.",
+    "torque-scale", DOUBT, rank=21,
+    meaning="The torques of the joints do not fit each other, or all of them do not fit the loop: coupling, gravity "
+    "and the gains of the controller show that they are scaled.",
     next_step="Check gain, gear ratio and unit of the torque of each joint.",
 )  # fmt: skip
 DISTANCES = ("a", "d")
