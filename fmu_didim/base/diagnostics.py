@@ -62,6 +62,7 @@ class Diagnostic:
         place: experiment, joint, parameter or file; empty where it is about all of them.
         value, bound: the figure that was found and its limit, in ``unit``; None if there is no figure.
         next_step: what to do about it, the next command where there is one.
+        weight: what it explains, by which causes of the same rank are ordered, the largest first.
     """
 
     code: Code
@@ -71,6 +72,7 @@ class Diagnostic:
     bound: float | None = None
     unit: str = ""
     next_step: str = ""
+    weight: float = 0.0
 
     @property
     def advice(self) -> str:
@@ -126,9 +128,10 @@ def refuse_problems(found: Iterable[Diagnostic]) -> list[Diagnostic]:
 
 
 def by_weight(found: Iterable[Diagnostic]) -> list[Diagnostic]:
-    """Problems, doubts, remarks; causes before what follows from them, the farthest beyond its bound first."""
+    """Problems, doubts, remarks; causes before what follows from them, what explains most first, then what lies
+    farthest beyond its bound."""
     order = list(Severity)
-    return sorted(found, key=lambda d: (order.index(d.code.severity), d.code.rank, -d.excess))
+    return sorted(found, key=lambda d: (order.index(d.code.severity), d.code.rank, -d.weight, -d.excess))
 
 
 class Catalogue:

@@ -21,6 +21,7 @@ from fmu_didim.checks.judgement import Judgement, judgement
 from fmu_didim.checks.motion.dependence import DEPENDS_ON_MOTION, dependence_of_fit, motion_diagnostics
 from fmu_didim.checks.motion.misfits import Misfits
 from fmu_didim.checks.motion.periods import repetition_diagnostics, repetition_of_fit
+from fmu_didim.checks.motion.suspects import with_suspects
 from fmu_didim.checks.outputs.judged import output_diagnostics
 from fmu_didim.checks.outputs.words import of_a_model
 from fmu_didim.checks.physical import physical_diagnostics
@@ -190,6 +191,7 @@ def checked(estimate: Estimate, validations: Sequence[Validation], *, before: It
     found += [d for d in large_diagnostics(tests, errors, motion_hz, cutoff_hz) if d.place not in told]
     found += [*of_any_output(estimate), *position_fit_diagnostics(estimate)]
     if estimate.fit is not None and MISFITS & {d.code for d in found}:
+        found = with_suspects(estimate.fit, misfits if misfits.stated else Misfits.of(estimate.fit), found)
         found += unidentified_diagnostics(estimate.fit)
     found += rival_diagnostics(estimate)
     judged = judgement(found, settled=estimate.status is Status.CONVERGED)

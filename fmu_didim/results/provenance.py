@@ -22,6 +22,7 @@ from fmu_didim.checks import (
 )
 from fmu_didim.checks.data import log, timing, torque_channel
 from fmu_didim.checks.motion import colour, dependence, periods
+from fmu_didim.checks.motion import suspects as suspects_in_loop
 from fmu_didim.checks.outputs import following, outliers, succession, suspects, trusted
 from fmu_didim.data.tables import clock
 from fmu_didim.estimators import finish, initial_states, local_minima
@@ -71,6 +72,7 @@ DECIDING = (
     (residual, ("STILL_NOT_WHITE",)),
     (dependence, ("MOTION_CHANCE", "SIGNIFICANT", "FUNCTIONS", "SAMPLES_A_FUNCTION")),
     (colour, ("MEMORIES", "FAR_WORSE", "SAMPLES_A_LAG", "WITH_PAST")),
+    (suspects_in_loop, ("TRIED", "ROUNDS", "MOSTLY", "AS_WELL", "SURE")),
     (periods, ("PART_OF_PERIOD", "KNOWN_PART", "RAMP", "FEWEST_DIFFERENCES")),
     (sampling_kind, ("NEARLY",)),
     (held_out, ("HELD_OUT_RATIO", "HELD_OUT_CHANCE", "LAGS")),
@@ -87,6 +89,7 @@ OF_ROBOTS = (
     periods,
     dependence,
     colour,
+    suspects_in_loop,
     sampling_kind,
     held_out,
 )

@@ -173,7 +173,8 @@ class FittedMotion:
         better = [e for e in offered if e.gain > CLEARLY and e.misfit < WORTH_IT]
         least = min((e.misfit for e in better), default=0.0)
         rivals = [e for e in better if self.samples * np.log(e.misfit / least) < CLEARLY]
-        return [e.diagnostic for e in sorted(rivals, key=lambda e: -e.gain)][:RIVALS]
+        rivals = sorted(rivals, key=lambda e: -e.gain)[:RIVALS]
+        return [replace(e.diagnostic, weight=e.gain) for e in rivals]
 
     def misfit_of(self, other: FittedMotion) -> float:
         """The misfit along another motion, joints divided by their size along this one."""

@@ -54,20 +54,22 @@ LINK_TOO_LONG = CATALOGUE(
     next_step="Give a and d of the robot description in m, angles in rad.",
 )  # fmt: skip
 LINK_LENGTH = CATALOGUE(
-    "link-length", DOUBT, rank=22,
+    "link-length", DOUBT, rank=21,
     meaning="Another length of a link explains the log clearly better than the one of the robot description.",
     next_step="Measure the distance of the joint axes, and correct a or d of the robot description.",
 )  # fmt: skip
 TORQUE_SCALE = CATALOGUE(
-    "torque-scale", DOUBT, rank=22,
-    meaning="The torques of the joints do not fit each other: coupling and gravity show that one of them is scaled.",
+    "torque-scale", DOUBT, rank=21,
+    meaning="The torques of the joints do not fit each other, or all of them do not fit the loop: coupling, gravity "
+    "and the gains of the controller show that they are scaled.",
     next_step="Check gain, gear ratio and unit of the torque of each joint.",
 )  # fmt: skip
 GRAVITY = CATALOGUE(
-    "gravity", DOUBT, rank=22,
-    meaning="Gravity in another direction explains the log clearly better than that of the robot description.",
-    next_step="Correct gravity: in the robot description: m/s2 along the axes of the base, such as [0, 0, -9.81] where "
-    "z points up.",
+    "gravity", DOUBT, rank=21,
+    meaning="Another size or direction of gravity explains the log clearly better than that of the robot description, "
+    "or the base is tilted.",
+    next_step="Check how the base stands, and gravity: in the robot description: m/s2 along the axes of the base, such "
+    "as [0, 0, -9.81] where z points up.",
 )  # fmt: skip
 DISTANCES = ("a", "d")
 Vector = tuple[float, ...]
