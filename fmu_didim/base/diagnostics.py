@@ -63,6 +63,7 @@ class Diagnostic:
         value, bound: the figure that was found and its limit, in ``unit``; None if there is no figure.
         next_step: what to do about it, the next command where there is one.
         weight: what it explains, by which causes of the same rank are ordered, the largest first.
+        condition: of a remark on which a valid verdict rests: a clause after "provided that", without full stop.
     """
 
     code: Code
@@ -73,6 +74,7 @@ class Diagnostic:
     unit: str = ""
     next_step: str = ""
     weight: float = 0.0
+    condition: str = ""
 
     @property
     def advice(self) -> str:

@@ -18,6 +18,10 @@ MATTERS = 0.3
 """[standard deviations] Of a value, by which a thing that is named may move it before that is a doubt: a 95 % interval
 that is off by less still holds the truth 94 times of 100. What moves no value by more is a remark."""
 
+CONDITIONAL = 4.0
+"""[standard deviations] Of a value, by which something that the data would not show may move it before the verdict says
+what it rests on: noise brings no value so far. It is no doubt: all data hide something, those of right models, too."""
+
 
 class DiagnosticResult(Saved):
     """A diagnostic as it is saved.
@@ -77,6 +81,11 @@ class Judgement:
             acknowledged=tuple((d, sentences[d.code.name]) for d in known),
             unused=tuple(name for name in sentences if name not in found),
         )  # fmt: skip
+
+    @property
+    def conditions(self) -> list[str]:
+        """What a valid verdict rests on that the data do not show: clauses after "provided that", as ordered."""
+        return [d.condition for d in self.remarks if d.condition] if self.verdict == "valid" else []
 
     def saved_acknowledged(self, case: str = "") -> list[AcknowledgedResult]:
         """The acknowledged doubts as they are saved; ``case``: as of :meth:`saved`."""

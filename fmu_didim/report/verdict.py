@@ -17,6 +17,8 @@ HEADS: dict[str, tuple[str, str]] = {
     "refused": ("refused", "REFUSED"),
 }
 """Grade and head of each verdict."""
+CONDITIONS = 2
+"""[clauses] Of what a valid verdict rests on, that it names; the remarks have all."""
 
 
 @dataclass(frozen=True)
@@ -52,7 +54,14 @@ def verdict(document: ResultDocument) -> Banner:
         several = "s" if len(document.outputs) > 1 else ""
         parts.append(f"simulated {document.quantity}{several} " + ", ".join(known))
     parts += acknowledged_text(document.acknowledged)
-    return Banner(grade, head, "; ".join(parts), document.reasons)
+    lines = ["; ".join(parts), *conditions_text(document.conditions)]
+    return Banner(grade, head, "\n".join(lines), document.reasons)
+
+
+def conditions_text(found: Sequence[str]) -> list[str]:
+    """What a valid verdict rests on: no line of it, or one."""
+    clauses = [*found[:CONDITIONS], *([f"{len(found) - CONDITIONS} more hold (Remarks)"] if found[CONDITIONS:] else [])]
+    return [f"Provided that {'; and that '.join(clauses)}."] if clauses else []
 
 
 def acknowledged_text(found: Sequence[AcknowledgedResult]) -> list[str]:

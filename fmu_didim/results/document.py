@@ -89,6 +89,7 @@ def result_document(
         verdict=judgement.verdict,
         reasons=judgement.saved(case),
         acknowledged=judgement.saved_acknowledged(case),
+        conditions=judgement.conditions,
         status="converged" if estimate.status is Status.CONVERGED else "maximum_iterations",
         advice=estimate.advice or estimate.status.value,
         estimator=estimate.estimator,

@@ -285,6 +285,9 @@ class ResultDocument(Saved):
     acknowledged: list[AcknowledgedResult] = Field(
         default=[], description="doubts that the case acknowledges: they are no reasons"
     )
+    conditions: list[str] = Field(
+        default=[], description="what a valid verdict rests on that the data do not show: clauses after 'provided that'"
+    )
     status: Literal["converged", "maximum_iterations", "refused"] = Field(description="how the iterations ended")
     advice: str
     estimator: str

@@ -37,6 +37,15 @@ def test_verdict(codes, settled, verdict, reasons, remarks, code):
     assert EXIT_CODES[found.verdict] == code
 
 
+@pytest.mark.parametrize(
+    ("codes", "settled", "conditions"),
+    [([], True, []), ([NOTE, NOTE], True, ["a", "b"]), ([NOTE, CAUSE], True, []), ([NOTE], False, [])],
+)
+def test_a_valid_verdict_alone_says_what_it_rests_on(codes, settled, conditions):
+    found = [Diagnostic(c, "text", condition="ab"[k]) for k, c in enumerate(codes)]
+    assert judgement([*found, Diagnostic(NOTE, "no condition")], settled=settled).conditions == conditions
+
+
 def test_commands_name_the_case():
     found = diagnostic_result(Diagnostic(CAUSE, "text", "joint 1", 2.0, 1.0, "1"), "drive.yaml")
     assert found.next_step == "fmu-didim discover drive.yaml"

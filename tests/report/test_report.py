@@ -219,6 +219,25 @@ def test_reasons_stand_last_in_the_table_and_in_the_banner_of_the_page(tmp_path:
     assert "worse-on-held-out" in result_html(doubtful)
 
 
+@pytest.mark.parametrize(
+    ("conditions", "line"),
+    [
+        ([], ""),
+        (["b is right"], "Provided that b is right."),
+        (["b is right", "c is < 2"], "Provided that b is right; and that c is < 2."),
+        (["b", "c is < 2", "d", "e"], "Provided that b; and that c is < 2; and that 2 more hold (Remarks)."),
+    ],
+)  # fmt: skip
+def test_what_a_valid_verdict_rests_on_stands_below_its_line(conditions: list[str], line: str, tmp_path: Path) -> None:
+    result = document(conditions=conditions)
+    text = result_table(result)
+    assert " ".join(text[text.index("VALID: ") :].split()).endswith(f"5.10 % on validation {line}".strip())
+    page = write_report(saved(tmp_path, result)).read_text(encoding="utf-8")
+    banner = page[page.index('<div class="banner good">') : page.index('<div class="cards">')]
+    assert line.replace("<", "&lt;") in banner
+    assert ("Provided that" in banner) == bool(line) == ("Provided that" in result_html(result))
+
+
 def test_table_stays_within_100_columns() -> None:
     names = {f"a_very_long_parameter_name_{i}" * 3: document().parameters["Fv1"] for i in range(3)}
     text = result_table(document(parameters=names, remarks=["word " * 60]))

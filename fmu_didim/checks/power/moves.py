@@ -8,7 +8,8 @@ standard deviations, which know of noise alone.
 from __future__ import annotations
 
 from fmu_didim.base.diagnostics import CATALOGUE, REMARK, Diagnostic
-from fmu_didim.checks.power.statement import MovedResult, PowerResult, StatedResult, TrustResult
+from fmu_didim.checks.judgement import CONDITIONAL
+from fmu_didim.checks.power.statement import PowerResult, StatedResult, TrustResult
 
 MOVES = 1.0
 """[standard deviations] By which a misfit that does not show moves a value, from which that is said."""
@@ -26,27 +27,47 @@ UNSEEN_MOVES = CATALOGUE(
 
 
 def unseen_diagnostics(power: PowerResult) -> list[Diagnostic]:
-    """The remark on what would move a value noticeably and not show; nothing where all that does would show."""
+    """The remark on what would move a value noticeably and not show, with what the verdict rests on; nothing where all
+    that does would show."""
     listed: list[StatedResult | TrustResult] = [*power.stated, *power.trusted]
-    found = [
-        (abs(moves.deviations), one.what, _text(one.what, one.place, one.size, one.unit, moves))
-        for one in listed
-        if (moves := one.moves) is not None and abs(moves.deviations) > MOVES
-    ]
+    found = sorted((one for one in listed if _deviations(one) > MOVES), key=_deviations, reverse=True)
     if not found:
         return []
-    worst = dict[str, str]()
-    for _, what, text in sorted(found, reverse=True):
-        worst.setdefault(what, text)
-    named = list(worst.values())[:NAMED]
+    kinds = dict[str, StatedResult | TrustResult]()
+    for one in found:
+        kinds.setdefault(one.what, one)
+    named = [f"{_hidden(one)}, {_moves(one)}" for one in list(kinds.values())[:NAMED]]
     text = f"It would not show, but move values: {'; '.join(named)}."
     if len(found) > len(named):
         text += f" So would {len(found) - len(named)} more by more than {MOVES:g} sigma (power in result.json)."
-    return [Diagnostic(UNSEEN_MOVES, text, "", max(found)[0], MOVES, "standard deviations")]
+    return [
+        Diagnostic(
+            UNSEEN_MOVES, text, "", _deviations(found[0]), MOVES, "standard deviations", condition=_condition(found)
+        )
+    ]
 
 
-def _text(what: str, place: str, size: float | None, unit: str, moves: MovedResult) -> str:
-    where = f"{what} ({place})" if place else what
-    if size is None:
-        return f"{where} of any size, {moves.text} for each {unit}"
-    return f"{where} below {size:.2g} {unit}, {moves.text}"
+def _condition(found: list[StatedResult | TrustResult]) -> str:
+    """What a valid verdict rests on, the worst of what moves values, with those that move them as far; empty where none
+    moves a value so far. What no size of shows moves them as far as it is large: its check stands beside it."""
+    far = [one for one in found if one.size is not None and _deviations(one) > CONDITIONAL]
+    if not far:
+        return ""
+    others = f", nor {len(far) - 1} more" * (len(far) > 1)
+    return f"the data do not hide {_hidden(far[0])}, which would move {_moves(far[0])}{others} (What valid excludes)"
+
+
+def _deviations(one: StatedResult | TrustResult) -> float:
+    return 0.0 if one.moves is None else abs(one.moves.deviations)
+
+
+def _hidden(one: StatedResult | TrustResult) -> str:
+    """What would not show, with its place and size."""
+    where = f"{one.what} ({one.place})" if one.place else one.what
+    return f"{where} of any size" if one.size is None else f"{where} below {one.size:.2g} {one.unit}"
+
+
+def _moves(one: StatedResult | TrustResult) -> str:
+    """The value that it moves most."""
+    assert one.moves is not None
+    return one.moves.text if one.size is not None else f"{one.moves.text} for each {one.unit}"

@@ -24,8 +24,8 @@ from tests.helpers import with_component
 from tests.tools.verdict.run import without_start
 
 ALL = ("scara", "arm", "tx40")
-FIT = ("residual-depends-on-motion", "link-length", "residual-above-noise", "worse-on-held-out", "not-physical",
-       "friction-negative", "mass-matrix-indefinite", "residual-slow")  # fmt: skip
+FIT = ("residual-depends-on-motion", "link-length", "gravity", "residual-above-noise", "worse-on-held-out",
+       "not-physical", "friction-negative", "mass-matrix-indefinite", "residual-slow")  # fmt: skip
 """Codes of a model that does not explain its data."""
 
 NOISE = 0.01
