@@ -8,7 +8,7 @@ identified; of the best ones the amount is found by a few further simulations.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,6 +16,7 @@ import numpy as np
 from fmu_didim.base.diagnostics import CATALOGUE, DOUBT, Diagnostic
 from fmu_didim.base.distributions import f_sf
 from fmu_didim.base.errors import FmuDidimError
+from fmu_didim.checks.judgement import MATTERS
 from fmu_didim.checks.motion.colour import orthonormal, rest_of
 from fmu_didim.checks.motion.dependence import Dependence, dependence, independent
 from fmu_didim.checks.outputs.outliers import KNOWN_FROM, NORMAL
@@ -27,8 +28,9 @@ from fmu_didim.fit.noise.noise import TINY
 CHANCE = 1e-3
 """[1] Probability, for all outputs together, with which noise alone may be said to follow something."""
 LEAST = 0.005
-"""[1] Share of the squared residual that follows something, from which it is doubted: less moves no value noticeably
-and is the rounding of a file."""
+"""[1] Share of the squared residual that follows something, from which it is doubted whatever it does to the values.
+Less may be the rounding of a file, and is doubted where a likely suspect would move a value noticeably: in a log of N
+samples a share f is sqrt(f N) standard deviations of a suspect."""
 REFINED = 4
 """[suspects] The most promising ones, whose amounts are found by further simulations,"""
 ROUNDS = 3
@@ -88,20 +90,45 @@ class Explained:
     squares: float
 
 
-def following_diagnostics(found: OutputResiduals) -> list[Diagnostic]:
-    """The outputs whose residual follows something, with the suspects, the likeliest first."""
+def following_diagnostics(found: OutputResiduals, deviation: Array) -> list[Diagnostic]:
+    """The outputs whose residual follows something, with the suspects, the likeliest first.
+
+    Args:
+        deviation: (p,) standard deviations of the values.
+    """
     if not found.judged:
         return []
     tables = first_changes(found, _without_parameters(found))
     tests = {k: _test(found, k, tables) for k in found.judged}
     level = CHANCE / len(tests)
     tests = {k: d if d.p_value < level else _start_of(found, k, d) for k, d in tests.items()}
-    told = {k: d for k, d in tests.items() if d.p_value < level and d.share > LEAST}
+    told = {k: d for k, d in tests.items() if d.p_value < level}
     if not told:
         return []
     tables |= first_changes(found, of_parameters(found))
     best = ranked(found, tables)
-    return [_told(found, told, best, level)] if best else []
+    likely = [one for one in best if one.squares > AS_WELL * best[0].squares]
+    moved = max((moved_by(found, one, deviation) for one in likely), default=0.0)
+    return [_told(found, told, best, level)] if best and matters([d.share for d in told.values()], moved) else []
+
+
+def matters(shares: Sequence[float], moved: float) -> bool:
+    """Whether what follows something is doubted: shares of the squared residual of outputs, and standard deviations by
+    which a likely suspect moves a value at most."""
+    return max(shares) > LEAST or moved > MATTERS
+
+
+def moved_by(found: OutputResiduals, one: Explained, deviation: Array) -> float:
+    """Standard deviations (p,) by which a suspect moves a value at most, by one linear step; none where it cannot be
+    simulated."""
+    try:
+        change = found.whitened(one.suspect.moved(found, one.amount))
+    except FmuDidimError:
+        return 0.0
+    if not np.isfinite(change).all():
+        return 0.0
+    by = np.linalg.lstsq(found.whitened(found.jacobian), change, rcond=None)[0]
+    return float(np.max(np.abs(by) / np.maximum(deviation, TINY), initial=0.0))
 
 
 def _without_parameters(found: OutputResiduals) -> Iterator[Suspect]:

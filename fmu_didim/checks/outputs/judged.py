@@ -42,7 +42,7 @@ def output_diagnostics(
         residuals = OutputResiduals.of(estimate)
     except SimulationError:  # after the last sample
         return [*before, *found]
-    followed = following_diagnostics(residuals)
+    followed = following_diagnostics(residuals, estimate.standard_deviation)
     found += [*followed, *noise_diagnostics(estimate)]
     is_told = any(d.code is OUTPUT_FOLLOWS for d in followed)
     found += [d for d in succession_diagnostics(residuals) if not is_told or d.code is OUTPUT_UNTESTED]
