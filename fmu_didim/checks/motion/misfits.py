@@ -9,6 +9,7 @@ A clock or a scale that is off changes the log alone.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from itertools import product
 
@@ -46,6 +47,12 @@ between two of them."""
 NO_LOAD = 1e-6
 """[1/rad or 1/m] Change of the torque of the links by a step of a joint, over that torque, below which a zero that is
 off does nothing but by rounding: that of an axis along gravity."""
+TURNING = 0.1
+"""[1] Of the largest speed of a joint, below which it turns round,"""
+AT_REVERSALS = 0.5
+"""[1] and share of the squares of a load, beside what the fitted parameters make, that must act there for it to be
+simulated: Stribeck friction on a light joint of a SCARA shows by 9 % less than by the response that fits the whole
+motion."""
 LATE_PART = 0.1
 """[periods] By which a log is late for a slope: between two instants of the command it follows a line."""
 
@@ -214,14 +221,31 @@ def _answered(motions: FittedMotions, loads: Sequence[Load]) -> list[Misfit]:
     joined = {label: _joined(loads, label) for label in motions.motions}
     columns, places = _columns_of_fit(motions)
     amounts = _amounts(columns, joined)
-    for label, response in motions.responses.items():
-        answers = iter(np.moveaxis(response.at_samples(joined[label] - columns[label] @ amounts), 2, 0))
+    for label in motions.motions:
+        rest = joined[label] - columns[label] @ amounts
+        answers = iter(_answers(motions, label, rest))
         changes = [load.tables[label] if load.is_of_log else next(answers) for load in loads]
         tables.append(motions.fit.model.experiments.filtered(np.stack(changes, axis=2), label))
     signatures = np.concatenate(tables)
     of_loop = [k for k, load in enumerate(loads) if not load.is_of_log]
     signatures[:, :, of_loop] += motions.fit.jacobian[:, :, places] @ amounts
     return [Misfit(load, signatures[:, :, k]) for k, load in enumerate(loads)]
+
+
+def _answers(motions: FittedMotions, label: str, loads: Array) -> list[Array]:
+    """(N, n) of each of loads (K, n, w): what the loop answers to first order, along the whole motion alike; for loads
+    that act at reversals, where it is another loop, by a simulation each."""
+    response, motion = motions.responses[label], motions.motions[label]
+    found = list(np.moveaxis(response.at_samples(loads), 2, 0))
+    if motions.fit.model.experiments.low_pass is not None:  # which a simulation would apply once more
+        return found
+    turns = np.abs(motion.dq) < TURNING * np.abs(motion.dq).max(axis=0)
+    squares = loads**2
+    share = np.sum(squares * turns[:, :, None], axis=(0, 1)) / np.maximum(np.sum(squares, axis=(0, 1)), TINY)
+    for k in np.flatnonzero(share > AT_REVERSALS):
+        with suppress(SimulationError):
+            found[k] = response.simulated(loads[:, :, k])
+    return found
 
 
 def _columns_of_fit(motions: FittedMotions) -> tuple[dict[str, Array], list[int]]:

@@ -1,4 +1,4 @@
-"""The power of the tests of a residual: how likely a misfit of a given size is doubted, and which size is, with 80 %.
+"""The power of the tests of a residual: how likely a misfit of a given size is doubted, and which size is, with 95 %.
 
 A misfit of size a adds a s to the residual r of a joint, s being its signature. What the fit leaves of it, whitened by
 the colour of r, has a part B c along functions of the motion and a rest u. Fisher's F of what k functions explain is
@@ -45,7 +45,7 @@ from fmu_didim.checks.motion.dependence import (
 from fmu_didim.data.signals import Array
 from fmu_didim.fit.noise.noise import TINY
 
-POWER = 0.8
+POWER = 0.95
 """[1] Probability with which a misfit of the stated size is doubted."""
 SIZES = 61
 """[sizes] That are compared, at equal ratios: 17 % apart, between which the power is interpolated."""

@@ -3,7 +3,8 @@
     du_i(t_k) = sum_j sum_l g_ij[l] e_j(t_(k-l)),      e_j: load of joint j, its mean over [t_k, t_(k+1))
 
 g is the best linear approximation along the simulated motion: the least-squares response to a small random two-level
-torque on one joint after the other. Slow loads show in the command in full; jumps of friction at a reversal do not.
+torque on one joint after the other. Slow loads show in the command in full; jumps of friction at a reversal do not. Nor
+is the loop the same there as elsewhere along the motion: loads that act at reversals are simulated as they are.
 
 Source: Pintelon, Schoukens, System Identification: A Frequency Domain Approach, 2nd ed., 2012, chapter 3.
 """
@@ -41,6 +42,21 @@ DWELL_S = (0.01, 0.2)
 
 
 @dataclass(frozen=True)
+class LoadInTime(ExternalTorque):
+    """A torque that changes with time.
+
+    Attributes:
+        course: (K,) its mean over each control period.
+    """
+
+    course: tuple[float, ...] = ()
+
+    def along(self, time: Array) -> Array:
+        """(K,) it, over all control periods."""
+        return np.array(self.course)
+
+
+@dataclass(frozen=True)
 class LoadResponse:
     """The response of the logged torque, and of what else is measured, to loads.
 
@@ -71,6 +87,25 @@ class LoadResponse:
         own = zip(self.further, whole[joints:], strict=True)
         channels = [np.asarray(sampling @ np.ascontiguousarray(answers.T)) for sampling, answers in own]
         return self.run.model.experiments.outputs_of(self.run.label, torque, channels)
+
+    def simulated(self, load: Array) -> Array:
+        """(K, n) load at the ticks -> (M, m) change of all outputs, by a simulation with a small one of its course;
+        raises SimulationError."""
+        experiment = self.run.experiment
+        time, measured = experiment.reference.time, self.run.model.experiments.measured_in(self.run.label)
+        loaded = load.any(axis=0)
+        size = SIZE * float(
+            np.sqrt(np.min(np.mean(measured[:, loaded] ** 2, axis=0) / np.mean(load[:, loaded] ** 2, axis=0)))
+        )
+        courses = [np.interp(time, time[self.ticks], column) for column in -size * load.T]
+        for course in courses:
+            course[:-1] = 0.5 * (course[:-1] + course[1:])
+        external = [
+            LoadInTime(j + 1, float(time[0]), float(time[-1]), 1.0, course=tuple(course.tolist()))
+            for j, course in enumerate(courses) if course.any()
+        ]  # fmt: skip
+        run = self.run.on(replace(experiment, external_torques=(*experiment.external_torques, *external)))
+        return np.asarray((run.outputs() - self.run.outputs()) / size)
 
     @cached_property
     def _size(self) -> int:

@@ -31,7 +31,7 @@ def test_a_larger_offset_is_doubted_too(times: float) -> None:
 
 
 @pytest.mark.slow
-def test_stated_sizes_are_doubted_in_seventy_to_ninety_of_a_hundred_draws() -> None:
+def test_stated_sizes_are_doubted_in_nine_of_ten_draws() -> None:
     assert main(["--draws", "50"]) == 0
 
 
