@@ -33,6 +33,8 @@ OFF = 2.5
 """Largest factor by which start values are wrong, up or down."""
 NOISE = 0.03
 """Standard deviation of the noise, of that of the torque."""
+RANGE = 1.25
+"""[1] Of a converter of the torque, over the largest torque of a joint."""
 MEMORY_S = 0.05
 """Memory of the coloured part of the noise."""
 
@@ -133,3 +135,12 @@ def with_experiment(model: LoopModel, label: str = "estimation", **changes: obje
     """The model with other entries of an experiment."""
     experiment: Experiment = replace(model.experiments[label], **changes)  # type: ignore[arg-type]
     return model.with_experiment(label, experiment)
+
+
+def quantised(model: LoopModel, bits: int) -> LoopModel:
+    """The model with the torques of its logs as a converter gives them, whose range is ``RANGE`` times the largest."""
+    largest = np.max([np.abs(experiment.torque).max(axis=0) for experiment in model.experiments.values()], axis=0)
+    step = 2 * RANGE * largest / 2**bits
+    for label, experiment in model.experiments.items():
+        model = model.with_experiment(label, replace(experiment, torque=np.rint(experiment.torque / step) * step))
+    return model

@@ -10,7 +10,7 @@ import pytest
 
 from fmu_didim.base.diagnostics import Diagnostic
 from fmu_didim.checks.data.expected import Expected, expected
-from fmu_didim.checks.data.log import log_diagnostics, stairs, steps_in_range
+from fmu_didim.checks.data.log import is_piled, log_diagnostics, stairs, steps_in_range
 from fmu_didim.checks.data.reference import contradiction
 from fmu_didim.checks.data.runs import SAME_MOTION, copied, difference, during_log
 from fmu_didim.checks.data.torque_channel import correlations, torque_channel_diagnostics
@@ -172,6 +172,27 @@ def test_steps_of_a_quantised_log(steps: int) -> None:
     values = np.rint(steps / 2 * np.sin(0.37 * N)) * 0.7 + 0.1
     assert steps_in_range(values) == pytest.approx(steps, abs=1)
     assert steps_in_range(values + 1e-2 * np.random.default_rng(0).normal(size=400) * 0.7) != steps
+
+
+EVEN = np.sin(2 * np.pi * 0.6180339887 * N)
+"""Of a sine whose phases are spread evenly."""
+
+
+@pytest.mark.parametrize(
+    ("values", "at", "piled"),
+    [
+        (79 * EVEN, 79, False),
+        ((79 * EVEN).clip(-75, 75), 75, True),
+        ((79 * EVEN).clip(-47, 47), 47, True),
+        (79 * EVEN + 2 * np.random.default_rng(5).normal(size=400), None, False),
+    ],
+)
+def test_more_samples_at_an_extreme_than_steps_alone_bring_there(values: Array, at: int | None, piled: bool) -> None:
+    own = np.rint(values)
+    extreme = float(own.max())
+    assert at is None or extreme == at
+    assert is_piled(own, extreme, steps_in_range(own)) is piled
+    assert is_piled(values, float(values.max()), None)  # without steps nothing else brings several there
 
 
 def test_part_of_a_log_that_stands_in_another() -> None:

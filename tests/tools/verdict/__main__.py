@@ -7,7 +7,8 @@ import sys
 import time
 from collections import Counter
 
-from tests.checks.data.right import loaded
+from fmu_didim.model.loop_model import LoopModel
+from tests.checks.data.right import loaded, quantised
 from tests.tools.verdict.catalogue import CATALOGUE, Wrong, right
 from tests.tools.verdict.run import Answer, answer, named
 
@@ -24,6 +25,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--robots", nargs="+", default=["scara", "arm", "tx40"])
     parser.add_argument("--only", default="", help="entries whose name contains this")
     parser.add_argument("--right", type=int, default=10, help="right runs a robot")
+    parser.add_argument("--bits", type=int, default=0, help="of the converter of the torque; 0 is none")
     options = parser.parse_args(arguments)
     tally: Counter[str] = Counter()
     for wrong in CATALOGUE:
@@ -32,7 +34,7 @@ def main(arguments: list[str] | None = None) -> int:
         for robot in (r for r in wrong.robots if r in options.robots):
             for seed in range(options.first, options.first + options.seeds):
                 begin = time.monotonic()
-                found = answer(wrong.make(robot, seed), named(loaded(robot)))
+                found = answer(seen(wrong.make(robot, seed), options.bits), named(loaded(robot)))
                 told = is_named(wrong, found)
                 tally.update(runs=1, named=int(told))
                 tally.update(wrong=int(found.is_wrong), valid=int(found.verdict == "valid"))
@@ -40,7 +42,7 @@ def main(arguments: list[str] | None = None) -> int:
     for robot in options.robots:
         for seed in range(1, options.right + 1):
             begin = time.monotonic()
-            found = answer(right(robot, 100 + seed), named(loaded(robot)))
+            found = answer(seen(right(robot, 100 + seed), options.bits), named(loaded(robot)))
             tally.update(right=1, right_valid=int(found.verdict == "valid"), right_wrong=int(found.is_wrong))
             _line(f"right ({robot}, {seed})", found, True, time.monotonic() - begin)
     runs, rights = max(tally["runs"], 1), max(tally["right"], 1)
@@ -49,6 +51,11 @@ def main(arguments: list[str] | None = None) -> int:
     print(f"{tally['right']} right runs: {100 * tally['right_valid'] / rights:.1f} % valid")
     holds = not tally["wrong"] and tally["named"] >= NAMED * runs and tally["right_valid"] >= VALID * rights
     return 0 if holds else 1
+
+
+def seen(model: LoopModel, bits: int) -> LoopModel:
+    """The model with its logs, by a converter of so many bits where there is one."""
+    return quantised(model, bits) if bits else model
 
 
 def is_named(wrong: Wrong, found: Answer) -> bool:

@@ -2,6 +2,7 @@
 
     python -m tests.tools.verdict.right_models --robots scara arm --seeds 200 --rates 4 20 200 --noise white
     python -m tests.tools.verdict.right_models --robots tx40 puma560 rv2sq --seeds 10 --rates 20 100
+    python -m tests.tools.verdict.right_models --robots scara arm --seeds 40 --rates 20 100 --bits 8 12 --size 0.001
 
 Each seed draws motion, noise and start values. A run is lost where it was refused, did not settle, or has a value
 beyond four sigma.
@@ -21,9 +22,9 @@ from itertools import product
 from pathlib import Path
 
 from fmu_didim.data.filters import LowPass
-from tests.checks.data.right import CASES, loaded
+from tests.checks.data.right import CASES, loaded, quantised
 from tests.tools.verdict.__main__ import VALID
-from tests.tools.verdict.catalogue import right
+from tests.tools.verdict.catalogue import NOISE, right
 from tests.tools.verdict.run import SIGMA, Answer, answer, named
 
 COVERAGE = (0.92, 0.97)
@@ -38,18 +39,24 @@ class Setting:
     robot: str
     rate_hz: float
     noise: str
+    size: float
     low_pass_hz: float | None
+    bits: int | None
 
     def __str__(self) -> str:
         filtered = f", low-pass {self.low_pass_hz:g} Hz" if self.low_pass_hz else ""
-        return f"{self.robot}, {self.rate_hz:g} Hz, {self.noise}{filtered}"
+        steps = f", {self.bits} bits" if self.bits else ""
+        return f"{self.robot}, {self.rate_hz:g} Hz, {self.noise}, noise {100 * self.size:g} %{filtered}{steps}"
 
 
 def one(task: tuple[Setting, int]) -> tuple[Answer, float]:
     """The answer on one seed, and its seconds."""
     setting, seed = task
     begin = time.monotonic()
-    model = right(setting.robot, seed, rate_hz=setting.rate_hz, coloured=COLOURED[setting.noise])
+    coloured = COLOURED[setting.noise]
+    model = right(setting.robot, seed, rate_hz=setting.rate_hz, coloured=coloured, noise=setting.size)
+    if setting.bits:
+        model = quantised(model, setting.bits)
     if setting.low_pass_hz:
         model = model.with_low_pass(LowPass(setting.low_pass_hz))
     right.func.cache_clear()
@@ -58,9 +65,11 @@ def one(task: tuple[Setting, int]) -> tuple[Answer, float]:
 
 def settings(options: argparse.Namespace) -> Iterator[Setting]:
     """One for each row; a filter above half the rate of the log does nothing and is left out."""
-    for robot, rate, noise, cutoff in product(options.robots, options.rates, options.noise, options.low_pass):
+    for robot, rate, noise, size, cutoff, bits in product(
+        options.robots, options.rates, options.noise, options.size, options.low_pass, options.bits
+    ):
         if not cutoff or cutoff < rate / 2:
-            yield Setting(robot, rate, noise, cutoff or None)
+            yield Setting(robot, rate, noise, size, cutoff or None, bits or None)
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -71,6 +80,8 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--rates", nargs="+", type=float, default=[20.0])
     parser.add_argument("--noise", nargs="+", default=["white"], choices=sorted(COLOURED))
     parser.add_argument("--low-pass", nargs="+", type=float, default=[0.0], help="cut-off in Hz; 0 is no filter")
+    parser.add_argument("--size", nargs="+", type=float, default=[NOISE], help="of the noise, of that of the torque")
+    parser.add_argument("--bits", nargs="+", type=int, default=[0], help="of the converter of the torque; 0 is none")
     parser.add_argument("--seeds", type=int, default=10)
     parser.add_argument("--first", type=int, default=1000, help="the first seed")
     parser.add_argument("--processes", type=int, default=1)

@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 
 from fmu_didim.estimators import Didim
-from tests.checks.data.right import loaded
-from tests.tools.verdict import random_starts
+from tests.checks.data.right import loaded, quantised
+from tests.tools.verdict import drawn, random_starts
 from tests.tools.verdict.__main__ import NAMED, is_named, main
 from tests.tools.verdict.catalogue import CATALOGUE, right
 from tests.tools.verdict.random_starts import DATA, draw, run
@@ -35,6 +35,25 @@ def test_a_right_model_is_valid(robot: str, seed: int) -> None:
 
 
 @pytest.mark.gate
+@pytest.mark.parametrize("bits", [8, 12])
+@pytest.mark.parametrize("robot", ["scara", "arm"])
+def test_a_right_model_of_a_quantised_log_is_valid_and_its_intervals_hold(robot: str, bits: int) -> None:
+    """Noise of 0.1 % of the torque, a seventh of what the steps of 8 bits make."""
+    models = [quantised(right(robot, seed, noise=0.001), bits) for seed in range(111, 117)]
+    found = [answer(model, named(loaded(robot))) for model in models]
+    assert [one.codes for one in found] == [()] * len(found)
+    assert sum(one.inside for one in found) >= 0.85 * sum(one.compared for one in found)  # three deviations below 95 %
+
+
+@pytest.mark.gate
+@pytest.mark.parametrize("bits", [8, 12])
+def test_a_wrong_model_of_a_quantised_log_is_not_valid(bits: int) -> None:
+    makes = [w for w in QUICK if w.name.startswith(("machine", "model"))]
+    found = {w.name: answer(quantised(w.make("scara", 1), bits), named(loaded("scara"))).verdict for w in makes}
+    assert [name for name, verdict in found.items() if verdict == "valid"] == []
+
+
+@pytest.mark.gate
 @pytest.mark.parametrize(("robot", "seed"), [("scara", 8), ("scara", 11), ("arm", 5), ("arm", 184)])
 def test_random_starts_end_in_the_usual_answer(robot: str, seed: int) -> None:
     """From 1/1000 to 1000 times the truth; the last one goes astray at first and gives way to another start."""
@@ -57,6 +76,31 @@ def test_the_catalogue_has_sixty_entries_and_all_have_names_of_their_own() -> No
 @pytest.mark.slow
 def test_whole_catalogue() -> None:
     assert main(["--seeds", "3", "--right", "20"]) == 0
+
+
+@pytest.mark.gate
+@pytest.mark.parametrize("robot", ["scara", "arm"])
+def test_no_effect_that_is_drawn_and_shown_is_valid_and_wrong(robot: str) -> None:
+    found = [one for _, _, one in drawn.drawn([robot], range(1, 9))]
+    assert len(found) >= 6
+    assert [one.what for one in found if one.answer.is_wrong and one.is_shown] == []
+
+
+@pytest.mark.slow
+def test_effects_that_are_drawn() -> None:
+    assert drawn.main(["--draws", "60"]) == 0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("bits", ["8", "12"])
+def test_whole_catalogue_of_quantised_logs(bits: str) -> None:
+    for kind in (
+        "machine",
+        "model",
+        "controller",
+        "scale",
+    ):  # what is wrong with the file itself is seen before its steps
+        assert main(["--seeds", "1", "--right", "5", "--robots", "scara", "arm", "--bits", bits, "--only", kind]) == 0
 
 
 @pytest.mark.slow
