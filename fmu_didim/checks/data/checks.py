@@ -33,7 +33,7 @@ from fmu_didim.checks.data.robot import (
     length_unit_diagnostics,
 )
 from fmu_didim.checks.data.runs import run_diagnostics
-from fmu_didim.checks.data.timing import timing
+from fmu_didim.checks.data.timing import CLOCK_EARLY, CLOCK_LATE, COMMAND_DELAY, SAMPLING_KIND, timing
 from fmu_didim.checks.data.torque_channel import torque_channel_diagnostics
 from fmu_didim.checks.data.units import position_diagnostics, unit_diagnostics
 from fmu_didim.cosim.system import REFERENCE
@@ -129,17 +129,17 @@ def _quick(model: LoopModel) -> LoopModel:
 
 
 def confirmed(model: LoopModel, found: Iterable[Diagnostic]) -> list[Diagnostic]:
-    """The diagnostics without those scales and lengths that explain nothing along the motion of a fit, and without
-    outliers that were the transient of a start off the reference.
+    """The diagnostics without those scales, lengths and delays that explain nothing along the motion of a fit, and
+    without outliers that were the transient of a start off the reference.
 
-    Before a fit the simulated motion is only near the measured one, and a scale or a length may explain a part of the
-    difference.
+    Before a fit the simulated motion is only near the measured one, and a scale, a length or a delay may explain a part
+    of the difference.
 
     Args:
         model: with the values of the fit; found: before it.
     """
     found = _without_transients(model, list(found))
-    doubted = [d for d in found if d.code in (TORQUE_SCALE, LINK_LENGTH)]
+    doubted = [d for d in found if d.code in (TORQUE_SCALE, LINK_LENGTH, COMMAND_DELAY)]
     if not doubted or not model.parameters.has_regressor or model.linear_count < len(model.free_parameters):
         return found
     try:
@@ -147,7 +147,8 @@ def confirmed(model: LoopModel, found: Iterable[Diagnostic]) -> list[Diagnostic]
     except SimulationError:  # nothing is cleared up
         return found
     codes = {d.code for one in motions for d in _explained(one)}
-    return [d for d in found if d not in doubted or d.code in codes]
+    as_well = {COMMAND_DELAY} if codes & {CLOCK_LATE, CLOCK_EARLY, SAMPLING_KIND} else set()  # hardly told apart
+    return [d for d in found if d not in doubted or d.code in codes | as_well]
 
 
 def _without_transients(model: LoopModel, found: list[Diagnostic]) -> list[Diagnostic]:

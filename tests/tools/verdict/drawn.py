@@ -4,8 +4,9 @@
 
 Sizes are drawn evenly in their logarithm, from what no data show to what anyone sees. Beside each answer stands what
 the log could have shown: the chi square D = |r - S S+ r|^2 / sigma^2 of the change r of the torque beside the
-sensitivities S at the true values, sigma being the noise. An answer is wrong where it is valid and a value lies beyond
-four sigma; it is one that the data could have shown where D is at least ``SHOWN``.
+sensitivities S at the true values, sigma being the noise; without the beginning, where a fit may free the start. An
+answer is wrong where it is valid and a value lies beyond four sigma; it is one that the data could have shown where D
+is at least ``SHOWN``.
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ from fmu_didim.checks.motion.dependence import independent
 from fmu_didim.data.signals import Array
 from fmu_didim.discovery.augmentation.places import Proposal
 from fmu_didim.dynamics.effects import EFFECTS, Effect, TorqueEffect
+from fmu_didim.fit.derivatives.load_response import MEMORY_S
 from fmu_didim.fit.fit import point
 from fmu_didim.fit.noise.weighting import NoiseOfResidual
 from fmu_didim.model.loop_model import EffectAtJoint, LoopModel
@@ -90,11 +92,11 @@ def draw(robot: str, seed: int) -> Drawn | None:
     except FmuDidimError:
         return None
     fit = point(model := with_logs(model, torques, seed, NOISE).with_values(model.start), NoiseOfResidual(model))
+    settled = model.experiments["estimation"].time > MEMORY_S
     chi_square = 0.0
     for j in range(model.joint_count):
-        left = rest_of(
-            (changed["estimation"] - torques["estimation"])[:, j], orthonormal(independent(fit.jacobian[:, j]))
-        )
+        change = (changed["estimation"] - torques["estimation"])[settled, j]
+        left = rest_of(change, orthonormal(independent(fit.jacobian[settled, j])))
         chi_square += float(left @ left) / (NOISE * float(torques["estimation"][:, j].std())) ** 2
     return Drawn(
         " and ".join(_words(one) for one in proposals), chi_square,
