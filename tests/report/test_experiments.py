@@ -116,7 +116,7 @@ def test_short_form_stays_compact() -> None:
     assert not re.search(r"^Experiment", text, re.MULTILINE)
     assert block(text, "Torque")[0].split() == ["Torque", "estimation", "%", "validation", "%", "noise", "σ"]
     assert "all fitted" not in text
-    assert len(text.splitlines()) == 45  # four of them: what a valid verdict excludes; six: what would not show
+    assert len(text.splitlines()) == 47  # four of them: what a valid verdict excludes; eight: what would not show
 
 
 def test_result_with_experiments_follows_its_schema(outcome: Result) -> None:

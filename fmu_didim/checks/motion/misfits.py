@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from functools import partial
 from itertools import product
 
 import numpy as np
@@ -34,6 +35,7 @@ from fmu_didim.fit.noise.noise import TINY
 from fmu_didim.model.free_parameter import BASE, joint_parameter
 from fmu_didim.model.motion import Motion, simulated_motion
 from fmu_didim.model.parameters import RobotParameters
+from fmu_didim.model.workers import side_by_side
 
 SMALL_STEP = 1e-4
 """[rad or 1] By which gravity is turned, or gravity and lengths are changed as parts of themselves, for a slope."""
@@ -242,9 +244,12 @@ def _answers(motions: FittedMotions, label: str, loads: Array) -> list[Array]:
     turns = np.abs(motion.dq) < TURNING * np.abs(motion.dq).max(axis=0)
     squares = loads**2
     share = np.sum(squares * turns[:, :, None], axis=(0, 1)) / np.maximum(np.sum(squares, axis=(0, 1)), TINY)
-    for k in np.flatnonzero(share > AT_REVERSALS):
-        with suppress(SimulationError):
-            found[k] = response.simulated(loads[:, :, k])
+    places = np.flatnonzero(share > AT_REVERSALS)
+    tasks = [partial(response.simulated, loads[:, :, k]) for k in places]
+    workers = motions.fit.model.allowed_workers(motions.fit.values) if tasks else 1
+    with suppress(SimulationError):
+        for k, simulated in zip(places, side_by_side(tasks, workers), strict=True):
+            found[k] = simulated
     return found
 
 

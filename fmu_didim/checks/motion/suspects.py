@@ -20,7 +20,7 @@ from functools import partial
 
 import numpy as np
 
-from fmu_didim.base.diagnostics import CATALOGUE, DOUBT, Diagnostic
+from fmu_didim.base.diagnostics import CATALOGUE, DOUBT, Code, Diagnostic
 from fmu_didim.base.errors import FmuDidimError, SimulationError
 from fmu_didim.checks.data.robot import GRAVITY, LINK_LENGTH, TORQUE_SCALE
 from fmu_didim.checks.data.timing import CLOCK_EARLY, CLOCK_LATE, COMMAND_DELAY, SAMPLING_KIND
@@ -72,13 +72,8 @@ POSITION_ZERO = CATALOGUE(
 )  # fmt: skip
 OF_CASE = {CLOCK_LATE, CLOCK_EARLY, COMMAND_DELAY, SAMPLING_KIND, TORQUE_SCALE, LINK_LENGTH, GRAVITY}
 """What is suspected before a fit, along a motion near the measured one."""
-OF_DESCRIPTION = {
-    "gravity": GRAVITY, "base_tilt": GRAVITY, "link_length": LINK_LENGTH,
-    "position_zero": POSITION_ZERO,
-}  # fmt: skip
-"""Misfit -> what it is called."""
-BY_LOOP = {"torque_scale", "drive_gain", "log_time_shift"}
-"""Misfits that are suspected as scales and clocks of the log."""
+OF_DESCRIPTION = {"gravity": GRAVITY, "link_length": LINK_LENGTH, "position_zero": POSITION_ZERO}
+"""Misfit -> what it is called; what is stated at the base is another gravity, too."""
 
 Left = Callable[[Array, float], Array]
 """From values (p,) and an amount to the residual (N, n); raises SimulationError."""
@@ -333,8 +328,10 @@ def of_log(fit: Fit, clocks: Sequence[float] = ()) -> Iterator[Suspect]:
 def of_misfits(fit: Fit, misfits: Misfits) -> Iterator[Suspect]:
     """What misfits change to first order: gravity, lengths of links, zeros of joints, and effects of the catalogue."""
     for misfit in misfits:
-        if misfit.load.effect not in BY_LOOP:
-            told = partial(_of_description, misfit) if misfit.load.effect in OF_DESCRIPTION else _nothing
+        load = misfit.load
+        if not load.is_of_log and not load.stated.is_scale:  # which are suspected as clocks and scales of the log
+            code = GRAVITY if load.stated.joints == "base" else OF_DESCRIPTION.get(load.effect)
+            told = _nothing if code is None else partial(_of_description, misfit, code)
             yield Suspect(misfit.what, partial(_beside, fit, misfit), told, 1.0, is_linear=True)
 
 
@@ -420,8 +417,8 @@ def _scale(joint: int, amount: float, deviation: float) -> Diagnostic:
     return Diagnostic(TORQUE_SCALE, text, "", 1 + amount, bound, "1", advice)
 
 
-def _of_description(misfit: Misfit, amount: float, deviation: float) -> Diagnostic:
-    stated, code = misfit.load.stated, OF_DESCRIPTION[misfit.load.effect]
+def _of_description(misfit: Misfit, code: Code, amount: float, deviation: float) -> Diagnostic:
+    stated = misfit.load.stated
     text = f"The robot seems to have {misfit.what}, by {amount:.3g} ± {deviation:.1g} {stated.unit}."
     place = f"joint {misfit.load.joint}" if code in (LINK_LENGTH, POSITION_ZERO) else "robot"
     return Diagnostic(code, text, place, amount, float(np.copysign(SURE * deviation, amount)), stated.unit)

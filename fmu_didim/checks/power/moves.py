@@ -7,6 +7,8 @@ standard deviations, which know of noise alone.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from fmu_didim.base.diagnostics import CATALOGUE, REMARK, Diagnostic
 from fmu_didim.checks.judgement import CONDITIONAL
 from fmu_didim.checks.power.statement import PowerResult, StatedResult, TrustResult
@@ -15,6 +17,8 @@ MOVES = 1.0
 """[standard deviations] By which a misfit that does not show moves a value, from which that is said."""
 NAMED = 3
 """[kinds] Of misfits that a remark names, each where it moves most; result and page list all."""
+RESTED_ON = 2
+"""[kinds] Of misfits that the verdict names: a scale that is off is nearly always the first."""
 
 UNSEEN_MOVES = CATALOGUE(
     "unseen-moves", REMARK, rank=67,
@@ -33,10 +37,7 @@ def unseen_diagnostics(power: PowerResult) -> list[Diagnostic]:
     found = sorted((one for one in listed if _deviations(one) > MOVES), key=_deviations, reverse=True)
     if not found:
         return []
-    kinds = dict[str, StatedResult | TrustResult]()
-    for one in found:
-        kinds.setdefault(one.what, one)
-    named = [f"{_hidden(one)}, {_moves(one)}" for one in list(kinds.values())[:NAMED]]
+    named = [f"{_hidden(one)}, {_moves(one)}" for one in _worst_of_kinds(found)[:NAMED]]
     text = f"It would not show, but move values: {'; '.join(named)}."
     if len(found) > len(named):
         text += f" So would {len(found) - len(named)} more by more than {MOVES:g} sigma (power in result.json)."
@@ -51,10 +52,20 @@ def _condition(found: list[StatedResult | TrustResult]) -> str:
     """What a valid verdict rests on, the worst of what moves values, with those that move them as far; empty where none
     moves a value so far. What no size of shows moves them as far as it is large: its check stands beside it."""
     far = [one for one in found if one.size is not None and _deviations(one) > CONDITIONAL]
-    if not far:
+    named = _worst_of_kinds(far)[:RESTED_ON]
+    if not named:
         return ""
-    others = f", nor {len(far) - 1} more" * (len(far) > 1)
-    return f"the data do not hide {_hidden(far[0])}, which would move {_moves(far[0])}{others} (What valid excludes)"
+    texts = [f"{_hidden(one)}, which would move {_moves(one)}" for one in named]
+    texts += [f"{len(far) - len(named)} more"] if len(far) > len(named) else []
+    return f"the data do not hide {', nor '.join(texts)} (What valid excludes)"
+
+
+def _worst_of_kinds(found: Sequence[StatedResult | TrustResult]) -> list[StatedResult | TrustResult]:
+    """The first one of each kind."""
+    kinds = dict[str, StatedResult | TrustResult]()
+    for one in found:
+        kinds.setdefault(one.what, one)
+    return list(kinds.values())
 
 
 def _deviations(one: StatedResult | TrustResult) -> float:

@@ -21,7 +21,7 @@ class DriveGain(InsertedEffect):
     source = "Gautier and Briot, New method for global identification of the joint drive gains, IROS 2011"
     rank = 10
     first_order = FirstOrder("torque", lambda at: -at.logged)  # a drive that gives more has to be asked for less
-    stated = StatedSize("a gain of the drive that is off", "%", 100.0)
+    stated = StatedSize("a gain of the drive that is off", "%", 100.0, is_scale=True)
     own_parameters = (
         Parameter(
             "drive_gain", "1", "torque per torque asked for", 1.0,

@@ -25,6 +25,7 @@ class StatedSize:
         shares: amplitude -> the parameter of the joint of which it is the same part as all others of the effect.
         in_log: shape, an instant -> its value, in parts of the log, 0 at its begin and 1 at its end.
         joints: at which it is stated: at each, at the last one, at the base, or of all joints at once.
+        is_scale: whether it is one of the torque of its joint, as far as a log shows.
     """
 
     what: str
@@ -34,6 +35,7 @@ class StatedSize:
     shares: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
     in_log: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
     joints: Joints = "each"
+    is_scale: bool = False
 
     @property
     def is_of_peak(self) -> bool:

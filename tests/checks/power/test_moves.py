@@ -60,7 +60,11 @@ def test_what_no_size_of_shows_is_said_by_one_unit() -> None:
         ([stated("an offset", 1, moved(32.1))],
          "the data do not hide an offset (joint 1) below 0.3 %, which would move MX1 by 32 sigma (+0.5 %)"),
         ([stated("an offset", 1, moved(4.1)), stated("a spring", 2, moved(-8.0)), stated("a dead zone", 1, moved(2.0))],
-         "the data do not hide a spring (joint 2) below 0.3 %, which would move MX1 by 8.0 sigma (+0.5 %), nor 1 more"),
+         "the data do not hide a spring (joint 2) below 0.3 %, which would move MX1 by 8.0 sigma (+0.5 %), nor an "
+         "offset (joint 1) below 0.3 %, which would move MX1 by 4.1 sigma (+0.5 %)"),
+        ([stated("an offset", 1, moved(6.0)), stated("an offset", 2, moved(5.0)), stated("a spring", 1, moved(4.5))],
+         "the data do not hide an offset (joint 1) below 0.3 %, which would move MX1 by 6.0 sigma (+0.5 %), nor a "
+         "spring (joint 1) below 0.3 %, which would move MX1 by 4.5 sigma (+0.5 %), nor 1 more"),
         ([stated("an offset", 1, moved(59.0), size=None), stated("a spring", 2, moved(5.0))],
          "the data do not hide a spring (joint 2) below 0.3 %, which would move MX1 by 5.0 sigma (+0.5 %)"),
     ],
@@ -68,6 +72,6 @@ def test_what_no_size_of_shows_is_said_by_one_unit() -> None:
 def test_a_valid_verdict_rests_on_what_moves_a_value_farther_than_noise_could(
     found: list[StatedResult], condition: str
 ) -> None:
-    """The worst is named, what moves a value as far is counted; what no size of shows has no size to be named with."""
+    """The worst of two kinds are named, what moves a value as far is counted; what shows at no size is not named."""
     told = unseen_diagnostics(PowerResult(power=0.8, stated=found, trusted=[]))
     assert [d.condition for d in told if d.condition] == ([f"{condition} (What valid excludes)"] if condition else [])
