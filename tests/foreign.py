@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
 import casadi as ca
 import numpy as np
+import pytest
 import yaml
 
 from fmu_didim.data.signals import Trajectory, Variable, trajectory, write_csv
@@ -16,11 +18,25 @@ from fmu_didim.export import build_fmu
 from fmu_didim.workflow import simulate
 from tests.awkward.build import by
 
+EXTERNAL = "FMU_DIDIM_EXTERNAL_FMUS"
+"""Variable that names the folder of FMUs of others."""
 RATE = 200
 """Hz of the control."""
 PHASES = (0.3, 1.1, 2.0, -0.5)
 Torque = Callable[[Mapping[str, ca.SX], ca.SX, ca.SX], tuple[ca.SX, ca.SX]]
 """(parameters, q, dq) -> inertia, torque of all that resists."""
+
+
+def external_fmu(name: str, place: str) -> Path:
+    """An FMU that is not shipped; what asks for it is skipped where it is absent.
+
+    Args:
+        place: where it can be had.
+    """
+    path = Path(os.environ.get(EXTERNAL, "external-fmus")) / f"{name}.fmu"
+    if not path.is_file():
+        pytest.skip(f"needs {path.name}, which is not shipped: get it from {place} and set {EXTERNAL} to its folder")
+    return path
 
 
 def sines(seconds: float, *, period_s: float = 4.0, size: float = 0.5) -> Trajectory:

@@ -41,6 +41,7 @@ class Code:
         name: stable, words joined by hyphens; severity: what it means for an answer.
         rank: the smaller, the earlier it is named: causes (below 50) come before what follows from them.
         meaning: one sentence or more for the page of codes; next_step: what a user does about it.
+        at_once: whether one look settles all that is found of it, so that it is one reason.
     """
 
     name: str
@@ -48,6 +49,7 @@ class Code:
     rank: int
     meaning: str
     next_step: str
+    at_once: bool = False
 
 
 @dataclass(frozen=True)
@@ -60,6 +62,7 @@ class Diagnostic:
         place: experiment, joint, parameter or file; empty where it is about all of them.
         value, bound: the figure that was found and its limit, in ``unit``; None if there is no figure.
         next_step: what to do about it, the next command where there is one.
+        weight: what it explains, by which causes of the same rank are ordered, the largest first.
     """
 
     code: Code
@@ -69,6 +72,7 @@ class Diagnostic:
     bound: float | None = None
     unit: str = ""
     next_step: str = ""
+    weight: float = 0.0
 
     @property
     def advice(self) -> str:
@@ -124,9 +128,10 @@ def refuse_problems(found: Iterable[Diagnostic]) -> list[Diagnostic]:
 
 
 def by_weight(found: Iterable[Diagnostic]) -> list[Diagnostic]:
-    """Problems, doubts, remarks; causes before what follows from them, the farthest beyond its bound first."""
+    """Problems, doubts, remarks; causes before what follows from them, what explains most first, then what lies
+    farthest beyond its bound."""
     order = list(Severity)
-    return sorted(found, key=lambda d: (order.index(d.code.severity), d.code.rank, -d.excess))
+    return sorted(found, key=lambda d: (order.index(d.code.severity), d.code.rank, -d.weight, -d.excess))
 
 
 class Catalogue:
@@ -135,10 +140,12 @@ class Catalogue:
     def __init__(self) -> None:
         self._codes: dict[str, Code] = {}
 
-    def __call__(self, name: str, severity: Severity, *, rank: int, meaning: str, next_step: str) -> Code:
+    def __call__(
+        self, name: str, severity: Severity, *, rank: int, meaning: str, next_step: str, at_once: bool = False
+    ) -> Code:
         """Add a code and return it."""
         assert name not in self._codes, f"the code {name} is there twice"
-        self._codes[name] = Code(name, severity, rank, meaning, next_step)
+        self._codes[name] = Code(name, severity, rank, meaning, next_step, at_once)
         return self._codes[name]
 
     def __iter__(self) -> Iterator[Code]:

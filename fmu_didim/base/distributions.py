@@ -14,6 +14,10 @@ from numpy.typing import NDArray
 from scipy import special
 
 Numbers: TypeAlias = float | NDArray[np.float64]
+SMALLEST_WEIGHT = 1e-12
+"""[1] Of the largest one, below which a weight is rounding."""
+LOGARITHMS = (-40.0, 80.0, 2401)
+"""[1] Of u, and how many: what lies outside is below 1e-9 with two weights and more, steps of 0.05 err as little."""
 
 
 def normal_sf(x: Numbers) -> Numbers:
@@ -75,3 +79,21 @@ def t_sf(x: Numbers, freedom: float) -> Numbers:
 def t_ppf(p: Numbers, freedom: float) -> Numbers:
     """The value of Student's t that is exceeded with the probability 1 - p."""
     return special.stdtrit(freedom, p)  # type: ignore[no-any-return]
+
+
+def quadratic_below_zero(weights: NDArray[np.float64]) -> float:
+    """Probability that a weighted sum of squares of independent normal numbers, sum_i w_i z_i^2, is below zero.
+
+        P = 1/2 - 1/pi int_0^inf sin(sum_i atan(w_i u) / 2) / (u prod_i (1 + w_i^2 u^2)^(1/4)) du
+
+    in logarithms of u, where the integrand is smooth and fades on both sides. Source: Imhof, Biometrika 48 (1961).
+    """
+    largest = float(np.abs(weights).max(initial=0.0))
+    kept = weights[np.abs(weights) > SMALLEST_WEIGHT * largest] / (largest or 1.0)
+    if not kept.size:
+        return 0.0
+    s, step = np.linspace(*LOGARITHMS, retstep=True)  # type: ignore[call-overload]
+    turned = np.outer(np.exp(s), kept)
+    fading = np.exp(-np.sum(np.log1p(turned**2), axis=1) / 4)
+    total = float(np.sum(np.sin(np.sum(np.arctan(turned), axis=1) / 2) * fading)) * step
+    return float(np.clip(0.5 - total / np.pi, 0.0, 1.0))

@@ -45,7 +45,7 @@ from fmu_didim.cosim.system import REFERENCE
 from fmu_didim.data.filters import LowPass
 from fmu_didim.data.signals import Array, Trajectory
 from fmu_didim.dynamics.robot import RobotDescription, RobotModel, read_robot
-from fmu_didim.estimators import ESTIMATORS, Estimator
+from fmu_didim.estimators import Estimator
 from fmu_didim.model.experiment import Experiment
 from fmu_didim.model.experiments import Experiments
 from fmu_didim.model.loop import Loop
@@ -441,12 +441,13 @@ def _check(document: CaseDocument, model: LoopModel, estimator: Estimator) -> No
             f"The estimator {estimator.name} takes no prior.", where="prior", got=dict(estimator.describe()),
             valid="didim with its finish, clie", next_step="Use one of these, or take prior: out of the case.",
         )  # fmt: skip
-    with_positions = [name for name, known in ESTIMATORS.items() if known.needs_positions]
     if model.experiments.channels and not estimator.fits_channels:
         raise InputError(
             f"The estimator {estimator.name} does not fit what was measured beside the torque.",
             where="measured", got=", ".join(model.experiments.channels),
-            next_step=f"Use didim (with its finish) or clie; {' and '.join(with_positions)} take positions: instead.",
+            next_step=("Write positions: in the place of measured:, with its file: and columns: alone, or use didim "
+                       "(with its finish) or clie, which fit them with the torque." if estimator.needs_positions else
+                       "Use didim (with its finish) or clie, which fit them with the torque."),
         )  # fmt: skip
     if estimator.needs_positions:
         for label in model.estimation_labels:

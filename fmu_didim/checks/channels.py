@@ -11,6 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 from fmu_didim.base.diagnostics import CATALOGUE, DOUBT, REMARK, Diagnostic
+from fmu_didim.checks.data.linear_fit import motion_with_regressor
 from fmu_didim.checks.validation import ChannelValidation, validated_channels
 from fmu_didim.fit.estimate import Estimate, JointFit
 from fmu_didim.fit.noise.shared import remembered_s
@@ -28,6 +29,9 @@ CERTAIN = 4.0
 COLOURED = 1.5
 """[1] Inflation of standard deviations by the colour of a residual, from which it is reported: half more than by white
 noise."""
+POSITIONS_APART = 5.0
+"""[standard deviations] Of the difference of values by positions alone and by the torque along the motion that they
+give, from which it is doubted: the noise of the torque has a colour that is known to some parts only."""
 LARGER = 2.0
 """[1] Residual over the stated noise of a channel, from which the statement or the model is wrong."""
 
@@ -73,6 +77,34 @@ def channel_diagnostics(estimate: Estimate) -> list[Diagnostic]:
         return []
     is_open = estimate.model.loop.torque_is_given
     return [*_disagreement(joint, estimate), *_beyond_noise(joint), *_off(estimate), *_coloured(joint, is_open)]
+
+
+def position_fit_diagnostics(estimate: Estimate) -> list[Diagnostic]:
+    """Whether values that were fitted to positions alone are those of the torque along the motion that they give.
+
+    A late clock of the positions or a wrong gain of the drive hides in viscous friction, and leaves no residual there.
+    """
+    model, found = estimate.model, list[Diagnostic]()
+    if (
+        estimate.fit is not None
+        or not model.parameters.has_regressor
+        or model.experiments[model.first].positions is None
+    ):
+        return []
+    count = model.linear_count
+    for label in model.estimation_labels:
+        motion = motion_with_regressor(model.on(label).simulation(model.start))
+        values, deviation = motion.values()
+        apart = (estimate.value[:count] - values) / np.hypot(deviation, estimate.standard_deviation[:count])
+        i = int(np.argmax(np.abs(apart)))
+        if abs(apart[i]) > POSITIONS_APART:
+            text = (
+                f"Positions and torque do not agree: {estimate.names[i]} = {estimate.value[i]:.4g} {estimate.units[i]} "
+                f"by the positions, {values[i]:.4g} by the torque along that motion ({abs(apart[i]):.1f} sigma of the "
+                "difference)."
+            )
+            found.append(Diagnostic(CHANNELS_DISAGREE, text, label, abs(float(apart[i])), POSITIONS_APART, "1"))
+    return found
 
 
 def noise_diagnostics(estimate: Estimate) -> list[Diagnostic]:

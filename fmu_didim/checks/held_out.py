@@ -7,13 +7,14 @@ The residual of a held-out experiment holds the noise and the effect of the unce
 with the residual variance s_j^2 of the fit and the sensitivity S_v of the held-out torque. The ratio of the two
 variances is compared with Fisher's F, by the number of independent samples. A joint is predicted worse if its residual
 is larger both as it is and relative to the torque: model error and some noise grow with the torque, other noise does
-not. A log that is noisier is no fault of the values: a larger residual is a remark where it is white and follows
-neither the motion nor any of the values, by as many samples as show that.
+not. A log that is noisier is no fault of the values: a larger residual is a remark where it is white once the colour of
+the noise of the fit is taken out, so that it is noise of the same kind, and where it follows neither the motion nor any
+of the values, by as many samples as show that.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -22,13 +23,17 @@ from numpy.typing import NDArray
 from fmu_didim.base.diagnostics import CATALOGUE, DOUBT, REMARK, Code, Diagnostic
 from fmu_didim.base.distributions import f_sf
 from fmu_didim.base.errors import SimulationError
+from fmu_didim.checks.motion.colour import Colour as Whitening
+from fmu_didim.checks.motion.colour import Columns, Logs
 from fmu_didim.checks.motion.dependence import SAMPLES_A_FUNCTION, dependence
 from fmu_didim.checks.motion.functions import functions_of_motion
+from fmu_didim.cosim import Indices
 from fmu_didim.data.signals import Array
 from fmu_didim.data.spectrum import lagged_products
 from fmu_didim.fit.derivatives.sensitivity import sensitivity
 from fmu_didim.fit.noise.autoregression import portmanteau, portmanteau_p
 from fmu_didim.fit.noise.noise import TINY, effective_fraction
+from fmu_didim.fit.uncertainty import Colour, stretches
 from fmu_didim.model.loop_model import LoopModel
 
 HELD_OUT_RATIO = 1.25
@@ -48,9 +53,9 @@ LAGS = 10
 
 NOISIER_HELD_OUT = CATALOGUE(
     "held-out-noisier", REMARK, rank=64,
-    meaning="The residual of a held-out experiment is larger than that of the fitted ones, but white, and follows "
-    "neither the motion nor any of the values: noise that is larger there. What looks like white noise, such as a "
-    "rattle, passes for it.",
+    meaning="The residual of a held-out experiment is larger than that of the fitted ones, but as white, or of the "
+    "same colour, and follows neither the motion nor any of the values: noise that is larger there. What looks like "
+    "such noise, as a rattle does, passes for it.",
     next_step="Find out why that log is noisier; one of the same quality tests the values harder.",
 )  # fmt: skip
 NOT_SIMULATED = CATALOGUE(
@@ -87,13 +92,19 @@ class Residual:
 
 
 def held_out_diagnostics(
-    model: LoopModel, covariance: Array, fitted: Residual, held: Mapping[str, Residual], failures: Mapping[str, str]
+    model: LoopModel,
+    covariance: Array,
+    fitted: Residual,
+    held: Mapping[str, Residual],
+    failures: Mapping[str, str],
+    colours: Sequence[Colour] = (),
 ) -> list[Diagnostic]:
     """Whether held-out experiments contradict the values of a model, known with a covariance (p, p).
 
     Args:
         fitted: residual of all fitted experiments; held: label -> that of each held-out one.
         failures: label -> why one could not be simulated.
+        colours: of the noise of the fit; it counts as white where none is of the joint and the rate.
     """
     found = not_simulated(failures)
     for label, residual in held.items():
@@ -104,7 +115,7 @@ def held_out_diagnostics(
         columns = _sensitivity(model.on(label))
         extra = np.einsum("kjp,pq,kjq->j", columns, covariance, columns) / max(columns.shape[0], 1)
         for j in worse_than_fitted(fitted, residual, count=count, extra=extra):
-            noise = _is_noise(model, label, residual.values[:, j], columns[:, j], int(j))
+            noise = _is_noise(model, label, residual.values[:, j], columns[:, j], int(j), colours)
             found.append(_worse(fitted, residual, int(j), label, NOISIER_HELD_OUT if noise else WORSE_HELD_OUT))
     if not held and not failures:
         text = "No experiment was held out: the prediction of another motion is untested."
@@ -154,25 +165,43 @@ def _sensitivity(model: LoopModel) -> Array:
         return np.zeros((*model.measured.shape, model.start.size))
 
 
-def _is_noise(model: LoopModel, label: str, residual: Array, columns: Array, joint: int) -> bool:
-    """Whether a held-out residual (N,) of a joint, from 0, is white and follows neither the motion nor the values, by
-    their columns (N, p)."""
-    on_grid = model.experiments[label].with_gaps(residual)
+def _is_noise(
+    model: LoopModel, label: str, residual: Array, columns: Array, joint: int, colours: Sequence[Colour]
+) -> bool:
+    """Whether a held-out residual (N,) of a joint, from 0, is white once the colour of the noise of the fit is taken
+    out, and follows neither the motion nor the values, by their columns (N, p)."""
+    experiment = model.experiments[label]
+    try:
+        functions = functions_of_motion(model.simulation(model.start, label))[joint]
+    except SimulationError:
+        return False
+    table = np.column_stack([residual, columns, *functions.values()])
+    kept, white = _whitened(table, experiment.time, joint, colours)
+    on_grid = np.full(experiment.time.size, np.nan)
+    on_grid[kept] = white[:, 0]
+    on_grid = experiment.with_gaps(on_grid)
     there, known = np.isfinite(on_grid).astype(float), np.nan_to_num(on_grid)
     lags = np.arange(min(LAGS, residual.size - 1) + 1)
     pairs = np.maximum(np.rint(lagged_products(there, there, lags)), 1.0)
     products = lagged_products(known, known, lags)
     if portmanteau_p(portmanteau(products / pairs, pairs, int(lags[-1])), int(lags[-1])) < HELD_OUT_CHANCE:
         return False
-    try:
-        functions = functions_of_motion(model.simulation(model.start, label))[joint]
-    except SimulationError:
-        return False
-    motion = np.column_stack([columns, *functions.values()])
-    if residual.size < SAMPLES_A_FUNCTION * motion.shape[1]:
+    left, motion = white[:, 0], white[:, 1:]
+    if left.size < SAMPLES_A_FUNCTION * motion.shape[1]:
         return False
     names = [*model.names, *functions]
-    return dependence(residual, np.zeros((residual.size, 0)), motion, names, joint=joint + 1).p_value > HELD_OUT_CHANCE
+    return dependence(left, np.zeros((left.size, 0)), motion, names, joint=joint + 1).p_value > HELD_OUT_CHANCE
+
+
+def _whitened(table: Array, time: Array, joint: int, colours: Sequence[Colour]) -> tuple[Indices, Array]:
+    """The rows of columns (N, m) at these instants that have a past in the autoregression of the noise of the fit, and
+    what it leaves of them; all as they are where that noise counts as white, or where none is of this rate."""
+    (log,) = stretches([time])
+    own = [c.coefficients for c in colours if c.joint == joint + 1 and c.rate_hz == log.rate_hz and c.coefficients.size]
+    if not own:
+        return np.arange(time.size), table
+    logs = Logs((log,), lags=(own[0].size,))
+    return logs.pasts[0][:, 0], Columns(logs, table).whitened(Whitening(0, (own[0],), (1.0,), np.inf))
 
 
 def _worse(fitted: Residual, held: Residual, joint: int, label: str, code: Code) -> Diagnostic:
@@ -180,6 +209,6 @@ def _worse(fitted: Residual, held: Residual, joint: int, label: str, code: Code)
     ratio = float(np.sqrt(held.variance[joint] / fitted.variance[joint]))
     text = f"The torque error is {after:.3g} % against {before:.3g} % in the fit, and {ratio:.3g} times as large."
     if code is NOISIER_HELD_OUT:
-        text += " It is white, and follows neither the motion nor the values: noise."
+        text += " It is as white as that of the fit, and follows neither the motion nor the values: noise."
     value = min(ratio, after / max(before, TINY))
     return Diagnostic(code, text, f"{label}: joint {joint + 1}", value, HELD_OUT_RATIO, "1")

@@ -10,7 +10,7 @@ import numpy as np
 from fmu_didim.base.diagnostics import CATALOGUE, DOUBT, REMARK, Diagnostic
 from fmu_didim.base.errors import UnknownNameError
 from fmu_didim.checks.agreement import AgreementResult, agreement
-from fmu_didim.checks.channels import channel_diagnostics
+from fmu_didim.checks.channels import channel_diagnostics, position_fit_diagnostics
 from fmu_didim.checks.data.checks import confirmed
 from fmu_didim.checks.exploration.one_start import one_start_diagnostics
 from fmu_didim.checks.exploration.profiles import profile_diagnostics
@@ -21,6 +21,7 @@ from fmu_didim.checks.judgement import Judgement, judgement
 from fmu_didim.checks.motion.dependence import DEPENDS_ON_MOTION, dependence_of_fit, motion_diagnostics
 from fmu_didim.checks.motion.misfits import Misfits
 from fmu_didim.checks.motion.periods import repetition_diagnostics, repetition_of_fit
+from fmu_didim.checks.motion.suspects import with_suspects
 from fmu_didim.checks.outputs.judged import output_diagnostics
 from fmu_didim.checks.outputs.words import of_a_model
 from fmu_didim.checks.physical import physical_diagnostics
@@ -168,7 +169,7 @@ def checked(estimate: Estimate, validations: Sequence[Validation], *, before: It
         *held_out_diagnostics(
             model, estimate.covariance, Residual.of(estimate.measured, estimate.simulated),
             {v.label: Residual.of(v.measured, v.simulated) for v in held if not v.failure},
-            {v.label: v.failure for v in validations if v.failure},
+            {v.label: v.failure for v in validations if v.failure}, estimate.colours,
         ),
         *held_out_channels(estimate, validations),
     ]  # fmt: skip
@@ -188,8 +189,9 @@ def checked(estimate: Estimate, validations: Sequence[Validation], *, before: It
     told = {d.place for d in found if d.code in MISFITS}
     errors = _relative_errors(estimate)
     found += [d for d in large_diagnostics(tests, errors, motion_hz, cutoff_hz) if d.place not in told]
-    found += of_any_output(estimate)
+    found += [*of_any_output(estimate), *position_fit_diagnostics(estimate)]
     if estimate.fit is not None and MISFITS & {d.code for d in found}:
+        found = with_suspects(estimate.fit, misfits if misfits.stated else Misfits.of(estimate.fit), found)
         found += unidentified_diagnostics(estimate.fit)
     found += rival_diagnostics(estimate)
     judged = judgement(found, settled=estimate.status is Status.CONVERGED)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -12,6 +12,8 @@ from fmu_didim.base.diagnostics import DOUBT, PROBLEM, REMARK, Diagnostic, by_we
 from fmu_didim.base.documents import Number, Saved
 
 Verdict = Literal["valid", "doubtful", "not_settled", "refused"]
+IN_FULL = 3
+"""[diagnostics] Of those that are one reason, whose texts are given; of further ones the places."""
 MATTERS = 0.3
 """[standard deviations] Of a value, by which a thing that is named may move it before that is a doubt: a 95 % interval
 that is off by less still holds the truth 94 times of 100. What moves no value by more is a remark."""
@@ -99,7 +101,7 @@ class Judgement:
 def judgement(found: Iterable[Diagnostic], *, settled: bool = True) -> Judgement:
     """The judgement of an answer by its diagnostics; ``settled``: whether the iterations came to an end."""
     ordered = by_weight(found)
-    reasons = tuple(d for d in ordered if d.code.severity is not REMARK)
+    reasons = tuple(_at_once([d for d in ordered if d.code.severity is not REMARK]))
     verdict: Verdict = "valid"
     if any(d.code.severity is PROBLEM for d in reasons):
         verdict = "refused"
@@ -108,6 +110,22 @@ def judgement(found: Iterable[Diagnostic], *, settled: bool = True) -> Judgement
     elif reasons:
         verdict = "doubtful"
     return Judgement(verdict, reasons, tuple(d for d in ordered if d.code.severity is REMARK))
+
+
+def _at_once(ordered: Sequence[Diagnostic]) -> Iterator[Diagnostic]:
+    """The same, with one diagnostic for all of each code that one look settles, such as units."""
+    done = set[str]()
+    for first in ordered:
+        alike = [d for d in ordered if d.code is first.code] if first.code.at_once else [first]
+        if first.code.name in done:
+            continue
+        if first.code.at_once:
+            done.add(first.code.name)
+        texts = [d.text if d.place == first.place else str(d) for d in alike[:IN_FULL]]
+        more = list(dict.fromkeys(d.place for d in alike[IN_FULL:]))
+        if more:
+            texts.append(f"And {len(alike) - IN_FULL} more: {', '.join(more)}.")
+        yield replace(first, text=" ".join(texts))
 
 
 CASE = "CASE.yaml"

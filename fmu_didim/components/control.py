@@ -104,7 +104,7 @@ class ControlComponent(Component):
     def equations(self) -> tuple[Block, int | None] | None:
         if self.block is None:
             return None
-        return replace(self.block, inputs=self.inputs, outputs=self.outputs), self.substeps
+        return self.block.with_variables(self.inputs, self.outputs, self.block.parameters), self.substeps
 
     def response_key(self) -> Hashable | None:
         return SameObject(self) if self.block is not None or _is_linear(self.system) else None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
@@ -147,7 +148,12 @@ class System:
     def replace(self, name: str, component: Component) -> System:
         """The same system with another component of that name; all else untouched."""
         self._check_name(name, "System.replace")
-        return replace(self, components={**self.components, name: component})
+        components, present = {**self.components, name: component}, self.components[name]
+        if (component.inputs, component.outputs) != (present.inputs, present.outputs):
+            return replace(self, components=components)
+        changed = copy(self)  # wired as the system that was checked
+        changed.__dict__["components"] = components
+        return changed
 
     def with_delay(self, name: str, samples: float) -> System:
         """The same system with another delay of the inputs of one component, in samples."""

@@ -14,7 +14,8 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from copy import copy
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -98,6 +99,9 @@ class Block:
                     got=f"inputs {got}, output {function.numel_out(0)}", valid=f"inputs {sizes}, output {result}",
                     next_step="Give the function these arguments in this order.",
                 )  # fmt: skip
+        self._check_names()
+
+    def _check_names(self) -> None:
         names = [v.name for v in (*self.inputs, *self.outputs, *self.states, *self.parameters)]
         if len(set(names)) < len(names):
             doubled = sorted({name for name in names if names.count(name) > 1})
@@ -149,9 +153,20 @@ class Block:
         for name in values:
             if name not in names:
                 raise UnknownNameError("parameter", name, names, where=f"block '{self.name}'")
-        return replace(
-            self, parameters=tuple(v.starting_at(float(values.get(v.name, v.start))) for v in self.parameters)
+        parameters = tuple(v.starting_at(float(values.get(v.name, v.start))) for v in self.parameters)
+        return self.with_variables(self.inputs, self.outputs, parameters)
+
+    def with_variables(
+        self, inputs: tuple[Variable, ...], outputs: tuple[Variable, ...], parameters: tuple[Variable, ...]
+    ) -> Block:
+        """The same equations of other variables, as many in the same places; raises InputError for doubled names."""
+        assert (len(inputs), len(outputs), len(parameters)) == tuple(
+            map(len, (self.inputs, self.outputs, self.parameters))
         )
+        changed = copy(self)  # its functions have been checked
+        changed.__dict__.update(inputs=inputs, outputs=outputs, parameters=parameters)
+        changed._check_names()
+        return changed
 
     def digest(self) -> str:
         """SHA-256 of the equations and the variables (start values included)."""

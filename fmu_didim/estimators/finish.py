@@ -25,7 +25,13 @@ from fmu_didim.fit.log_noise import known_noise
 from fmu_didim.fit.noise.weighting import NoiseOfResidual, whitened
 from fmu_didim.fit.prior_fit import prior_fit
 from fmu_didim.fit.region import Region
-from fmu_didim.fit.solver.accuracy import integration_change
+from fmu_didim.fit.solver.accuracy import (
+    Accuracy,
+    divided_steps,
+    integration_change,
+    simulation_accuracy,
+    with_accuracy,
+)
 from fmu_didim.fit.solver.least_squares import minimise
 from fmu_didim.fit.solver.numerical_noise import Roughness, roughness, smoother_advice
 from fmu_didim.fit.solver.search import FAILED, NO_STEP
@@ -182,6 +188,11 @@ def efficient_finish(
         remarks.append(
             f"Steps are divided into {fit.model.loop.subdivision}: over each of them linear inputs are held."
         )
+    if fit.model.loop.finest < MOST_SUBDIVISIONS:
+        remarks.append(
+            f"Steps are not divided into more than {fit.model.loop.finest}, as linear inputs would ask for: shorter "
+            "ones change the outputs without end, as of an FMU whose own solver has a fixed step."
+        )
     if not model.loop.shows_torque:  # where it began, the outputs may have shown what they do not here
         _refuse_confounded(fit)
     if error.excess > 1:
@@ -194,7 +205,9 @@ def efficient_finish(
             "substeps."
         )
         remarks.append(told)
-    return Minimum(fit, error, fit_uncertainty(fit), tuple(iterations), tuple(remarks), roughness(fit, sizes))
+    known, told_of = with_accuracy(fit_uncertainty(fit), fit, error.accuracy)
+    remarks += told_of
+    return Minimum(fit, error, known, tuple(iterations), tuple(remarks), roughness(fit, sizes))
 
 
 def _refuse_confounded(fit: Fit, *, at_start: bool = False) -> None:
@@ -215,7 +228,7 @@ def _finer(model: LoopModel, values: Array, excess: float) -> LoopModel:
     doubled; or with so many shorter steps over which linear inputs are held."""
     if model.loop.holds_ramps:
         wanted = model.loop.subdivision * 2 ** math.ceil(math.log2(excess) / 2)
-        return model.with_loop(subdivision=min(wanted, MOST_SUBDIVISIONS))
+        return divided_steps(model, values, wanted)
     if model.loop.substeps is None:
         return model.with_loop(substep_factor=2 * model.loop.substep_factor)
     more = max(model.loop.substeps, model.fewest_substeps(values)) * 2 ** math.ceil(math.log2(excess) / 2)
@@ -229,12 +242,13 @@ class IntegrationError:
     Attributes:
         relative: of the torque, relative to its size; shift: (p,) of the values, in their standard deviations; NaN
             where the substeps cannot be chosen.
-        excess: the largest change over what is allowed.
+        excess: the largest change over what is allowed; accuracy: of the simulation.
     """
 
     relative: float
     shift: Array
     excess: float
+    accuracy: Accuracy
 
 
 def integration_error(fit: Fit) -> IntegrationError:
@@ -246,9 +260,10 @@ def integration_error(fit: Fit) -> IntegrationError:
     model = fit.model
     finer = model.twice_as_fine()
     if finer is None:
-        return IntegrationError(np.nan, np.full(fit.values.size, np.nan), 0.0)
+        return IntegrationError(np.nan, np.full(fit.values.size, np.nan), 0.0, simulation_accuracy(fit, None))
     outputs = finer.outputs(fit.values)
     change, torque = outputs - fit.outputs, model.torque_of(outputs)
+    accuracy = simulation_accuracy(fit, change)
     relative = float(np.linalg.norm(torque - fit.torque) / np.linalg.norm(torque))
     sensitivity = whitened(fit.jacobian, fit.deviation)
     table, right = model.beside_prior(sensitivity), (change / fit.deviation).ravel()
@@ -258,9 +273,9 @@ def integration_error(fit: Fit) -> IntegrationError:
         # Only data without noise can ask for more than the rule: where finer steps explain them better.
         left = (model.measured_outputs - outputs) / fit.deviation + (sensitivity @ moved).reshape(outputs.shape)
         if np.linalg.norm(left) > CLEARLY_BETTER * np.linalg.norm(fit.residual / fit.deviation):
-            return IntegrationError(relative, shift, 0.0)
+            return IntegrationError(relative, shift, 0.0, accuracy)
     excess = integration_change(model, fit.outputs, outputs)
-    return IntegrationError(relative, shift, max(excess, float(shift.max()) / INTEGRATION_SHIFT))
+    return IntegrationError(relative, shift, max(excess, float(shift.max()) / INTEGRATION_SHIFT), accuracy)
 
 
 def degrees_of_freedom(model: LoopModel, count: int, inflation: float = 1.0) -> float:
@@ -306,6 +321,7 @@ def torque_estimate(
         fit=fit.torque_alone,
         minimum=fit,
         roughness=minimum.roughness,
+        accuracy=minimum.integration_error.accuracy.size,
         rivals=minimum.rivals,
         joint=minimum.joint,
         prior=prior_fit(fit, known),

@@ -104,6 +104,11 @@ class OutputError(Estimator):
         rows = stretches([log.time for log in logs.values()])
         return self._conclude(model, found, scale, spread, history.iterations, rows)
 
+    def _another_start(self) -> str:
+        """The next step where the answer cannot be true."""
+        other = "description" if self.start == "reference" else "reference"
+        return f"Check units, offset and clock of the positions; or start elsewhere (start: {other})."
+
     def _conclude(
         self,
         model: LoopModel,
@@ -126,8 +131,7 @@ class OutputError(Estimator):
         if reason or (np.abs(found.fun) >= PENALTY).all():
             raise RefusedError(
                 "The identified model is not physical.", iterations=history, got=reason or "no simulation succeeded",
-                next_step="Start from the reference trajectory (start: reference).", values=value,
-                deviation=known.deviation,
+                next_step=self._another_start(), values=value, deviation=known.deviation,
             )  # fmt: skip
         torque, measured = model.torque(value), model.measured
         singular = np.linalg.svd(found.jac / np.linalg.norm(found.jac, axis=0), compute_uv=False)
@@ -165,7 +169,8 @@ def _positions(model: LoopModel, values: Array, logs: Mapping[str, Trajectory]) 
     for label, log in logs.items():
         run = model.simulation(values, label)
         first, count = float(run.experiment.reference.time[0]), run.experiment.reference.time.size
-        operator = sample_operator(log.time, start=first, step=run.step_size, tick_count=count, instants=run.instants)
+        held = sample_operator(log.time, start=first, step=run.step_size, tick_count=count, instants=run.instants)
+        operator = held.stamped_later(0.0, count, between=True)  # a position moves on between ticks
         try:
             recording = run.record(ticks=operator.ticks)
         except SimulationError:

@@ -109,6 +109,7 @@ class Estimate:
         fit: the point of the closed loop that it is, with the torque alone; None where the residual is not that of a
             simulated torque.
         roughness: of the sensitivities of a foreign plant; None where they are exact.
+        accuracy: (m,) root mean square of the error of each simulated output of a model.
         rivals: parameter and its value at other minima that fit the data almost as well.
         joint: beside the torque alone, where further channels were fitted with it; None otherwise.
         prior: what of the values comes from a prior; None without one.
@@ -140,6 +141,7 @@ class Estimate:
     noise_is_stated: bool = True
     fit: Fit | None = None
     roughness: Roughness | None = None
+    accuracy: Array = field(default_factory=lambda: np.zeros(1))
     rivals: tuple[tuple[str, float], ...] = ()
     joint: JointFit | None = None
     prior: PriorFit | None = None

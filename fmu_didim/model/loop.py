@@ -9,6 +9,7 @@ from functools import cached_property
 
 from fmu_didim.base.errors import UnknownNameError
 from fmu_didim.components import Component
+from fmu_didim.components.fmu.component import own_step
 from fmu_didim.cosim import Connection, System, logged_torque, measured_output
 from fmu_didim.cosim.system import REFERENCE
 from fmu_didim.data.signals import Array, Trajectory
@@ -23,6 +24,8 @@ NO_COMPONENTS = (PLANT, DELAY, LOG, EXTERNAL_TORQUE, INPUT, OUTPUT)
 """Owners of free parameters that are no component beside the plant."""
 
 
+SAME_STEP = 1e-6
+"""[1] Of a step, by which a whole multiple of an FMU's own may differ from it: decimals of a file."""
 MOST_SUBDIVISIONS = 64
 """[1] Of a step over which linear inputs are held: the error falls with its square, and what 64 do not reach is a file
 of inputs with far too few rows."""
@@ -64,6 +67,7 @@ class Loop:
         substep_factor: multiplies the number of integration substeps of the plant.
         substeps: of the plant in a tick at least, where the case states none; None: by the rule for its fastest rate.
         subdivision: ticks in a control period, for components that need shorter steps; inputs are held as without.
+        finest: most of these, where shorter steps would be within those of an FMU's own solver.
     """
 
     systems: Mapping[str, System]
@@ -75,6 +79,7 @@ class Loop:
     substep_factor: int = 1
     substeps: int | None = None
     subdivision: int = 1
+    finest: int = MOST_SUBDIVISIONS
 
     @property
     def joint_count(self) -> int:
@@ -92,6 +97,23 @@ class Loop:
         plant = self.plant
         ramps = any(system.ramps for system in self.systems.values())
         return ramps and plant.sample_time is None and plant.takes_any_step and not plant.follows_ramps
+
+    @cached_property
+    def own_subdivision(self) -> int:
+        """Steps that an FMU states for its own solver in one of the loop; 1 where it states none that fits."""
+        stated, step = own_step(self.plant), min(system.step_size for system in self.systems.values())
+        count = 1 if stated is None else max(round(step / stated), 1)
+        return count if stated is None or abs(count * stated - step) <= SAME_STEP * step else 1
+
+    @cached_property
+    def subdivisions(self) -> tuple[int, ...]:
+        """Numbers of steps into which one may be divided that holds linear inputs, rising: whole multiples of the step
+        that an FMU states for its own solver, then halves of the last one."""
+        own = self.own_subdivision
+        found = [count for count in range(1, min(own, self.finest) + 1) if own % count == 0]
+        while 2 * found[-1] <= self.finest:
+            found.append(2 * found[-1])
+        return tuple(found)
 
     @cached_property
     def labels(self) -> tuple[str, ...]:

@@ -43,7 +43,7 @@ from fmu_didim.model.experiments import Experiments
 from fmu_didim.model.external_torque import EXTERNAL_TORQUE, ExternalTorque, held, with_external_torques
 from fmu_didim.model.free_parameter import LOG, FreeParameter, FreeParameters
 from fmu_didim.model.integration import Integration, divided, integration
-from fmu_didim.model.loop import MOST_SUBDIVISIONS, Loop
+from fmu_didim.model.loop import Loop
 from fmu_didim.model.parameters import Parameters
 from fmu_didim.model.signals.channel import Channel
 from fmu_didim.model.signals.path import INPUT, OUTPUT, changed_inputs, changed_outputs
@@ -264,8 +264,8 @@ class LoopModel:
         inputs; None where they cannot be chosen."""
         loop = self.loop
         if loop.holds_ramps:
-            fine = 2 * loop.subdivision
-            return self.with_loop(subdivision=fine) if fine <= MOST_SUBDIVISIONS else None
+            finer = [count for count in loop.subdivisions if count >= 2 * loop.subdivision]
+            return self.with_loop(subdivision=finer[0]) if finer else None
         return self.with_loop(substep_factor=2 * loop.substep_factor) if self.can_refine else None
 
     def fewest_substeps(self, values: Array) -> int:

@@ -22,7 +22,8 @@ from fmu_didim.checks import (
 )
 from fmu_didim.checks.data import log, timing, torque_channel
 from fmu_didim.checks.motion import colour, dependence, periods
-from fmu_didim.checks.outputs import following, outliers, suspects, trusted
+from fmu_didim.checks.motion import suspects as suspects_in_loop
+from fmu_didim.checks.outputs import following, outliers, succession, suspects, trusted
 from fmu_didim.data.tables import clock
 from fmu_didim.estimators import finish, initial_states, local_minima
 from fmu_didim.estimators.search import best, places
@@ -71,6 +72,7 @@ DECIDING = (
     (residual, ("STILL_NOT_WHITE",)),
     (dependence, ("MOTION_CHANCE", "SIGNIFICANT", "FUNCTIONS", "SAMPLES_A_FUNCTION")),
     (colour, ("MEMORIES", "FAR_WORSE", "SAMPLES_A_LAG", "WITH_PAST")),
+    (suspects_in_loop, ("TRIED", "ROUNDS", "MOSTLY", "AS_WELL", "SURE")),
     (periods, ("PART_OF_PERIOD", "KNOWN_PART", "RAMP", "FEWEST_DIFFERENCES")),
     (sampling_kind, ("NEARLY",)),
     (held_out, ("HELD_OUT_RATIO", "HELD_OUT_CHANCE", "LAGS")),
@@ -87,6 +89,7 @@ OF_ROBOTS = (
     periods,
     dependence,
     colour,
+    suspects_in_loop,
     sampling_kind,
     held_out,
 )
@@ -95,7 +98,8 @@ OF_OUTPUTS = (
     *((module, names) for module, names in DECIDING if module not in OF_ROBOTS and module is not physical),
     (following, ("CHANCE", "LEAST", "AS_WELL", "MOSTLY", "BEYOND", "BEYOND_NOISE", "STEPS")),
     (suspects, ("SMALL", "MOST_INPUTS", "MOST_PARAMETERS", "TRANSIENTS")),
-    (outliers, ("FAR", "MOST")),
+    (outliers, ("FAR", "CHANCE", "MOST")),
+    (succession, ("ALIKE", "FEWEST_LEFT", "FEWEST_INDEPENDENT")),
     (trusted, ("TENTH", "TRIED", "UNSEEN", "MOVES")),
 )
 """The same for a model."""

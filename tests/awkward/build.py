@@ -19,7 +19,7 @@ SLAVE = """<?xml version="1.0" encoding="UTF-8"?>
 <fmiModelDescription fmiVersion="2.0" modelName="slave" guid="awkward">
   <CoSimulation modelIdentifier="slave" canGetAndSetFMUstate="true" canHandleVariableCommunicationStepSize="true"/>
   <UnitDefinitions>{definitions}</UnitDefinitions>
-  <DefaultExperiment stepSize="0.01"/>
+  <DefaultExperiment{step}/>
   <ModelVariables>
     <ScalarVariable name="{u}" valueReference="0" causality="input"><Real start="0"{u_unit}/></ScalarVariable>
     <ScalarVariable name="{y}" valueReference="1" causality="output"><Real{y_unit}/></ScalarVariable>
@@ -72,6 +72,35 @@ ARRAYS = """<?xml version="1.0" encoding="UTF-8"?>
 </fmiModelDescription>
 """
 
+TENSORS = """<?xml version="1.0" encoding="UTF-8"?>
+<fmiModelDescription fmiVersion="3.0" modelName="tensors" instantiationToken="awkward">
+  <CoSimulation modelIdentifier="tensors" canHandleVariableCommunicationStepSize="true"/>
+  <ModelVariables>
+    <Float64 name="u" valueReference="0" causality="input" start="0 0"><Dimension start="2"/></Float64>
+    <Float64 name="V" valueReference="1" causality="input" start="0 0 0 0 0 0">
+      <Dimension start="2"/><Dimension start="3"/></Float64>
+    <Float64 name="S" valueReference="2" causality="input" start="0 0 0 0 0 0 0 0 0 0 0 0">
+      <Dimension start="2"/><Dimension start="2"/><Dimension start="3"/></Float64>
+    <Float64 name="a" valueReference="3" causality="parameter" variability="tunable" start="1 2">
+      <Dimension start="2"/></Float64>
+    <Float64 name="B" valueReference="4" causality="parameter" variability="fixed" start="1 2 3 4 5 6">
+      <Dimension start="2"/><Dimension start="3"/></Float64>
+    <Float64 name="T" valueReference="5" causality="parameter" variability="fixed" start="1 2 3 4 5 6 7 8 9 10 11 12">
+      <Dimension start="2"/><Dimension start="2"/><Dimension start="3"/></Float64>
+    <Float64 name="y" valueReference="6" causality="output"><Dimension start="2"/></Float64>
+    <Float64 name="Y" valueReference="7" causality="output"><Dimension start="2"/><Dimension start="3"/></Float64>
+    <Float64 name="Z" valueReference="8" causality="output">
+      <Dimension start="2"/><Dimension start="2"/><Dimension start="3"/></Float64>
+    <Float64 name="time" valueReference="9" causality="independent"/>
+  </ModelVariables>
+  <ModelStructure>
+    <Output valueReference="6" dependencies=""/><Output valueReference="7" dependencies="1"/>
+    <Output valueReference="8" dependencies="2"/>
+  </ModelStructure>
+</fmiModelDescription>
+"""
+"""Arrays of one, two and three dimensions; y follows no input at once."""
+
 DEFAULTS = {
     "u": "u",
     "y": "y",
@@ -81,6 +110,7 @@ DEFAULTS = {
     "variability": "tunable",
     "definitions": "",
     "dependencies": "",
+    "step": ' stepSize="0.01"',
 }
 
 

@@ -54,3 +54,17 @@ def test_power_is_the_tail_of_the_noncentral_distribution(first: int, second: in
     for k in range(0, 90, 10):
         by_draws = np.mean(np.random.default_rng(k).noncentral_f(first, second, noncentrality[k], size=20_000) > x)
         assert found[k] == pytest.approx(by_draws, abs=0.015)
+
+
+@pytest.mark.parametrize(("first", "second"), [(1, 1), (1, 3), (2, 2), (4, 7), (30, 200)])
+def test_a_ratio_of_two_sums_of_squares_is_below_a_bound_as_often_as_it_says(first: int, second: int) -> None:
+    """P(chi2_1 / n_1 < x chi2_2 / n_2) is Fisher's distribution."""
+    for x in (1e-3, 0.05, 0.5, 1.0, 3.0, 20.0):
+        weights = np.concatenate([np.full(first, 1 / first), np.full(second, -x / second)])
+        assert given.quadratic_below_zero(weights) == pytest.approx(stats.f(first, second).cdf(x), abs=1e-9)
+
+
+def test_sums_of_squares_of_one_sign_and_of_nothing() -> None:
+    assert given.quadratic_below_zero(np.ones(5)) == pytest.approx(0.0, abs=1e-9)
+    assert given.quadratic_below_zero(-np.ones(5)) == pytest.approx(1.0, abs=1e-9)
+    assert given.quadratic_below_zero(np.zeros(3)) == 0.0

@@ -17,7 +17,7 @@ from fmu_didim.case import Case, load_case
 from fmu_didim.checks.channels import channel_diagnostics
 from fmu_didim.checks.validation import validate_on
 from fmu_didim.data.signals import Trajectory, trajectory
-from fmu_didim.fit.estimate import Estimate
+from fmu_didim.fit.estimate import Estimate, RefusedError
 from fmu_didim.model.loop_model import LoopModel
 from fmu_didim.workflow import discover, identify
 from tests.helpers import ROOT
@@ -111,8 +111,43 @@ def test_a_file_without_positions_and_a_signal_twice_are_refused(tmp_path: Path)
     "estimator", [{"kind": "idim_ls"}, {"kind": "output_error"}, {"kind": "didim", "finish": False}]
 )
 def test_estimators_that_would_not_use_it_say_so(written: Path, estimator: dict[str, Any]) -> None:
-    with pytest.raises(InputError, match="does not fit what was measured beside the torque"):
+    with pytest.raises(InputError, match="does not fit what was measured beside the torque") as caught:
         with_file(written).with_(estimator=estimator)
+    assert ("Write positions: in the place of measured:" in caught.value.next_step) == (estimator["kind"] != "didim")
+
+
+@pytest.mark.gate
+def test_the_same_file_as_positions_is_what_output_error_fits(written: Path) -> None:
+    """As the refusal says; the instants of the encoders lie between the ticks, where a position is not held."""
+    found = identify(CASE.with_(train={"positions": {"file": str(written)}}, estimator={"kind": "output_error"}))
+    assert found.verdict == "valid", found.document.reasons
+    for name, true in {"ZZ1R": 3.43, "Fc1": 0.82, "ZZ2": 0.063, "MX2": 0.241, "MY2": 0.014, "Fv2": 0.013}.items():
+        value = found.parameters[name]
+        assert abs(value.value - true) < 3.5 * value.std, name
+
+
+def test_positions_that_are_early_are_refused_with_what_to_check(tmp_path: Path) -> None:
+    """Early by a control period: friction is negative then."""
+    case = CASE.with_(
+        train={"positions": {"file": str(write(log_of(late_s=-0.005), tmp_path))}}, estimator={"kind": "output_error"}
+    )
+    with pytest.raises(RefusedError, match="not physical") as caught:
+        case.estimator.estimate(case.model)
+    assert "clock of the positions" in caught.value.next_step and "start: description" in caught.value.next_step
+
+
+@pytest.mark.gate
+@pytest.mark.parametrize("late_s", [0.0002, 0.002])
+def test_positions_that_are_late_are_doubted_by_the_torque(late_s: float, tmp_path: Path) -> None:
+    """Viscous friction takes the lateness, so that the positions leave no more than their noise."""
+    case = CASE.with_(
+        train={"positions": {"file": str(write(log_of(late_s=late_s), tmp_path))}}, estimator={"kind": "output_error"}
+    )
+    found = identify(case)
+    assert found.verdict == "doubtful"
+    reason = found.document.reasons[0]
+    assert reason.code == "channels-disagree" and "by the torque along that motion" in reason.text
+    assert "clocks of torque and positions" in reason.next_step
 
 
 # ---- what is told of the answer

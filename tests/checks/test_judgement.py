@@ -9,6 +9,7 @@ from fmu_didim.base.diagnostics import DOUBT, PROBLEM, REMARK, Catalogue, Diagno
 from fmu_didim.checks.held_out import Residual, held_out_diagnostics, worse_than_fitted
 from fmu_didim.checks.judgement import diagnostic_result, judgement
 from fmu_didim.workflow.output.exit_codes import EXIT_CODES
+from fmu_didim.workflow.reference.codes import all_codes
 
 CODES = Catalogue()
 STOP = CODES("stop", PROBLEM, rank=1, meaning="m", next_step="mend CASE.yaml")
@@ -93,3 +94,19 @@ def test_no_held_out_data_are_a_remark_and_a_failure_a_doubt():
     assert [d.code.name for d in found] == ["no-held-out"]
     found = held_out_diagnostics(None, np.eye(2), nothing, {}, {"check": "diverged"})  # type: ignore[arg-type]
     assert [(d.code.name, d.place) for d in found] == [("held-out-not-simulated", "check")]
+
+
+def test_what_one_look_settles_is_one_reason():
+    at_once = next(code for code in all_codes() if code.at_once and code.severity is DOUBT)
+    other = next(code for code in all_codes() if not code.at_once and code.severity is DOUBT)
+    places = ["a.csv", "a.csv", "b.csv", "b.csv", "c.csv"]
+    found = [Diagnostic(at_once, f"Column {k}.", place) for k, place in enumerate(places)]
+    reasons = judgement([*found, Diagnostic(other, "x", "joint 1"), Diagnostic(other, "x", "joint 2")]).reasons
+    assert sorted(d.code.name for d in reasons) == sorted([at_once.name, other.name, other.name])
+    (one,) = [d for d in reasons if d.code is at_once]
+    assert one.text == "Column 0. Column 1. b.csv: Column 2. And 2 more: b.csv, c.csv."
+    assert one.place == "a.csv"
+    assert judgement(found).acknowledging({at_once.name: "Checked."}).verdict == "valid"
+    assert {code.name for code in all_codes() if code.at_once} == {
+        "torque-unit", "unit-contradicts-file", "unit-unknown"
+    }  # fmt: skip

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -19,6 +18,7 @@ from fmu_didim.model.parameters import NamedParameters
 from fmu_didim.workflow import identify
 from tests.cases import scara_case
 from tests.conftest import package
+from tests.foreign import external_fmu
 from tests.helpers import NEAR, model_on, with_torque
 
 SCARA = "examples/scara/identify.yaml"
@@ -60,14 +60,6 @@ def test_modelica_plant_and_controller_are_identified() -> None:
     assert (np.abs(outcome.estimate.value - truth) <= 3.5 * outcome.estimate.standard_deviation).all()
 
 
-DYMOLA = Path(os.environ.get("FMU_DIDIM_EXTERNAL_FMUS", "external-fmus"))
-
-
-@pytest.mark.skipif(
-    not (DYMOLA / "Drivetrain.fmu").is_file(),
-    reason="needs Controller.fmu and Drivetrain.fmu, which are not shipped: get them from tests/resources of "
-    "github.com/CATIA-Systems/FMPy and set FMU_DIDIM_EXTERNAL_FMUS to their folder",
-)
 @pytest.mark.parametrize("rate_hz", [100.0, 10.0])
 @pytest.mark.parametrize("interface", ["model-exchange", "co-simulation"])
 def test_dymola_pair_is_identified_from_torque(rate_hz: float, interface: str) -> None:
@@ -77,8 +69,9 @@ def test_dymola_pair_is_identified_from_torque(rate_hz: float, interface: str) -
     solver has got to, so that the torque jitters by 0.5 % when a parameter changes ever so little.
     """
     exchange = interface == "model-exchange"
-    plant = load_fmu(DYMOLA / "Drivetrain.fmu", interface=interface, substeps=4 if exchange else None)
-    controller = load_fmu(DYMOLA / "Controller.fmu", interface=interface, substeps=1 if exchange else None)
+    place = "tests/resources of github.com/CATIA-Systems/FMPy"
+    plant = load_fmu(external_fmu("Drivetrain", place), interface=interface, substeps=4 if exchange else None)
+    controller = load_fmu(external_fmu("Controller", place), interface=interface, substeps=1 if exchange else None)
     step = 1e-3
     time = np.arange(5001) * step
     waves = ((2.0, 0.3), (1.0, 1.1), (0.5, 4.3), (0.3, 9.0), (0.3, 17.0))

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from fmu_didim import identify, load_case
+from fmu_didim.components.fmu import FmuComponent
 from fmu_didim.export import build_fmu
 from tests.cosim.test_exchange import RATE, exact, lag, zigzag
 
@@ -46,6 +47,28 @@ def test_both_interfaces_give_the_same_answer(folder: Path) -> None:
     told = " ".join(found["co-simulation"].document.remarks)
     assert "Steps are divided into" in told and "linear inputs are held" in told
     assert "divided" not in " ".join(found["model-exchange"].document.remarks)
+
+
+@pytest.mark.parametrize(
+    ("model", "kind", "told"),
+    [
+        ("lag.fmu", "model-exchange", True),
+        ({"source": "lag.fmu", "solver": "rk4"}, "model-exchange", True),
+        ({"source": "lag.fmu", "interface": "model-exchange"}, "model-exchange", False),
+        ({"source": "lag.fmu", "interface": "co-simulation"}, "co-simulation", False),
+    ],
+)
+def test_an_fmu_with_both_interfaces_is_integrated_here_and_that_is_said(
+    folder: Path, model: object, kind: str, told: bool
+) -> None:
+    run = {"inputs": "inputs.csv", "measured": "outputs.csv"}
+    runs = {"one": run, "two": {**run, "role": "validation"}}
+    entries = {name: value for name, value in content("").items() if name not in ("inputs", "measured")}
+    case = load_case({**entries, "model": model, "experiments": runs}, folder=folder)
+    assert isinstance(case.plant, FmuComponent) and case.plant.interface.kind == kind
+    found = [d for e in case.model.experiments.values() for d in e.told if d.code.name == "exchange-chosen"]
+    assert len(found) == told  # once, whatever the number of experiments
+    assert all(f"by {'RK4' if 'rk4' in str(model) else 'CVode'};" in d.text for d in found)
 
 
 def test_held_inputs_are_not_divided(folder: Path) -> None:

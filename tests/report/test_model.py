@@ -39,6 +39,7 @@ Remarks
   C: its 2000 J/K are taken on trust: with 10 % more the data would be explained as well, by other
     values: R1 -V %, R2 -V %.
   No experiment was held out: the prediction of another one is untested.
+  model: Room.fmu is run in model exchange, by CVode; it could be run in co-simulation, too.
 
 VALID: converged in V iterations; simulated output V % off on estimation
 """

@@ -28,6 +28,7 @@ from fmu_didim.results.result import (
     StageResult,
     save_result,
 )
+from fmu_didim.workflow import identify
 
 ERRORS: dict[Literal["estimation", "validation"], ErrorResult] = {
     "estimation": ErrorResult(total=4.831, per_joint=[4.831]),
@@ -354,3 +355,16 @@ def test_initial_states_that_are_held_are_on_the_page(tmp_path: Path) -> None:
     page = write_report(saved(tmp_path, document(experiments=experiments))).read_text(encoding="utf-8")
     assert "given: q1 = 0.61, integral1 = 0.002" in page
     assert "initial state" not in write_report(saved(tmp_path, plain)).read_text(encoding="utf-8").lower()
+
+
+def test_a_deviation_below_the_bound_that_stands_before_it_is_explained(tmp_path: Path) -> None:
+    """The finish of the SCARA attains its own bound, at other values and another noise: the page says so."""
+    found = identify("examples/scara/identify.yaml", tmp_path)
+    stages = found.document.stages
+    bound, last = stages["didim"].formulas["cramer_rao"], stages["finish"].std
+    below = [last[name] / bound[name] for name in last if last[name] < bound[name]]
+    assert below and min(below) > 0.99
+    page = " ".join((tmp_path / "report.html").read_text(encoding="utf-8").split())
+    _, _, shown = page.partition('id="stages"')
+    assert "the Cramér-Rao bound is the smallest that an unbiased estimator can have" in shown
+    assert "so that its σ can be a little below the one that stands before it" in shown

@@ -12,7 +12,7 @@ import yaml
 from fmu_didim.base.errors import InputError
 from fmu_didim.case import load_case
 from fmu_didim.cli.main import main
-from fmu_didim.components.fmu.description import FmuDescription, FmuVariable
+from fmu_didim.components.fmu.description import CO_SIMULATION, MODEL_EXCHANGE, FmuDescription, FmuVariable, Interface
 from fmu_didim.data.tables import read_table
 from fmu_didim.workflow.init import start_case
 from fmu_didim.workflow.init.data_file import DataFile
@@ -20,6 +20,7 @@ from fmu_didim.workflow.init.fmu_roles import FmuPorts
 from fmu_didim.workflow.init.inventory import Inventory, a_model
 from fmu_didim.workflow.init.model_case import model_case
 from fmu_didim.workflow.init.model_columns import matched
+from fmu_didim.workflow.init.model_runs import model_runs
 from tests.conftest import ROOT
 
 HOUSE = ROOT / "examples/house"
@@ -131,6 +132,22 @@ def test_runs_by_words_of_their_names_and_the_last_one_held_out(tmp_path: Path) 
         "monday": None, "tuesday": None, "friday": "validation",
     }  # fmt: skip
     assert all(label in run["inputs"] and label in run["measured"] for label, run in made.items())
+
+
+@pytest.mark.parametrize(
+    ("names", "labels"),
+    [
+        (("SimpleBatch_Data_1st", "SimpleBatch_Data_2nd"), ["1st", "2nd"]),
+        (("run-7_b", "run-9_b"), ["7", "9"]),
+        (("day", "day_2"), ["day", "2"]),
+        (("growth",), ["growth"]),
+    ],
+)
+def test_a_run_is_called_by_what_tells_it_from_the_others(
+    tmp_path: Path, names: tuple[str, ...], labels: list[str]
+) -> None:
+    files = [table(tmp_path / f"{name}.csv", "t,y") for name in names]
+    assert [run.label for run in model_runs(matched(fmu("", "y"), files))] == labels
 
 
 def test_two_outputs_in_files_of_their_own_are_one_run(tmp_path: Path) -> None:
@@ -245,3 +262,13 @@ def test_starts_of_states_are_listed_where_they_can_be_chosen(tmp_path: Path) ->
     model = replace(fmu("u", "y:K der(z)", "k:W=1"), states=("y",))
     texts, _ = model_case(Inventory(data=files, model=(FmuPorts(Path("x.mo"), model), "")), Path())
     assert "# y.start: {}  # K: where it starts" in texts["case.yaml"] and "# z.start: {}" in texts["case.yaml"]
+
+
+@pytest.mark.parametrize(("kinds", "listed"), [((CO_SIMULATION, MODEL_EXCHANGE), True), ((CO_SIMULATION,), False)])
+def test_starts_are_listed_where_an_fmu_is_integrated_here(
+    tmp_path: Path, kinds: tuple[str, ...], listed: bool
+) -> None:
+    files = [table(tmp_path / "m.csv", "t,y")]
+    model = replace(fmu("", "y:K", "k:W=1"), states=("y",), interfaces=tuple(Interface(kind, "x") for kind in kinds))
+    texts, _ = model_case(Inventory(data=files, model=(FmuPorts(Path("x.fmu"), model), "")), Path())
+    assert ("y.start" in texts["case.yaml"]) == listed

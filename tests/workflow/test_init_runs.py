@@ -155,6 +155,8 @@ def test_per_cent_of_a_rated_torque(column: dict[str, Any], stated: str, factor:
         ("tau1", {"rated": 40}, "", "got:   no unit"),
         ("tau1", {"rated": 40, "unit": "Nm"}, "", "needs per cent"),
         ("q1", {"rated": 40, "unit": "%"}, "", "Only a torque"),
+        ("tau1", {"scale": -1e-300}, "Nm", "multiplied by a number that no unit"),
+        ("q1", {"scale": 1e40}, "rad", "multiplied by a number that no unit"),
     ],
 )
 def test_per_cent_that_is_not_clear_is_refused(signal: str, column: dict[str, Any], stated: str, told: str) -> None:

@@ -12,7 +12,7 @@ import numpy as np
 from fmu_didim.base.errors import InputError
 from fmu_didim.case.calibration.errors import Recorded, with_errors
 from fmu_didim.case.calibration.inputs import check_covered, read_inputs
-from fmu_didim.case.calibration.model import whole_numbers
+from fmu_didim.case.calibration.model import interface_told, whole_numbers
 from fmu_didim.case.calibration.ticks import Ticks, ticks_of, together
 from fmu_didim.case.document import MODEL, CaseDocument
 from fmu_didim.case.files import NONE_GIVEN
@@ -68,10 +68,11 @@ def read_calibration(
     step = None if document.loop.rate_hz is None else 1.0 / document.loop.rate_hz
     if step is None and isinstance(model, FmuComponent) and not model.takes_any_step:
         step = model.fmu.experiment.step
+    chosen = interface_told(document, model)
     for label, source in document.runs.items():
         driven = read_inputs(source.inputs, folder, inputs, held=whole_numbers(model), signals=signals)
         measured, told = read_measured(source, folder, outputs, label=label, is_any=True, signals=signals)
-        runs[label] = Recorded(source, driven, measured, (*driven.told, *told))
+        runs[label] = Recorded(source, driven, measured, (*(() if runs else chosen), *driven.told, *told))
         found[label] = _ticks(runs[label], label, step)
     runs = with_errors(runs)
     ticks, nominal = together(list(found.values()))

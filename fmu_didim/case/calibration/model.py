@@ -11,12 +11,13 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 from pathlib import Path
 
+from fmu_didim.base.diagnostics import CATALOGUE, REMARK, Diagnostic
 from fmu_didim.base.errors import InputError
-from fmu_didim.case.document import CaseDocument
+from fmu_didim.case.document import MODEL, CaseDocument
 from fmu_didim.case.files import NONE_GIVEN, table_and_time
 from fmu_didim.case.in_memory import Memory
 from fmu_didim.case.parts import component_of, controller_block
-from fmu_didim.case.sources import MeasuredFile
+from fmu_didim.case.sources import ComponentSource, MeasuredFile
 from fmu_didim.components import Component, FmuComponent
 from fmu_didim.components.fmu.chosen import (
     all_variables,
@@ -26,12 +27,23 @@ from fmu_didim.components.fmu.chosen import (
     with_start_value,
     with_state_start,
 )
-from fmu_didim.components.fmu.description import FLOAT_TYPES, MODEL_EXCHANGE
+from fmu_didim.components.fmu.description import CO_SIMULATION, FLOAT_TYPES, MODEL_EXCHANGE, FmuDescription
+from fmu_didim.components.fmu.reading import read_description
 from fmu_didim.components.fmu.reuse.starting import find_start
 from fmu_didim.components.parameter_names import name_parameters
 from fmu_didim.components.variable_names import NEAREST, START, unknown
 from fmu_didim.data.signals import Trajectory
 from fmu_didim.data.tables import clock_column
+
+EXCHANGE_CHOSEN = CATALOGUE(
+    "exchange-chosen", REMARK, rank=92,
+    meaning="The FMU of a model has both interfaces and the case names none: its equations are integrated here, and "
+    "not by its own solver, so that inputs go straight from row to row and answers are smooth in the parameters.",
+    next_step="Nothing; for its own solver: model: {source: ..., interface: co-simulation}.",
+)  # fmt: skip
+
+SOLVERS = {"cvode": "CVode", "rk4": "RK4"}
+"""What the integrators are called in a sentence."""
 
 
 def model_component(document: CaseDocument, folder: Path, memory: Memory) -> Component:
@@ -41,9 +53,7 @@ def model_component(document: CaseDocument, folder: Path, memory: Memory) -> Com
         InputError, FmuError, BuildError: it cannot be read, has no such variable, or its start cannot be chosen.
     """
     assert document.model is not None
-    source = document.model
-    if source.interface is None and "solver" not in source.model_fields_set:
-        source = source.model_copy(update={"solver": "cvode"})  # how stiff it is, nobody has said
+    source = _with_interface(document.model, folder)
     known = {name: value for name, value in source.parameters.items() if name.endswith(START)}
     source = source.model_copy(update={"parameters": {k: v for k, v in source.parameters.items() if k not in known}})
     component = component_of(source, folder, controller_block, objects=memory.objects, si_units=False)
@@ -51,6 +61,31 @@ def model_component(document: CaseDocument, folder: Path, memory: Memory) -> Com
     identified = {entry.parameter or name: f"identify.{name}" for name, entry in (document.identify or {}).items()}
     component = with_starts(component, {**dict.fromkeys(known, "model.parameters"), **identified})
     return component.with_parameters(known) if known else component
+
+
+def _with_interface(source: ComponentSource, folder: Path) -> ComponentSource:
+    """The source with the interface and the integrator that the case leaves open: how stiff it is, nobody has said."""
+    if source.interface is not None:
+        return source
+    named = source.source or ""
+    update = {} if "solver" in source.model_fields_set else {"solver": "cvode"}
+    if named.endswith(".fmu") and _has_both(read_description(folder / named)):
+        update["interface"] = MODEL_EXCHANGE
+    return source.model_copy(update=update)
+
+
+def _has_both(fmu: FmuDescription) -> bool:
+    return fmu.interface(MODEL_EXCHANGE) is not None and fmu.interface(CO_SIMULATION) is not None
+
+
+def interface_told(document: CaseDocument, component: Component) -> tuple[Diagnostic, ...]:
+    """What is said where an interface was chosen that the case leaves open."""
+    assert document.model is not None
+    if document.model.interface is not None or not isinstance(component, FmuComponent) or not _has_both(component.fmu):
+        return ()
+    solver = SOLVERS[component.solver]
+    text = f"{component.path.name} is run in model exchange, by {solver}; it could be run in co-simulation, too."
+    return (Diagnostic(EXCHANGE_CHOSEN, text, MODEL),)
 
 
 def measured_variables(

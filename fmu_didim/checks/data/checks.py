@@ -25,7 +25,13 @@ from fmu_didim.checks.data.log import (
 from fmu_didim.checks.data.outliers import outlier_diagnostics, outliers, without
 from fmu_didim.checks.data.plant import plant_diagnostics
 from fmu_didim.checks.data.reference import reference_diagnostics
-from fmu_didim.checks.data.robot import LINK_LENGTH, TORQUE_SCALE, another_robot, length_unit_diagnostics
+from fmu_didim.checks.data.robot import (
+    LINK_LENGTH,
+    TORQUE_SCALE,
+    another_robot,
+    gravity_diagnostics,
+    length_unit_diagnostics,
+)
 from fmu_didim.checks.data.runs import run_diagnostics
 from fmu_didim.checks.data.timing import timing
 from fmu_didim.checks.data.torque_channel import torque_channel_diagnostics
@@ -76,7 +82,7 @@ def data_diagnostics(model: LoopModel, *, without_torque: Sequence[str] = (), ca
         # What is wrong by itself would make a log look like that of another motion.
         faulty = wrong_by_themselves(experiment, given)
         clean = given.without(faulty)
-        of_units = unit_diagnostics(run, clean) if clean.has_all_joints else []
+        of_units = (unit_diagnostics(run, clean) or gravity_diagnostics(run, clean)) if clean.has_all_joints else []
         of_log = of_units or ([] if faulty.all() else torque_channel_diagnostics(clean, gains, label))
         found += [*of_log, *([] if of_units else position_diagnostics(run))]
         held_out = experiment.role == "validation"
@@ -155,7 +161,7 @@ def _without_transients(model: LoopModel, found: list[Diagnostic]) -> list[Diagn
 
 
 def _explained(fitted: FittedMotion, *, held_out: bool = False) -> list[Diagnostic]:
-    """Other timings, scales and lengths that explain a log better, the best first."""
+    """Other timings, scales, lengths and gravities that explain a log better, the best first."""
     offered = [*timing(fitted, clock_alone=held_out)]
     if not held_out:
         offered += another_robot(fitted)

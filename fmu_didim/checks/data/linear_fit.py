@@ -173,7 +173,8 @@ class FittedMotion:
         better = [e for e in offered if e.gain > CLEARLY and e.misfit < WORTH_IT]
         least = min((e.misfit for e in better), default=0.0)
         rivals = [e for e in better if self.samples * np.log(e.misfit / least) < CLEARLY]
-        return [e.diagnostic for e in sorted(rivals, key=lambda e: -e.gain)][:RIVALS]
+        rivals = sorted(rivals, key=lambda e: -e.gain)[:RIVALS]
+        return [replace(e.diagnostic, weight=e.gain) for e in rivals]
 
     def misfit_of(self, other: FittedMotion) -> float:
         """The misfit along another motion, joints divided by their size along this one."""
@@ -189,10 +190,14 @@ class FittedMotion:
         """(b,) standard deviations by which another sampling moves the values of the fit."""
         return self.apart(replace(self, run=self.run.on(replace(self.experiment, operator=operator))))
 
+    def values(self) -> tuple[Array, Array]:
+        """The values (b,) of the fit, and their standard deviations with the memory of the residual."""
+        values, deviation = self._solved(self.size)
+        return values, deviation * np.sqrt(self.experiment.torque.size / self.samples)
+
     def apart(self, other: FittedMotion) -> Array:
         """(b,) standard deviations between the values of the fits along this motion and along another one."""
-        (own, deviation), (others, _) = (one._solved(self.size) for one in (self, other))
-        deviation = deviation * np.sqrt(self.experiment.torque.size / self.samples)
+        (own, deviation), (others, _) = self.values(), other._solved(self.size)
         return np.asarray(np.abs(others - own) / np.maximum(deviation, TINY))
 
     @cached_property

@@ -1,26 +1,33 @@
-"""Whether another robot explains a log better: another length of a link, or a torque that is scaled against the others.
+"""Whether another robot explains a log better: another length of a link, a torque that is scaled against the others, or
+gravity that pulls elsewhere than the description says, as where it has none.
 
-Along one simulated motion near the measured one, the base parameters are fitted anew for each length and each scale:
+Along one simulated motion near the measured one, the base parameters are fitted anew for each of them:
 
     length     W(q, dq, ddq; a (1 + x)) theta
     scale      exp(x) times the rows of one joint; all joints together only scale theta
+    gravity    W(q, dq, ddq; g along an axis of the base) theta, with the base parameters of that robot
 
 so that only what base parameters cannot absorb counts.
 """
 
 from __future__ import annotations
 
+import itertools
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from fmu_didim.base.diagnostics import CATALOGUE, DOUBT, Diagnostic
+from fmu_didim.checks.data.expected import Expected, fitted_by
 from fmu_didim.checks.data.linear_fit import Explanation, FittedMotion, Ticks
 from fmu_didim.checks.data.timing import SHIFT_SIGMAS
+from fmu_didim.checks.data.torque_channel import EXPLAINS
+from fmu_didim.dynamics.base_parameters import base_parameters
 from fmu_didim.dynamics.robot import RobotDescription, RobotModel
-from fmu_didim.model.loop_model import LoopModel
+from fmu_didim.estimators.starts.reference_start import whole_reference
+from fmu_didim.model.loop_model import LoopModel, Simulation
 from fmu_didim.model.parameters import RobotParameters
 
 LARGEST_LENGTH = 20.0
@@ -33,6 +40,13 @@ LARGEST_CHANGE = 0.6
 """[1] Largest relative change of a length that is tried."""
 SHORT_LINK = 0.2
 """[1] Of the longest length, below which a length hardly shows and is not tested."""
+STANDARD_GRAVITY = 9.81
+"""[m/s2] That is tried along each axis of the base."""
+SAME_GRAVITY = 1.0
+"""[m/s2] By which a gravity must differ from the one of the description to be another one: 6 degrees."""
+GRAVITY_LEAVES = 0.5
+"""[1] Of the mean square residual, at most, that another gravity leaves. First moments act by inertia, too, so that a
+gravity that is not there leaves many times as much; joints that it does not turn keep all that they have."""
 
 LINK_TOO_LONG = CATALOGUE(
     "length-unit", DOUBT, rank=4,
@@ -40,16 +54,26 @@ LINK_TOO_LONG = CATALOGUE(
     next_step="Give a and d of the robot description in m, angles in rad.",
 )  # fmt: skip
 LINK_LENGTH = CATALOGUE(
-    "link-length", DOUBT, rank=22,
+    "link-length", DOUBT, rank=21,
     meaning="Another length of a link explains the log clearly better than the one of the robot description.",
     next_step="Measure the distance of the joint axes, and correct a or d of the robot description.",
 )  # fmt: skip
 TORQUE_SCALE = CATALOGUE(
-    "torque-scale", DOUBT, rank=22,
-    meaning="The torques of the joints do not fit each other: coupling and gravity show that one of them is scaled.",
+    "torque-scale", DOUBT, rank=21,
+    meaning="The torques of the joints do not fit each other, or all of them do not fit the loop: coupling, gravity "
+    "and the gains of the controller show that they are scaled.",
     next_step="Check gain, gear ratio and unit of the torque of each joint.",
 )  # fmt: skip
+GRAVITY = CATALOGUE(
+    "gravity", DOUBT, rank=21,
+    meaning="Another size or direction of gravity explains the log clearly better than that of the robot description, "
+    "or the base is tilted.",
+    next_step="Check how the base stands, and gravity: in the robot description: m/s2 along the axes of the base, such "
+    "as [0, 0, -9.81] where z points up.",
+)  # fmt: skip
 DISTANCES = ("a", "d")
+Vector = tuple[float, ...]
+"""Along x, y, z of the base."""
 
 
 def length_unit_diagnostics(model: LoopModel) -> list[Diagnostic]:
@@ -66,9 +90,10 @@ def length_unit_diagnostics(model: LoopModel) -> list[Diagnostic]:
 
 
 def another_robot(fitted: FittedMotion) -> Iterator[Explanation]:
-    """Other scales and lengths that explain a log better, one at a time."""
+    """Other scales, lengths and directions of gravity that explain a log better, one at a time."""
     yield from _scales(fitted)
     yield from _link_lengths(fitted)
+    yield from _gravities(fitted)
 
 
 def _scales(fitted: FittedMotion) -> Iterator[Explanation]:
@@ -122,6 +147,66 @@ def _link_lengths(fitted: FittedMotion) -> Iterator[Explanation]:
             )
             diagnostic = Diagnostic(LINK_LENGTH, text, f"robot: joint {j}", length * (1 + x), length, "m")
             yield Explanation(least, fitted.gain(least), diagnostic)
+
+
+def _gravities(fitted: FittedMotion) -> Iterator[Explanation]:
+    own = len(fitted.run.model.parameters.names)
+    for gravity, other in _pulled_elsewhere(fitted.run.model):
+
+        def pulled(ticks: Ticks, other: RobotParameters = other) -> tuple[np.ndarray, np.ndarray]:
+            return fitted.along.columns(other, ticks), fitted.along(ticks)[1]
+
+        least = fitted.misfit_of(replace(fitted, changed=pulled))
+        if least > GRAVITY_LEAVES:
+            continue
+        diagnostic = _gravity_diagnostic(fitted.run, [(gravity, math.sqrt(least))], 1.0)
+        yield Explanation(least, fitted.gain(least, 1.0 + max(len(other.names) - own, 0)), diagnostic)
+
+
+def gravity_diagnostics(run: Simulation, given: Expected) -> list[Diagnostic]:
+    """Gravity that explains a log along its reference, where no base parameters of the description do: a simulated
+    motion of such a robot comes nowhere near."""
+    if given.fitted is None or (left := given.error(given.fitted)) <= EXPLAINS:
+        return []
+    motion, found = whole_reference(run), []
+    known = np.zeros_like(given.measured) if given.known is None else given.known
+    for gravity, other in _pulled_elsewhere(run.model):
+        observed = other.observed_along(run.experiment.reference.time, *motion)
+        ticks = run.operator.ticks
+        columns = other.regressor(*(signal[ticks] for signal in motion), observed=observed[ticks])[0]
+        rest = given.error(fitted_by(given.kept(run.sampled(columns)), given.measured, known, given.size))
+        if rest <= EXPLAINS and rest**2 <= GRAVITY_LEAVES * left**2:
+            found.append((gravity, rest))
+    return [_gravity_diagnostic(run, sorted(found, key=lambda one: one[1]), left)] if found else []
+
+
+def _pulled_elsewhere(model: LoopModel) -> Iterator[tuple[Vector, RobotParameters]]:
+    """Gravity along the axes of the base where the description has another one, with the robot that it pulls."""
+    robot = _description(model)
+    if robot is None:
+        return
+    for axis, sign in itertools.product(range(3), (-1, 1)):
+        gravity = tuple(sign * STANDARD_GRAVITY if i == axis else 0.0 for i in range(3))
+        if math.dist(gravity, robot.gravity) >= SAME_GRAVITY:
+            other = RobotModel(robot.model_copy(update={"gravity": gravity, "identified": "computed"}))
+            yield gravity, RobotParameters(other, base_parameters(other))
+
+
+def _gravity_diagnostic(run: Simulation, found: Sequence[tuple[Vector, float]], left: float) -> Diagnostic:
+    """Args: found: gravity and what it leaves, the best first; left: what that of the description leaves."""
+    robot = _description(run.model)
+    assert robot is not None
+    (best, rest), *others = found
+    also = [f"; {_vector(gravity)} leaves {100 * error / left:.0f} %" for gravity, error in others[:1]]
+    text = (
+        f"gravity = {_vector(robot.gravity)} m/s2 seems to be {_vector(best)} m/s2: with that, the residual of the "
+        f"base parameters falls to {100 * rest / left:.0f} %{''.join(also)}."
+    )
+    return Diagnostic(GRAVITY, text, run.label, 100 * rest / left, 100 * math.sqrt(GRAVITY_LEAVES), "%")
+
+
+def _vector(values: Sequence[float]) -> str:
+    return f"({', '.join(f'{value:.3g}' for value in values)})"
 
 
 def _clear(

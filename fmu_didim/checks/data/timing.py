@@ -63,7 +63,7 @@ COMMAND_DELAY = CATALOGUE(
     next_step="Give loop: {delay_samples: ...}, or estimate it: estimator: {estimate_delay: true}.",
 )  # fmt: skip
 SAMPLING_KIND = CATALOGUE(
-    "sampling-kind", DOUBT, rank=20,
+    "sampling-kind", DOUBT, rank=21,
     meaning="The log seems to show averages where the case says points, or vice versa.",
     next_step="Find out how the logger samples; give torque: {sampling: ..., window: ...}.",
 )  # fmt: skip

@@ -6,9 +6,14 @@ the start values, which may be far off:
     c_jk = corr(measured torque of joint j, simulated torque of joint k)
     s_j  = <measured, simulated> / <simulated, simulated>           of joint j
     E(p) = sum_j mean((measured_j - simulated_p(j))^2) / mean(measured_j^2)     of an order p of the joints
+
+Where no base parameters explain it along the reference, those that do so with two columns exchanged tell the order.
 """
 
 from __future__ import annotations
+
+import itertools
+from dataclasses import replace
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
@@ -71,7 +76,7 @@ DRIVE_GAIN = CATALOGUE(
     "torque.",
 )  # fmt: skip
 TORQUE_UNIT = CATALOGUE(
-    "torque-unit", DOUBT, rank=10,
+    "torque-unit", DOUBT, rank=10, at_once=True,
     meaning="The torque is much larger or smaller than gravity and inertia of the robot description give it.",
     next_step="Give the torque in N.m or N, on the side of the gear that the robot description means.",
 )  # fmt: skip
@@ -83,8 +88,10 @@ def torque_channel_diagnostics(given: Expected, gains: Array, label: str) -> lis
     Args:
         gains: (n,) from the command to the torque of each drive, 1 without one.
     """
-    foreign = _foreign(given, label)
     whole = given.has_all_joints
+    if whole and (exchanged := _exchanged(given, label)):
+        return exchanged
+    foreign = _foreign(given, label)
     if foreign and not _foreign(later := given.after(FIRST_PART), label):
         given, foreign = later, []  # it does not start on its reference: the transient says nothing of the log
     if foreign or given.nominal is None or not whole:
@@ -133,6 +140,28 @@ def _foreign(given: Expected, label: str) -> list[Diagnostic]:
         "torque's deviation along it."
     )
     return [Diagnostic(REFERENCE_FOREIGN, text, label, left, EXPLAINS, "1")]
+
+
+def _exchanged(given: Expected, label: str) -> list[Diagnostic]:
+    """Whether two columns that change places make a log explained along its reference that is not so as it stands."""
+    if given.fitted is None or (own := given.error(given.fitted)) <= EXPLAINS:
+        return []
+    found = []
+    for pair in itertools.combinations(range(given.measured.shape[1]), 2):
+        order = np.arange(given.measured.shape[1])
+        order[list(pair)] = order[list(pair[::-1])]
+        other = replace(given, measured=given.measured[:, order])
+        assert other.fitted is not None
+        found.append((other.error(other.fitted), *(j + 1 for j in pair)))
+    left, one, two = min(found, default=(own, 0, 0))
+    if left > EXPLAINS or left**2 > OTHER_ORDER * own**2:
+        return []
+    text = (
+        "The measured torques seem to be in another order than the joints: base parameters leave "
+        f"{100 * own:.0f} % of the torque's deviation along the reference; {100 * left:.0f} % if column {one} shows "
+        f"joint {two} and column {two} shows joint {one}."
+    )
+    return [Diagnostic(JOINT_ORDER, text, label, left**2 / own**2, OTHER_ORDER, "1")]
 
 
 def _order(measured: Array, simulated: Array, label: str) -> list[Diagnostic]:

@@ -14,11 +14,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fmu_didim.base.diagnostics import CATALOGUE, DOUBT, Diagnostic
-from fmu_didim.base.distributions import chi2_sf
+from fmu_didim.base.distributions import f_sf
 from fmu_didim.base.errors import FmuDidimError
 from fmu_didim.checks.motion.colour import orthonormal, rest_of
 from fmu_didim.checks.motion.dependence import Dependence, dependence, independent
-from fmu_didim.checks.outputs.outliers import NORMAL
+from fmu_didim.checks.outputs.outliers import KNOWN_FROM, NORMAL
 from fmu_didim.checks.outputs.residuals import OutputResiduals
 from fmu_didim.checks.outputs.suspects import MOST_INPUTS, Suspect, first_changes, of_inputs, of_outputs, of_parameters
 from fmu_didim.data.signals import Array
@@ -72,12 +72,6 @@ OUTPUT_FOLLOWS = CATALOGUE(
     "inputs, sensors, clocks, the initial state or the model differ from what the case says. The values absorb a part.",
     next_step="Begin with the suspect that is named first.",
 )  # fmt: skip
-OUTPUT_UNTESTED = CATALOGUE(
-    "outputs-untested", DOUBT, rank=62,
-    meaning="There are too few samples to test whether the residual of an output follows anything: what the model "
-    "lacks would go unnoticed.",
-    next_step="Measure for longer or at a higher rate.",
-)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -95,22 +89,19 @@ class Explained:
 
 
 def following_diagnostics(found: OutputResiduals) -> list[Diagnostic]:
-    """The outputs whose residual follows something, with the suspects, the likeliest first; and those of which too few
-    samples are known."""
+    """The outputs whose residual follows something, with the suspects, the likeliest first."""
+    if not found.judged:
+        return []
     tables = first_changes(found, _without_parameters(found))
-    tests = {k: _test(found, k, tables) for k in range(len(found.names))}
+    tests = {k: _test(found, k, tables) for k in found.judged}
     level = CHANCE / len(tests)
     tests = {k: d if d.p_value < level else _start_of(found, k, d) for k, d in tests.items()}
     told = {k: d for k, d in tests.items() if d.p_value < level and d.share > LEAST}
-    short = [
-        Diagnostic(OUTPUT_UNTESTED, f"{d.samples} samples beside what was fitted are too few.", found.names[k])
-        for k, d in tests.items() if d.samples is not None
-    ]  # fmt: skip
     if not told:
-        return short
+        return []
     tables |= first_changes(found, of_parameters(found))
     best = ranked(found, tables)
-    return [_told(found, told, best, level), *short] if best else short
+    return [_told(found, told, best, level)] if best else []
 
 
 def _without_parameters(found: OutputResiduals) -> Iterator[Suspect]:
@@ -134,11 +125,13 @@ def _start_of(found: OutputResiduals, k: int, before: Dependence) -> Dependence:
     """The same by the first samples alone, where a start that is off is forgotten soon: too few for the test above."""
     residual = found.residual[found.rows(k), k]
     spread = NORMAL * float(np.median(np.abs(residual - np.median(residual))))
+    freedom = KNOWN_FROM * max(residual.size - found.values.size, 1)
     p_value, squares = 1.0, 0.0
     for log in found.logs(k):
         first = found.residual[found.indices(log.rows)[:FIRST], k]
         if spread and np.abs(first).max() > FAR_START * spread:
-            chance = float(chi2_sf(float(np.sum((first / spread) ** 2)), first.size)) * len(found.logs(k))
+            ratio = float(np.mean((first / spread) ** 2))
+            chance = float(f_sf(ratio, first.size, freedom)) * len(found.logs(k))
             p_value, squares = min(p_value, chance), squares + float(first @ first)
     share = squares / max(float(residual @ residual), TINY)
     return replace(before, p_value=p_value, share=share) if p_value < before.p_value else before

@@ -14,11 +14,13 @@ from fmu_didim.checks.outputs.following import OUTPUT_FOLLOWS, following_diagnos
 from fmu_didim.checks.outputs.held_out import held_out_output_diagnostics
 from fmu_didim.checks.outputs.outliers import outlier_diagnostics
 from fmu_didim.checks.outputs.residuals import OutputResiduals
+from fmu_didim.checks.outputs.succession import OUTPUT_UNTESTED, few_independent, succession_diagnostics
 from fmu_didim.checks.outputs.trusted import trusted_diagnostics
 from fmu_didim.checks.residual import NoiseResult, large_diagnostics, residual_diagnostics, slow_diagnostics
 from fmu_didim.checks.validation import Validation
 from fmu_didim.data.signals import Array
 from fmu_didim.fit.estimate import Estimate
+from fmu_didim.fit.fit_uncertainty import fit_uncertainty
 from fmu_didim.fit.noise.noise import TINY
 
 POWER = 0.95
@@ -43,14 +45,28 @@ def output_diagnostics(
     followed = following_diagnostics(residuals)
     found += [*followed, *noise_diagnostics(estimate)]
     is_told = any(d.code is OUTPUT_FOLLOWS for d in followed)
+    found += [d for d in succession_diagnostics(residuals) if not is_told or d.code is OUTPUT_UNTESTED]
     found += [d for d in before if not (is_told and d.code is START_ELSEWHERE)]  # one of the suspects
     if not is_told:  # which would look like outliers, or hide what is trusted
         found += outlier_diagnostics(residuals)
         found += trusted_diagnostics(residuals, estimate.standard_deviation)
         highest = max((_highest(residuals, k) for k in range(len(labels))), default=np.inf)
+        tests = [test for test in tests if test.joint - 1 in residuals.judged]
         slow = slow_diagnostics(tests, highest, labels=labels, what="where the outputs move")
-        found += slow or _large(residuals, tests, highest, labels)
+        slow = slow or _large(residuals, tests, highest, labels)
+        told = {d.place for d in slow}
+        found += [*slow, *(d for d in _few_independent(estimate, residuals) if d.place not in told)]
     return found
+
+
+def _few_independent(estimate: Estimate, residuals: OutputResiduals) -> list[Diagnostic]:
+    """Outputs whose residual is worth few samples."""
+    fit = estimate.minimum
+    if fit is None:
+        return []
+    colours = fit_uncertainty(fit).colours if fit.model.experiments.channels else estimate.colours
+    stated = ~np.isnan(fit.model.stated_deviations)
+    return few_independent([c for c in colours if c.joint - 1 in residuals.judged], residuals.names, stated.tolist())
 
 
 def _large(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -14,6 +14,7 @@ from fmu_didim.data.signals import Array
 from fmu_didim.fit.derivatives.sensitivity import sensitivity
 from fmu_didim.fit.estimate import Estimate
 from fmu_didim.fit.noise.noise import TINY
+from fmu_didim.fit.noise.weighting import noise_floor
 from fmu_didim.fit.uncertainty import stretches
 from fmu_didim.model.experiments import OutputLog
 from fmu_didim.model.loop_model import LoopModel
@@ -25,19 +26,21 @@ class OutputResiduals:
 
     Attributes:
         model: with all that was measured; outputs: (M, m) simulated; jacobian: (M, m, p) of them.
+        accuracy: (m,) of the simulation, or one for all outputs.
     """
 
     model: LoopModel
     values: Array
     outputs: Array
     jacobian: Array
+    accuracy: Array = field(default_factory=lambda: np.zeros(1))
 
     @classmethod
     def of(cls, estimate: Estimate) -> OutputResiduals:
         """Those of an estimate; raises SimulationError."""
         fit = estimate.fit
         if fit is not None and not estimate.model.experiments.channels:
-            return cls(fit.model, fit.values, fit.outputs, fit.jacobian)
+            return cls(fit.model, fit.values, fit.outputs, fit.jacobian, estimate.accuracy)
         model = estimate.model if fit is None else fit.model
         model = model.with_values(estimate.value)
         if fit is not None:  # with the integration steps of the fit, and all that was measured
@@ -46,7 +49,7 @@ class OutputResiduals:
                 recordings=estimate.model.recordings,
             )  # fmt: skip
         outputs = model.outputs(estimate.value)
-        return cls(model, estimate.value, outputs, sensitivity(model, estimate.value, outputs))
+        return cls(model, estimate.value, outputs, sensitivity(model, estimate.value, outputs), estimate.accuracy)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -86,6 +89,14 @@ class OutputResiduals:
         """(m,) root mean square of each residual, never zero."""
         squares = [np.mean(self.residual[self.rows(k), k] ** 2) for k in range(len(self.names))]
         return np.asarray(np.maximum(np.sqrt(squares), TINY))
+
+    @cached_property
+    def judged(self) -> tuple[int, ...]:
+        """Places of the outputs that leave more than the simulation itself errs by, so that it may be asked whether
+        that is noise."""
+        floor = noise_floor(self.model.measured_outputs, self.model.output_counts)
+        known = np.maximum(np.broadcast_to(self.accuracy, floor.shape), floor)
+        return tuple(int(k) for k in np.flatnonzero(self.deviation > known))
 
     @cached_property
     def measured_at(self) -> NDArray[np.bool_]:

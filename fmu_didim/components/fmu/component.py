@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from fmu_didim.components.base import Component, Instance, start_names
+from fmu_didim.components.fmu.cvode import CVODE_TOLERANCE
 from fmu_didim.components.fmu.description import CO_SIMULATION, FLOAT_TYPES, MODEL_EXCHANGE
 from fmu_didim.components.fmu.events import EventInstance
 from fmu_didim.components.fmu.instance import CoSimulationInstance, FmuInstance
@@ -18,6 +19,10 @@ from fmu_didim.components.fmu.settings import AGAIN, AUTO, DEFAULT_SUBSTEPS, PRO
 from fmu_didim.data.signals import Variable
 from fmu_didim.dynamics.block import Block
 from fmu_didim.export.variables import SUBSTEPS_NAME, TOLERANCE_NAME
+
+USUAL_TOLERANCE = 1e-6
+"""[1] Relative tolerance of solvers inside FMUs that name none, as Dymola, OpenModelica and FMUs that are exported here
+take it by default."""
 
 
 @dataclass(frozen=True)
@@ -125,8 +130,7 @@ class FmuComponent(FmuSettings):
             return None  # a start value has become a parameter
         if (self.options.get(TOLERANCE_NAME) or self.tolerance) and self.stated_substeps is None:
             return None  # the FMU takes more substeps than the rule
-        present = replace(self.block, inputs=self.inputs, outputs=self.outputs, parameters=self.parameters)
-        return present, self.stated_substeps
+        return self.block.with_variables(self.inputs, self.outputs, self.parameters), self.stated_substeps
 
     @property
     def start_parameters(self) -> tuple[str, ...]:
@@ -178,6 +182,28 @@ class FmuComponent(FmuSettings):
             if self.solver == "rk4":
                 described["substeps"] = self.substeps or DEFAULT_SUBSTEPS
         return described | ({"isolated": True} if self._must_be_isolated(rerun) else {})
+
+
+def solver_tolerance(component: Component) -> float:
+    """Relative tolerance of the solver that integrates an FMU with steps that are not known here: CVode in model
+    exchange; in co-simulation the one that it is given or that its file names, else what tools take by default; 0
+    where the steps are known."""
+    form = component.compiled()
+    if not isinstance(form, FmuComponent):
+        return 0.0
+    if form.interface.kind == MODEL_EXCHANGE:
+        return CVODE_TOLERANCE if form.solver == "cvode" else 0.0
+    if form.is_own and (form.equations() is not None or form.sample_time is not None):
+        return 0.0
+    given = form.options.get(TOLERANCE_NAME) or form.tolerance or form.fmu.experiment.tolerance
+    return float(given or USUAL_TOLERANCE)
+
+
+def own_step(component: Component) -> float | None:
+    """Step in s of the solver inside an FMU of another tool in co-simulation, as its file states it: that of FMI 3.0,
+    else that of its default experiment, which is the step of a solver that has a fixed one; None without."""
+    form = foreign_co_simulation(component)
+    return None if form is None else form.interface.own_step or form.fmu.experiment.step
 
 
 def foreign_co_simulation(component: Component) -> FmuComponent | None:

@@ -132,7 +132,8 @@ class ClockVariable:
 
 @dataclass(frozen=True)
 class Interface:
-    """One of the ways in which an FMU can be run, with its capabilities as declared."""
+    """One of the ways in which an FMU can be run, with its capabilities as declared; ``own_step``: of a solver inside
+    that has a fixed one, s (FMI 3.0)."""
 
     kind: str
     identifier: str
@@ -144,6 +145,7 @@ class Interface:
     needs_completed_step: bool = True
     has_event_mode: bool = False
     may_return_early: bool = False
+    own_step: float | None = None
 
 
 @dataclass(frozen=True)

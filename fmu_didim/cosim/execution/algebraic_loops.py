@@ -7,17 +7,20 @@ the running instances by derivatives, because a structure may only say what migh
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import lru_cache
 from graphlib import CycleError, TopologicalSorter
 
 import numpy as np
 
 from fmu_didim.base.errors import SimulationError
 from fmu_didim.cosim.execution.running import LoopRun, Part
-from fmu_didim.cosim.system import REFERENCE, System
+from fmu_didim.cosim.system import REFERENCE, Connection, System
 from fmu_didim.data.signals import Array
 
 TOLERANCE = 1e-12
 MAXIMUM_ITERATIONS = 50
+KEPT = 64
+"""[loops] Whose structure is remembered: an identification simulates few of them some tens of times."""
 _FELT = 1e-8
 """[1] Fraction of the largest derivative that still counts as a dependence."""
 
@@ -30,17 +33,27 @@ def algebraic_loops(system: System) -> list[list[str]]:
     """
     if system.jacobi:
         return []
-    sources: dict[str, list[str]] = {}
-    for connection in system.connections:
-        if not connection.source.startswith(f"{REFERENCE}."):
-            sources.setdefault(connection.target, []).append(connection.source)
-    follows: dict[str, list[str]] = {}
+    at_once: list[tuple[str, frozenset[tuple[str, str]]]] = []
     for name, component in system.components.items():
         pairs = component.feedthrough()
         if name in system.after_step:
             pairs = frozenset((y.name, u.name) for y in component.outputs for u in component.inputs)
-        if pairs is None or system.delays.get(name):
-            continue
+        if pairs is not None and not system.delays.get(name):
+            at_once.append((name, pairs))
+    return [list(loop) for loop in _closed_by(system.connections, tuple(at_once))]
+
+
+@lru_cache(maxsize=KEPT)
+def _closed_by(
+    connections: tuple[Connection, ...], at_once: tuple[tuple[str, frozenset[tuple[str, str]]], ...]
+) -> list[list[str]]:
+    """The cycles by the wiring, and of components the outputs that depend at once on inputs, as pairs of both."""
+    sources: dict[str, list[str]] = {}
+    for connection in connections:
+        if not connection.source.startswith(f"{REFERENCE}."):
+            sources.setdefault(connection.target, []).append(connection.source)
+    follows: dict[str, list[str]] = {}
+    for name, pairs in at_once:
         for output, given in pairs:
             follows.setdefault(f"{name}.{output}", []).extend(sources.get(f"{name}.{given}", []))
     return _cycles(follows)

@@ -296,7 +296,8 @@ class LoopRun:
         return int(self.ticks[-1]) + self.lag + 1
 
     def initialise(self) -> None:
-        """Initialisation mode: values pass around the loop until each component has received those of all others."""
+        """Initialisation mode: values pass around the loop until each component has received those of all others,
+        or none changes any more."""
         self.signals[: self.table.shape[1]] = self.table[0]
         part = self.parts[0]
         try:
@@ -304,10 +305,13 @@ class LoopRun:
                 part.instance.begin_initialisation(self.start)
                 self._goes_on()
             for _ in range(len(self.parts) + 1):
+                before = self.signals.copy()
                 for part in self.parts:
                     part.gather(self.signals)
                     part.instance.set()
                     part.instance.get()
+                if (self.signals == before).all():
+                    break  # all have received what the others give
             for part in self.parts:
                 part.instance.end_initialisation()
                 part.instance.get()

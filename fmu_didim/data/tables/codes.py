@@ -15,12 +15,12 @@ UNIT_FROM_FILE = CATALOGUE(
     next_step="Nothing if that is right; else columns: {q1: {name: ..., unit: ...}}.",
 )  # fmt: skip
 UNIT_CONTRADICTS = CATALOGUE(
-    "unit-contradicts-file", DOUBT, rank=3,
+    "unit-contradicts-file", DOUBT, rank=3, at_once=True,
     meaning="The case gives another unit for a column than the file does; that of the case was taken.",
     next_step="Find out which is right; a wrong unit scales all that is identified.",
 )  # fmt: skip
 UNIT_UNKNOWN = CATALOGUE(
-    "unit-unknown", DOUBT, rank=3,
+    "unit-unknown", DOUBT, rank=3, at_once=True,
     meaning="A file states a unit that is not known, and the case gives none: the numbers were taken as SI.",
     next_step="Give it: columns: {q1: {name: ..., unit: ..., scale: ...}}.",
 )  # fmt: skip

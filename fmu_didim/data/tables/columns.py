@@ -93,6 +93,9 @@ class TimeColumn(Strict):
         return self
 
 
+LARGEST_FACTOR = 1e30
+"""[1] By which the numbers of a column are multiplied at most, and one over it at least: squares of what is beyond
+overflow."""
 MOTION = {"q": 0, "dq": 1, "ddq": 2}
 
 
@@ -194,6 +197,12 @@ def conversion(signal: str, column: Column, stated: str, wanted: Target, *, wher
     from_file = column.unit is None and definition is not None and (definition.factor != 1.0 or offset != 0.0)
     if wanted.own is not None:
         from_file = from_file and definition != wanted.own
+    if not 1 / LARGEST_FACTOR <= abs(factor) <= LARGEST_FACTOR:
+        raise InputError(
+            "A column is multiplied by a number that no unit and no gear has.", where=where, got=f"{factor:g} in all",
+            valid=f"{1 / LARGEST_FACTOR:g} to {LARGEST_FACTOR:g}, or negative",
+            next_step=f"Correct scale:, gear_ratio:, rated: or torque_constant: of {signal}.",
+        )  # fmt: skip
     shift = factor / column.scale * column.zero - offset
     return Conversion(factor, shift, unit, from_file, stated if differs else "")
 

@@ -19,7 +19,7 @@ from scipy.interpolate import CubicSpline
 
 from fmu_didim.base.errors import DivergedError, SimulationError
 from fmu_didim.components.control import ControlComponent, Matrices
-from fmu_didim.cosim import Connection, Recording, simulate
+from fmu_didim.cosim import Connection, InstancePool, Recording, simulate
 from fmu_didim.cosim.system import REFERENCE
 from fmu_didim.data.signals import Array, Variable, trajectory
 from fmu_didim.estimators.starts.reference_start import Motion, reference_motion
@@ -80,7 +80,7 @@ class _Loop:
     """The loop of one experiment with a light plant in place of the robot."""
 
     def __init__(self, run: Simulation) -> None:
-        self._run, self._system = run, run.system
+        self._run, self._system, self._pool = run, run.system, InstancePool()
         loop = self._loop = run.model.loop
         self._step = self._system.step_size
         self.slowest = self._step * max(self._system.every.values(), default=1)
@@ -173,7 +173,8 @@ class _Loop:
         columns = {column: self._reference.column(column)[: drive.shape[0]] for column in self._reference.names}
         columns |= {f"{DRIVE}{j}": drive[:, j - 1] for j in joints}
         reference = trajectory(self._reference.time[: drive.shape[0]], columns)
-        return simulate(system, reference, bounds=self._loop.position_bounds(self._run.experiment.reference))
+        bounds = self._loop.position_bounds(self._run.experiment.reference)
+        return simulate(system, reference, bounds=bounds, pool=self._pool)
 
 
 def light_plant(step: float | None, inverse_mass: Array, rate: Array, start: Array) -> ControlComponent:

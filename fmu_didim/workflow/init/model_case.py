@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from fmu_didim.base.documents import TO_FILL_IN
-from fmu_didim.components.fmu.description import CO_SIMULATION, FLOAT_TYPES, FmuDescription, FmuVariable
+from fmu_didim.components.fmu.description import FLOAT_TYPES, MODEL_EXCHANGE, FmuDescription, FmuVariable
 from fmu_didim.data.units import known_unit
 from fmu_didim.workflow.init.data_file import DataFile
 from fmu_didim.workflow.init.inventory import Inventory
@@ -110,7 +110,7 @@ def _parameters(fmu: FmuDescription) -> tuple[list[dict[str, str]], list[dict[st
 
 def _starts(fmu: FmuDescription, *, is_source: bool) -> list[dict[str, str]]:
     """Where the states start, which can be identified where this project integrates the model."""
-    if not is_source and fmu.interface(CO_SIMULATION) is not None:
+    if not is_source and fmu.interface(MODEL_EXCHANGE) is None:
         return []
     known = {v.name: v for v in fmu.variables}
     derived = [match[1] for name in known if (match := re.fullmatch(r"der\((.+)\)", name))]

@@ -50,14 +50,14 @@ def model_runs(files: Sequence[ModelFile]) -> list[ModelRun]:
             got=", ".join(file.data.path.name for file in driving), valid="one file of inputs, or one for each run",
             next_step="Give the files of one run alone, or name those of a run alike: day2_weather.csv, day2_room.csv.",
         )  # fmt: skip
-    made = []
+    made, named = list[ModelRun](), list[list[str]]()
     for i, (group, is_guess) in enumerate(grouped):
         own = driving[i] if len(driving) > 1 else next(iter(driving), None)
         parts = [file for file in (own, *group) if file is not None and (len(driving) > 1 or file is not own)]
-        words = [words_of(file.data) for file in parts or group]
-        label = "_".join(sorted(set.intersection(*words))) or group[0].data.path.stem
+        named.append(_common_words(parts or group))
         stems = " ".join(file.data.path.stem.lower() for file in parts or group)
-        made.append(ModelRun(label, own, tuple(group), bool(re.search(HELD_OUT, stems)), is_guess))
+        made.append(ModelRun("", own, tuple(group), bool(re.search(HELD_OUT, stems)), is_guess))
+    made = [replace(run, label=label) for run, label in zip(made, _labels(made, named), strict=True)]
     made.sort(key=lambda run: run.held_out)
     if len(made) > 1 and not any(run.held_out for run in made):
         made[-1] = replace(made[-1], held_out=True)
@@ -67,6 +67,20 @@ def model_runs(files: Sequence[ModelFile]) -> list[ModelRun]:
     return [
         replace(run, label=f"run{i}" if labels.count(run.label) > 1 else run.label) for i, run in enumerate(made, 1)
     ]
+
+
+def _common_words(files: Sequence[ModelFile]) -> list[str]:
+    """The words that the names of all these files have, in their order: ``1st`` is one."""
+    each = [re.findall(r"[^\W_]+", file.data.path.stem.lower()) for file in files]
+    return [word for word in each[0] if all(word in words for words in each)]
+
+
+def _labels(runs: Sequence[ModelRun], words: Sequence[Sequence[str]]) -> list[str]:
+    """The label of each run: what tells its files from those of the other runs, else all that they share, else the name
+    of its file."""
+    shared = set.intersection(*map(set, words)) if len(runs) > 1 else set[str]()
+    own = ["_".join(word for word in found if word not in shared) or "_".join(found) for found in words]
+    return [label or run.measured[0].data.path.stem for run, label in zip(runs, own, strict=True)]
 
 
 def _driving(files: Sequence[ModelFile]) -> list[ModelFile]:

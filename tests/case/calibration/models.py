@@ -54,6 +54,13 @@ def root() -> Block:
     )  # fmt: skip
 
 
+def driven() -> Block:
+    """x' = a x + u."""
+    return block(
+        "driven", {"a": -0.9, "x0": 0.8}, 1, "u", lambda p, x, u: [p["a"] * x[0] + u[0]], lambda p, x, u: {"x": x[0]}
+    )
+
+
 def rough() -> Block:
     """X = X0 exp(-k t) with ripples in k that a solver of its own might leave: slopes over tiny steps are theirs."""
     return block(

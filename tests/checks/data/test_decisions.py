@@ -183,7 +183,7 @@ def test_part_of_a_log_that_stands_in_another() -> None:
 
 def moving(*columns: Array, begin: float = 0.0, names: tuple[str, ...] = ("q1", "q2")) -> Trajectory:
     """A reference with these columns."""
-    return trajectory(begin + TIME[: columns[0].size], dict(zip(names, columns, strict=False)))
+    return trajectory(begin + 0.01 * np.arange(columns[0].size), dict(zip(names, columns, strict=False)))
 
 
 SLOW, FAST, REST = np.sin(0.05 * N), np.sin(0.11 * N), np.zeros(400)
@@ -211,15 +211,47 @@ UNEVEN = np.sqrt(2) * np.sin(1.7 * N)
     ],
 )
 def test_references_of_the_same_motion(held_out: Trajectory, fitted: Trajectory, same: bool) -> None:
-    assert (difference(held_out, fitted) < SAME_MOTION) == same
+    assert (difference(held_out, fitted)[0] < SAME_MOTION) == same
+
+
+PERIODIC = [sum(np.sin(0.02 * np.pi * k * np.arange(1000) + 2.0 * k + j) / k for k in (1, 2, 3)) for j in (0, 1)]
+"""Two joints along a motion with a period of 1 s, ten times."""
+
+
+@pytest.mark.parametrize(
+    ("begin", "end", "fitted_end", "later"),
+    [
+        (250, 400, 500, 2.5),  # a part of what is fitted
+        (350, 450, 300, 0.5),  # further periods: within the fitted ones there is the same
+        (400, 720, 150, None),  # longer than what is fitted: more than half of it has nothing to be compared with
+        (380, 470, 100, -0.2),  # its first fifth is that of no fitted period, the rest is
+    ],
+)
+def test_a_reference_that_begins_within_another(begin: int, end: int, fitted_end: int, later: float | None) -> None:
+    held_out = moving(*(q[begin:end] for q in PERIODIC))
+    apart, since = difference(held_out, moving(*(q[:fitted_end] for q in PERIODIC)))
+    assert (apart < SAME_MOTION) == (later is not None)
+    if later is not None:
+        assert since % 1.0 == pytest.approx(later % 1.0, abs=1e-4)
+
+
+def test_a_reference_that_begins_between_two_rows_of_another() -> None:
+    fitted = moving(SLOW, FAST)
+    time = 1.2345 + 0.007 * np.arange(300)
+    held_out = trajectory(time, {"q1": np.sin(5 * time), "q2": np.sin(11 * time)})
+    apart, since = difference(held_out, fitted)
+    assert apart < SAME_MOTION
+    assert since == pytest.approx(1.2345, abs=1e-3)
+    other = trajectory(time, {"q1": np.sin(5 * time), "q2": np.sin(11 * time + 0.1)})
+    assert difference(other, fitted)[0] > SAME_MOTION
 
 
 def test_two_parts_of_one_reference_are_two_motions() -> None:
     operator = sample_operator(TIME, start=0.0, step=0.01, tick_count=400)
     whole = Experiment(moving(SLOW, FAST), TIME, np.column_stack([SLOW, FAST]), operator)
     first, second = replace(whole, time=TIME[:200]), replace(whole, time=TIME[200:])
-    assert difference(during_log(second), during_log(first)) > SAME_MOTION
-    assert difference(during_log(second), during_log(second)) == 0.0
+    assert difference(during_log(second), during_log(first))[0] > SAME_MOTION
+    assert difference(during_log(second), during_log(second)) == (0.0, 0.0)
 
 
 def of_log(torque: Array, **changes: Any) -> list[Diagnostic]:

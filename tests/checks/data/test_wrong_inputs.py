@@ -24,7 +24,7 @@ from fmu_didim.cosim import SampleOperator
 from fmu_didim.dynamics.robot import RobotModel
 from fmu_didim.model.loop_model import LoopModel
 from fmu_didim.model.parameters import RobotParameters
-from tests.checks.data.right import loaded, motion, right, with_columns, with_experiment, with_log
+from tests.checks.data.right import case_of, loaded, motion, right, with_columns, with_experiment, with_log
 from tests.helpers import with_component
 
 Array = np.ndarray
@@ -204,6 +204,16 @@ def delayed(samples: float) -> Callable[[LoopModel], LoopModel]:
     return lambda model: model.with_delay(samples)
 
 
+def without_gravity(robot: str, model: LoopModel) -> LoopModel:
+    """The loop of a description that lacks gravity, with the logs of the one that has it."""
+    assert isinstance(model.parameters, RobotParameters)
+    content = model.parameters.model.description.model_dump(mode="json", exclude_defaults=True)
+    other = case_of(robot).with_(robot={**content, "gravity": [0, 0, 0], "identified": "computed"}).model
+    for label in model.experiments:
+        other = other.with_experiment(label, model.experiments[label])
+    return other
+
+
 def longer(model: LoopModel) -> LoopModel:
     """The longest link of the real robot is a quarter longer than the description says."""
     parameters = model.parameters
@@ -235,7 +245,7 @@ ELSEWHERE = {
     "positions-unit",  # tests/workflow/test_objects.py
     "outliers-left-out",  # tests/workflow/test_outliers.py
     "clock-slightly-off", "timing-slightly-off",  # below
-    "drive-gain", "length-unit", "link-length", "reference-unit-doubtful", "torque-scale",  # below
+    "drive-gain", "gravity", "length-unit", "link-length", "reference-unit-doubtful", "torque-scale",  # below
 }  # fmt: skip
 """Codes that are provoked in other tests."""
 
@@ -340,6 +350,17 @@ def test_longer_links_are_reported_with_their_length(robot: str) -> None:
         assert told.value is not None and told.bound is not None
         factors.append(told.value / told.bound)
     assert np.median(factors) == pytest.approx(1.25, abs=0.05)
+
+
+@pytest.mark.gate
+@pytest.mark.parametrize(("robot", "seed"), [run for run in RUNS if run.values[0] != "scara"])
+def test_gravity_that_the_description_lacks_is_told(robot: str, seed: int) -> None:
+    model = right(robot, seed)
+    assert isinstance(model.parameters, RobotParameters)
+    true = model.parameters.model.description.gravity
+    found = data_diagnostics(without_gravity(robot, model))
+    assert found[0].code.name == "gravity", [f"{d.code.name}: {d}" for d in found]
+    assert f"seems to be ({', '.join(f'{value:.3g}' for value in true)}) m/s2" in found[0].text
 
 
 @pytest.mark.gate

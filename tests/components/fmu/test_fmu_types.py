@@ -170,3 +170,21 @@ def test_feedthrough_of_arrays_and_of_what_is_not_said(tmp_path: Path) -> None:
         path = tmp_path / "said.fmu"
         pack(path, text.replace('<Unknown index="2"/>', structure), library("slave"))
         assert load_fmu(path).feedthrough() == wanted
+
+
+@pytest.mark.parametrize("isolated", [False, True])
+def test_further_names_of_an_input_do_not_overwrite_it(tmp_path: Path, isolated: bool) -> None:
+    """Of FMI 3.0: an alias of an input is no input of its own, that of an output is the output."""
+    xml = ARRAYS.replace('start="0 0"><Dimension start="2"/>', 'start="0 0"><Dimension start="2"/><Alias name="twin"/>')
+    xml = xml.replace('causality="output"><Dimension start="2"/>', 'causality="output"><Dimension start="2"/>'
+                      '<Alias name="shown"/>')  # fmt: skip
+    xml = xml.replace('<Output valueReference="1"/>', '<Output valueReference="1" dependencies=""/>')
+    assert "twin" in xml and "shown" in xml
+    made = load_fmu(pack(tmp_path / "arrays.fmu", xml, library("arrays")), isolated=isolated)
+    assert [v.name for v in made.inputs] == ["u[1]", "u[2]"]
+    assert [v.name for v in made.outputs] == ["y[1]", "y[2]", "z", "shown[1]", "shown[2]"]
+    u = np.array([[1.0, 2.0], [3.0, -1.0], [0.5, 4.0]])
+    found = drive(made, u, 0.5)
+    np.testing.assert_array_equal(found[:, :2], u)
+    np.testing.assert_array_equal(found[:, 3:], u)
+    assert {output for output, _ in made.feedthrough() or ()} == {"z"}

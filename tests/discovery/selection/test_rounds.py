@@ -99,12 +99,24 @@ def test_hidden_effect_is_named_first_on_its_joint(run: RunWithParameters, effec
     assert first.delta_bic > 10
     assert first.share_of_gap > 0.5
     assert first.parameters
-    # The hidden effects have other forms than those of the catalogue, which the base parameters make up for a little.
+    assert off_silently(document, parameters) == []
+
+
+def off_silently(document: FindingsDocument, parameters: dict[str, float]) -> list[str]:
+    """Base parameters that are off, but for those of a joint of which a doubt says that a gap remains there.
+
+    The hidden effects have other forms than those of the catalogue, which the base parameters make up for a little.
+    """
     base = {p.name: p for p in document.base_parameters}
+    remains = {reason.place[-1] for reason in document.reasons if reason.code == "gap-remains"}
+    assert document.verdict == "doubtful" or not remains
+    found = []
     for name, wanted in parameters.items():
         size = abs(parameters[name.replace("MY", "MX")])  # both are parts of one first moment
         room = max(4 * base[name].std, 0.1 * size)  # type: ignore[operator]
-        assert base[name].value == pytest.approx(wanted, abs=room), name
+        if abs(base[name].value - wanted) > room and not name.removesuffix("R").endswith(tuple(remains)):
+            found.append(name)
+    return found
 
 
 @pytest.fixture(scope="module")

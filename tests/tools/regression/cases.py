@@ -23,6 +23,7 @@ EXAMPLES: tuple[tuple[Verb, str], ...] = (
     ("identify", "scara/two_payloads"),
     ("identify", "double_pendulum/identify"),
     ("identify", "double_pendulum/prior"),
+    ("identify", "batch/identify"),
     ("identify", "house/identify"),
     ("identify", "pendulum_modelica/identify"),
     ("identify", "emps/identify"),

@@ -259,6 +259,6 @@ PHYSICAL: Mapping[str, Mistake] = {
     "a controller of one joint": Mistake(document("controller.yaml", _single), (), ("controller",)),
     "a wrong gain": Mistake(document("controller.yaml", _joint("Kp", 1.5, 3.0)), (*FIT, *CLOCK, *UNIT)),
     "a wrong length": Mistake(document("robot.yaml", _joint("a", 1.2, 1.8)), ("link-length",)),
-    "no gravity": Mistake(document("robot.yaml", _no_gravity), FIT),
+    "no gravity": Mistake(document("robot.yaml", _no_gravity), ("gravity",)),
     "no friction": Mistake(document("robot.yaml", _no_friction), FIT),
 }

@@ -45,12 +45,17 @@ def test_draws_are_the_same_and_change_something() -> None:
     assert len(PHYSICAL) > 25
 
 
-def said(verdict: str = "", *, value: float = 1.0, std: float = 0.1, step: str = "Mend it.", text: str = "") -> Said:
+def said(
+    verdict: str = "", *, value: float = 1.0, std: float = 0.1, step: str = "Mend it.", text: str = "",
+    moves: tuple[str, float] | None = None,
+) -> Said:  # fmt: skip
     if not verdict:
         return Said(1, text)
     reasons = [] if verdict == "valid" else [{"code": "log-outliers", "next_step": step}]
     parameters = {"a": {"value": value, "std": std}, "other": {"value": 7.0, "std": 1.0}}
     result: dict[str, Any] = {"verdict": verdict, "reasons": reasons, "parameters": parameters, "advice": ""}
+    if moves is not None:
+        result["power"] = {"stated": [{"moves": {"parameter": moves[0], "deviations": moves[1]}}]}
     return Said(0, text, result)
 
 
@@ -58,8 +63,8 @@ def said(verdict: str = "", *, value: float = 1.0, std: float = 0.1, step: str =
     ("found", "what"),
     [
         (said("valid"), HARMLESS),
-        (said("valid", value=1.49), HARMLESS),
-        (said("valid", value=1.51), SILENT),
+        (said("valid", value=1.049), HARMLESS),
+        (said("valid", value=1.051), SILENT),
         (said("valid", std=0.4), SILENT),
         (said("valid", std=0.0), SILENT),
         (said("doubtful", value=9.0), TOLD),
@@ -71,6 +76,24 @@ def said(verdict: str = "", *, value: float = 1.0, std: float = 0.1, step: str =
 )
 def test_outcomes(found: Said, what: str) -> None:
     assert outcome(found, {"a": (1.0, 0.1)}) == what
+
+
+@pytest.mark.parametrize(
+    ("value", "moves", "what"),
+    [
+        (-39.96, None, HARMLESS),
+        (-39.9, None, SILENT),
+        (-39.9, ("a", -2.0), HARMLESS),
+        (-39.9, ("a", 0.9), SILENT),
+        (-39.9, ("other", 4.0), SILENT),
+        (-39.7, ("a", 40.0), SILENT),
+    ],
+)
+def test_what_the_result_says_that_it_does_not_exclude(
+    value: float, moves: tuple[str, float] | None, what: str
+) -> None:
+    """One deviation is a quarter of a per cent here."""
+    assert outcome(said("valid", value=value, moves=moves), {"a": (-40.0, 0.1)}) == what
 
 
 @pytest.mark.parametrize(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import inspect
+import math
 import tempfile
 import types
 import typing
@@ -67,12 +68,12 @@ def description(file: DescriptionFile, version: str, *, negated: frozenset[str] 
         tool=own.generationTool or "",
         interfaces=tuple(_interfaces(own, file.root)),
         platforms=file.platforms,
-        variables=tuple(_variable(v, v.name in negated) for v in own.modelVariables if v.type != "Clock"),
+        variables=tuple(_variable(v, v.name in negated) for v in own.modelVariables if not _is_left_out(v)),
         state_count=own.numberOfContinuousStates,
         indicator_count=own.numberOfEventIndicators,
         experiment=Experiment(*(float(text) if text else None for text in stated)),
         units={u.name: _unit(u.baseUnit) for u in own.unitDefinitions if u.name and u.baseUnit is not None},
-        dependencies={u.variable.name: _inputs(u.dependencies) for u in own.outputs} or None,
+        dependencies=_dependencies(own) or None,
         states=_states(own),
     )
 
@@ -101,7 +102,30 @@ def _interfaces(own: Any, root: ET.Element) -> Iterator[Interface]:
                 needs_completed_step=completed,
                 has_event_mode=stated.get("hasEventMode") in TRUE,
                 may_return_early=stated.get("mightReturnEarlyFromDoStep") in TRUE,
+                own_step=_positive(stated.get("fixedInternalStepSize")),
             )
+
+
+def _is_left_out(variable: Any) -> bool:
+    """Clocks, which are read elsewhere, and further names of an input (FMI 3.0): as inputs of their own, they would
+    overwrite its value with their start value at each step."""
+    return variable.type == "Clock" or (variable.alias is not None and variable.causality == "input")
+
+
+def _dependencies(own: Any) -> dict[str, tuple[str, ...] | None]:
+    """Output -> inputs that it depends on at once, under each of its names."""
+    stated = {u.variable.name: _inputs(u.dependencies) for u in own.outputs}
+    further = {v.name: stated[v.alias.name] for v in own.modelVariables if v.alias and v.alias.name in stated}
+    return stated | further
+
+
+def _positive(text: str | None) -> float | None:
+    """A positive number in an attribute; None where there is none."""
+    try:
+        found = float(text or 0)
+    except ValueError:
+        return None
+    return found if found > 0 and math.isfinite(found) else None
 
 
 def _inputs(known: Any) -> tuple[str, ...] | None:
