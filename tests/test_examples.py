@@ -161,10 +161,8 @@ def _replicates_by_scipy(script: dict[str, object]) -> tuple[np.ndarray, np.ndar
     weights: list[np.ndarray] = []
 
     def outputs(values: np.ndarray) -> np.ndarray:
-        script["true"].__globals__.update(MU_MAX=values[0], Y_XS=values[1])  # type: ignore[attr-defined]
-        return np.vstack([
-            script["true"](x0, table[:, 0]) for x0, table in zip(values[2:], tables, strict=True)  # type: ignore[operator]
-        ])  # fmt: skip
+        runs = zip(values[2:], tables, strict=True)
+        return np.vstack([script["true"](x0, table[:, 0], *values[:2]) for x0, table in runs])  # type: ignore[operator]
 
     measured = np.vstack([table[:, 1:] for table in tables])
     taken = np.isfinite(measured)

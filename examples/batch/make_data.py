@@ -16,12 +16,12 @@ ROWS, STEP, EVERY = 101, 360.0, 10
 NOISE_X, RELATIVE_X, NOISE_S = 0.02, 0.05, 0.2
 
 
-def true(x0: float, time: np.ndarray) -> np.ndarray:
+def true(x0: float, time: np.ndarray, mu_max: float = MU_MAX, y_xs: float = Y_XS) -> np.ndarray:
     """(N, 2) biomass and substrate."""
 
     def slope(t: float, state: np.ndarray) -> list[float]:
-        growth = MU_MAX / 3600 * state[1] / (K_S + state[1]) * state[0]
-        return [growth, -growth / Y_XS]
+        growth = mu_max / 3600 * state[1] / (K_S + state[1]) * state[0]
+        return [growth, -growth / y_xs]
 
     found = solve_ivp(slope, (0, time[-1]), [x0, S0], t_eval=time, method="LSODA", rtol=1e-10, atol=1e-12)
     return found.y.T

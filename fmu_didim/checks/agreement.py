@@ -69,10 +69,10 @@ def agreement(fit: Fit) -> Mapping[str, AgreementResult]:
     table, residual = fit.jacobian / fit.deviation[:, None], fit.residual / fit.deviation
     table = table / np.maximum(np.linalg.norm(table.reshape(-1, count), axis=0), TINY)
     logs = unfiltered_residual(fit) / fit.deviation
-    if fit.model.prior is not None:  # its pull is no disagreement: judged is where the data alone have the minimum
-        left, right = shown_directions(table.reshape(-1, count))
-        pulled = table @ (right @ (left.T @ residual.ravel()))
-        residual, logs = residual - pulled, logs - pulled
+    # The pull of a prior, of further signals or of a limit is no disagreement: judged is where these alone are least.
+    left, right = shown_directions(table.reshape(-1, count))
+    pulled = table @ (right @ (left.T @ residual.ravel()))
+    residual, logs = residual - pulled, logs - pulled
     grams = {label: np.einsum("mjp,mjq->pq", table[part], table[part]) for label, part in rows.items()}
     inverse = np.linalg.pinv(np.asarray(sum(grams.values())), hermitian=True)
     moved = {label: _moved(fit, label, table[part], residual[part], logs[part]) for label, part in rows.items()}

@@ -20,11 +20,11 @@ from fmu_didim.model.loop_model import LoopModel
 from fmu_didim.model.prediction import drive_torque
 from tests.conftest import package
 from tests.helpers import ROOT
-from tests.tools.benchmarks import pinocchio_loop, scara, tx40, tx40_identification
+from tests.tools.benchmarks import calibration, peers, pinocchio_loop, scara, tx40, tx40_identification
 from tests.tools.benchmarks.__main__ import BENCHMARKS, main, table
 from tests.tools.benchmarks.cheap_fmus import Slaves, reference, system
 from tests.tools.benchmarks.discovery_stages import STAGES, staged
-from tests.tools.benchmarks.figure import Figure, Settings, interleaved
+from tests.tools.benchmarks.figure import OFF, OVER, Figure, Settings, interleaved
 from tests.tools.benchmarks.master_overhead import _against
 from tests.tools.benchmarks.other_masters import ecos, libcosim
 from tests.tools.benchmarks.publish import publish, record, texts
@@ -150,6 +150,38 @@ def test_what_is_run_again_takes_its_place_in_the_file(tmp_path: Path) -> None:
     assert texts(held["data"], ["a", "b", "c"])["not_run"] == "c"
     with pytest.raises(SystemExit):
         main(["--quick", "--figures", str(file)])
+
+
+def test_an_absent_tool_keeps_its_last_figure_with_its_date(tmp_path: Path) -> None:
+    file, settings, name = tmp_path / "speed.json", Settings(3), f"a task{OVER}another"
+    medians = {"ours s": 0.5, "theirs s": 10.0, OFF: 0.25}
+    there = {**record([Figure(name, 0.05, None, medians=medians)], settings, 0.5), "date": "2026-01-02"}
+    publish(file, {"a": there}, ["a"])
+    for _ in range(2):
+        publish(file, {"a": record([Figure(name, None, None, note="absent: no uv")], settings, 0.7)}, ["a"])
+    held = json.loads(file.read_text(encoding="utf-8"))
+    when = f"2026-01-02, 0.5; not here on {held['date']}"
+    assert held["figures"]["table"][2:] == [f"| {name} | reported | 0.05 |  | {when} |"]
+    assert held["figures"]["peers"][2:] == [f"| a task | another | 10 | 0.5 | 0.25 | {when} |"]
+    assert held["data"]["a"]["figures"][0]["note"] == "absent: no uv"
+
+
+def test_a_tool_that_cannot_be_installed_or_ends_is_absent_with_the_reason(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refused(*call: str, check: bool = True) -> None:
+        raise subprocess.CalledProcessError(1, call, stderr="looking\nno such package")
+
+    monkeypatch.setattr(peers, "uv", refused)
+    said = peers.Peer("tool", "with_estim8.py", ("tool",)).answer({})
+    assert said == "absent: tool cannot be installed here (no such package)"
+    monkeypatch.setattr(peers.Peer, "_environment", lambda *_: Path(sys.executable))
+    ended = peers.Peer("tool", "no_such_script.py", ()).answer({})
+    assert isinstance(ended, str) and "absent: tool ended without an answer (" in ended
+
+
+def test_fits_by_hand_find_what_is_found_here() -> None:
+    """The batch is fitted to the same optimum; the inputs of the house are held over a step by FMPy."""
+    for task, by_hand, most in (("batch", calibration.batch_by_hand, 0.01), ("house", calibration.house_by_hand, 2.0)):
+        assert calibration._off(by_hand()(), calibration.ours(task)) < most
 
 
 @pytest.mark.gate

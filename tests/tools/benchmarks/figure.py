@@ -11,6 +11,12 @@ from typing import Any, Literal
 
 Sense = Literal["at most", "at least"]
 
+OFF = "off sigma"
+"""Among the medians of a figure: how far the values of another tool are from ours, in standard deviations; beside it
+``ours s`` and ``theirs s``."""
+OVER = ": identification / "
+"""In the name of such a figure: between the task and the other tool."""
+
 
 @dataclass(frozen=True)
 class Settings:

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from tests.figures import command_of, machine, table, today, write_figures
-from tests.tools.benchmarks.figure import Figure, Settings
+from tests.tools.benchmarks.figure import OFF, OVER, Figure, Settings
 
 Records = Mapping[str, Mapping[str, Any]]
 
@@ -28,17 +28,35 @@ def record(figures: Sequence[Figure], settings: Settings, load_before: float) ->
 
 
 def publish(path: Path, measured: Records, order: Sequence[str]) -> None:
-    """Put what was measured into the file, beside what other benchmarks gave before.
+    """Put what was measured into the file, beside what other benchmarks gave before, and the last figure of a
+    competitor that is absent this time, with its date.
 
     Args:
         order: names of all benchmarks, as the table has them; what is none any more is dropped.
     """
     before = json.loads(path.read_text(encoding="utf-8"))["data"] if path.is_file() else {}
-    kept = {**before, **measured}
+    kept = {**before, **{name: _with_last(entry, before.get(name)) for name, entry in measured.items()}}
     records = {name: kept[name] for name in order if name in kept}
     write_figures(
         path, command_of("tests.tools.benchmarks", ["--figures", str(path)]), texts(records, order), data=records
     )
+
+
+def _with_last(entry: Mapping[str, Any], before: Mapping[str, Any] | None) -> Mapping[str, Any]:
+    """What was measured, the last figure in the place of one that is absent."""
+    if before is None:
+        return entry
+    known = {one["name"]: one for one in before["figures"] if one["ratio"] is not None}
+    last = {name: {**one, "last": one.get("last", _when(before))} for name, one in known.items()}
+    figures = [
+        {**last[one["name"]], "note": one["note"]} if one["ratio"] is None and one["name"] in last else one
+        for one in entry["figures"]
+    ]
+    return {**entry, "figures": figures}
+
+
+def _when(entry: Mapping[str, Any]) -> str:
+    return f"{entry['date']}, {entry['load_before']:g}"
 
 
 def texts(records: Records, order: Sequence[str]) -> dict[str, str | list[str]]:
@@ -47,20 +65,28 @@ def texts(records: Records, order: Sequence[str]) -> dict[str, str | list[str]]:
     Args:
         order: as of :func:`publish`; those that were never run are told.
     """
-    rows, missed, count = [], [], 0
+    rows, peers, missed, count = [], [], [], 0
     for entry in records.values():
-        when = f"{entry['date']}, {entry['load_before']:g}"
         for figure in entry["figures"]:
+            when = f"{figure['last']}; not here on {entry['date']}" if "last" in figure else _when(entry)
+            if OFF in figure["medians"]:
+                peers.append((*figure["name"].split(OVER), *_beside(figure["medians"]), when))
             rows.append((figure["name"], _goal(figure), _measured(figure), _met(figure), when))
             count += figure["goal"] is not None
             missed += [figure["name"]] if figure["met"] is False else []
     machines = sorted({entry["machine"] for entry in records.values()})
     return {
         "table": table(("figure", "goal", "measured", "met", "date, load before"), rows),
+        "peers": table(("task", "beside", "its s", "ours s", "its values off ours, σ", "date, load before"), peers),
         "machines": "; ".join(machines),
         "missed": "; ".join([*missed, f"{len(missed) or 'none'} of {count} that were measured"]),
         "not_run": ", ".join(name for name in order if name not in records) or "none",
     }
+
+
+def _beside(medians: Mapping[str, float]) -> tuple[str, str, str]:
+    """Seconds of another tool, ours, and how far its values are off."""
+    return f"{medians['theirs s']:.2g}", f"{medians['ours s']:.2g}", f"{medians[OFF]:.2g}"
 
 
 def _goal(figure: Mapping[str, Any]) -> str:
