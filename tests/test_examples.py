@@ -203,7 +203,7 @@ def test_data_and_fmu_of_a_model_are_what_its_scripts_make(
     case = load_case(folder / "identify.yaml")
     described = {v.name: v.start for v in case.plant.parameters}
     assert described == {v.name: v.start for v in block.parameters}
-    of_block = case.with_(model=ModelComponent(block))
+    of_block = case.with_(model=ModelComponent(block, substeps=200))
     simulated, expected = (one.model.torque(np.array(values)) for one in (case, of_block))
     assert simulated == pytest.approx(expected, abs=1e-4)
 

@@ -13,7 +13,7 @@ from typing import Any
 
 from fmu_didim.components.native import NativeSolver
 
-CVODE_TOLERANCE = 1e-8
+CVODE_TOLERANCE = 1e-10
 """[1] Relative tolerance of CVode; the absolute one is this times the nominal value of each state."""
 MOST_STEPS = 100_000
 """[steps] Of CVode between two communication points; more is a model that it cannot integrate."""

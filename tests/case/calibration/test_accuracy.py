@@ -9,6 +9,7 @@ import pytest
 
 from fmu_didim import identify
 from fmu_didim.components.fmu.component import solver_tolerance
+from fmu_didim.components.fmu.cvode import CVODE_TOLERANCE
 from fmu_didim.components.fmu.load import load_fmu
 from fmu_didim.workflow.output.result import Result
 from tests.checks.outputs.test_short_records import driven, exact
@@ -54,6 +55,6 @@ def test_noise_that_is_larger_decides_alone(tmp_path: Path) -> None:
 
 def test_the_tolerance_of_a_solver() -> None:
     """Of CVode here; of FMUs that were built here the steps are known, where their equations are."""
-    assert solver_tolerance(load_fmu(room_fmu(), interface="model-exchange", solver="cvode")) == 1e-8
+    assert solver_tolerance(load_fmu(room_fmu(), interface="model-exchange", solver="cvode")) == CVODE_TOLERANCE
     assert solver_tolerance(load_fmu(room_fmu(), interface="model-exchange", solver="rk4")) == 0.0
     assert solver_tolerance(load_fmu(room_fmu(), interface="co-simulation")) == 1e-6
