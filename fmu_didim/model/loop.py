@@ -26,6 +26,8 @@ NO_COMPONENTS = (PLANT, DELAY, LOG, EXTERNAL_TORQUE, INPUT, OUTPUT)
 
 SAME_STEP = 1e-6
 """[1] Of a step, by which a whole multiple of an FMU's own may differ from it: decimals of a file."""
+STANDS_STILL = 0.1
+"""[rad or m] Range of a joint whose reference stands still: gravity and friction may hold it that far off."""
 MOST_SUBDIVISIONS = 64
 """[1] Of a step over which linear inputs are held: the error falls with its square, and what 64 do not reach is a file
 of inputs with far too few rows."""
@@ -293,18 +295,22 @@ class Loop:
         sources = [[c.source for c in wires if c.target == name] for name in self.logged]
         return all(own and all(source.startswith(f"{REFERENCE}.") for source in own) for own in sources)
 
-    def position_bounds(self, reference: Trajectory) -> dict[str, tuple[float, float]]:
-        """Range of positions outside which a simulation counts as diverged: ten times the reference's; none in an
-        open loop, which does not follow it."""
+    def position_bounds(self, reference: Trajectory, start: Mapping[str, float]) -> dict[str, tuple[float, float]]:
+        """Range of positions outside which a simulation counts as diverged: ten times that of the reference and of
+        where the joint starts; none in an open loop, which does not follow a reference.
+
+        Args:
+            start: ``q<j>`` -> value in rad or m, where the joint starts off the reference.
+        """
         result: dict[str, tuple[float, float]] = {}
         if self.torque_is_given or not self.shows_torque:
             return result
         given = {v.name for v in self.plant.outputs} & set(reference.names)
-        for j in (j for j in range(1, self.joint_count + 1) if f"q{j}" in given):
-            column = reference.select([f"q{j}"])
-            low, high = float(column.min()), float(column.max())
-            room = 10 * max(high - low, 1e-6)
-            result[f"{self.plant_name}.q{j}"] = (low - room, high + room)
+        for name in (f"q{j}" for j in range(1, self.joint_count + 1) if f"q{j}" in given):
+            passed = [*reference.select([name])[:, 0], *(start[n] for n in (name,) if n in start)]
+            low, high = float(min(passed)), float(max(passed))
+            room = 10 * max(high - low, STANDS_STILL)
+            result[f"{self.plant_name}.{name}"] = (low - room, high + room)
         return result
 
 

@@ -402,7 +402,7 @@ class Simulation:
         """These ticks of a run, the outputs as the model has them."""
         model, reference, external = self.model, self.experiment.reference, self.external_torques
         subdivision, driven = model.loop.subdivision, self._free(INPUT)
-        bounds = model.loop.position_bounds(reference)
+        bounds = model.loop.position_bounds(reference, self.experiment.initial_state.values)
         response, key = response_key(system) if observe is None else None, None
         if response is not None:
             run = (SameObject(reference), external, subdivision, ticks.tobytes(), tuple(bounds.items()))

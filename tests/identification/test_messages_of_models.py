@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 
 from fmu_didim import identify
 from fmu_didim.base.errors import FmuDidimError
@@ -33,7 +34,11 @@ def test_a_reference_that_stands_still_is_fitted_to_its_end(tmp_path: Path) -> N
         "reference": {"file": str(tmp_path / "still.csv")}, "torque": {"file": str(tmp_path / "log.csv")},
         "initial_state": {"q1": 0.0, "q2": 0.0, "dq1": 0.0, "dq2": 0.0},
     }  # fmt: skip
-    case = load_case(plant_case(tmp_path, entries, train=train, validation=None))
+    path = plant_case(tmp_path, entries)
+    content = yaml.safe_load(path.read_text(encoding="utf-8"))
+    del content["validation"]
+    path.write_text(yaml.safe_dump({**content, "train": train}), encoding="utf-8")
+    case = load_case(path)
     rng = np.random.default_rng(0)
     truth = np.array([0.03, 0.063, 0.013])
     model = with_log(case.model, lambda torque: case.model.torque(truth) + 0.02 * rng.normal(size=torque.shape))

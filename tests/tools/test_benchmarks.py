@@ -33,6 +33,8 @@ from tests.tools.benchmarks.tx40_simulation import model, pinocchio
 from tests.tools.blind.campaign import Order, make_order
 from tests.tools.blind.translate import translate
 
+QUICK = ("master_overhead", "scara_loop", "scara_identification", "reruns", "command_start")
+"""Benchmarks that take seconds with small counts."""
 SCHEMA = {
     "type": "array",
     "minItems": 1,
@@ -192,8 +194,10 @@ def test_times_are_interleaved() -> None:
     assert {name: len(values) for name, values in times.seconds.items()} == {"a": 2, "b": 2}
 
 
-@pytest.mark.gate
-@pytest.mark.parametrize("name", ["master_overhead", "scara_loop", "scara_identification", "reruns", "command_start"])
+@pytest.mark.parametrize(
+    "name",
+    [*(pytest.param(name, marks=pytest.mark.gate) for name in QUICK), pytest.param("growth", marks=pytest.mark.slow)],
+)
 def test_a_quick_run_writes_complete_figures(name: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     file = tmp_path / "figures.json"
     main(["--quick", "--repeats", "1", "--only", name, "--json", str(file)])

@@ -173,7 +173,8 @@ class _Loop:
         columns = {column: self._reference.column(column)[: drive.shape[0]] for column in self._reference.names}
         columns |= {f"{DRIVE}{j}": drive[:, j - 1] for j in joints}
         reference = trajectory(self._reference.time[: drive.shape[0]], columns)
-        bounds = self._loop.position_bounds(self._run.experiment.reference)
+        experiment = self._run.experiment
+        bounds = self._loop.position_bounds(experiment.reference, experiment.initial_state.values)
         return simulate(system, reference, bounds=bounds, pool=self._pool)
 
 

@@ -19,6 +19,7 @@ from tests.tools.benchmarks import (
     discovery,
     discovery_stages,
     first_identification,
+    growth,
     master_overhead,
     processes,
     reruns,
@@ -44,6 +45,7 @@ BENCHMARKS: Mapping[str, Callable[[Settings], list[Figure]]] = {
     "command_start": command_start.run,
     "whole_commands": whole_commands.run,
     "first_identification": first_identification.run,
+    "growth": growth.run,
     "discovery": discovery.run,
     "discovery_stages": discovery_stages.run,
 }

@@ -16,6 +16,10 @@ OFF = "off sigma"
 ``ours s`` and ``theirs s``."""
 OVER = ": identification / "
 """In the name of such a figure: between the task and the other tool."""
+EXPONENT = ", exponent"
+"""At the end of the name of a figure that tells how something grows; its medians are ``<number> <of what> <unit>``."""
+PARAMETERS = "parameters"
+"""Unit of the number of parameters, there."""
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from tests.figures import command_of, machine, table, today, write_figures
-from tests.tools.benchmarks.figure import OFF, OVER, Figure, Settings
+from tests.tools.benchmarks.figure import EXPONENT, OFF, OVER, PARAMETERS, Figure, Settings
 
 Records = Mapping[str, Mapping[str, Any]]
 
@@ -66,11 +66,16 @@ def texts(records: Records, order: Sequence[str]) -> dict[str, str | list[str]]:
         order: as of :func:`publish`; those that were never run are told.
     """
     rows, peers, missed, count = [], [], [], 0
+    grown: dict[tuple[str, str], dict[str, str]] = {}
     for entry in records.values():
         for figure in entry["figures"]:
             when = f"{figure['last']}; not here on {entry['date']}" if "last" in figure else _when(entry)
             if OFF in figure["medians"]:
                 peers.append((*figure["name"].split(OVER), *_beside(figure["medians"]), when))
+            if figure["name"].endswith(EXPONENT):
+                for name, value in figure["medians"].items():
+                    number, of, unit = name.split()
+                    grown.setdefault((of, number), {"when": when})[unit] = f"{value:.3g}"
             rows.append((figure["name"], _goal(figure), _measured(figure), _met(figure), when))
             count += figure["goal"] is not None
             missed += [figure["name"]] if figure["met"] is False else []
@@ -78,6 +83,13 @@ def texts(records: Records, order: Sequence[str]) -> dict[str, str | list[str]]:
     return {
         "table": table(("figure", "goal", "measured", "met", "date, load before"), rows),
         "peers": table(("task", "beside", "its s", "ours s", "its values off ours, σ", "date, load before"), peers),
+        "growth": table(
+            ("number", "of", "parameters", "s", "MB", "date, load before"),
+            [
+                (number, of, *(v.get(k, "") for k in (PARAMETERS, "s", "MB", "when")))
+                for (of, number), v in grown.items()
+            ],
+        ),
         "machines": "; ".join(machines),
         "missed": "; ".join([*missed, f"{len(missed) or 'none'} of {count} that were measured"]),
         "not_run": ", ".join(name for name in order if name not in records) or "none",
