@@ -94,10 +94,10 @@ class Clie(Estimator):
         model = with_free_delay(model) if self.estimate_delay else model
         further = replace(self, start="description", estimate_delay=False)
         ways = chain([self], repeat(further))
-        return with_error_models(model, lambda at: next(ways)._fitted(at, progress))
+        return with_error_models(model, lambda at: next(ways)._fitted(at, progress), self._concluded)
 
-    def _fitted(self, model: LoopModel, progress: Progress) -> Estimate:
-        """The estimate with the scales of error models held."""
+    def _fitted(self, model: LoopModel, progress: Progress) -> Minimum:
+        """The minimum with the scales of error models held; raises RefusedError where it is not that of a machine."""
         values, _ = simulatable(model, model.free_parameters.limited(start_values(model, self.start)))
         reason = mass_matrix_problem(model, values)
         if reason:
@@ -118,7 +118,7 @@ class Clie(Estimator):
             maximum_iterations=self.maximum_iterations,
         )  # fmt: skip
         joint = partial(joint_minimum, experiments=model.experiments, tolerance=self.tolerance, progress=progress)
-        return self._concluded(
+        return self._of_machine(
             with_starts(start, free_starts(start), lambda at: joint(nearer_to_prior(finish(at), finish)))
         )
 
@@ -126,7 +126,7 @@ class Clie(Estimator):
         """What the iterations are called."""
         return self.name if model.loop.shows_torque else OF_OUTPUTS
 
-    def _of_motion(self, model: LoopModel, progress: Progress) -> Estimate:
+    def _of_motion(self, model: LoopModel, progress: Progress) -> Minimum:
         """All outputs at once: in an open loop, whose torque is given, and of any model, whose outputs may show the
         values only together."""
         try:
@@ -138,21 +138,26 @@ class Clie(Estimator):
             raise RefusedError(
                 "The start cannot be simulated.", iterations=[], got=str(error), next_step=_advice(model)
             ) from error  # fmt: skip
-        return self._concluded(minimum)
+        return self._of_machine(minimum)
 
-    def _concluded(self, minimum: Minimum) -> Estimate:
-        """The estimate at a minimum; raises RefusedError where it is not that of a machine."""
+    def _of_machine(self, minimum: Minimum) -> Minimum:
+        """A minimum; raises RefusedError where it is not that of a machine."""
         fit, known = minimum.fit, minimum.known
         model = fit.model
-        reason = ""  # what may be, and what at a limit, says the judgement of any model
-        if model.loop.shows_torque:
-            reason = physical_problem(model, fit.values, known.deviation)
-            reason = reason or tracking_problem(model.measured, fit.torque)
+        if not model.loop.shows_torque:  # what may be, and what at a limit, says the judgement of any model
+            return minimum
+        reason = physical_problem(model, fit.values, known.deviation)
+        reason = reason or tracking_problem(model.measured, fit.torque)
         if reason:
             raise RefusedError(
                 "The identified model is not physical.", iterations=minimum.iterations, got=reason,
                 next_step=_advice(model), values=fit.values, deviation=known.deviation,
             )  # fmt: skip
+        return minimum
+
+    def _concluded(self, minimum: Minimum) -> Estimate:
+        """The estimate at a minimum."""
+        fit, model = minimum.fit, minimum.fit.model
         if model.loop.shows_torque:
             return self._estimate(minimum, self.name, settled=fit.settled)
         doubt = unproven(fit) if fit.settled else None

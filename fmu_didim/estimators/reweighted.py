@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from fmu_didim.base.errors import SimulationError
+from fmu_didim.estimators.finish import Minimum
 from fmu_didim.fit.estimate import Estimate, Status
 from fmu_didim.fit.noise.error_models import NORMAL_FROM, Reweighted, reweighted
 from fmu_didim.model.loop_model import LoopModel
@@ -24,33 +25,41 @@ SHOWN = 6
 """[samples] Outliers whose instants are reported."""
 
 
-def with_error_models(model: LoopModel, fit: Callable[[LoopModel], Estimate]) -> Estimate:
-    """The estimate of a model whose error models follow what is simulated; ``fit``: the estimate with scales held.
+def with_error_models(
+    model: LoopModel, fit: Callable[[LoopModel], Minimum], conclude: Callable[[Minimum], Estimate]
+) -> Estimate:
+    """The estimate of a model whose error models follow what is simulated.
+
+    Args:
+        fit: the minimum with scales held; conclude: the estimate at the last one.
 
     Raises:
-        RefusedError, IdentificationError: as of ``fit``.
+        RefusedError, IdentificationError: as of these.
     """
-    estimate = fit(model)
+    minimum = fit(model)
     if not model.experiments.has_error_models:
-        return estimate
-    iterations, moved, found = list(estimate.iterations), np.inf, None
+        return conclude(minimum)
+    iterations, moved, found = list(minimum.iterations), np.inf, None
     by_weights, near = True, NEAR
     for _ in range(ROUNDS):
+        values = minimum.fit.values
         try:
-            found = reweighted(estimate.model, estimate.value, by_weights=by_weights)
+            found = reweighted(
+                minimum.fit.model.with_loop(substeps=None, substep_factor=1), values, by_weights=by_weights
+            )
         except SimulationError:
             break
-        before, last, estimate = estimate.value, moved, fit(found.model)
-        iterations += estimate.iterations
-        moved = float(np.max(np.abs(estimate.value - before) / estimate.standard_deviation))
+        last, minimum = moved, fit(found.model)
+        iterations += minimum.iterations
+        moved = float(np.max(np.abs(minimum.fit.values - values) / minimum.known.deviation))
         if moved <= STAYS and not (by_weights and found.noises):
             break
         if by_weights:
             by_weights = moved > near
         elif moved > last:
             by_weights, near = True, near / 10
-    told = (*estimate.remarks, *(() if found is None else _words(found)))
-    estimate = replace(estimate, iterations=tuple(iterations), remarks=told)
+    estimate = conclude(replace(minimum, iterations=tuple(iterations)))
+    estimate = replace(estimate, remarks=(*estimate.remarks, *(() if found is None else _words(found))))
     if moved <= STAYS:
         return estimate
     advice = (
