@@ -11,7 +11,9 @@ standard deviation they are those that decide.
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +22,7 @@ from fmu_didim.base.errors import SimulationError
 from fmu_didim.data.signals import Array
 from fmu_didim.fit.fit import Fit, prior_squares, sum_of_squares
 from fmu_didim.fit.noise.weighting import whitened
+from fmu_didim.model.workers import side_by_side
 
 STEPS = (0.3, 1.0, 3.0)
 """[standard deviations] Tried one after the other: a short one while the model is smooth, a long one where it is
@@ -72,12 +75,13 @@ def unproven(fit: Fit) -> Unproven | None:
     if not free.size:
         return None
     _, singular, right = np.linalg.svd(np.linalg.qr(table[:, free] / length[free])[1])
+    beside = _Beside(fit)
     for size, direction in zip(singular, right, strict=True):
         if size <= 0:
             continue
         step = np.zeros(fit.values.size)
         step[free] = direction / size / length[free]
-        found = _minimum_along(fit, step)
+        found = _minimum_along(beside, step)
         if found is not None:
             part = np.abs(direction)
             return Unproven(
@@ -91,57 +95,68 @@ def _at_limits(fit: Fit) -> NDArray[np.bool_]:
     return np.asarray((fit.values <= low) | (fit.values >= high))
 
 
-def _minimum_along(fit: Fit, step: Array) -> tuple[float, float] | None:
+def _minimum_along(beside: _Beside, step: Array) -> tuple[float, float] | None:
     """How far off the minimum lies along a step of one standard deviation, and the curvature; None where it is near."""
-    best = np.nan, np.nan
-    low, high = fit.model.free_parameters.limits
-    here = _cost(fit, fit.values)
+    best, here = (np.nan, np.nan), beside.here
+    # A smooth model ends with these, which run side by side.
+    known = beside.costs(step, [sign * size for size in (STEPS[0], *FARTHER) for sign in (1, -1)])
     for size in STEPS:
-        ends = [fit.values + sign * size * step for sign in (1, -1)]
-        if any((end < low).any() or (end > high).any() for end in ends):
+        known |= beside.costs(step, [end for end in (size, -size) if end not in known])
+        ends = [known[size], known[-size]]
+        if here is None or any(cost is None for cost in ends):
             continue
-        costs = [_cost(fit, end) for end in ends]
-        if here is None or any(cost is None for cost in costs):
-            continue
-        above, below = (float(cost) - here for cost in costs if cost is not None)
+        above, below = (float(cost) - here for cost in ends if cost is not None)
         if max(abs(above), abs(below)) <= NEGLIGIBLE * here:
             return None
         rise = (above + below) / 2
         off, curvature = size * (below - above) / (4 * rise) if rise > 0 else np.inf, rise / size**2
         if abs(off) <= OFF and CURVATURE[0] <= curvature <= CURVATURE[1]:
-            lower = _lower_farther(fit, step, here)
+            lower = _lower_farther(known, here)
             return None if lower is None else (lower, curvature)
         if not np.isfinite(best[0]) or abs(off) < abs(best[0]):
             best = off, curvature
-    if np.isnan(best[0]) and here is not None and _touches(fit, step):
+    if np.isnan(best[0]) and here is not None and not beside.reaches(step, STEPS[0]):
         return None  # between limits closer than that: they decide
     return best
 
 
-def _lower_farther(fit: Fit, step: Array, here: float) -> float | None:
+def _lower_farther(known: Mapping[float, float | None], here: float) -> float | None:
     """How far off along a step, in standard deviations, the error is lower than at the answer; None where it is not."""
-    low, high = fit.model.free_parameters.limits
     for size in (sign * far for far in FARTHER for sign in (1, -1)):
-        end = fit.values + size * step
-        if (end < low).any() or (end > high).any():
-            continue
-        cost = _cost(fit, end)
+        cost = known[size]
         if cost is not None and cost < here - LOWER:
             return size
     return None
 
 
-def _touches(fit: Fit, step: Array) -> bool:
-    """Whether limits lie within the shortest step."""
-    low, high = fit.model.free_parameters.limits
-    ends = [fit.values + sign * STEPS[0] * step for sign in (1, -1)]
-    return any((end < low).any() or (end > high).any() for end in ends)
+class _Beside:
+    """Chi-square beside an answer, with the weights of its fit."""
 
+    def __init__(self, fit: Fit) -> None:
+        self._fit, self._low_high = fit, fit.model.free_parameters.limits
+        self._workers = fit.model.allowed_workers(fit.values)
+        self.here = self._cost(fit.values)
 
-def _cost(fit: Fit, values: Array) -> float | None:
-    """Chi-square with values (p,) and the weights of the fit; None where they cannot be simulated."""
-    try:
-        outputs = fit.model.outputs(values)
-    except SimulationError:
-        return None
-    return sum_of_squares(fit.model.measured_outputs - outputs, fit.deviation) + prior_squares(fit.model.prior, values)
+    def costs(self, step: Array, sizes: Sequence[float]) -> dict[float, float | None]:
+        """Size -> chi-square so many steps off; None beyond a limit, and where the model cannot be simulated."""
+        within = [size for size in sizes if self._is_within(self._fit.values + size * step)]
+        tasks = [partial(self._cost, self._fit.values + size * step) for size in within]
+        return dict.fromkeys(sizes) | dict(zip(within, side_by_side(tasks, self._workers), strict=True))
+
+    def reaches(self, step: Array, size: float) -> bool:
+        """Whether no limit lies within a step of a size."""
+        return all(self._is_within(self._fit.values + sign * size * step) for sign in (1, -1))
+
+    def _is_within(self, values: Array) -> bool:
+        low, high = self._low_high
+        return bool((values >= low).all() and (values <= high).all())
+
+    def _cost(self, values: Array) -> float | None:
+        """With values (p,); None where they cannot be simulated."""
+        model = self._fit.model
+        try:
+            outputs = model.outputs(values)
+        except SimulationError:
+            return None
+        residual = model.measured_outputs - outputs
+        return sum_of_squares(residual, self._fit.deviation) + prior_squares(model.prior, values)
