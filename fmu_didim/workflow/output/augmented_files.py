@@ -33,7 +33,7 @@ from fmu_didim.ssp import read_ssp, write_ssp
 ROBOT_FILE = "robot_augmented.yaml"
 CASE_FILE = "case_augmented.yaml"
 SYSTEM_FILE = "loop_augmented.ssp"
-_PATH_KEYS = ("robot", "source", "file", "system")
+_PATH_KEYS = ("robot", "source", "file", "system", "towards")
 
 
 def write_augmented(
