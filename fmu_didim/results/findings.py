@@ -262,6 +262,9 @@ class FindingsDocument(_Document):
     acknowledged: list[AcknowledgedResult] = Field(
         default=[], description="doubts that the case acknowledges: they are no reasons"
     )
+    conditions: list[str] = Field(
+        default=[], description="what a valid verdict rests on that the data do not show: clauses after 'provided that'"
+    )
     unfinished: UnfinishedResult | None = Field(None, description="null where the search came to its end")
     findings: list[FindingResult]
     roles: dict[str, Literal["estimation", "validation"]] = Field(description="of the experiments, by label")

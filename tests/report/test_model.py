@@ -36,12 +36,16 @@ Correlations > 0.9  R1-R2 +0.V
 
 Remarks
   One start: at a few values elsewhere the misfit is no lower; other minima were not looked for.
-  C: its 2000 J/K are taken on trust: with 10 % more the data would be explained as well, by other
-    values: R1 -V %, R2 -V %.
+  C: 2000 J/K is taken on trust: an error of 10 % would not show, but move R1 by V sigma (-V %),
+    R2 by V sigma (-V %).
+  T0: 20 degC is taken on trust: an error of V % would not show, but move R1 by V sigma (-V
+    %), R2 by V sigma (-V %).
   No experiment was held out: the prediction of another one is untested.
   model: Room.fmu is run in model exchange, by CVode; it could be run in co-simulation, too.
 
 VALID: converged in V iterations; simulated output V % off on estimation
+  Provided that the data do not hide an error of 10 % of C (2000 J/K), which would move R1 by V
+    sigma (-V %).
 """
 """Figures are V: another processor may round them otherwise."""
 

@@ -270,10 +270,10 @@ def _parameter(free: FreeParameter) -> Suspect:
     )  # fmt: skip
 
 
-def held_parameters(model: LoopModel) -> list[FreeParameter]:
-    """The parameters of a model that are not identified, as free ones."""
+def held_parameters(model: LoopModel, most: int | None = MOST_PARAMETERS) -> list[FreeParameter]:
+    """The parameters of a model that are not identified, as free ones; ``most``: of them at most, None for all."""
     known = {*model.parameters.plant_names, *(p.key for p in model.free_parameters), "t_start"}
-    offered = [v for v in model.loop.plant.parameters if v.name not in known][:MOST_PARAMETERS]
+    offered = [v for v in model.loop.plant.parameters if v.name not in known][:most]
     return [
         FreeParameter(v.name, v.unit, PLANT, v.name, float(v.start), abs(float(v.start)) or 1.0)
         for v in offered if np.isfinite(float(v.start))

@@ -96,3 +96,13 @@ def noisy(time: Array, columns: Mapping[str, Array], deviation: float, seed: int
     """These columns with white noise."""
     rng = np.random.default_rng(seed)
     return trajectory(time, {name: values + deviation * rng.normal(size=time.size) for name, values in columns.items()})
+
+
+def shaft() -> Block:
+    """(J1 + J2) w' = u - load - d w + b^3, and the angle w turns on from phi0, which no w shows."""
+    start = {"J1": 1.0, "J2": 2.0, "load": 0.0, "d": 0.1, "b": 0.0, "phi0": 1.0, "w0": 0.0}
+    return block(
+        "shaft", start, 2, "u",
+        lambda p, x, u: [x[1], (u[0] - p["load"] - p["d"] * x[1] + p["b"] ** 3) / (p["J1"] + p["J2"])],
+        lambda p, x, u: {"w": x[1]},
+    )  # fmt: skip

@@ -85,8 +85,11 @@ def test_what_is_taken_on_trust_is_said(tmp_path: Path) -> None:
     """R1, R2 and C together only set how fast the room follows and where it goes: R1 C alone shows."""
     found = identified(tmp_path, {})
     told = [remark for remark in found.document.remarks if "taken on trust" in remark]
-    assert len(told) == 1 and told[0].startswith("C: its 2000 J/K are taken on trust: with 10 % more"), told
-    assert "R1 -9." in told[0] and "R2 -9." in told[0]
+    assert [text.partition(":")[0] for text in told] == ["C", "T0"]
+    assert told[0].startswith("C: 2000 J/K is taken on trust: an error of 10 % would not show"), told
+    assert re.search(r"R1 by \d+(\.\d)? sigma \(-10 %\), R2 by \d+(\.\d)? sigma \(-10 %\)", told[0]), told
+    assert found.verdict == "valid"
+    assert re.search(r"Provided that the data do not hide an error of 10 % of C \(2000 J/K\), which", found.summary())
 
 
 def test_a_single_outlier_is_told(tmp_path: Path) -> None:

@@ -34,6 +34,9 @@ def test_a_hidden_delay_is_named_by_the_command(tmp_path: Path, capsys: pytest.C
     for pair in found.gap.values():
         assert pair.before > 1.5
         assert pair.after < 0.4
+    (condition,) = found.conditions
+    assert condition.startswith("the data do not hide an error of 10 % of C (2000 J/K), which would move R")
+    assert "Provided that the data do not hide" in " ".join(shown.split())
     assert found.ratio_interval is not None
     assert found.ratio_interval[1] < 0.6
     page = (out / "discovery.html").read_text()
