@@ -10,6 +10,7 @@ import numpy as np
 
 from fmu_didim.base.diagnostics import CATALOGUE, REMARK, Diagnostic
 from fmu_didim.base.errors import FmuDidimError
+from fmu_didim.checks.judgement import CONDITIONAL
 from fmu_didim.checks.motion.colour import orthonormal, rest_of
 from fmu_didim.checks.motion.dependence import independent
 from fmu_didim.checks.outputs.residuals import OutputResiduals
@@ -50,11 +51,16 @@ def trusted_diagnostics(found: OutputResiduals, deviation: Array) -> list[Diagno
         moved = np.asarray(-np.linalg.lstsq(table, column, rcond=None)[0], dtype=np.float64)
         shown = [i for i in np.argsort(-np.abs(moved / deviation)) if abs(moved[i]) > MOVES * deviation[i]]
         if shown:
-            told.append(_told(found, free.key, with_unit(f"{free.value:.4g}", free.unit), moved, shown))
+            value, by = with_unit(f"{free.value:.4g}", free.unit), abs(moved[shown[0]] / deviation[shown[0]])
+            told.append(_told(found, free.key, value, moved, shown, float(by)))
     return told
 
 
-def _told(found: OutputResiduals, name: str, value: str, moved: Array, shown: list[np.intp]) -> Diagnostic:
+def _told(
+    found: OutputResiduals, name: str, value: str, moved: Array, shown: list[np.intp], deviations: float
+) -> Diagnostic:
+    """The remark on a held parameter, and where it moves a value farther than noise could, what a verdict rests on;
+    ``deviations``: by which it moves the first that is shown."""
     texts = []
     for i in shown:
         size = abs(float(found.values[i]))
@@ -64,4 +70,8 @@ def _told(found: OutputResiduals, name: str, value: str, moved: Array, shown: li
         f"its {value} are taken on trust: with {100 * TENTH:.0f} % more the data would be explained as well, by other "
         f"values: {', '.join(texts)}."
     )
-    return Diagnostic(TAKEN_ON_TRUST, text, name)
+    condition = (
+        f"{name} = {value} is right: {100 * TENTH:.0f} % more would not show, but move {found.model.names[shown[0]]} "
+        f"by {deviations:.0f} sigma" if deviations > CONDITIONAL else ""
+    )  # fmt: skip
+    return Diagnostic(TAKEN_ON_TRUST, text, name, condition=condition)

@@ -88,6 +88,7 @@ def signals_document(
         verdict=judged.verdict,
         reasons=judged.saved(request.case),
         acknowledged=judged.saved_acknowledged(request.case),
+        conditions=judged.conditions,
         unfinished=None if unfinished is None else _unfinished_result(found, unfinished),
         findings=[_finding(step, found, final, noise, request.options.seed) for step in found.steps],
         roles={label: e.role for label, e in base.model.experiments.items()},

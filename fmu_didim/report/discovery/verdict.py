@@ -7,7 +7,7 @@ from math import inf
 from fmu_didim.report.discovery.regions import strongest_regions
 from fmu_didim.report.discovery.texts import gap_text, location, value_line
 from fmu_didim.report.numbers import capitalised
-from fmu_didim.report.verdict import Banner, acknowledged_text
+from fmu_didim.report.verdict import Banner, acknowledged_text, conditions_text
 from fmu_didim.results.findings import FindingResult, FindingsDocument, GapPair
 
 HEADS = {
@@ -52,7 +52,8 @@ def verdict_of(document: FindingsDocument) -> Banner:
             : not document.outputs
         ]
     sentences += map(capitalised, acknowledged_text(document.acknowledged))
-    return Banner(grade, head, ". ".join(sentences) + ".", document.reasons)
+    lines = [". ".join(sentences) + ".", *conditions_text(document.conditions, listed="Notes")]
+    return Banner(grade, head, "\n".join(lines), document.reasons)
 
 
 def _named(finding: FindingResult, *, first: bool) -> str:

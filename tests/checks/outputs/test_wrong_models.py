@@ -87,6 +87,9 @@ def test_what_is_taken_on_trust_is_said(tmp_path: Path) -> None:
     told = [remark for remark in found.document.remarks if "taken on trust" in remark]
     assert len(told) == 1 and told[0].startswith("C: its 2000 J/K are taken on trust: with 10 % more"), told
     assert "R1 -9." in told[0] and "R2 -9." in told[0]
+    assert found.verdict == "valid"
+    (condition,) = found.document.conditions
+    assert re.fullmatch(r"C = 2000 J/K is right: 10 % more would not show, but move R1 by \d+ sigma", condition)
 
 
 def test_a_single_outlier_is_told(tmp_path: Path) -> None:
