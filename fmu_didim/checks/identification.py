@@ -26,8 +26,8 @@ from fmu_didim.checks.outputs.judged import output_diagnostics
 from fmu_didim.checks.outputs.words import of_a_model
 from fmu_didim.checks.physical import physical_diagnostics
 from fmu_didim.checks.plant.unidentified import unidentified_diagnostics
-from fmu_didim.checks.power.moves import unseen_diagnostics
-from fmu_didim.checks.power.statement import PowerResult, power_of_fit
+from fmu_didim.checks.power.moves import with_power
+from fmu_didim.checks.power.statement import PowerResult
 from fmu_didim.checks.prior import prior_diagnostics
 from fmu_didim.checks.residual import (
     RESIDUAL_ABOVE_NOISE,
@@ -195,12 +195,18 @@ def checked(estimate: Estimate, validations: Sequence[Validation], *, before: It
         found += unidentified_diagnostics(estimate.fit)
     found += rival_diagnostics(estimate)
     judged = judgement(found, settled=estimate.status is Status.CONVERGED)
-    power = None
-    if judged.verdict == "valid" and estimate.fit is not None:
-        power = power_of_fit(estimate.fit, misfits)
-    if power is not None:
-        judged = replace(judged, remarks=(*judged.remarks, *unseen_diagnostics(power)))
+    judged, power = with_power(judged, estimate.fit, misfits)
     return Checks(judged, tests, agreements, power)
+
+
+def acknowledging(checks: Checks, estimate: Estimate, sentences: Mapping[str, str]) -> Checks:
+    """The checks of an estimate where the user has checked doubts of some codes; ``sentences``: code -> what is said of
+    it. A verdict that is valid by that rests on no less than another one."""
+    judged = checks.judgement.acknowledging(sentences)
+    if not judged.acknowledged:
+        return replace(checks, judgement=judged)
+    judged, power = with_power(judged, estimate.fit, Misfits())
+    return replace(checks, judgement=judged, power=power)
 
 
 def _relative_errors(estimate: Estimate) -> dict[int, float]:

@@ -22,6 +22,9 @@ CONDITIONAL = 4.0
 """[standard deviations] Of a value, by which something that the data would not show may move it before the verdict says
 what it rests on: noise brings no value so far. It is no doubt: all data hide something, those of right models, too."""
 
+RESTS_ON = "what a valid verdict rests on that the data do not show: clauses after 'provided that'"
+"""Description of the conditions in a saved document."""
+
 
 class DiagnosticResult(Saved):
     """A diagnostic as it is saved.

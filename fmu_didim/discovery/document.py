@@ -7,6 +7,8 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 
 from fmu_didim.base.errors import SimulationError
+from fmu_didim.checks.motion.misfits import Misfits
+from fmu_didim.checks.power.moves import with_power
 from fmu_didim.data.signals import Array
 from fmu_didim.discovery.augmentation.builder import LoopModelBuilder
 from fmu_didim.discovery.friction import friction_curves
@@ -66,7 +68,9 @@ def findings_document(
     unfinished_diagnostic, unfinished = unfinished_search(discovery, request.progress.limit_s)
     judgement = judged(discovery, unfinished_diagnostic, request.doubts)
     answer: Answer = "unfinished" if unfinished is not None else answer_of(discovery, judgement)
-    judgement = judgement.acknowledging(request.acknowledged)
+    judgement, power = with_power(
+        judgement.acknowledging(request.acknowledged), discovery.final.torque_alone, Misfits()
+    )
     base, noise = discovery.base, discovery.base.torque_alone.noise
     is_untried = EFFECTS_UNTRIED in {doubt.code for doubt in request.doubts}
     return FindingsDocument(
@@ -76,6 +80,8 @@ def findings_document(
         verdict=judgement.verdict,
         reasons=judgement.saved(request.case),
         acknowledged=judgement.saved_acknowledged(request.case),
+        conditions=judgement.conditions,
+        power=power,
         unfinished=unfinished,
         findings=[
             *outside, *(_smoothing(one, discovery) for one in discovery.refitted),
@@ -100,7 +106,10 @@ def findings_document(
         friction=friction_curves(builder, base, discovery.final),
         torque_unit=list(base.model.parameters.torque_units),
         seconds=0.0,
-        notes=[*judgement.acknowledged_remarks, *notes, *(step.remark for step in discovery.steps if step.remark)],
+        notes=[
+            *judgement.acknowledged_remarks, *notes, *(step.remark for step in discovery.steps if step.remark),
+            *(str(remark) for remark in judgement.remarks),
+        ],
         files={},
         provenance={
             **request.provenance, "options": request.options.record(), "catalogue": sorted(builder.effects),

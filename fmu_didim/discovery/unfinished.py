@@ -59,6 +59,7 @@ def ended_before(document: FindingsDocument, limit_s: float | None, what: str) -
     update = {
         "answer": "unfinished", "text": ANSWER_TEXT["unfinished"], "unfinished": more,
         "verdict": judgement([], settled=False).verdict, "reasons": reasons,
+        "conditions": [], "power": None,
     }  # fmt: skip
     return document.model_copy(update=update)
 

@@ -58,9 +58,12 @@ def verdict(document: ResultDocument) -> Banner:
     return Banner(grade, head, "\n".join(lines), document.reasons)
 
 
-def conditions_text(found: Sequence[str]) -> list[str]:
-    """What a valid verdict rests on: no line of it, or one."""
-    clauses = [*found[:CONDITIONS], *([f"{len(found) - CONDITIONS} more hold (Remarks)"] if found[CONDITIONS:] else [])]
+def conditions_text(found: Sequence[str], *, listed: str = "Remarks") -> list[str]:
+    """What a valid verdict rests on: no line of it, or one; ``listed``: the section that has all of it."""
+    clauses = [
+        *found[:CONDITIONS],
+        *([f"{len(found) - CONDITIONS} more hold ({listed})"] if found[CONDITIONS:] else []),
+    ]
     return [f"Provided that {'; and that '.join(clauses)}."] if clauses else []
 
 

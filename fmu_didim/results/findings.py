@@ -11,7 +11,8 @@ from pydantic import ConfigDict, Field, ValidationError
 from fmu_didim.base.documents import Number, Saved, why_unread
 from fmu_didim.base.errors import InputError
 from fmu_didim.base.files import whole_file
-from fmu_didim.checks.judgement import AcknowledgedResult, DiagnosticResult, Verdict
+from fmu_didim.checks.judgement import RESTS_ON, AcknowledgedResult, DiagnosticResult, Verdict
+from fmu_didim.checks.power.statement import EXCLUDES, PowerResult
 
 FINDINGS_FILE = "findings.json"
 Answer = Literal["nothing", "named", "undecided", "named_with_remainder", "unknown", "disagreement", "unfinished"]
@@ -262,9 +263,7 @@ class FindingsDocument(_Document):
     acknowledged: list[AcknowledgedResult] = Field(
         default=[], description="doubts that the case acknowledges: they are no reasons"
     )
-    conditions: list[str] = Field(
-        default=[], description="what a valid verdict rests on that the data do not show: clauses after 'provided that'"
-    )
+    conditions: list[str] = Field(default=[], description=RESTS_ON)
     unfinished: UnfinishedResult | None = Field(None, description="null where the search came to its end")
     findings: list[FindingResult]
     roles: dict[str, Literal["estimation", "validation"]] = Field(description="of the experiments, by label")
@@ -285,6 +284,7 @@ class FindingsDocument(_Document):
     outputs: list[str] = Field([])
     seconds: float
     notes: list[str]
+    power: PowerResult | None = Field(default=None, description=EXCLUDES)
     files: dict[str, str] = Field(description="written beside this file")
     provenance: dict[str, Any]
 

@@ -17,9 +17,9 @@ from fmu_didim.base.documents import Number, Saved, why_unread
 from fmu_didim.base.errors import InputError
 from fmu_didim.base.files import is_file
 from fmu_didim.checks.agreement import AgreementResult
-from fmu_didim.checks.judgement import AcknowledgedResult, DiagnosticResult, Verdict
+from fmu_didim.checks.judgement import RESTS_ON, AcknowledgedResult, DiagnosticResult, Verdict
 from fmu_didim.checks.plant.consistency import ColumnResult
-from fmu_didim.checks.power.statement import PowerResult
+from fmu_didim.checks.power.statement import EXCLUDES, PowerResult
 from fmu_didim.checks.residual import NoiseResult
 from fmu_didim.checks.validation import ChannelValidation, Validation
 from fmu_didim.data.signals import Trajectory, trajectory, write_csv
@@ -285,9 +285,7 @@ class ResultDocument(Saved):
     acknowledged: list[AcknowledgedResult] = Field(
         default=[], description="doubts that the case acknowledges: they are no reasons"
     )
-    conditions: list[str] = Field(
-        default=[], description="what a valid verdict rests on that the data do not show: clauses after 'provided that'"
-    )
+    conditions: list[str] = Field(default=[], description=RESTS_ON)
     status: Literal["converged", "maximum_iterations", "refused"] = Field(description="how the iterations ended")
     advice: str
     estimator: str
@@ -320,9 +318,7 @@ class ResultDocument(Saved):
         "torques of joints, in the same order; absent where the torque was measured"
     )  # fmt: skip
     inputs: dict[str, str] = Field(default={}, description="name of each input of such a model -> its unit")
-    power: PowerResult | None = Field(
-        default=None, description="what a valid verdict excludes; null where it is another one, or that is not known"
-    )
+    power: PowerResult | None = Field(default=None, description=EXCLUDES)
     experiments: dict[str, ExperimentResult] = Field(description="by label")
     relative_error_percent: dict[str, ErrorResult] = Field(description="by label of the experiment")
     fitted_error_percent: ErrorResult | None = Field(

@@ -12,7 +12,7 @@ from fmu_didim.base.diagnostics import REMARK, DiagnosedError, Diagnostic, by_we
 from fmu_didim.base.errors import FmuDidimError, IdentificationError, InputError, SimulationError
 from fmu_didim.case import Case, CaseObjects, with_objects
 from fmu_didim.checks.data.checks import without_outliers
-from fmu_didim.checks.identification import checked
+from fmu_didim.checks.identification import acknowledging, checked
 from fmu_didim.checks.validation import validate_on
 from fmu_didim.estimators import Progress, no_progress
 from fmu_didim.fit.estimate import Estimate, RefusedError
@@ -162,8 +162,7 @@ def _judged(
     sentences: Mapping[str, str],
 ) -> Result:
     validations = [validate_on(estimate.model, estimate.value, label) for label in estimate.model.experiments]
-    checks = checked(estimate, validations, before=before)
-    checks = replace(checks, judgement=checks.judgement.acknowledging(sentences))
+    checks = acknowledging(checked(estimate, validations, before=before), estimate, sentences)
     document = result_document(
         case.name, estimate, validations, checks=checks, description=case.document.description,
         case=case.path.name,

@@ -121,6 +121,15 @@ def test_a_damaged_part_is_told_and_its_runs_count_as_not_done(
     assert "a.parquet" in caplog.text
 
 
+def test_a_part_of_an_earlier_version_lacks_what_that_did_not_write(tmp_path: Path) -> None:
+    store = made(tmp_path)
+    row = {"id": "x", "status": "answered", "verdict": "valid", "reasons": [], "attempt": 1, "started": "2025"}
+    part = pa.Table.from_pylist([row], schema=ROW).drop_columns(["conditions"])
+    parquet.write_table(part, tmp_path / PARTS / "a.parquet")
+    found = {each["id"]: each for each in store.rows().to_pylist()}
+    assert found["x"]["verdict"] == "valid" and found["x"]["conditions"] is None
+
+
 @pytest.mark.parametrize("label", ["=cmd|' /C calc'!A1", "+1+1", "-2+3", "@SUM(1)"])
 def test_no_cell_of_the_tables_is_a_formula(label: str, tmp_path: Path) -> None:
     store = made(tmp_path, label, "-0.5")

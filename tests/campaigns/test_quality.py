@@ -11,6 +11,7 @@ import pandas as pd
 import pytest
 from scipy.stats import binom
 
+from fmu_didim.campaigns.reporting.page import write_campaign_report
 from fmu_didim.campaigns.reporting.quality import by_parameter, proportion_interval
 from fmu_didim.campaigns.reporting.results import Results
 from fmu_didim.campaigns.running.store import Journal, Store
@@ -68,9 +69,16 @@ def test_what_may_not_be_used_does_not_count(verdict: str) -> None:
 
 
 def results(
-    folder: Path, verdicts: Sequence[str | None], *, names: Sequence[str] = ("p",), scatter: float = 0.0, **entries: Any
+    folder: Path,
+    verdicts: Sequence[str | None],
+    *,
+    names: Sequence[str] = ("p",),
+    scatter: float = 0.0,
+    conditions: Sequence[str] = (),
+    **entries: Any,
 ) -> Results:
-    """Results with these verdicts (None: crashed) in the order of the plan; answers are right within ``scatter``."""
+    """Results with these verdicts (None: crashed) in the order of the plan; answers are right within ``scatter``, and
+    valid ones rest on ``conditions``."""
     plan = plan_of(**entries)
     store, journal = Store(folder), Journal(folder)
     store.begin(plan)
@@ -79,6 +87,7 @@ def results(
         p = {"unit": "kg", "std": 1.0, "low": 0.0, "high": 2.0, "true": 1.0}
         found = [p | {"name": name, "value": 1.0 + scatter * random.normal()} for name in names]
         row = {"id": run.id, "attempt": 1, "started": "2026", "status": "crashed" if verdict is None else "answered"}
+        row |= {"conditions": list(conditions)} if verdict == "valid" else {}
         journal.write({**row, "verdict": verdict, "parameters": found if verdict in ("valid", "doubtful") else None})
     journal.close()
     return Results(store)
@@ -97,6 +106,36 @@ def test_how_many_failed_stands_beside_the_coverage(tmp_path: Path) -> None:
     assert "4 answers are doubtful" in text
     assert "4 of 40 runs have not run yet" in text
     assert "fewer than" not in text
+
+
+CLAUSES = ("the data do not hide an offset below 0.3 %", "C = < 2 J/K is right")
+
+
+def test_what_valid_answers_rest_on_is_told_wherever_they_are(tmp_path: Path) -> None:
+    """Once in the remarks of terminal, notebook and page, of each run in its row, in the tables and in its groups."""
+    vary = {"train.torque.rate_hz": [10, 20]}
+    found = results(tmp_path, ["valid", "doubtful", "valid", None], vary=vary, seeds=2, conditions=CLAUSES)
+    joined = "; ".join(CLAUSES)
+    remark = f"2 of 2 valid answers rest on what their data do not show (conditions of each run), the first of them: " \
+        f"provided that {joined}."  # fmt: skip
+    text = " ".join(found.summary().split())
+    assert remark in text and "conditional" in text
+    assert found.groups()["conditional"].tolist() == [1, 1]
+    assert found.to_frame()["conditions"].tolist() == [joined, "", joined, ""]
+    assert f"conditions: {joined}" in found.describe(found.to_frame()["id"].iloc[0])
+    write_campaign_report(found)
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    escaped = joined.replace("<", "&lt;")
+    assert page.count(escaped) == 3, "in the remark and in the row of each of two runs"
+    assert "provided that</th>" in page and escaped in found._repr_html_()
+    assert pd.read_csv(tmp_path / "runs.csv")["conditions"].fillna("").tolist() == [joined, "", joined, ""]
+
+
+def test_nothing_is_told_where_valid_answers_rest_on_nothing(tmp_path: Path) -> None:
+    found = results(tmp_path, ["valid", "doubtful"], seeds=2)
+    write_campaign_report(found)
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert "provided that" not in page and "conditional" not in page + found.summary()
 
 
 def test_few_and_shared_data_are_told(tmp_path: Path) -> None:

@@ -54,6 +54,7 @@ def test_rows_are_what_the_runs_give_alone(done: Campaign, tmp_path: Path, capsy
         assert main(["campaign", "show", str(done.out), row["id"][:12], "--files", str(tmp_path / row["id"])]) == 0
         alone = identify(tmp_path / row["id"] / "case.yaml")
         assert {name: row[name] for name in alone.values} == alone.values
+        assert row["conditions"] == "; ".join(alone.document.conditions)
         total = alone.document.relative_error_percent["estimation"].total
         assert row["error_percent"] == pytest.approx(total, rel=1e-14)  # norms round as their vectors lie in memory
         assert {row[f"{name}.true"] for name in alone.values} == {3.43, 0.03, 0.82, 0.063, 0.241, 0.014, 0.013, 0.137}
@@ -247,6 +248,9 @@ def test_report_and_tables(done: Campaign, capsys: pytest.CaptureFixture[str]) -
         assert f'href="#run-{run.id}"' in text
         assert f'id="run-{run.id}"' in text
     assert "COMPLETE" in text
+    conditions = pd.read_csv(done.out / "runs.csv")["conditions"]
+    assert conditions.str.startswith("the data do not hide ").all()
+    assert "valid answers rest on what their data do not show" in text and "provided that</th>" in text
     assert "fewer than 20 data" in text
     runs, same = pd.read_csv(done.out / "runs.csv"), pd.read_parquet(done.out / "runs.parquet")
     for name in ("id", "seed", "verdict", "error_percent", "seconds"):

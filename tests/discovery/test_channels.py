@@ -179,8 +179,13 @@ def test_positions_name_what_a_slow_torque_log_hides(tmp_path: Path) -> None:
 
 @pytest.mark.gate
 def test_nothing_is_named_on_a_clean_plant_with_positions(tmp_path: Path) -> None:
-    document = discover(arm_case(tmp_path, sigma=0.2, rate_hz=20.0, encoder=ENCODER)).document
+    found = discover(arm_case(tmp_path, sigma=0.2, rate_hz=20.0, encoder=ENCODER))
+    document = found.document
     assert (document.answer, document.verdict) == ("nothing", "valid")
+    (condition,) = document.conditions
+    assert condition.startswith("the data do not hide ") and document.power is not None
+    assert f"Provided that {condition}." in " ".join(found.summary().split())
+    assert any(note.startswith("It would not show, but move values: ") for note in document.notes)
 
 
 @pytest.mark.gate

@@ -64,9 +64,10 @@ def test_a_search_at_its_end_is_not_unfinished() -> None:
 
 def test_what_was_not_looked_for_at_the_end_makes_it_unfinished() -> None:
     """A verdict of all rounds does not hold for what they did not see."""
-    found = ended_before(document(answer="nothing", findings=[]), 5.0, "gears")
+    found = ended_before(document(answer="nothing", findings=[], conditions=["b is right"]), 5.0, "gears")
     assert (found.answer, found.unfinished.code) == ("unfinished", "search-cut")  # type: ignore[union-attr]
     assert (found.verdict, [reason.code for reason in found.reasons]) == ("not_settled", ["search-cut"])
+    assert found.conditions == [] and found.power is None, "only a valid verdict rests on something"
     assert found.unfinished.text == "The time limit of 5 s ended the search before gears were looked for."  # type: ignore[union-attr]
     again = ended_before(found, 5.0, "pushes")
     assert again.unfinished.text.endswith("before gears were looked for. Pushes were not looked for either.")  # type: ignore[union-attr]

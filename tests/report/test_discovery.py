@@ -11,10 +11,12 @@ import pytest
 
 from fmu_didim.base.errors import InputError
 from fmu_didim.checks.judgement import DiagnosticResult
+from fmu_didim.checks.power.statement import MovedResult, PowerResult, StatedResult
 from fmu_didim.data.signals import Array, trajectory, write_csv
 from fmu_didim.report.discovery.regions import strongest_regions
 from fmu_didim.report.discovery.sections import (
     DISCOVERY_FILE,
+    discovery_html,
     discovery_report,
     discovery_table,
     write_discovery_report,
@@ -280,6 +282,41 @@ Files
   robot description with the effects: robot_discovered.yaml
   plant with the effects, FMU: plant.fmu
 """
+
+
+@pytest.mark.parametrize(
+    ("conditions", "line"),
+    [
+        ([], ""),
+        (["b is < 2"], "Provided that b is < 2."),
+        (["b", "c is < 2", "d"], "Provided that b; and that c is < 2; and that 1 more hold (Notes)."),
+    ],
+)  # fmt: skip
+def test_what_a_valid_discovery_rests_on_stands_below_its_verdict(
+    conditions: list[str], line: str, tmp_path: Path
+) -> None:
+    result = document(conditions=conditions)
+    text = discovery_table(result)
+    assert " ".join(text[: text.index("Two-joint arm")].split()).endswith(f"0.44 times the noise. {line}".strip())
+    page = page_of(saved(tmp_path, result))
+    banner = page[page.index('<div class="banner good">') : page.index('<div class="cards">')]
+    assert line.replace("<", "&lt;") in banner
+    assert ("Provided that" in banner) == bool(line) == ("Provided that" in discovery_html(result))
+    assert load_findings(tmp_path).conditions == conditions
+
+
+def test_what_a_valid_discovery_excludes_stands_on_its_page(tmp_path: Path) -> None:
+    stated = StatedResult(
+        effect="offset", what="an offset of the torque", joint=1, place="joint 1", size=0.27, unit="% of the peak",
+        largest=30.0, parameters={"tau0": 0.1},
+        moves=MovedResult(size=0.27, parameter="MX1", deviations=32.0, percent=0.6),
+    )  # fmt: skip
+    power = PowerResult(power=0.95, stated=[stated], trusted=[])
+    assert "MX1 by 32 sigma" in page_of(saved(tmp_path, document(power=power)))
+    assert "an offset of the torque above 0.27 % of the peak" in " ".join(
+        discovery_table(document(power=power)).split()
+    )
+    assert "an offset" not in discovery_table(document(power=power, verdict="doubtful"))
 
 
 def test_text_is_this() -> None:

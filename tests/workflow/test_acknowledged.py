@@ -50,6 +50,9 @@ def test_a_right_case_with_a_checked_doubt_is_valid_and_says_so(tmp_path: Path) 
     found = identify(path, out=tmp_path / "out")
     assert found.verdict == "valid" and not found.reasons
     assert found.values == plain.values
+    assert plain.document.power is None and found.document.power is not None
+    (condition,) = found.document.conditions  # as of any other valid verdict
+    assert condition.startswith("the data do not hide ")
     saved = read_result(tmp_path / "out")
     assert [(each.code, each.sentence) for each in saved.acknowledged] == [(CODE, SENTENCE)]
     told = " ".join(result_table(saved).split())

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -192,6 +192,7 @@ def _runs(results: Results, runs: pd.DataFrame) -> Section:
         *(words(path, [shown(r[path]) for r in rows]) for path in results.paths),
         Column("seed", [str(r["seed"]) for r in rows]),
         words("verdict", [_word(r["verdict"], r["status"]) for r in rows]),
+        *_provided(rows),
         Column(f"{results.quantity} error %", [significant(r["error_percent"]) for r in rows]),
         Column("iterations", [shown(r["iterations"]) for r in rows]),
         Column("s", [significant(r["seconds"], 2) for r in rows]),
@@ -202,6 +203,12 @@ def _runs(results: Results, runs: pd.DataFrame) -> Section:
     text = f"One of them in full: {command} ID" + (f"; {left} more are in runs.csv" if left else "")
     blocks: Sequence[Block] = [note(text), Table(columns, anchors=[f"run-{id_}" for id_ in ids])]
     return Section("Runs", blocks, anchor="runs")
+
+
+def _provided(rows: Sequence[Mapping[str, Any]]) -> list[Column]:
+    """What the valid answers rest on; no column where none rests on anything."""
+    found = [r["conditions"] for r in rows]
+    return [words("provided that", found, shrinks=True)] if any(found) else []
 
 
 def _word(verdict: Any, status: str) -> str:

@@ -6,7 +6,7 @@ import json
 from collections.abc import Iterable, Sequence
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
@@ -71,11 +71,13 @@ class Results:
         rows = self.store.rows([n for n in _COLUMNS if n != "seed"]).to_pandas()
         return self._planned.merge(rows, on="id", how="left").assign(
             status=lambda table: table["status"].fillna("open"),
-            reasons=lambda table: [", ".join(r) if isinstance(r, Iterable) else "" for r in table["reasons"]],
+            reasons=lambda table: [_joined(r, ", ") for r in table["reasons"]],
+            conditions=lambda table: [_joined(r, "; ") for r in table["conditions"]],
         )
 
     def to_frame(self, *, parameters: bool = True) -> pd.DataFrame:
-        """One row a planned run: the fields that vary, status (``open`` if not run yet), verdict, message, figures.
+        """One row a planned run: the fields that vary, status (``open`` if not run yet), verdict, what it rests on,
+        message, figures.
 
         Args:
             parameters: a column for the value of each parameter too, ``<name>.std`` and ``<name>.true`` beside it.
@@ -133,7 +135,8 @@ class Results:
         return [*lines, "", f"again: fmu-didim campaign retry {self.folder} --only {row['id']}"]
 
     def groups(self, *by: str) -> pd.DataFrame:
-        """One row a group: number of runs by verdict, iterations, errors, and the quality of the answers.
+        """One row a group: number of runs by verdict, of valid ones that rest on what their data do not show
+        (``conditional``), iterations, errors, and the quality of the answers.
 
         Args:
             by: fields that vary; by default all of them, without the seed.
@@ -150,6 +153,7 @@ class Results:
             verdict, status = group["verdict"], group["status"]
             row = dict(zip(names, key, strict=True)) | {"runs": len(group)}
             row |= {v: int((verdict == v).sum()) for v in VERDICTS}
+            row["conditional"] = int((group["conditions"] != "").sum())
             row |= {"failed": int(status.isin(FAILURES).sum()), "open": int((status == "open").sum())}
             row["data"] = int(group.loc[status != "open", "data"].nunique())
             row["iterations"] = group["iterations"].median()
@@ -226,6 +230,12 @@ class Results:
             found.append(
                 f"{status.verdicts['doubtful']} answers are doubtful; they count, because their values may be used."
             )
+        resting = [text for text in runs["conditions"] if text]
+        if resting:
+            found.append(
+                f"{len(resting)} of {status.verdicts['valid']} valid answers rest on what their data do not show "
+                f"(conditions of each run), the first of them: provided that {resting[0]}."
+            )
         if status.open:
             found.append(f"{status.open} of {status.planned} runs have not run yet.")
         if not self._parameters.empty and self._parameters["true"].notna().any():
@@ -250,8 +260,13 @@ class Results:
         return found
 
 
+def _joined(texts: Any, by: str) -> str:
+    """Texts of a run in a row; empty where it has none."""
+    return by.join(texts) if isinstance(texts, Iterable) else ""
+
+
 _COLUMNS = (
-    "status", "verdict", "reasons", "message", "iterations", "finish_iterations", "error_percent", "held_out_percent",
-    "condition_number", "answer", "named", "hidden", "gap_before", "gap_after", "findings", "seconds", "cpu_seconds",
-    "attempt", "started", "host",
+    "status", "verdict", "reasons", "conditions", "message", "iterations", "finish_iterations", "error_percent",
+    "held_out_percent", "condition_number", "answer", "named", "hidden", "gap_before", "gap_after", "findings",
+    "seconds", "cpu_seconds", "attempt", "started", "host",
 )  # fmt: skip

@@ -45,6 +45,7 @@ def group_columns(groups: pd.DataFrame, paths: Sequence[str], *, quantity: str =
     if (groups["data"] != groups["runs"]).any():
         columns.append(_counts(groups, "data", shown="page"))
     columns.append(_counts(groups, "valid"))
+    columns += [_counts(groups, "conditional")] if groups["conditional"].any() else []
     columns.append(_counts(groups, "doubtful", shown="both" if groups["doubtful"].any() else "terminal"))
     columns += [_counts(groups, n) for n in ("not_settled", "refused", "failed", "open") if groups[n].any()]
     columns.append(Column(f"{quantity} error %", [_fixed(v, 2) for v in groups["error_percent"]]))

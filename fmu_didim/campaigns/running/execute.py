@@ -196,6 +196,7 @@ def _result(document: ResultDocument, case: Case, truth: Truth | None) -> dict[s
                 if e.role == "validation" and label in document.relative_error_percent]  # fmt: skip
     return {
         "verdict": document.verdict, "reasons": [reason.code for reason in document.reasons],
+        "conditions": document.conditions,
         "message": document.advice if document.verdict == "not_settled" else "",
         "iterations": document.iterations, "finish_iterations": document.finish_iterations,
         "error_percent": document.fitted_error_percent.total if document.fitted_error_percent else None,
@@ -227,6 +228,7 @@ def _findings(document: FindingsDocument, case: Case, truth: Truth | None) -> di
     ]  # fmt: skip
     return {
         "verdict": document.verdict, "reasons": [reason.code for reason in document.reasons],
+        "conditions": document.conditions,
         "answer": document.answer, "named": "+".join(f"{f.effect}@{f.joint}" for f in document.findings),
         "hidden": hidden_effects(truth.robot, case.robot) if truth is not None else None,
         "gap_before": gaps[0].before if gaps else None, "gap_after": gaps[0].after if gaps else None,

@@ -47,7 +47,7 @@ _NUMBERS = (
 ROW = pa.schema([
     *((name, pa.string()) for name in _TEXTS), *((name, pa.float64()) for name in _NUMBERS),
     *((name, pa.int64()) for name in ("seed", "attempt", "iterations", "finish_iterations")),
-    ("reasons", pa.list_(pa.string())), ("parameters", pa.list_(_PARAMETER)),
+    *((name, pa.list_(pa.string())) for name in ("reasons", "conditions")), ("parameters", pa.list_(_PARAMETER)),
 ])  # fmt: skip
 """The columns of a row."""
 _PLANNED = pa.schema([
@@ -151,7 +151,9 @@ class Store:
     def _parts(self, names: list[str], schema: pa.Schema) -> Iterator[pa.Table]:
         for path in sorted((self.folder / PARTS).glob("*.parquet")):
             try:
-                yield parquet.read_table(path, columns=names).select(names).cast(schema)
+                found = parquet.ParquetFile(path)
+                known = [name for name in names if name in found.schema_arrow.names]
+                yield _whole(found.read(columns=known), schema)
             except (OSError, KeyError, pa.ArrowException) as error:
                 _log.warning("%s cannot be read (%s); its runs count as not done", path, error)
 
@@ -196,6 +198,15 @@ def _best_rows(table: pa.Table) -> pa.Table:
         if id_ not in best or rank > best[id_][0]:
             best[id_] = rank, i
     return table.take(pa.array([i for _, i in best.values()], type=pa.int64()))
+
+
+def _whole(found: pa.Table, schema: pa.Schema) -> pa.Table:
+    """A table with all columns of a schema: what a version of this project did not write yet is empty, but for what
+    every row has."""
+    for name in schema.names:
+        if name not in found.column_names and name not in BRIEF:
+            found = found.append_column(name, pa.nulls(len(found), schema.field(name).type))
+    return found.select(schema.names).cast(schema)
 
 
 def _as_table(rows: list[dict[str, Any]], schema: pa.Schema) -> pa.Table:

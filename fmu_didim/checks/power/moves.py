@@ -8,10 +8,13 @@ standard deviations, which know of noise alone.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 from fmu_didim.base.diagnostics import CATALOGUE, REMARK, Diagnostic
-from fmu_didim.checks.judgement import CONDITIONAL
-from fmu_didim.checks.power.statement import PowerResult, StatedResult, TrustResult
+from fmu_didim.checks.judgement import CONDITIONAL, Judgement
+from fmu_didim.checks.motion.misfits import Misfits
+from fmu_didim.checks.power.statement import PowerResult, StatedResult, TrustResult, power_of_fit
+from fmu_didim.fit.fit import Fit
 
 MOVES = 1.0
 """[standard deviations] By which a misfit that does not show moves a value, from which that is said."""
@@ -28,6 +31,21 @@ UNSEEN_MOVES = CATALOGUE(
     next_step="Rule out at the machine what matters to you: the zero of the torque at standstill, the marks of the "
     "joints, the tilt of the base, the load; or choose a motion that tells more apart (docs/howto/choose-a-motion.md).",
 )  # fmt: skip
+
+
+def with_power(judged: Judgement, fit: Fit | None, misfits: Misfits) -> tuple[Judgement, PowerResult | None]:
+    """A judgement of the values of a fit with what it rests on, and what it excludes; as it is, and None, where it is
+    not valid, or that is not known.
+
+    Args:
+        misfits: of the fit; none: they are asked for here.
+    """
+    if judged.verdict != "valid" or fit is None or fit.model.loop.torque_is_given or not fit.model.loop.shows_torque:
+        return judged, None
+    power = power_of_fit(fit, misfits if misfits.stated else Misfits.of(fit))
+    if power is None:
+        return judged, None
+    return replace(judged, remarks=(*judged.remarks, *unseen_diagnostics(power))), power
 
 
 def unseen_diagnostics(power: PowerResult) -> list[Diagnostic]:

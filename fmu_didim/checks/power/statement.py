@@ -23,6 +23,8 @@ HOW_TO_CHECK = {
     ZERO_TURNING.what: "Drive the joint to its mark or against its stop, and read the position there.",
 }
 """What is taken on trust -> how to check it."""
+EXCLUDES = "what a valid verdict excludes; null where it is another one, or that is not known"
+"""Description of it in a saved document."""
 TWO_DIGITS = 10.0
 """[1] From which a figure is shown without a fraction."""
 

@@ -25,6 +25,7 @@ from fmu_didim.report.numbers import (
     significant,
 )
 from fmu_didim.report.page import notebook_html, write_page
+from fmu_didim.report.power import power_sections
 from fmu_didim.report.sections import (
     Bar,
     Block,
@@ -103,6 +104,7 @@ def discovery_report(document: FindingsDocument, parts: Sequence[ExperimentChart
         _noise(document),
         *_competition(document),
         *_parameters(document),
+        *([] if document.outputs else power_sections(document.verdict, document.power)),
         Section("Notes", [Items(document.notes)], anchor="notes", has_title=True),
         _loop(document),
         _files(document),

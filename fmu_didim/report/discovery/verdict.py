@@ -52,7 +52,7 @@ def verdict_of(document: FindingsDocument) -> Banner:
             : not document.outputs
         ]
     sentences += map(capitalised, acknowledged_text(document.acknowledged))
-    lines = [". ".join(sentences) + ".", *conditions_text(document.conditions)]
+    lines = [". ".join(sentences) + ".", *conditions_text(document.conditions, listed="Notes")]
     return Banner(grade, head, "\n".join(lines), document.reasons)
 
 

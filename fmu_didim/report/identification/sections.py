@@ -15,7 +15,6 @@ from fmu_didim.report.drawing.torque_charts import history_chart
 from fmu_didim.report.experiment_charts import ExperimentCharts, residual_sections, torque_sections
 from fmu_didim.report.identification.charts import saved_charts
 from fmu_didim.report.identification.joint import joint_sections
-from fmu_didim.report.identification.power import power_sections
 from fmu_didim.report.identification.prior import prior_sections, share_text
 from fmu_didim.report.identification.profiles import interval_texts, profile_sections
 from fmu_didim.report.identification.search import search_sections
@@ -37,6 +36,7 @@ from fmu_didim.report.numbers import (
     significant,
 )
 from fmu_didim.report.page import notebook_html, write_page
+from fmu_didim.report.power import power_sections
 from fmu_didim.report.sections import (
     Bar,
     Block,
@@ -110,7 +110,7 @@ def result_report(document: ResultDocument, parts: Sequence[ExperimentCharts] = 
         _parameters(document),
         _experiments(document),
         _torque(document),
-        *([] if document.outputs else power_sections(document)),
+        *([] if document.outputs else power_sections(document.verdict, document.power)),
         *torque_sections(parts),
         *residual_sections(parts, "What the model leaves", advice),
         _model(document),

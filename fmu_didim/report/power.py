@@ -5,16 +5,14 @@ from __future__ import annotations
 from fmu_didim.checks.power.statement import PowerResult, StatedResult, TrustResult
 from fmu_didim.report.numbers import significant
 from fmu_didim.report.sections import Block, Column, Section, Table, Text, note, words
-from fmu_didim.results.result import ResultDocument
 
 FEW = 4
 """[kinds] Of misfits that the terminal names: those that are bounded most closely."""
 
 
-def power_sections(document: ResultDocument) -> list[Section]:
+def power_sections(verdict: str, power: PowerResult | None) -> list[Section]:
     """What a valid verdict excludes, and what is taken on trust; empty where the verdict is another one."""
-    power = document.power
-    if document.verdict != "valid":
+    if verdict != "valid":
         return []
     if power is None:
         text = "Not stated: the plant gives no velocities, or the residual is not that of a simulated torque."
