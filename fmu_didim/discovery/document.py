@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 
 from fmu_didim.base.errors import SimulationError
+from fmu_didim.checks.judgement import Judgement
 from fmu_didim.checks.motion.misfits import Misfits
 from fmu_didim.checks.power.moves import with_power
 from fmu_didim.data.signals import Array
@@ -91,10 +92,7 @@ def findings_document(
         gap={label: gap_pair(before, after, noise) for label, (before, after) in residuals.items()},
         error_percent=_errors(discovery, residuals),
         ratio_interval=(ratio.low, ratio.high) if ratio is not None else None,
-        noise=NoiseResult(
-            source=noise.source, std=noise.deviation.tolist(), correlation=noise.correlation.tolist(),
-            period_s=noise.period_s, periods=noise.periods,
-        ),
+        noise=_noise(noise),
         channels=_channels(discovery),
         regions=list(regions),
         windows=[*windows, *(() if discovery.ending is Ending.RUNNING else _windows(discovery, residuals))],
@@ -106,15 +104,26 @@ def findings_document(
         friction=friction_curves(builder, base, discovery.final),
         torque_unit=list(base.model.parameters.torque_units),
         seconds=0.0,
-        notes=[
-            *judgement.acknowledged_remarks, *notes, *(step.remark for step in discovery.steps if step.remark),
-            *(str(remark) for remark in judgement.remarks),
-        ],
+        notes=_notes(judgement, notes, discovery),
         files={},
         provenance={
             **request.provenance, "options": request.options.record(), "catalogue": sorted(builder.effects),
         },
     )  # fmt: skip
+
+
+def _noise(noise: Noise) -> NoiseResult:
+    """Of the base model."""
+    return NoiseResult(
+        source=noise.source, std=noise.deviation.tolist(), correlation=noise.correlation.tolist(),
+        period_s=noise.period_s, periods=noise.periods,
+    )  # fmt: skip
+
+
+def _notes(judgement: Judgement, notes: Sequence[str], discovery: Discovery) -> list[str]:
+    """What is worth knowing, in the order of the page."""
+    of_steps = [step.remark for step in discovery.steps if step.remark]
+    return [*judgement.acknowledged_remarks, *notes, *of_steps, *(str(remark) for remark in judgement.remarks)]
 
 
 def _candidates(discovery: Discovery) -> list[CandidateResult]:
