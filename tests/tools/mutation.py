@@ -45,7 +45,8 @@ TESTS: dict[str, tuple[str, ...]] = {
     "fit/statistics.py": ("fit/test_statistics_edges.py", "fit/test_statistics.py"),
 }
 """File of the package -> its fast tests, from the folder of tests on."""
-TIME_LIMIT_S = 60.0
+PATIENCE = 5.0
+"""[1] Times what the unchanged tests take: after it, a mutant counts as noticed, being a loop that no longer ends."""
 
 Comparisons = {
     ast.Lt: (ast.LtE, ast.Gt), ast.LtE: (ast.Lt, ast.GtE), ast.Gt: (ast.GtE, ast.Lt), ast.GtE: (ast.Gt, ast.LtE),
@@ -166,26 +167,26 @@ def chosen(files: Sequence[str], count: int, seed: int) -> list[Mutant]:
     return every if count >= len(every) else random.Random(seed).sample(every, count)
 
 
-def killed(mutant: Mutant, folder: Path, tests: Sequence[str]) -> bool:
-    """Whether the tests notice a mutant; those that take too long do."""
+def killed(mutant: Mutant, folder: Path, tests: Sequence[str], limit_s: float) -> bool:
+    """Whether the tests notice a mutant; those that take longer than ``limit_s`` do."""
     path = folder / "fmu_didim" / mutant.file
     original = path.read_text(encoding="utf-8")
     try:
         path.write_text(mutant.source, encoding="utf-8")
-        return not passes(folder, tests)
+        return not passes(folder, tests, limit_s)
     finally:
         path.write_text(original, encoding="utf-8")
 
 
-def passes(folder: Path, tests: Sequence[str]) -> bool:
-    """Whether the tests pass in a copy of the project."""
+def passes(folder: Path, tests: Sequence[str], limit_s: float | None = None) -> bool:
+    """Whether the tests pass in a copy of the project, within a time if one is given."""
     command = [sys.executable, "-B", "-m", "pytest", "-x", "-q", "-n", "0", "-p", "no:cacheprovider"]
     environment = {**os.environ, "PYTHONPATH": str(folder), "OPENBLAS_NUM_THREADS": "1", "FMU_DIDIM_WORKERS": "1"}
     environment.pop("PYTHONDONTWRITEBYTECODE", None)  # tests/conftest.py would take it, and ``-B`` with it, away
     try:
         done = subprocess.run(
             [*command, *(str(folder / "tests" / test) for test in tests)], cwd=folder, env=environment,
-            capture_output=True, timeout=TIME_LIMIT_S, check=False,
+            capture_output=True, timeout=limit_s, check=False,
         )  # fmt: skip
     except subprocess.TimeoutExpired:
         return False
@@ -218,16 +219,23 @@ def main(arguments: Sequence[str] | None = None) -> int:
     equivalent, counts = known_equivalents(), {"killed": 0, "survived": 0, "equivalent": 0}
     with tempfile.TemporaryDirectory() as name:
         folder = copied(Path(name))
+        limits_s: dict[tuple[str, ...], float] = {}
         for file in asked.files:
-            if not passes(folder, asked.tests or TESTS[file]):
+            tests = tuple(asked.tests or TESTS[file])
+            if tests in limits_s:
+                continue
+            begin = time.perf_counter()
+            if not passes(folder, tests):
                 print(f"The tests of {file} fail without any change.")
                 return 2
+            limits_s[tests] = PATIENCE * (time.perf_counter() - begin)
         begin = time.perf_counter()
         for mutant in chosen(asked.files, asked.count, asked.seed):
             if (mutant.file, mutant.before, mutant.after) in equivalent:
                 outcome = "equivalent"
             else:
-                outcome = "killed" if killed(mutant, folder, asked.tests or TESTS[mutant.file]) else "survived"
+                tests = tuple(asked.tests or TESTS[mutant.file])
+                outcome = "killed" if killed(mutant, folder, tests, limits_s[tests]) else "survived"
             counts[outcome] += 1
             print(f"{outcome}: {mutant.file}:{mutant.line}", flush=True)
             if outcome == "survived":
