@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -69,12 +69,14 @@ class Prepared:
 
     Attributes:
         doubts: about what else was measured; of_torque: the fit to the torque alone, where more was fitted; else None.
+        start: name of a free parameter -> value from which it was fitted.
     """
 
     fit: Fit
     notes: tuple[str, ...] = ()
     doubts: tuple[Diagnostic, ...] = ()
     of_torque: Fit | None = None
+    start: Mapping[str, float] = field(default_factory=dict)
 
 
 def prepare(model: LoopModel) -> Prepared:
@@ -84,7 +86,7 @@ def prepare(model: LoopModel) -> Prepared:
     Raises:
         InputError: the torque logs are too short; SimulationError: the loop fails with all start values.
     """
-    found = _of_torque(model.torque_alone)
+    found = replace(_of_torque(model.torque_alone), start=dict(zip(model.names, model.start, strict=True)))
     return found if not model.experiments.channels else _of_all_outputs(found, model)
 
 

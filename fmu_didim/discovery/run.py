@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time as clock
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -130,7 +131,10 @@ class _Search:
         alone = base.torque_alone
         gaps = ", ".join(f"{gap:.2f}" for gap in joint_gaps(alone.residual, alone.noise))
         progress.say(f"gap of the base model: {gaps} of the noise")
-        builder = LoopModelBuilder(alone.model, request.description, request.effects)
+        build = partial(
+            LoopModelBuilder, description=request.description, effects=request.effects, start=prepared.start
+        )
+        builder = build(alone.model)
         torques, is_late = None, progress.is_time_up
         if request.external is not None and not is_late:
             torques = find_external_torques(alone, say=progress.say)
@@ -138,9 +142,9 @@ class _Search:
             torques = None
         if torques is not None:
             base = replace(alone, noise=torques.fit.noise)
-            builder = LoopModelBuilder(torques.fit.model, request.description, request.effects)
+            builder = build(torques.fit.model)
         elif base is not alone:
-            builder = LoopModelBuilder(base.model, request.description, request.effects)
+            builder = build(base.model)
         regions = regions_of_fit(base.torque_alone, builder.description)
         return _Search(request, prepared, base, torques, builder, is_late, regions)
 

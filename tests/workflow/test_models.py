@@ -148,6 +148,24 @@ def test_a_ridge_is_refused(house: Path) -> None:
         identify(case(house, identify={"R1": POSITIVE, "R2": POSITIVE, "C": POSITIVE}))
 
 
+@pytest.mark.slow
+def test_a_ridge_is_refused_from_wherever_the_search_starts(house: Path) -> None:
+    rng = np.random.default_rng(3)
+    for _ in range(20):
+        start = np.array([*TRUTH.values(), 4e6]) * np.exp(rng.uniform(-1.2, 1.2, 3))
+        sought = {name: POSITIVE | {"start": float(s)} for name, s in zip(("R1", "R2", "C"), start, strict=True)}
+        with pytest.raises(
+            IdentificationError, match=r"cannot tell some parameters apart[\s\S]*R1 \+1 %, R2 \+1 %, C -1 %"
+        ):
+            identify(case(house, identify=sought))
+
+
+@pytest.mark.parametrize("kind", ["didim", "clie", "idim_ls"])
+def test_estimators_of_robots_are_none_of_models(house: Path, kind: str) -> None:
+    with pytest.raises(InputError, match="takes output_error"):
+        identify(case(house, estimator={"kind": kind}))
+
+
 def test_arrays_in_the_place_of_all_files(arrays: tuple[np.ndarray, np.ndarray], house: Path) -> None:
     weather, room = arrays
     found = identify(

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
+from types import MappingProxyType
 
 import numpy as np
 
@@ -34,12 +35,19 @@ class LoopModelBuilder:
         base: the loop without added effects.
         description: the robot, None for a black-box plant, which then gets effects through its wiring.
         effects: the catalogue by name.
+        start: name of a free parameter -> value from which the base was fitted; those that are not in it are as in
+            ``base``.
     """
 
     def __init__(
-        self, base: LoopModel, description: RobotDescription | None, effects: Mapping[str, Effect] = EFFECTS
+        self,
+        base: LoopModel,
+        description: RobotDescription | None,
+        effects: Mapping[str, Effect] = EFFECTS,
+        *,
+        start: Mapping[str, float] = MappingProxyType({}),
     ) -> None:
-        self.base, self.description, self.effects = base, description, effects
+        self.base, self.description, self.effects, self.start = base, description, effects, start
         self.loop = BaseLoop(base, description)
         places = (EffectAtJoint(name, j) for name in effects for j in range(1, base.joint_count + 1))
         self._placed = {a: placed(a, effects[a.effect], self.loop) for a in places}

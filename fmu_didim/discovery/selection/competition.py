@@ -271,40 +271,36 @@ class Competition:
         placed = builder.at(effect_at)
         if not (self._is_missing_base(candidate) and placed.shapes):
             return found
-        proposal, held = candidate.signature.proposal(candidate.coefficients), list[Fit]()
-        for place in HELD_FIRST:
-            shapes = {v.name: _at_place(placed.search[v.name], place) for v in placed.shapes}
-            at_place = replace(proposal, values={**proposal.values, **shapes})
-            for start in (self, self._at_start_of_case):
-                fitted = start.refit(at_place, until=until, hold=True, updates=HELD_UPDATES)
-                held += [fitted] if fitted is not None else []
-        if not held:
-            return found
-        best = min(held, key=lambda fit: fit.chi_square)
+        proposal = candidate.signature.proposal(candidate.coefficients)
         free = {p.name: p for p in placed.free_parameters(proposal, len(self.fit.model.added_effects))}
-        model = best.model.with_free(
-            replace(p, lowest=free[p.name].lowest, highest=free[p.name].highest, value=float(value))
-            if p.name in free
-            else replace(p, value=float(value))
-            for p, value in zip(best.model.free_parameters, best.values, strict=True)
-        )
-        stopping = Stopping(updates=HELD_UPDATES, until=until, check_all=False)
-        released = minimise(model, self.fit.noise, stopping=stopping, outputs=best.outputs)
-        return released if found is None or released.chi_square < found.chi_square else found
+        begins = [None, *([] if self.fit.model.added_effects else [self._start_of_case])]
+        for begin in begins:
+            held = list[Fit]()
+            for place in HELD_FIRST:
+                shapes = {v.name: _at_place(placed.search[v.name], place) for v in placed.shapes}
+                at_place = replace(proposal, values={**proposal.values, **shapes})
+                fitted = self.refit(at_place, begin=begin, until=until, hold=True, updates=HELD_UPDATES)
+                held += [fitted] if fitted is not None else []
+            if not held:
+                continue
+            best = min(held, key=lambda fit: fit.chi_square)
+            model = best.model.with_free(
+                replace(p, lowest=free[p.name].lowest, highest=free[p.name].highest, value=float(value))
+                if p.name in free
+                else replace(p, value=float(value))
+                for p, value in zip(best.model.free_parameters, best.values, strict=True)
+            )
+            stopping = Stopping(updates=HELD_UPDATES, until=until, check_all=False)
+            released = minimise(model, self.fit.noise, stopping=stopping, outputs=best.outputs)
+            found = released if found is None or released.chi_square < found.chi_square else found
+        return found
 
-    @cached_property
-    def _at_start_of_case(self) -> Competition:
-        """The same competition with what is identified at the values of the case, where its loop runs there."""
-        base, fit = self.builder.base, self.fit
-        own = dict(zip(base.names, base.start, strict=True))
-        values = np.array([own.get(name, value) for name, value in zip(fit.model.names, fit.values, strict=True)])
-        model = fit.model.with_values(values)
-        try:
-            outputs = model.outputs(values)
-            jacobian = sensitivity(model, values, outputs, exact=False, whole=False)
-        except SimulationError:
-            return self
-        return replace(self, fit=replace(fit, model=model, values=values, outputs=outputs, jacobian=jacobian))
+    @property
+    def _start_of_case(self) -> Array:
+        """The present model with what is identified at the values of the case, where the loop may run with the effect
+        alone."""
+        model, start = self.fit.model, self.builder.start
+        return np.array([start.get(name, value) for name, value in zip(model.names, self.fit.values, strict=True)])
 
     def _scanned(self, candidate: ScreenedCandidate) -> list[Proposal]:
         """Starts of a candidate outside the torque balance, the best first: sizes and shapes tried in the loop, with
@@ -364,6 +360,7 @@ class Competition:
         self,
         proposal: Proposal,
         *,
+        begin: Array | None = None,
         give_up_above: float = np.inf,
         until: float = np.inf,
         hold: bool = False,
@@ -372,10 +369,12 @@ class Competition:
         """The present model with one more effect, fitted; None if no start of it can be simulated.
 
         Args:
+            begin: values of the present model, where its fit does not begin from them.
             give_up_above, until, updates: see :func:`~fmu_didim.fit.solver.least_squares.minimise`.
             hold: whether its shapes stay as they are proposed.
         """
         builder, fit = self.builder, self.fit
+        present = fit.model if begin is None else fit.model.with_values(begin)
         neutral = builder.effect(proposal.effect_at).neutral
         for part in SMALLER:
             values = dict(proposal.values)
@@ -385,7 +384,7 @@ class Competition:
                     values[name] = off + part * (values[name] - off)
                 else:  # a stiffness, with nothing there when it is infinite
                     values[name] = values[name] / part
-            model = builder.build(fit.model, [Proposal(proposal.effect_at, values, proposal.scales)])
+            model = builder.build(present, [Proposal(proposal.effect_at, values, proposal.scales)])
             if len(model.free_parameters) == len(fit.model.free_parameters):
                 return None  # all its parameters belong to effects that are there already
             low, high = model.free_parameters.limits
@@ -396,11 +395,13 @@ class Competition:
                 model = with_fitting_substeps(model, start, fit.noise.deviation)
             try:
                 outputs = model.outputs(start)
-                added = list(range(len(fit.model.free_parameters), len(model.free_parameters)))
-                slopes = sensitivity(model, start, outputs, only=added, exact=False, whole=False)
+                # Those of the present model are known where its fit ended.
+                known = len(fit.model.free_parameters) if begin is None else 0
+                only = list(range(known, len(model.free_parameters)))
+                slopes = sensitivity(model, start, outputs, only=only, exact=False, whole=False)
             except SimulationError:
                 continue
-            jacobian = np.concatenate([fit.jacobian, slopes], axis=2)
+            jacobian = np.concatenate([fit.jacobian[:, :, :known], slopes], axis=2)
             return minimise(
                 model, fit.noise,
                 stopping=Stopping(updates=updates, give_up_above=give_up_above, until=until, check_all=False),

@@ -28,7 +28,7 @@ def base_before(
         ranking: all fitted candidates, the best first; nearness: BIC difference within which candidates are equal.
         is_allowed: whether a candidate may be added by itself.
     """
-    missing = _missing(competition, accepted.effect_at.joint)
+    missing = missing_base(competition, accepted.effect_at.joint)
     if not missing or accepted.effect_at in missing:
         return accepted
     for candidate in (c for c in ranking if c.effect_at in missing):
@@ -38,7 +38,7 @@ def base_before(
     return accepted
 
 
-def _missing(competition: Competition, joint: int) -> list[EffectAtJoint]:
+def missing_base(competition: Competition, joint: int) -> list[EffectAtJoint]:
     """Effects of every base model that a joint of a black box lacks and can get."""
     builder = competition.builder
     own = (EffectAtJoint(name, joint) for name, effect in builder.effects.items() if effect.is_base)

@@ -14,7 +14,7 @@ from fmu_didim.discovery.screening.catalogue import SignatureCatalogue
 from fmu_didim.discovery.selection.candidates import FittedCandidate, Outcome, ScreenedCandidate, TriedCandidate
 from fmu_didim.discovery.selection.competition import Competition
 from fmu_didim.discovery.selection.decide import Options, Step, decide, nearness, step_of
-from fmu_didim.discovery.selection.missing_base import base_before
+from fmu_didim.discovery.selection.missing_base import base_before, missing_base
 from fmu_didim.discovery.selection.pre_check import pre_check
 from fmu_didim.discovery.selection.refitted import Refitted
 from fmu_didim.fit.fit import Fit
@@ -108,8 +108,12 @@ def run_rounds(
                 left = [c for c in candidates if c not in fit.model.added_effects]
                 catalogue = SignatureCatalogue(builder, fit, candidates=left, progress=progress)
         else:
-            refused = accepted
-            break
+            exchanged = _base_instead(competition, ranking, base, steps, options, progress)
+            if exchanged is None:
+                refused = accepted
+                break
+            fit, steps = exchanged
+            keep(Discovery(base, fit, tuple(steps), tried=tuple(tried), ending=Ending.RUNNING))
     return Discovery(base, fit, tuple(steps), refused, tuple(tried), ending)
 
 
@@ -150,6 +154,43 @@ def _round(
     if first is not accepted:
         ranking = tuple(c for c in ranking if c.delta_bic <= first.delta_bic)
     return ranking, tried, first
+
+
+def _base_instead(
+    competition: Competition,
+    ranking: Sequence[FittedCandidate],
+    base: Fit,
+    steps: list[Step],
+    options: Options,
+    progress: Progress,
+) -> tuple[Fit, list[Step]] | None:
+    """The model and its steps with an effect of every base model, which a black box lacks, instead of an effect on its
+    joint that it makes superfluous; None if there is none.
+
+    Where the base fit has gone astray, another effect may lead out of it when the right one does not. Beside it the
+    right one then explains a part of the first gap that is too small for an effect of its own.
+    """
+    builder, of_any_part = competition.builder, replace(options, smallest_part=0.0)
+    for candidate in ranking:
+        joint = candidate.effect_at.joint
+        is_second = any(step.effect_at.joint == joint for step in steps)
+        if not is_second or candidate.effect_at not in missing_base(competition, joint):
+            continue
+        judged = decide((candidate,), competition.fit, of_any_part, base=base, finished=competition.finished)
+        if not isinstance(judged, FittedCandidate):
+            continue
+        whole = minimise(judged.fit.model, competition.fit.noise, stopping=Stopping(updates=1, exact=True))
+        step = step_of(replace(judged, fit=whole), ranking, competition, options)
+        fit, left = _backward(builder, whole, [*steps, step], options, progress)
+        if len(left) > len(steps):
+            continue
+        progress.say(f"added instead: {step.effect_at.effect} on joint {joint}")
+        if left == [step]:  # all that it explains is its own
+            from_base = Competition(builder, base)
+            alone = from_base.assess(step.effect_at, fit)
+            left = [step_of(alone, (alone,), from_base, options)]
+        return fit, left
+    return None
 
 
 def _not_tried(candidates: Sequence[EffectAtJoint]) -> tuple[TriedCandidate, ...]:
