@@ -143,6 +143,7 @@ class Catalogue:
         self.effects = {effect.name: effect for effect in effects}
         self.description: Any = None
         self.identified: set[str] = set()
+        self.start: Mapping[str, float] = {}
         self.amplitudes: tuple[Any, ...] = ()
         self.shapes: tuple[Any, ...] = ()
         self._costs, self._joints = dict(costs or {}), joints

@@ -171,11 +171,8 @@ def _base_instead(
     right one then explains a part of the first gap that is too small for an effect of its own.
     """
     builder, of_any_part = competition.builder, replace(options, smallest_part=0.0)
-    for candidate in ranking:
-        joint = candidate.effect_at.joint
-        is_second = any(step.effect_at.joint == joint for step in steps)
-        if not is_second or candidate.effect_at not in missing_base(competition, joint):
-            continue
+    missing = [a for j in {step.effect_at.joint for step in steps} for a in missing_base(competition, j)]
+    for candidate in (c for c in ranking if missing and c.effect_at in missing):
         judged = decide((candidate,), competition.fit, of_any_part, base=base, finished=competition.finished)
         if not isinstance(judged, FittedCandidate):
             continue
@@ -184,7 +181,7 @@ def _base_instead(
         fit, left = _backward(builder, whole, [*steps, step], options, progress)
         if len(left) > len(steps):
             continue
-        progress.say(f"added instead: {step.effect_at.effect} on joint {joint}")
+        progress.say(f"added instead: {step.effect_at.effect} on joint {step.effect_at.joint}")
         if left == [step]:  # all that it explains is its own
             from_base = Competition(builder, base)
             alone = from_base.assess(step.effect_at, fit)

@@ -180,7 +180,7 @@ class Builder(Catalogue):
 
     def __init__(self, *effects: Any, broken: float = np.inf, absent: bool = False, **more: Any) -> None:
         super().__init__(*effects, **more)
-        self.base = plant(start=1.5)
+        self.start = dict.fromkeys(plant().names[:1], 1.5)
         self.broken, self.absent, self.built = broken, absent, 0
         self.amplitudes, self.shapes = (SimpleNamespace(name="F"),), (SimpleNamespace(name="v"),)
 
@@ -527,21 +527,23 @@ def test_what_every_base_model_has_and_a_black_box_lacks_is_always_tried() -> No
 
 
 def test_shapes_of_missing_friction_are_held_until_all_else_is_fitted(monkeypatch: pytest.MonkeyPatch) -> None:
-    """From three places of its range, each with the values of base and case; the best of them is set free, and
-    taken where it is better."""
+    """From three places of its range, with the values of the base and then of the case; the best of each is set free,
+    and taken where it is better."""
     builder = Builder(effect_of("coulomb", is_base=True))
     competition = Competition(builder, fitted(plant()))
-    asked: list[tuple[float, float, bool]] = []
+    asked: list[tuple[float, float | None, bool]] = []
     refit = Competition.refit
 
     def counted(self: Competition, proposal: Proposal, **more: Any) -> Fit | None:
-        asked.append((proposal.values["v"], float(self.fit.model.start[0]), more.get("hold", False)))
+        begin = more.get("begin")
+        asked.append((proposal.values["v"], None if begin is None else float(begin[0]), more.get("hold", False)))
         found = refit(self, proposal, **more)
         return found if more.get("hold") or found is None else replace(found, chi_square=1e9)
 
     monkeypatch.setattr(Competition, "refit", counted)
     comparison = competition.compare([tried(100.0, name="coulomb", v=0.9, others=None)], progress=Progress())
-    assert asked == [(0.9, 2.0, False), *((v, start, True) for v in (-0.4, 0.0, 0.4) for start in (2.0, 1.5))]
+    held = [(v, start, True) for start in (None, 1.5) for v in (-0.4, 0.0, 0.4)]
+    assert asked == [(0.9, None, False), *held]
     (found,) = comparison.ranking
     assert found.fit.chi_square < 1.0  # that of the data, which have no noise
     assert found.fit.values == pytest.approx([2.0, 3.0, 0.5], abs=1e-3)

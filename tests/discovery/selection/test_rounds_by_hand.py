@@ -21,7 +21,14 @@ from fmu_didim.discovery.selection.candidates import (
     TriedCandidate,
 )
 from fmu_didim.discovery.selection.decide import Options
-from fmu_didim.discovery.selection.rounds import Ending, _backward, _candidates, _with_shapes_held, run_rounds
+from fmu_didim.discovery.selection.rounds import (
+    Ending,
+    _backward,
+    _base_instead,
+    _candidates,
+    _with_shapes_held,
+    run_rounds,
+)
 from fmu_didim.fit.fit import Fit
 from fmu_didim.fit.solver.termination import Stopping
 from fmu_didim.model.free_parameter import LOG, PLANT, FreeParameter
@@ -404,3 +411,45 @@ def test_only_shapes_outside_the_torque_balance_are_held(others: Any, shapes: tu
     found = list(_with_shapes_held(competition, [other, wanted], EffectAtJoint("b", 1)))
     assert len(found) == count
     assert asked == ([wanted] if count else [])
+
+
+@pytest.mark.parametrize(
+    ("present", "allowed", "left", "wanted"),
+    [
+        (["drift"], True, ["coulomb"], ["coulomb from the base"]),  # the only other one goes
+        (["drift", "spring"], True, ["spring", "coulomb"], ["spring", "coulomb"]),
+        (["drift"], True, ["drift", "coulomb"], None),  # nothing is superfluous beside it
+        (["drift"], False, ["coulomb"], None),
+        ([], True, ["coulomb"], None),
+    ],
+)
+def test_an_effect_of_every_base_model_takes_the_place_of_what_it_makes_superfluous(
+    monkeypatch: pytest.MonkeyPatch, present: list[str], allowed: bool, left: list[str], wanted: list[str] | None
+) -> None:
+    """Whatever part of the first gap it explains, as long as nothing else speaks against it."""
+    coulomb = candidate_of("coulomb", fit=with_effects("drift", "coulomb"))
+    spring = candidate_of("spring", fit=with_effects("drift", "spring"))
+    asked: list[tuple[tuple[FittedCandidate, ...], float]] = []
+
+    def decide(ranking: Any, fit: Fit, options: Options, **_: Any) -> Any:
+        asked.append((ranking, options.smallest_part))
+        return ranking[0] if allowed else ((ranking[0].effect_at, "its values are not possible"),)
+
+    class FromBase(SimpleNamespace):
+        def assess(self, effect_at: EffectAtJoint, fit: Fit) -> FittedCandidate:
+            return candidate_of(f"{effect_at.effect} from the base", fit=fit)
+
+    def backward(builder: Any, fit: Fit, steps: list[Any], *_: Any) -> Any:
+        return fit, [step for step in steps if step.effect_at.effect in left]
+
+    monkeypatch.setattr(rounds, "decide", decide)
+    monkeypatch.setattr(rounds, "minimise", lambda model, noise, **_: fit_of(model, values=model.start))
+    monkeypatch.setattr(rounds, "step_of", lambda accepted, *_: SimpleNamespace(effect_at=accepted.effect_at))
+    monkeypatch.setattr(rounds, "_backward", backward)
+    monkeypatch.setattr(rounds, "Competition", lambda builder, fit: FromBase())
+    builder = Catalogue(effect_of("drift"), effect_of("spring"), effect_of("coulomb", is_base=True))
+    competition = SimpleNamespace(builder=builder, fit=with_effects("drift"), finished=None)
+    steps = [SimpleNamespace(effect_at=EffectAtJoint(name, 1)) for name in present]
+    found = _base_instead(competition, [spring, coulomb], BASE, steps, Options(), Progress())  # type: ignore[arg-type]
+    assert asked == ([((coulomb,), 0.0)] if present else [])
+    assert (None if found is None else [step.effect_at.effect for step in found[1]]) == wanted
