@@ -179,14 +179,19 @@ def efficient_finish(
         if error.excess <= 1 or not left:
             break
         model = _finer(fit.model, fit.values, error.excess)
-        if fit.model.loop.substeps is None and not model.loop.holds_ramps:  # more than the case or the rule says
+        if fit.model.loop.substeps is None and not model.divides_steps:  # more than the case or the rule says
             change = f"{100 * error.relative:.2g} %"
             whole, quantity = model.loop.whole, model.loop.quantity
             remarks.append(f"Substeps of the {whole} doubled: halving them changed the {quantity} by {change}.")
         fit = replace(fit, model=model, outputs=model.outputs(fit.values))
-    if fit.model.loop.holds_ramps and fit.model.loop.subdivision > 1:
+    if fit.model.divides_steps and fit.model.loop.subdivision > 1:
         remarks.append(
-            f"Steps are divided into {fit.model.loop.subdivision}: over each of them linear inputs are held."
+            f"Steps are divided into {fit.model.loop.subdivision}: "
+            + (
+                "over each of them linear inputs are held."
+                if fit.model.loop.holds_ramps
+                else "over each of them inputs go straight."
+            )
         )
     if fit.model.loop.finest < MOST_SUBDIVISIONS:
         remarks.append(
@@ -198,9 +203,9 @@ def efficient_finish(
     if error.excess > 1:
         moved = f"{float(np.max(error.shift)):.2g} of its standard deviation"
         told = (
-            f"Steps half as long, over which linear inputs are held, would still move a value by {moved}: give the "
+            f"Steps half as long, at which linear inputs are set, would still move a value by {moved}: give the "
             "inputs at more instants."
-            if model.loop.holds_ramps
+            if model.divides_steps
             else f"Twice the substeps of the {model.loop.whole} would still move a value by {moved}: state more "
             "substeps."
         )
@@ -225,8 +230,8 @@ def _refuse_confounded(fit: Fit, *, at_start: bool = False) -> None:
 
 def _finer(model: LoopModel, values: Array, excess: float) -> LoopModel:
     """The model with more substeps: as many as errors of second order ask for, at most those of the rule, which are
-    doubled; or with so many shorter steps over which linear inputs are held."""
-    if model.loop.holds_ramps:
+    doubled; or with so many shorter steps at which linear inputs are set."""
+    if model.divides_steps:
         wanted = model.loop.subdivision * 2 ** math.ceil(math.log2(excess) / 2)
         return divided_steps(model, values, wanted)
     if model.loop.substeps is None:

@@ -94,11 +94,16 @@ class Loop:
         return not self.output_signals
 
     @cached_property
+    def ramps(self) -> frozenset[str]:
+        """Inputs that are linear between their rows, of a plant whose steps can be divided."""
+        plant = self.plant
+        is_divisible = plant.sample_time is None and plant.takes_any_step
+        return frozenset().union(*(system.ramps for system in self.systems.values())) if is_divisible else frozenset()
+
+    @cached_property
     def holds_ramps(self) -> bool:
         """Whether the plant holds inputs that are linear between their rows, so that the length of its steps counts."""
-        plant = self.plant
-        ramps = any(system.ramps for system in self.systems.values())
-        return ramps and plant.sample_time is None and plant.takes_any_step and not plant.follows_ramps
+        return bool(self.ramps) and not self.plant.follows_ramps
 
     @cached_property
     def own_subdivision(self) -> int:

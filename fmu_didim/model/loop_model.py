@@ -46,7 +46,7 @@ from fmu_didim.model.integration import Integration, divided, integration
 from fmu_didim.model.loop import Loop
 from fmu_didim.model.parameters import Parameters
 from fmu_didim.model.signals.channel import Channel
-from fmu_didim.model.signals.path import INPUT, OUTPUT, changed_inputs, changed_outputs
+from fmu_didim.model.signals.path import INPUT, OUTPUT, STRAIGHT, changed_inputs, changed_outputs
 from fmu_didim.model.workers import default_workers, may_run_side_by_side
 
 
@@ -259,11 +259,18 @@ class LoopModel:
         known = loop.parameters.substeps(loop.parameters.nominal(), start, loop.systems[label].step_size)
         return known is not None and loop.plant.with_substeps(2) is not None
 
+    @property
+    def divides_steps(self) -> bool:
+        """Whether the length of its steps counts: the plant holds linear inputs over them, or follows them from one to
+        the next while something bends them in between."""
+        bent = [p.key.rpartition(":") for p in self.free_parameters if p.owner == INPUT]
+        return self.loop.holds_ramps or any(s in self.loop.ramps and own not in STRAIGHT for s, _, own in bent)
+
     def twice_as_fine(self) -> LoopModel | None:
-        """The same model with steps half as long: of the integration of the plant, or those over which it holds linear
-        inputs; None where they cannot be chosen."""
+        """The same model with steps half as long: of the integration of the plant, or those between which linear inputs
+        are held or go on straight; None where they cannot be chosen."""
         loop = self.loop
-        if loop.holds_ramps:
+        if self.divides_steps:
             finer = [count for count in loop.subdivisions if count >= 2 * loop.subdivision]
             return self.with_loop(subdivision=finer[0]) if finer else None
         return self.with_loop(substep_factor=2 * loop.substep_factor) if self.can_refine else None

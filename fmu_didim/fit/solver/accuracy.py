@@ -1,5 +1,5 @@
-"""The fewest substeps of the plant, or of the steps over which it holds linear inputs, whose error is hidden by the
-noise of the data."""
+"""The fewest substeps of the plant, or steps at which linear inputs are set, whose error is hidden by the noise of the
+data."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def with_fitting_substeps(model: LoopModel, values: Array, deviation: Array | No
         values: (p,) at which the torque is compared.
         deviation: (m,) noise of each output; by default that of the model, else the residual at the values.
     """
-    if model.loop.holds_ramps:
+    if model.divides_steps:
         return _with_fitting_steps(model, values, deviation)
     automatic = model.with_loop(substeps=None)
     if not model.loop.chooses_substeps:
@@ -66,7 +66,7 @@ def with_fitting_substeps(model: LoopModel, values: Array, deviation: Array | No
 
 
 def _with_fitting_steps(model: LoopModel, values: Array, deviation: Array | None) -> LoopModel:
-    """The model with the longest steps over which linear inputs are held whose halves change the outputs by no more."""
+    """The model with the longest steps, at which linear inputs are set, whose halves change the outputs by no more."""
 
     def is_hidden(outputs: Array, finer: Array) -> bool:
         return integration_change(model, outputs, finer, deviation) <= 1
@@ -81,7 +81,8 @@ def divided_steps(
 
     What shorter steps change falls with the square of the step where an FMU takes any. One that has a solver of a fixed
     step inside and is stepped within it only acts on its inputs at other instants, and what that changes does not fall
-    so: then its steps are those that its file states, or those of the samples.
+    so: then its steps are those that its file states, or those of the samples. Where inputs go straight and are bent in
+    between, it falls as the bends happen to lie.
 
     Args:
         is_hidden: whether the change from the outputs (M, m) to those of finer steps does not show.
@@ -93,7 +94,7 @@ def divided_steps(
         if more is None or is_hidden(outputs, more):
             return chosen
         change = float(np.linalg.norm(more - outputs))
-        if finer.loop.subdivision > own and change > before / FALLS ** np.log2(ratio):
+        if model.loop.holds_ramps and finer.loop.subdivision > own and change > before / FALLS ** np.log2(ratio):
             last = chosen.loop.subdivision if has_fallen else min(chosen.loop.subdivision, own)
             return model.with_loop(subdivision=last, finest=last)
         if chosen.loop.subdivision >= wanted:
@@ -151,7 +152,7 @@ def simulation_accuracy(fit: Fit, change: Array | None) -> Accuracy:
     model, counts = fit.model, fit.model.output_counts
     if model.loop.shows_torque:
         return Accuracy(np.zeros_like(fit.outputs), np.zeros(counts.size), np.zeros(counts.size))
-    if change is None and model.loop.holds_ramps and model.loop.subdivision > 1:
+    if change is None and model.divides_steps and model.loop.subdivision > 1:
         coarser = max(count for count in model.loop.subdivisions if count < model.loop.subdivision)
         longer = _outputs(model.with_loop(subdivision=coarser), fit.values)
         change = None if longer is None else fit.outputs - longer

@@ -32,6 +32,8 @@ INPUT, OUTPUT = "input signal", "output signal"
 DELAY, LAG, SCALE, OFFSET, DRIFT = "delay", "lag", "scale", "offset", "drift"
 TRANSIENT, FADES, UPPER, LOWER = "transient", "fades", "upper limit", "lower limit"
 """Parameters of a signal."""
+STRAIGHT = frozenset({SCALE, OFFSET, DRIFT})
+"""Those after which a signal that goes straight from tick to tick still does."""
 
 
 def signal_key(signal: str, parameter: str) -> str:
