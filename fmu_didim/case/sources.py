@@ -45,8 +45,8 @@ class ComponentSource(Strict):
             for, elsewhere for six digits. An identification takes more than stated where so few would be unstable.
         initial_state: of a python-control system.
         fmi: version of the standard of an FMU that is built from a description.
-        interface, solver: how an FMU is run; co-simulation by default, of a ``model:`` model exchange where it offers
-            that; model exchange by ``rk4`` or ``cvode``.
+        interface, solver: how an FMU is run; co-simulation by default, of a ``model:`` of another tool model exchange
+            where it offers that; model exchange by ``rk4`` or ``cvode``.
         rate_hz: own communication rate, a whole multiple or divisor of that of the loop; the loop's by default.
         outputs_after_step: its outputs at an instant are those after the step that begins there, as of a controller
             FMU that computes its command in the step. By default they are those at the instant itself, and of an FMU of

@@ -12,6 +12,7 @@ from fmu_didim import identify, load_case
 from fmu_didim.components.fmu import FmuComponent
 from fmu_didim.export import build_fmu
 from tests.cosim.test_exchange import RATE, exact, lag, zigzag
+from tests.foreign import exported
 
 NOISE = 0.01
 
@@ -20,6 +21,7 @@ NOISE = 0.01
 def folder(tmp_path: Path) -> Path:
     """An FMU of a lag, its inputs and its output with noise."""
     shutil.copy(build_fmu(lag()), tmp_path / "lag.fmu")
+    shutil.copy(exported(tmp_path / "of_another_tool", lag()), tmp_path / "of_another_tool.fmu")
     inputs = zigzag(200)
     y = exact(inputs, ramps=True) + NOISE * np.random.default_rng(5).normal(size=200)
     for name, column, values in (("inputs", "u", inputs.values[:, 0]), ("outputs", "y", y)):
@@ -52,7 +54,8 @@ def test_both_interfaces_give_the_same_answer(folder: Path) -> None:
 @pytest.mark.parametrize(
     ("model", "kind", "told"),
     [
-        ("lag.fmu", "model-exchange", True),
+        ("of_another_tool.fmu", "model-exchange", True),
+        ("lag.fmu", "co-simulation", False),
         ({"source": "lag.fmu", "solver": "rk4"}, "model-exchange", True),
         ({"source": "lag.fmu", "interface": "model-exchange"}, "model-exchange", False),
         ({"source": "lag.fmu", "interface": "co-simulation"}, "co-simulation", False),

@@ -41,7 +41,6 @@ Remarks
   T0: 20 degC is taken on trust: an error of V % would not show, but move R1 by V sigma (-V
     %), R2 by V sigma (-V %).
   No experiment was held out: the prediction of another one is untested.
-  model: Room.fmu is run in model exchange, by CVode; it could be run in co-simulation, too.
 
 VALID: converged in V iterations; simulated output V % off on estimation
   Provided that the data do not hide an error of 10 % of C (2000 J/K), which would move R1 by V

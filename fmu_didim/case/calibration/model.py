@@ -29,6 +29,7 @@ from fmu_didim.components.fmu.chosen import (
 )
 from fmu_didim.components.fmu.description import CO_SIMULATION, FLOAT_TYPES, MODEL_EXCHANGE, FmuDescription
 from fmu_didim.components.fmu.reading import read_description
+from fmu_didim.components.fmu.reuse.reset import OWN_TOOL
 from fmu_didim.components.fmu.reuse.starting import find_start
 from fmu_didim.components.parameter_names import name_parameters
 from fmu_didim.components.variable_names import NEAREST, START, unknown
@@ -37,8 +38,8 @@ from fmu_didim.data.tables import clock_column
 
 EXCHANGE_CHOSEN = CATALOGUE(
     "exchange-chosen", REMARK, rank=92,
-    meaning="The FMU of a model has both interfaces and the case names none: its equations are integrated here, and "
-    "not by its own solver, so that inputs go straight from row to row and answers are smooth in the parameters.",
+    meaning="The FMU of another tool has both interfaces and the case names none: its equations are integrated here, "
+    "and not by its own solver, so that inputs go straight from row to row and answers are smooth in the parameters.",
     next_step="Nothing; for its own solver: model: {source: ..., interface: co-simulation}.",
 )  # fmt: skip
 
@@ -53,7 +54,7 @@ def model_component(document: CaseDocument, folder: Path, memory: Memory) -> Com
         InputError, FmuError, BuildError: it cannot be read, has no such variable, or its start cannot be chosen.
     """
     assert document.model is not None
-    source = _with_interface(document.model, folder)
+    source = _with_interface(document, folder)
     known = {name: value for name, value in source.parameters.items() if name.endswith(START)}
     source = source.model_copy(update={"parameters": {k: v for k, v in source.parameters.items() if k not in known}})
     component = component_of(source, folder, controller_block, objects=memory.objects, si_units=False)
@@ -63,25 +64,35 @@ def model_component(document: CaseDocument, folder: Path, memory: Memory) -> Com
     return component.with_parameters(known) if known else component
 
 
-def _with_interface(source: ComponentSource, folder: Path) -> ComponentSource:
+def _with_interface(document: CaseDocument, folder: Path) -> ComponentSource:
     """The source with the interface and the integrator that the case leaves open: how stiff it is, nobody has said."""
+    assert document.model is not None
+    source = document.model
     if source.interface is not None:
         return source
     named = source.source or ""
     update = {} if "solver" in source.model_fields_set else {"solver": "cvode"}
-    if named.endswith(".fmu") and _has_both(read_description(folder / named)):
+    if named.endswith(".fmu") and _is_integrated_here(read_description(folder / named), document):
         update["interface"] = MODEL_EXCHANGE
     return source.model_copy(update=update)
 
 
-def _has_both(fmu: FmuDescription) -> bool:
-    return fmu.interface(MODEL_EXCHANGE) is not None and fmu.interface(CO_SIMULATION) is not None
+def _is_integrated_here(fmu: FmuDescription, document: CaseDocument) -> bool:
+    """Whether an FMU with both interfaces is integrated here. Not one that this package has exported, whose solver
+    takes the steps that its equations ask for, unless the case states an integrator or asks where a state starts."""
+    if fmu.interface(MODEL_EXCHANGE) is None or fmu.interface(CO_SIMULATION) is None or document.model is None:
+        return False
+    sought = [entry.parameter or name for name, entry in (document.identify or {}).items()]
+    asks = any(name.endswith(START) for name in (*document.model.parameters, *sought))
+    return asks or "solver" in document.model.model_fields_set or not fmu.tool.startswith(OWN_TOOL)
 
 
 def interface_told(document: CaseDocument, component: Component) -> tuple[Diagnostic, ...]:
     """What is said where an interface was chosen that the case leaves open."""
     assert document.model is not None
-    if document.model.interface is not None or not isinstance(component, FmuComponent) or not _has_both(component.fmu):
+    if document.model.interface is not None or not isinstance(component, FmuComponent):
+        return ()
+    if not _is_integrated_here(component.fmu, document):
         return ()
     solver = SOLVERS[component.solver]
     text = f"{component.path.name} is run in model exchange, by {solver}; it could be run in co-simulation, too."
