@@ -185,14 +185,8 @@ def efficient_finish(
             remarks.append(f"Substeps of the {whole} doubled: halving them changed the {quantity} by {change}.")
         fit = replace(fit, model=model, outputs=model.outputs(fit.values))
     if fit.model.divides_steps and fit.model.loop.subdivision > 1:
-        remarks.append(
-            f"Steps are divided into {fit.model.loop.subdivision}: "
-            + (
-                "over each of them linear inputs are held."
-                if fit.model.loop.holds_ramps
-                else "over each of them inputs go straight."
-            )
-        )
+        inputs = "linear inputs are held" if fit.model.loop.holds_ramps else "inputs go straight"
+        remarks.append(f"Steps are divided into {fit.model.loop.subdivision}: over each of them {inputs}.")
     if fit.model.loop.finest < MOST_SUBDIVISIONS:
         remarks.append(
             f"Steps are not divided into more than {fit.model.loop.finest}, as linear inputs would ask for: shorter "
