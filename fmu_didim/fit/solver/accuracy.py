@@ -81,20 +81,21 @@ def divided_steps(
 
     What shorter steps change falls with the square of the step where an FMU takes any. One that has a solver of a fixed
     step inside and is stepped within it only acts on its inputs at other instants, and what that changes does not fall
-    so: then its steps are those that its file states, or those of the samples. Where inputs go straight and are bent in
-    between, it falls as the bends happen to lie.
+    so: then its steps are those that its file states, or those of the samples. Elsewhere nothing is inside, and where
+    inputs are bent between their rows the change falls as the bends happen to lie.
 
     Args:
         is_hidden: whether the change from the outputs (M, m) to those of finer steps does not show.
     """
-    own = model.loop.own_subdivision
+    own, form = model.loop.own_subdivision, model.loop.plant.compiled()
+    is_foreign = model.loop.holds_ramps and isinstance(form, FmuComponent) and not form.is_own
     chosen, outputs, before, has_fallen = model, _outputs(model, values), np.inf, False
     while outputs is not None and (finer := chosen.twice_as_fine()) is not None:
         more, ratio = _outputs(finer, values), finer.loop.subdivision / chosen.loop.subdivision
         if more is None or is_hidden(outputs, more):
             return chosen
         change = float(np.linalg.norm(more - outputs))
-        if model.loop.holds_ramps and finer.loop.subdivision > own and change > before / FALLS ** np.log2(ratio):
+        if is_foreign and finer.loop.subdivision > own and change > before / FALLS ** np.log2(ratio):
             last = chosen.loop.subdivision if has_fallen else min(chosen.loop.subdivision, own)
             return model.with_loop(subdivision=last, finest=last)
         if chosen.loop.subdivision >= wanted:

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import yaml
 
+from tests.awkward.build import by
 from tests.tools.benchmarks.calibration import fmu
 from tests.tools.calibrated import __main__ as command
 from tests.tools.calibrated.outcome import counted, edited
@@ -64,7 +65,7 @@ def test_a_trial_ends_at_the_optimum(
     """By the command line and by scipy, whose simulation of an FMU is another one; and the row of the page."""
     folder = tmp_path / "checkouts" / "owner" / "name"
     folder.mkdir(parents=True)
-    shutil.copy(fmu("house"), folder / "house.fmu")
+    shutil.copy(by("Vendor 1.0", fmu("house")), folder / "house.fmu")
     monkeypatch.setattr(command, "TRIALS", (HOUSE,))
     monkeypatch.setattr(command, "COVERED", ("house",))
     file = tmp_path / "calibrated.json"
