@@ -240,9 +240,24 @@ class TorqueFile(SignalFile):
     outliers: Literal["keep", "leave_out"] = "keep"
 
 
-OF_NOISE = ("std", "relative_std", "log_normal", "robust")
-"""Keys of a measured file that say how the noise of a signal is distributed, which may stand with its column."""
 Freedom = Annotated[float, Field(ge=1)]
+
+
+class MeasuredColumn(Column):
+    """A column of what was measured, with the distribution of its noise.
+
+    Attributes:
+        std, relative_std, log_normal, robust: as those of the file, of this signal alone.
+    """
+
+    std: Positive | None = None
+    relative_std: Positive | None = None
+    log_normal: bool | None = None
+    robust: bool | Freedom | None = None
+
+
+OF_NOISE = ("std", "relative_std", "log_normal", "robust")
+"""Keys of a measured file, and of its columns, that say how the noise of a signal is distributed."""
 
 
 class MeasuredFile(SignalFile):
@@ -266,6 +281,7 @@ class MeasuredFile(SignalFile):
         offset_s: added to the time of the file, to bring it on the clock of the reference.
     """
 
+    columns: Mapping[str, Annotated[MeasuredColumn, AlsoWritten(("string", "integer"))]] = Field(default_factory=dict)
     signals: tuple[str, ...] = ()
     std: Mapping[str, Positive] = Field(default_factory=dict)
     relative_std: Mapping[str, Positive] = Field(default_factory=dict)
@@ -287,11 +303,7 @@ class MeasuredFile(SignalFile):
             own = {k: v[key] for k, v in columns.items() if isinstance(v, Mapping) and key in v}
             if own:
                 found[key] = {**own, **(value.get(key) or {})}
-        plain = {
-            k: {x: y for x, y in v.items() if x not in OF_NOISE} if isinstance(v, Mapping) else v
-            for k, v in columns.items()
-        }
-        return {**value, "columns": plain, **found} if found else value
+        return {**value, **found}
 
     @model_validator(mode="after")
     def _of_its_signals(self) -> MeasuredFile:

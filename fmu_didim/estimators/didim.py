@@ -20,6 +20,7 @@ from typing import Any
 
 import numpy as np
 
+from fmu_didim.base.distributions import chi2_sf
 from fmu_didim.base.documents import Count, Positive
 from fmu_didim.base.errors import FixedParameterError, IdentificationError, InputError, SimulationError
 from fmu_didim.data.signals import Array
@@ -63,6 +64,10 @@ Joint = Callable[[Minimum], Minimum]
 BEST = "the best point goes on to the finish"
 NO_FINISH = "the finish could not be simulated"
 ASTRAY = "neither the iterations nor the finish settled"
+IMPOSSIBLE = "the iterations did not settle, and at the minimum that follows the data ask for what no machine has"
+REFUTED = 0.001
+"""[1] Probability, by chance, of values as far beyond one limit of machines, below which a minimum that the iterations
+have not led to gives way to another start; beyond several limits it is larger, which costs time alone."""
 ADVICE = (
     "Run fmu-didim check, and check the sign, unit and clock of the torque, "
     "the gains and the rate of the controller, and the delay of the loop."
@@ -152,9 +157,9 @@ class Didim(Estimator):
                 continue
             told = (f"Started from {start_text(start)}; not {'; not '.join(failures)}.",) if failures else ()
             estimate = replace(estimate, remarks=(*told, *estimate.remarks))
-            if unsettled is None and further is not None and _is_astray(estimate):
+            if unsettled is None and further is not None and (reason := _astray(estimate)):
                 unsettled = estimate
-                failures.append(f"from {start_text(start)}: {ASTRAY}")
+                failures.append(f"from {start_text(start)}: {reason}")
                 history.restart()
                 continue
             return estimate if unsettled is None or _error(estimate) < _error(unsettled) else unsettled
@@ -316,10 +321,18 @@ class _NonPhysicalError(Exception):
     deviation: Array | None = None
 
 
-def _is_astray(estimate: Estimate) -> bool:
-    """Whether neither the iterations nor the finish have settled: another start may do better."""
+def _astray(estimate: Estimate) -> str:
+    """Why another start may do better than one from which the iterations have not settled; empty where none may."""
     stages = [iteration for iteration in estimate.iterations if iteration.stage == Didim.name]
-    return estimate.status is not Status.CONVERGED and BEST in stages[-1].note
+    if BEST not in stages[-1].note:
+        return ""
+    if estimate.status is not Status.CONVERGED:
+        return ASTRAY
+    if estimate.unlimited is None:
+        return ""
+    moved = estimate.value - estimate.unlimited
+    distance = float(moved @ np.linalg.lstsq(estimate.covariance, moved, rcond=None)[0])
+    return IMPOSSIBLE if chi2_sf(distance, 1) < REFUTED else ""
 
 
 def _error(estimate: Estimate) -> float:

@@ -20,7 +20,8 @@ class Column(Strict):
     where gear is 1 / gear_ratio of positions, velocities and accelerations, and gear_ratio of torques.
 
     Attributes:
-        name: in the file; a number counts the columns from 1 where the file has no header.
+        name: in the file, by default that of the signal; a number counts the columns from 1 where the file has no
+            header.
         unit: of the numbers times ``scale``, such as deg, rpm, mm, Nm, A; by default what the file states, else SI.
         scale: such as 0.01 where the file counts hundredths; sign: -1 where the axis counts the other way round.
         zero: what the file shows, times ``scale`` and in ``unit``, where the signal is zero: the offset of an axis, or
@@ -32,7 +33,7 @@ class Column(Strict):
             the motor with ``gear_ratio``; of a current in A, with ``torque_constant``.
     """
 
-    name: str
+    name: str = ""
     unit: str | None = None
     scale: float = Field(default=1.0, allow_inf_nan=False)
     sign: Literal[1, -1] = 1

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import cache
 from typing import Any
 
@@ -12,8 +13,8 @@ import pytest
 from fmu_didim.base.errors import IdentificationError, SimulationError
 from fmu_didim.case import load_case
 from fmu_didim.estimators import didim
-from fmu_didim.estimators.didim import ASTRAY, NO_FINISH, Didim, RefusedError
-from fmu_didim.fit.estimate import Estimate
+from fmu_didim.estimators.didim import ASTRAY, BEST, IMPOSSIBLE, NO_FINISH, Didim, RefusedError
+from fmu_didim.fit.estimate import Estimate, Status
 from fmu_didim.model.loop_model import LoopModel
 
 pytestmark = pytest.mark.gate
@@ -80,9 +81,32 @@ def test_no_finish_that_can_be_simulated(monkeypatch: pytest.MonkeyPatch) -> Non
 
 
 def test_the_history_says_where_a_start_that_is_astray_ends(monkeypatch: pytest.MonkeyPatch) -> None:
-    answers, errors = iter([True]), iter([1.0, 2.0])  # the second answer is better
-    monkeypatch.setattr(didim, "_is_astray", lambda estimate: next(answers, False))
+    answers, errors = iter([ASTRAY]), iter([1.0, 2.0])  # the second answer is better
+    monkeypatch.setattr(didim, "_astray", lambda estimate: next(answers, ""))
     monkeypatch.setattr(didim, "_error", lambda estimate: next(errors))
     estimate = Didim().estimate(model())
     told(estimate, ASTRAY)
     assert sum(iteration.restarts for iteration in estimate.iterations) == 1
+
+
+@pytest.mark.parametrize(
+    ("note", "status", "beyond", "reason"),
+    [
+        ("", Status.MAXIMUM_ITERATIONS, None, ""),  # the iterations have settled
+        ("", Status.CONVERGED, 9.0, ""),
+        (BEST, Status.MAXIMUM_ITERATIONS, None, ASTRAY),
+        (BEST, Status.CONVERGED, None, ""),
+        (BEST, Status.CONVERGED, 3.2, ""),  # standard deviations: 0.14 % by chance
+        (BEST, Status.CONVERGED, 3.4, IMPOSSIBLE),
+    ],
+)
+def test_when_another_start_may_do_better(note: str, status: Status, beyond: float | None, reason: str) -> None:
+    found = undisturbed()
+    deviation = np.zeros(found.value.size)
+    deviation[0] = 0.0 if beyond is None else beyond
+    root = np.linalg.cholesky(found.covariance)
+    made = replace(
+        found, status=status, unlimited=None if beyond is None else found.value - root @ deviation,
+        iterations=tuple(replace(one, note=note) for one in found.iterations),
+    )  # fmt: skip
+    assert didim._astray(made) == reason
