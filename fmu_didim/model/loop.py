@@ -312,8 +312,9 @@ class Loop:
             return result
         given = {v.name for v in self.plant.outputs} & set(reference.names)
         for name in (f"q{j}" for j in range(1, self.joint_count + 1) if f"q{j}" in given):
-            passed = [*reference.select([name])[:, 0], *(start[n] for n in (name,) if n in start)]
-            low, high = float(min(passed)), float(max(passed))
+            passed = reference.column(name)
+            extremes = [float(passed.min()), float(passed.max()), *(start[n] for n in (name,) if n in start)]
+            low, high = min(extremes), max(extremes)
             room = 10 * max(high - low, STANDS_STILL)
             result[f"{self.plant_name}.{name}"] = (low - room, high + room)
         return result

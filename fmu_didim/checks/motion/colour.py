@@ -22,6 +22,7 @@ from functools import cached_property
 
 import numpy as np
 from scipy import fft, linalg
+from scipy.linalg import blas, lapack
 
 from fmu_didim.cosim import Indices
 from fmu_didim.data.signals import Array
@@ -45,6 +46,9 @@ SAMPLES_A_LAG = 8
 """[samples] At least for each sample of the past that is looked at: so much of a log has no past and is left out."""
 WITH_PAST = 0.8
 """[1] Of the samples must have the whole past that is looked at; where rows of a log are missing, it is shorter."""
+NEARLY_DEPENDENT = 1e-8
+"""[1] Part of the squares of a column that others leave, below which products, which have eight digits of it then, do
+not tell how much that is."""
 
 
 @dataclass(frozen=True)
@@ -209,13 +213,13 @@ class Columns:
 
 def _whitened(table: Array, logs: Logs, colour: Colour) -> Array:
     """(n, m) of columns (N, m) whose memory has been taken out."""
-    parts = []
+    table, parts = np.ascontiguousarray(table), list[Array]()
     for rows, coefficients, deviation in zip(logs.rows, colour.coefficients, colour.deviations, strict=True):
-        left = table[rows[0]].copy()
+        left = table[rows[0]].ravel() / deviation
         for k, a in enumerate(coefficients, start=1):
-            left -= a * table[rows[k]]
-        parts.append(left / deviation)
-    return np.concatenate(parts)
+            left = blas.daxpy(table[rows[k]].ravel(), left, a=-a / deviation)  # in place, without another table
+        parts.append(left.reshape(-1, table.shape[1]))
+    return parts[0] if len(parts) == 1 else np.concatenate(parts)
 
 
 def _colour(table: Array, logs: Logs, memory: int, most: Sequence[int]) -> Colour:
@@ -241,8 +245,20 @@ def _colour(table: Array, logs: Logs, memory: int, most: Sequence[int]) -> Colou
 
 def _least_squares(table: Array) -> tuple[Array, float]:
     """Values (m,) of the last column by the others (N, m), which are independent, and the length of what they leave."""
-    r = np.asarray(np.linalg.qr(table, mode="r"))
+    r = _triangle(table)
     return _solved(r[:-1, :-1], r[:-1, -1]), abs(float(r[-1, -1]))
+
+
+def _triangle(table: Array) -> Array:
+    """Upper triangle R (m, m) with R'R = T'T of a table T (N, m), by Cholesky's factorisation, which takes a quarter of
+    the time of an orthogonal one and runs beside other threads; by that where columns are nearly dependent."""
+    if table.shape[0] < table.shape[1]:
+        return np.asarray(np.linalg.qr(table, mode="r"))
+    products = table.T @ table
+    r, failed = lapack.dpotrf(products, clean=True)
+    if failed or (np.diag(r) ** 2 < NEARLY_DEPENDENT * np.diag(products)).any():
+        return np.asarray(np.linalg.qr(table, mode="r"))
+    return np.asarray(r)
 
 
 def _solved(triangle: Array, right: Array) -> Array:
@@ -263,7 +279,7 @@ def _autoregression(past: Array, used: int) -> tuple[Array, float]:
     """Coefficients of the order that the criterion chooses, and the deviation of the innovations, by samples and their
     past (M, 1 + K)."""
     count, longest = past.shape[0], past.shape[1] - 1
-    r = np.asarray(np.linalg.qr(np.roll(past, -1, axis=1), mode="r"))
+    r = _triangle(np.roll(past, -1, axis=1))
     along = r[:, -1]
     squares = np.cumsum(along[::-1] ** 2)[::-1]  # that are left of orders 0, 1, ..., K
     squares = np.append(squares, np.zeros(longest + 1 - squares.size))

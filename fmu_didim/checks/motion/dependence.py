@@ -396,7 +396,7 @@ class OwnColours:
     @classmethod
     def of(cls, residual: Array, used: Array, motion: Array, logs: Logs | None) -> OwnColours:
         count = used.shape[1]
-        columns = Columns(logs or Logs.white(residual.size), np.column_stack([used, residual, motion]))
+        columns = Columns(logs or Logs.white(residual.size), np.column_stack([orthonormal(used), residual, motion]))
         lags = columns.colour(count, range(count)).orders
         columns = replace(columns, logs=replace(columns.logs, lags=lags))  # a longer past would cost a log its begin
         return cls(columns, count, columns.colour(count, range(count)))
