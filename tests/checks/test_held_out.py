@@ -129,7 +129,7 @@ def test_values_that_are_others_are_doubted_in_coloured_noise_too(name, factor):
     ("memory", "size", "verdict", "code"),
     [
         (0.0, 3.0, "valid", "held-out-noisier"),
-        (0.8, 3.0, "valid", "held-out-noisier"),
+        pytest.param(0.8, 3.0, "valid", "held-out-noisier", marks=pytest.mark.slow),
         (0.8, 1.0, "valid", None),
     ],
 )

@@ -21,6 +21,13 @@ from tests.tools.verdict.run import answer, named
 ROWS = [12, 31, 50, 77]
 """Of the log, that are wrong."""
 
+ROBOTS = [
+    ("scara", 20.0),
+    ("arm", 100.0),
+    *(pytest.param(*one, marks=pytest.mark.slow) for one in (("scara", 100.0), ("arm", 20.0))),
+]
+"""And the rate of the log in Hz."""
+
 
 def spiked_case(folder: Path, outliers: str) -> Case:
     """The SCARA with four wrong samples at joint 1."""
@@ -88,8 +95,7 @@ def test_the_intervals_of_the_other_samples_hold(rate_hz: float) -> None:
 
 
 @pytest.mark.gate
-@pytest.mark.parametrize("rate_hz", [20.0, 100.0])
-@pytest.mark.parametrize("robot", ["scara", "arm"])
+@pytest.mark.parametrize(("robot", "rate_hz"), ROBOTS)
 def test_outliers_that_are_kept_are_the_first_reason(robot: str, rate_hz: float) -> None:
     """2 % of spikes of 20 standard deviations, six draws; the intervals are wider by them, and hold."""
     inside = compared = 0
@@ -103,8 +109,7 @@ def test_outliers_that_are_kept_are_the_first_reason(robot: str, rate_hz: float)
 
 
 @pytest.mark.gate
-@pytest.mark.parametrize("rate_hz", [20.0, 100.0])
-@pytest.mark.parametrize("robot", ["scara", "arm"])
+@pytest.mark.parametrize(("robot", "rate_hz"), ROBOTS)
 def test_noise_of_encoders_is_called_no_outlier(robot: str, rate_hz: float) -> None:
     """0.001 degrees in what the controller is given for the positions, as much off as if it were in its reference."""
 

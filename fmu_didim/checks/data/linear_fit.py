@@ -48,6 +48,8 @@ WORTH_IT = 0.97
 WHOLE = 4
 """[1] Ticks of a run over those of a log up to which the regressor is computed at all of them at once, for every shift
 of the log that is tried; beyond, at those that a shift asks for."""
+REMEMBERED = 3
+"""[tables] Of the regressor, at ticks that were asked for last: of no shift, and of those near the least misfit."""
 FINE = 0.1
 """[1] Of the step to its sides, to which the least misfit is searched."""
 
@@ -83,9 +85,18 @@ class RegressorRows:
 
     def __call__(self, ticks: Ticks) -> tuple[Array, Array]:
         if len(self.torque) > WHOLE * ticks.size:
-            return self._at(ticks)
+            key = ticks.tobytes()  # shifts within a tick ask for the same ones
+            rows = self._last.pop(key) if key in self._last else self._at(ticks)
+            self._last[key] = rows
+            if len(self._last) > REMEMBERED:
+                del self._last[next(iter(self._last))]
+            return rows
         columns, known = self._whole
         return columns[ticks], known[ticks]
+
+    @cached_property
+    def _last(self) -> dict[bytes, tuple[Array, Array]]:
+        return {}
 
     @cached_property
     def _whole(self) -> tuple[Array, Array]:

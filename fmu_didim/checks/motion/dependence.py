@@ -284,7 +284,7 @@ def dependence_of_fit(fit: Fit, misfits: Iterable[Misfit] = ()) -> list[Dependen
     joints = residuals_of_fit(fit, rows, misfits)
     return [
         replace(found, moved=_moved_by_clock(fit, found, joints)) if found.is_clock else found
-        for found in side_by_side([one.dependence for one in joints], fit.model.workers)
+        for found in side_by_side([one.dependence for one in joints], fit.model.threads)
     ]
 
 

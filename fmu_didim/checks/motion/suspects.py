@@ -152,7 +152,7 @@ def likely(fit: Fit, suspects: Sequence[Suspect]) -> list[Tried]:
     before = _left_by_values(fit)
     promising = sorted(suspects, key=lambda one: -_promise(fit, one))[:TRIED]
     promising += [one for one in suspects if one.first and one not in promising]
-    found = side_by_side([partial(tried, fit, one, before) for one in promising], fit.model.workers)
+    found = side_by_side([partial(tried, fit, one, before) for one in promising], fit.model.threads)
     return chosen([one for one in found if one is not None], partial(_still_follows, fit))
 
 

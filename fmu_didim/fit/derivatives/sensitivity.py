@@ -136,11 +136,11 @@ def by_variation(
     places = {i: place for i in wanted if (place := _place(model, model.free_parameters[i])) is not None}
     if not places or run.shown_as:  # sensors change the outputs of the model, which is what is differentiated
         return {}
-    groups = _groups(list(places.values()), model.workers)
+    groups = _groups(list(places.values()), model.threads)
     measured = [run.signal_of(channel) for channel in run.experiment.channels]
     measured += [] if model.loop.shows_torque else list(model.loop.logged)
     tasks = [partial(with_derivatives, run.system, group, measured) for group in groups]
-    varied = [found for found in side_by_side(tasks, model.workers) if found is not None]
+    varied = [found for found in side_by_side(tasks, model.threads) if found is not None]
     if len(varied) < len(groups):
         return {}
     systems = list(zip(varied, map(len, groups), strict=True))
@@ -164,7 +164,7 @@ def _groups(places: list[tuple[str, str]], workers: int) -> list[list[tuple[str,
 def _followed_all(run: Simulation, systems: Sequence[tuple[System, int]]) -> Array | None:
     """(M, m, p) derivatives of the outputs from systems with their counts, side by side; None where Python would
     run the loop."""
-    tables = side_by_side([partial(_followed, run, *system) for system in systems], run.model.workers)
+    tables = side_by_side([partial(_followed, run, *system) for system in systems], run.model.threads)
     found = [table for table in tables if table is not None]
     return np.concatenate(found, axis=2) if len(found) == len(systems) else None
 

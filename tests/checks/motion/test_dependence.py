@@ -191,7 +191,7 @@ def test_noise_of_any_colour_is_not_told(colour):
 def test_noise_of_any_colour_is_told_at_most_twice_as_often_as_the_level_says(colour, loud):
     """Also where it is loud with the motion. The colour of noise with a memory of ten samples is known from forty
     independent ones only."""
-    values = np.array([chance(drawn(colour, seed, loud)) for seed in range(200)])
+    values = np.array([chance(drawn(colour, seed, loud)) for seed in range(100)])
     assert np.mean(values < 0.05) < 2 * 0.05
     assert np.sum(values < 0.001) <= 2, "three of 200 have a chance of 0.1 %"
 

@@ -106,7 +106,9 @@ LOOPS = {
 
 
 @pytest.mark.gate
-@pytest.mark.parametrize("name", LOOPS)
+@pytest.mark.parametrize(
+    "name", [pytest.param(n, marks=pytest.mark.slow if k % 2 else ()) for k, n in enumerate(LOOPS)]
+)
 def test_a_closed_loop_with_a_misfit_of_any_larger_size_is_doubted(name: str) -> None:
     """From the smallest size, which is a part of the noise in the torque, to fifty times it."""
     effect, joint, parameters = LOOPS[name]

@@ -76,7 +76,7 @@ def stepped(time: Array, rng: np.random.Generator) -> Case:
 
 
 @pytest.mark.gate
-@pytest.mark.parametrize("count", [8, 12, 16, 20, 40])
+@pytest.mark.parametrize("count", [8, *(pytest.param(c, marks=pytest.mark.slow) for c in (12, 16, 20)), 40])
 @pytest.mark.parametrize("kind", ["one output", "two outputs"])
 def test_right_models_with_white_noise_are_valid(kind: str, count: int) -> None:
     verdicts = []

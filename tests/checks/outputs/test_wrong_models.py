@@ -77,8 +77,8 @@ def test_noise_with_a_memory_is_none(tmp_path: Path) -> None:
 
 @pytest.mark.gate
 def test_hardly_any_right_model_is_doubted(tmp_path: Path) -> None:
-    verdicts = [identified(tmp_path, {"seed": 1000 + seed}).verdict for seed in range(40)]
-    assert verdicts.count("valid") >= 39, verdicts
+    verdicts = [identified(tmp_path, {"seed": 1000 + seed}).verdict for seed in range(20)]
+    assert verdicts.count("valid") >= 19, verdicts
 
 
 def test_what_is_taken_on_trust_is_said(tmp_path: Path) -> None:

@@ -58,7 +58,7 @@ def test_trials_have_names_of_their_own() -> None:
     assert len(set(names)) == len(names) and set(COVERED) <= set(names)
 
 
-@pytest.mark.gate
+@pytest.mark.slow
 def test_a_trial_ends_at_the_optimum(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -10,8 +10,8 @@ from tests.tools.verdict.power import draws, grouped, main
 KINDS = {"dead_zone", "thermal_friction_drift", "quadratic_viscous"}
 
 
-@pytest.mark.gate
-@pytest.mark.parametrize("robot", ["scara", pytest.param("arm", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("robot", ["scara", "arm"])
 def test_twice_the_stated_size_is_doubted_and_a_third_of_it_is_not(robot: str) -> None:
     """Twice the size has four times the noncentrality: a power of one; a third of it a ninth: one of some 1 %."""
     larger = [one for seed in (1, 2) for one in draws(robot, seed, KINDS, times=2.0)]

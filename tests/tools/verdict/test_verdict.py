@@ -35,8 +35,8 @@ def test_a_right_model_is_valid(robot: str, seed: int) -> None:
 
 
 @pytest.mark.gate
-@pytest.mark.parametrize("bits", [8, 12])
-@pytest.mark.parametrize("robot", ["scara", "arm"])
+@pytest.mark.parametrize("bits", [8, pytest.param(12, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("robot", ["scara", pytest.param("arm", marks=pytest.mark.slow)])
 def test_a_right_model_of_a_quantised_log_is_valid_and_its_intervals_hold(robot: str, bits: int) -> None:
     """Noise of 0.1 % of the torque, a seventh of what the steps of 8 bits make."""
     models = [quantised(right(robot, seed, noise=0.001), bits) for seed in range(111, 117)]
@@ -46,7 +46,7 @@ def test_a_right_model_of_a_quantised_log_is_valid_and_its_intervals_hold(robot:
 
 
 @pytest.mark.gate
-@pytest.mark.parametrize("bits", [8, 12])
+@pytest.mark.parametrize("bits", [pytest.param(8, marks=pytest.mark.slow), 12])
 def test_a_wrong_model_of_a_quantised_log_is_not_valid(bits: int) -> None:
     makes = [w for w in QUICK if w.name.startswith(("machine", "model"))]
     found = {w.name: answer(quantised(w.make("scara", 1), bits), named(loaded("scara"))).verdict for w in makes}
@@ -79,7 +79,7 @@ def test_whole_catalogue() -> None:
 
 
 @pytest.mark.gate
-@pytest.mark.parametrize("robot", ["scara", "arm"])
+@pytest.mark.parametrize("robot", ["scara", pytest.param("arm", marks=pytest.mark.slow)])
 def test_no_effect_that_is_drawn_and_shown_is_valid_and_wrong(robot: str) -> None:
     found = [one for _, _, one in drawn.drawn([robot], range(1, 9))]
     assert len(found) >= 6
