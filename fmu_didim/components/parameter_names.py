@@ -101,12 +101,16 @@ def _fmu(component: FmuComponent, names: Mapping[str, str]) -> FmuComponent:
     def keys(table: Mapping[str, Value]) -> dict[str, Value]:
         return {new[name]: value for name, value in table.items()}
 
-    def unit(name: str) -> str:
-        own_unit = next(v.unit for v in component.fmu.variables if name in v.element_names())
-        return component.parameter_conversion(name).unit or own_unit
+    def promoted_from(name: str) -> Variable:
+        own, rule = (
+            next(v for v in component.fmu.variables if name in v.element_names()),
+            component.parameter_conversion(name),
+        )
+        display = own.display if rule.is_identity else None
+        return Variable(name, rule.unit or own.unit, "parameter", component.start_values[name], display=display)
 
     # A start value that was given a name is a parameter from here on, one that cannot change in a run.
-    promoted = [Variable(name, unit(name), "parameter", component.start_values[name]) for name in starts]
+    promoted = [promoted_from(name) for name in starts]
     return replace(
         component,
         parameters=tuple(replace(v, name=new[v.name]) for v in (*component.parameters, *promoted)),

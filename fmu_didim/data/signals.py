@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fmu_didim.base.errors import InputError, UnknownNameError
+from fmu_didim.data.units import DisplayUnit
 
 Array = NDArray[np.float64]
 SAME_PERIOD = 0.02
@@ -32,6 +33,7 @@ class Variable:
         causality: ``input``, ``output``, ``parameter`` or ``local``.
         start: start value in that unit.
         description: one sentence for the user.
+        display: unit in which the tool that made an FMU shows it, where that is another one.
     """
 
     name: str
@@ -39,12 +41,13 @@ class Variable:
     causality: str = "output"
     start: float = 0.0
     description: str = ""
+    display: DisplayUnit | None = None
 
     def starting_at(self, start: float) -> Variable:
         """The same variable with another start value."""
         if start == self.start:
             return self
-        return Variable(self.name, self.unit, self.causality, start, self.description)
+        return replace(self, start=start)
 
 
 @dataclass(frozen=True)

@@ -39,6 +39,19 @@ class UnitDefinition:
         return {name: power for name, power in zip(BASE_UNITS, self.exponents, strict=True) if power}
 
 
+@dataclass(frozen=True)
+class DisplayUnit:
+    """A unit in which a tool shows the values of another one: value there = factor * value + offset.
+
+    Attributes:
+        name: such as ``degC``.
+    """
+
+    name: str
+    factor: float = 1.0
+    offset: float = 0.0
+
+
 def _definition(factor: float = 1.0, offset: float = 0.0, **exponents: int) -> UnitDefinition:
     return UnitDefinition(tuple(exponents.get(name, 0) for name in BASE_UNITS), factor, offset)
 

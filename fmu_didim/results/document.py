@@ -26,6 +26,7 @@ from fmu_didim.results.result import (
     ChannelErrorResult,
     ChannelResult,
     ConsistencyResult,
+    DisplayResult,
     ErrorResult,
     ExperimentResult,
     GeometryResult,
@@ -143,7 +144,16 @@ def _outputs_and_inputs(model: LoopModel) -> dict[str, Any]:
     return {
         "outputs": list(model.loop.output_names),
         "inputs": {v.name: v.unit for v in plant.inputs if v.name in used},
+        "displays": _displays(model),
     }
+
+
+def _displays(model: LoopModel) -> dict[str, DisplayResult]:
+    """In which units the tool that made an FMU shows what is identified, put out and put in."""
+    plant = model.loop.plant
+    own = {v.name: v.display for v in (*plant.parameters, *plant.outputs, *plant.inputs) if v.display is not None}
+    named = {k.name: own[k.key] for k in model.free_parameters if k.owner in (BASE, PLANT) and k.key in own}
+    return {name: DisplayResult(**asdict(unit)) for name, unit in {**own, **named}.items()}
 
 
 def _joint(estimate: Estimate) -> JointResult | None:

@@ -47,6 +47,14 @@ class ParameterResult(Saved):
     )
 
 
+class DisplayResult(Saved):
+    """A unit in which a tool shows the values of another one (FMI: ``DisplayUnit``): factor * value + offset."""
+
+    name: str
+    factor: float
+    offset: float
+
+
 class UnconstrainedResult(Saved):
     """A value that was refused."""
 
@@ -318,6 +326,10 @@ class ResultDocument(Saved):
         "torques of joints, in the same order; absent where the torque was measured"
     )  # fmt: skip
     inputs: dict[str, str] = Field(default={}, description="name of each input of such a model -> its unit")
+    displays: dict[str, DisplayResult] = Field(
+        default={}, description="name of a parameter, an output or an input of such a model -> unit in which its tool "
+        "shows it, as pages do",
+    )  # fmt: skip
     power: PowerResult | None = Field(default=None, description=EXCLUDES)
     experiments: dict[str, ExperimentResult] = Field(description="by label")
     relative_error_percent: dict[str, ErrorResult] = Field(description="by label of the experiment")
@@ -349,7 +361,7 @@ class ResultDocument(Saved):
     def _without_outputs_of_none(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
         """Only the result of a model has outputs and inputs."""
         found: dict[str, Any] = handler(self)
-        return found if self.outputs else {k: v for k, v in found.items() if k not in ("outputs", "inputs")}
+        return found if self.outputs else {k: v for k, v in found.items() if k not in ("outputs", "inputs", "displays")}
 
     @property
     def labels(self) -> list[str]:

@@ -103,7 +103,7 @@ def with_state_start(component: FmuComponent, key: str, name: str, value: float,
     rules = {} if rule.is_identity else {key: rule}
     return replace(
         component,
-        parameters=(*component.parameters, Variable(key, shown.unit, "parameter", value)),
+        parameters=(*component.parameters, Variable(key, shown.unit, "parameter", value, display=shown.display)),
         parameter_conversions={**component.parameter_conversions, **rules},
         fixed=component.fixed | {key},
         state_starts={**component.state_starts, key: states_of(component)[name]},

@@ -10,7 +10,7 @@ from itertools import product
 from pathlib import Path
 
 from fmu_didim.base.errors import FmuError
-from fmu_didim.data.units import UnitDefinition
+from fmu_didim.data.units import DisplayUnit, UnitDefinition
 
 CO_SIMULATION, MODEL_EXCHANGE, SCHEDULED_EXECUTION = "co-simulation", "model-exchange", "scheduled-execution"
 REAL_TYPES = ("Real", "Float64")
@@ -38,7 +38,7 @@ class FmuVariable:
     Attributes:
         type: as in the file: ``Real``, ``Float64``, ``Integer``, ...; reference: its value reference.
         variability, initial: as in FMI, defaults filled in.
-        unit: the FMU's own unit, from the variable or its declared type.
+        unit: the FMU's own unit, from the variable or its declared type; display: in which its tool shows it.
         start: text of the start value, elements of an array separated by blanks; None if there is no start value.
         shape: sizes of the dimensions of an array, () for a scalar.
         clocks: value references of the clocks at whose ticks alone it has a value.
@@ -57,6 +57,7 @@ class FmuVariable:
     description: str = ""
     clocks: tuple[int, ...] = ()
     negated: bool = False
+    display: DisplayUnit | None = None
 
     @property
     def size(self) -> int:

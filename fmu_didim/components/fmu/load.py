@@ -143,7 +143,11 @@ def scalars_of(fmu: FmuDescription, own: FmuVariable, *, si_units: bool) -> list
     """Each element of a variable as it is shown, and its conversion; ``si_units``: as of :func:`load_fmu`."""
     rule = conversion(own.unit, fmu.units) if si_units else Conversion(own.unit)
     values = zip(own.element_names(), own.starts(fmu.path), strict=True)
-    shown = [Variable(name, rule.unit, own.causality, rule.to_shown(start), own.description) for name, start in values]
+    display = own.display if rule.is_identity and not own.negated else None
+    shown = [
+        Variable(name, rule.unit, own.causality, rule.to_shown(start), own.description, display)
+        for name, start in values
+    ]
     if own.negated:
         rule = Conversion(rule.unit, -rule.factor, rule.offset)
     return [(variable, rule) for variable in shown]

@@ -24,6 +24,7 @@ from fmu_didim.report.drawing.torque_charts import (
     torque_chart,
 )
 from fmu_didim.report.experiment_charts import ExperimentCharts
+from fmu_didim.report.identification.display import in_display_units, table_in_display_units
 from fmu_didim.results.result import ResultDocument
 
 MOST_INPUTS = 5
@@ -46,8 +47,11 @@ def saved_charts(
     known = tables or {}
 
     def table(file: str) -> Trajectory:
-        return known[file] if file in known else read_trajectory(directory / file)
+        return table_in_display_units(
+            document, file, known[file] if file in known else read_trajectory(directory / file)
+        )
 
+    document = in_display_units(document)
     found = []
     for number, (label, file) in enumerate(document.signals.items(), start=1):
         signals = table(file)

@@ -14,6 +14,7 @@ from fmu_didim.report.drawing.forest_chart import Expectation, forest_chart
 from fmu_didim.report.drawing.torque_charts import history_chart
 from fmu_didim.report.experiment_charts import ExperimentCharts, residual_sections, torque_sections
 from fmu_didim.report.identification.charts import saved_charts
+from fmu_didim.report.identification.display import shown_value
 from fmu_didim.report.identification.joint import joint_sections
 from fmu_didim.report.identification.prior import prior_sections, share_text
 from fmu_didim.report.identification.profiles import interval_texts, profile_sections
@@ -170,6 +171,7 @@ def _parameters(document: ResultDocument) -> Section:
         Column("%σ", [text.percent for text in shown], page_head="σ / |value| (%)"),
         words("", [""] * len(texts), bars=bars, shown="page"),
         words("unit", [text.unit or MISSING for text in texts]),
+        *_as_displayed(document, listed),
         Column(
             "95 % interval",
             ["  ".join(text.interval) for text in shown],
@@ -199,6 +201,22 @@ def _parameters(document: ResultDocument) -> Section:
     if forest is not None and not document.outputs:
         blocks += [note("How far each value is off that of the description, with its 95 % interval."), Charts([forest])]
     return Section("Parameters", blocks, anchor="parameters", is_brief=True)
+
+
+def _as_displayed(document: ResultDocument, listed: Sequence[tuple[str, ParameterResult]]) -> list[Column]:
+    """The values in the units in which the tool of the model shows them."""
+    if not any(name in document.displays for name, _ in listed):
+        return []
+    texts = []
+    for name, found in listed:
+        unit = document.displays.get(name)
+        if unit is None:
+            texts.append("")
+            continue
+        value, std = shown_value(unit, found.value), abs(unit.factor) * found.std
+        digits = rounding(value, std)
+        texts.append(f"{digits.text(value)} ± {digits.text(std)} {pretty_unit(unit.name)}")
+    return [words("in its display unit", texts, shown="page")]
 
 
 def _from_data(document: ResultDocument, names: Sequence[str]) -> list[Column]:

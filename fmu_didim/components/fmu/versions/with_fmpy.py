@@ -28,6 +28,7 @@ from fmu_didim.components.fmu.description import (
     element_names,
 )
 from fmu_didim.components.fmu.versions.base import DescriptionFile, Signatures
+from fmu_didim.components.fmu.versions.display_units import DisplayUnits
 from fmu_didim.data.units import BASE_UNITS, UnitDefinition
 
 TRUE = ("true", "1")
@@ -58,6 +59,7 @@ def description(file: DescriptionFile, version: str, *, negated: frozenset[str] 
     own = _parsed(file, version)
     default = own.defaultExperiment
     stated = (default.startTime, default.stopTime, default.tolerance, default.stepSize) if default else ()
+    displays = DisplayUnits.of(own, file.root)
     return FmuDescription(
         path=file.path,
         folder=file.folder,
@@ -68,7 +70,7 @@ def description(file: DescriptionFile, version: str, *, negated: frozenset[str] 
         tool=own.generationTool or "",
         interfaces=tuple(_interfaces(own, file.root)),
         platforms=file.platforms,
-        variables=tuple(_variable(v, v.name in negated) for v in own.modelVariables if not _is_left_out(v)),
+        variables=tuple(_variable(v, v.name in negated, displays) for v in own.modelVariables if not _is_left_out(v)),
         state_count=own.numberOfContinuousStates,
         indicator_count=own.numberOfEventIndicators,
         experiment=Experiment(*(float(text) if text else None for text in stated)),
@@ -144,7 +146,8 @@ def _states(own: Any) -> tuple[str, ...]:
     return tuple(name for state in found if state for name in element_names(state.name, tuple(state.shape or ())))
 
 
-def _variable(own: Any, negated: bool) -> FmuVariable:
+def _variable(own: Any, negated: bool, displays: DisplayUnits) -> FmuVariable:
+    unit = own.unit or (own.declaredType.unit if own.declaredType else "") or ""
     return FmuVariable(
         name=own.name,
         reference=int(own.valueReference),
@@ -152,12 +155,13 @@ def _variable(own: Any, negated: bool) -> FmuVariable:
         causality=own.causality or "local",
         variability=own.variability or "",
         initial=own.initial or "",
-        unit=own.unit or (own.declaredType.unit if own.declaredType else "") or "",
+        unit=unit,
         start=own.start,
         shape=tuple(own.shape or ()),
         description=own.description or "",
         clocks=tuple(int(c.valueReference) for c in own.clocks or ()),
         negated=negated,
+        display=displays.display(own, unit),
     )
 
 
