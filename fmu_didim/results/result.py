@@ -48,7 +48,11 @@ class ParameterResult(Saved):
 
 
 class DisplayResult(Saved):
-    """A unit in which a tool shows the values of another one (FMI: ``DisplayUnit``): factor * value + offset."""
+    """A unit in which a tool shows the values of another one (FMI: ``DisplayUnit``).
+
+    Attributes:
+        name: such as degF; factor, offset: value there = factor * value + offset.
+    """
 
     name: str
     factor: float

@@ -181,7 +181,13 @@ def test_a_loop_without_central_differences_has_no_roughness() -> None:
 
 @pytest.mark.parametrize(
     ("macros", "after_step", "name"),
-    [(("ROUGH_BETWEEN_STEPS",), False, "controller"), (("ROUGH_BETWEEN_STEPS",), True, ""), ((), False, "")],
+    [
+        (("ROUGH_BETWEEN_STEPS",), False, "controller"),
+        *(
+            pytest.param(*one, marks=pytest.mark.gate)
+            for one in ((("ROUGH_BETWEEN_STEPS",), True, ""), ((), False, ""))
+        ),
+    ],
 )
 def test_whose_outputs_are_better_taken_after_its_step(
     macros: tuple[str, ...], after_step: bool, name: str, tmp_path: Path

@@ -51,6 +51,7 @@ def identified(folder: Path, fmu: Path, step: float, *, noise: float = 0.02, see
     return identify(folder / "case.yaml")
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize("step", [0.05, 0.01])
 @pytest.mark.parametrize("stated", [STATED, UNSTATED])
 def test_it_is_not_stepped_within_its_own_step(tmp_path: Path, stated: str, step: float) -> None:

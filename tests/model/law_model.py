@@ -127,6 +127,10 @@ class LawModel:
     def integrated_as(self, values: Array) -> LawModel:
         return self
 
+    @property
+    def threads(self) -> int:
+        return self.workers
+
     def allowed_workers(self, values: Array) -> int:
         return self.workers
 

@@ -227,6 +227,7 @@ def test_discovered_as_frame_figure_and_notebook_cell(found: tuple[Discovered, P
         discovered.plot("nowhere")
 
 
+@pytest.mark.gate
 def test_augmented_case_of_a_case_in_memory_holds_its_signals(found: tuple[Discovered, Path]) -> None:
     discovered, folder = found
     case = load_case(folder / discovered.files["case"])

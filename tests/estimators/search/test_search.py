@@ -35,6 +35,7 @@ from fmu_didim.estimators.search.processes import Processes
 from fmu_didim.fit.estimate import Estimate
 from fmu_didim.fit.exploration.minima import misfit, squares_of
 from fmu_didim.fit.iteration import Iteration
+from fmu_didim.model import loop_model
 from fmu_didim.model.free_parameter import FreeParameter, FreeParameters, delay_parameter
 from tests.estimators.search.waves import wave_case
 
@@ -322,9 +323,14 @@ def test_the_best_minimum_is_found_in_nearly_all_draws(method: Any) -> None:
     assert sum(found) >= 95
 
 
-def test_threads_serve_compiled_loops() -> None:
+@pytest.mark.parametrize(("long_run", "serves"), [(1, InThisProcess), (10**9, Processes)])
+def test_threads_serve_compiled_loops_that_are_long(
+    monkeypatch: pytest.MonkeyPatch, long_run: int, serves: type
+) -> None:
+    monkeypatch.setattr(loop_model, "LONG_RUN", long_run)
+    monkeypatch.setenv("FMU_DIDIM_WORKERS", "2")
     case = wave_case()
-    assert isinstance(crew_of(case.estimator, replace(case.model, workers=2)), InThisProcess)
+    assert isinstance(crew_of(case.estimator, replace(case.model, workers=2)), serves)
 
 
 def test_check_says_before_any_fit_that_nothing_can_be_searched() -> None:
