@@ -90,7 +90,7 @@ def test_a_mis_stated_controller_is_seen_in_bias_and_verdict(tmp_path: Path) -> 
     assert any("14 runs are on 2 different data" in remark for remark in results.remarks())
 
 
-@pytest.mark.gate
+@pytest.mark.slow
 @needs_emps
 def test_emps(tmp_path: Path) -> None:
     vary = [vary_of("emps")[0], {"grid": {"loop.delay_samples": [0]}}]

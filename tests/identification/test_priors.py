@@ -310,7 +310,7 @@ def test_what_is_left_open_is_told() -> None:
     assert dict(model.prior.open) == {"ZZ1R": ("Ia1",)}
 
 
-@pytest.mark.gate
+@pytest.mark.slow
 def test_discovery_leaves_it_out_and_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
     """As the advice of a result says, the case can be given to discover as it is: the data alone decide there."""
     asked: list[LoopModel] = []

@@ -235,7 +235,7 @@ def test_stages_of_a_discovery_are_those_that_it_tells_of(tmp_path: Path) -> Non
     effects = {name: {run.effects for run in stage.runs} for name, stage in stages.items()}
     assert effects["reading"] == {()}  # the data are looked at before the search
     assert effects["base_fit"] == {()}
-    assert effects["pre_check"] == {(), ("torque_saturation",)}  # with it and, to compare, without
+    assert effects["pre_check"] == {("torque_saturation",)}  # to compare, the run without it is kept from the fit
     # Those of the balance of torques follow from the motion: only the dead zone is simulated.
     assert effects["signatures"] == {(), ("dead_zone",)}
     assert ("torque_offset",) in effects["selection"]

@@ -163,7 +163,7 @@ def test_replicates_share_values_and_have_their_own() -> None:
     assert is_right(found, np.array([1.5, 2.0, 0.5, 2.0, -1.0]))
 
 
-@pytest.mark.gate
+@pytest.mark.slow
 def test_intervals_from_replicates_hold_as_often_as_they_say() -> None:
     truth = np.array([1.5, 2.0, 0.5, 2.0, -1.0])
     hits = [(low < truth) & (high > truth) for low, high in

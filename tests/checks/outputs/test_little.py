@@ -41,7 +41,7 @@ def test_a_little_that_moves_a_value_is_doubted_in_a_long_record(tmp_path: Path,
 
 
 @pytest.mark.gate
-@pytest.mark.parametrize("step", [0.05, 0.2])
+@pytest.mark.parametrize("step", [pytest.param(0.05, marks=pytest.mark.slow), 0.2])
 def test_the_rounding_of_a_file_is_no_doubt(tmp_path: Path, step: float) -> None:
     """Noise of 0.1 K in steps of half and of twice that."""
     for seed in range(3):

@@ -50,11 +50,11 @@ NAMED = [
         (crane, "u", "lag", (0.2, 0.1)),
         (crane, "phi", "delay", (0.2, 0.1)),
         (crane, "phi", "drift", (0.05, 0.01)),
-        (crane, "u", "upper", (0.5, 0.6)),
+        (crane, "u", "upper", (0.6, 0.5)),
     ]
     for value in values
 ]
-"""The smaller size, which is the harder one, in the gate."""
+"""The last size of each in the gate, the harder one of most."""
 
 
 @pytest.mark.parametrize(("make", "signal", "kind", "value"), NAMED)
@@ -134,7 +134,7 @@ def test_nothing_is_named_in_a_room_that_lacks_nothing(tmp_path: Path, seed: int
     assert (found.answer, found.verdict, found.findings) == ("nothing", "valid", [])
 
 
-@pytest.mark.parametrize("seed", range(2, 5))
+@pytest.mark.parametrize("seed", [2, *(pytest.param(s, marks=pytest.mark.slow) for s in (3, 4))])
 def test_nothing_is_named_on_a_crane_that_lacks_nothing(tmp_path: Path, seed: int) -> None:
     found = discover(crane(tmp_path, seed=seed))
     assert (found.answer, found.verdict, found.findings) == ("nothing", "valid", [])
