@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -124,11 +124,12 @@ def _columns(
     *, is_any: bool,
 ) -> dict[str, Column]:  # fmt: skip
     """The signals that a file shows, and their columns."""
+    if names := file.signals or tuple(file.columns):
+        return _named(names, file, outputs, where, is_any=is_any)
     table, _ = table_and_time(file, folder, signals)
-    names = file.signals or tuple(file.columns)
-    if not names and is_any:
+    if is_any:
         names = tuple(name for name in outputs if table.find(name) is not None)
-    elif not names:
+    else:
         bare = [split_unit(name)[0] if table.has_header else name for name in table.columns]
         names = tuple(name for name in bare if name in outputs and name.startswith("q") and name[1:].isdigit())
     if not names:
@@ -139,6 +140,13 @@ def _columns(
             next_step="Say which output is which column: columns: "
             f"{{{example}: name in the file}}.",
         )  # fmt: skip
+    return _named(names, file, outputs, where, is_any=is_any)
+
+
+def _named(
+    names: Sequence[str], file: MeasuredFile, outputs: Mapping[str, Variable], where: str, *, is_any: bool
+) -> dict[str, Column]:
+    """Outputs by their names, and their columns."""
     for name in names:
         if name not in outputs:
             raise UnknownNameError(f"output of the {'model' if is_any else 'plant'}", name, outputs, where=where)

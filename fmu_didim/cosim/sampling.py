@@ -8,6 +8,7 @@ of the rows of the regressor belongs to it.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, Literal, assert_never
 
 import numpy as np
@@ -122,14 +123,27 @@ class SampleOperator:
                 asks for the straight line there too, as a fit of p does, which needs a slope.
             tick_count: number of ticks of the reference.
         """
+        key = (periods, tick_count, between)  # the same is asked for at each simulation, with another lag seldom
+        found = self._last_later.get(key)
+        if found is None:
+            found = self._stamped_later(*key)
+            self._last_later.clear()
+            self._last_later[key] = found
+        return found
+
+    @cached_property
+    def _last_later(self) -> dict[tuple[float, int, bool], SampleOperator]:
+        return {}
+
+    def _stamped_later(self, periods: float, tick_count: int, between: bool) -> SampleOperator:
         origin, lag = self.origin or self, self.lag + periods
         if lag == 0 and not between:
             return origin
         if origin.positions is not None:
             ticks, matrix = _lines(self._earlier(origin.positions, lag), tick_count)
         else:
-            ticks, between = _lines(self._earlier(origin.ticks.astype(np.float64), lag), tick_count)
-            matrix = sparse.csr_array(origin.matrix @ between)
+            ticks, lines = _lines(self._earlier(origin.ticks.astype(np.float64), lag), tick_count)
+            matrix = sparse.csr_array(origin.matrix @ lines)
         return SampleOperator(ticks, matrix, None, lag, origin, self.instants)
 
     def _earlier(self, positions: Array, lag: float) -> Array:

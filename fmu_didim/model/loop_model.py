@@ -485,7 +485,7 @@ class Simulation:
             return "Check the start values and the gains, signs and units of the loop."
         return OF_INPUTS
 
-    @property
+    @cached_property
     def output_ticks(self) -> NDArray[np.int64]:
         """Ticks that the samples of all outputs need."""
         if not self.experiment.channels:
