@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -124,8 +124,18 @@ def _columns(
     *, is_any: bool,
 ) -> dict[str, Column]:  # fmt: skip
     """The signals that a file shows, and their columns."""
-    if names := file.signals or tuple(file.columns):
-        return _named(names, file, outputs, where, is_any=is_any)
+    names = file.signals or tuple(file.columns) or _shown(file, folder, outputs, where, signals, is_any=is_any)
+    for name in names:
+        if name not in outputs:
+            raise UnknownNameError(f"output of the {'model' if is_any else 'plant'}", name, outputs, where=where)
+    return {name: file.columns.get(name, Column(name=name)) for name in names}
+
+
+def _shown(
+    file: MeasuredFile, folder: Path, outputs: Mapping[str, Variable], where: str, signals: Mapping[str, Trajectory],
+    *, is_any: bool,
+) -> tuple[str, ...]:  # fmt: skip
+    """The outputs after which columns of a file are named."""
     table, _ = table_and_time(file, folder, signals)
     if is_any:
         names = tuple(name for name in outputs if table.find(name) is not None)
@@ -140,17 +150,7 @@ def _columns(
             next_step="Say which output is which column: columns: "
             f"{{{example}: name in the file}}.",
         )  # fmt: skip
-    return _named(names, file, outputs, where, is_any=is_any)
-
-
-def _named(
-    names: Sequence[str], file: MeasuredFile, outputs: Mapping[str, Variable], where: str, *, is_any: bool
-) -> dict[str, Column]:
-    """Outputs by their names, and their columns."""
-    for name in names:
-        if name not in outputs:
-            raise UnknownNameError(f"output of the {'model' if is_any else 'plant'}", name, outputs, where=where)
-    return {name: file.columns.get(name, Column(name=name)) for name in names}
+    return names
 
 
 def _part(read: Trajectory, name: str, file: MeasuredFile, source: ExperimentSource) -> tuple[Array, Array]:

@@ -363,7 +363,7 @@ class ResultDocument(Saved):
 
     @model_serializer(mode="wrap")
     def _without_outputs_of_none(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """Only the result of a model has outputs and inputs."""
+        """Only the result of a model has outputs and inputs, and units of display."""
         found: dict[str, Any] = handler(self)
         return found if self.outputs else {k: v for k, v in found.items() if k not in ("outputs", "inputs", "displays")}
 

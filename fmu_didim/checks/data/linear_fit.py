@@ -86,8 +86,8 @@ class RegressorRows:
     def __call__(self, ticks: Ticks) -> tuple[Array, Array]:
         if len(self.torque) > WHOLE * ticks.size:
             key = ticks.tobytes()  # shifts within a tick ask for the same ones
-            rows = self._last.pop(key) if key in self._last else self._at(ticks)
-            self._last[key] = rows
+            found = self._last.pop(key, None)
+            self._last[key] = rows = self._at(ticks) if found is None else found
             if len(self._last) > REMEMBERED:
                 del self._last[next(iter(self._last))]
             return rows

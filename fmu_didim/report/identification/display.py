@@ -3,15 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from fmu_didim.data.signals import Trajectory
-from fmu_didim.results.result import ResultDocument
-
-if TYPE_CHECKING:
-    from fmu_didim.results.result import DisplayResult
+from fmu_didim.results.result import DisplayResult, ResultDocument
 
 
 def shown_value(unit: DisplayResult, value: float) -> float:
@@ -62,16 +58,16 @@ def in_display_units(document: ResultDocument) -> ResultDocument:
 
 def table_in_display_units(document: ResultDocument, file: str, table: Trajectory) -> Trajectory:
     """A saved table of signals in the units of display."""
-    displays, names = document.displays, dict(zip(table.names, table.names, strict=True))
-    for name, pair in zip(document.outputs, document.table_columns, strict=False):
+    displays, names = document.displays, {column: column for column in table.names}
+    if not displays:
+        return table
+    for name, pair in zip(document.outputs, document.table_columns, strict=True):
         names |= dict.fromkeys(pair, name)
     for one in document.experiments.values():
         for name, channel in one.channels.items():
             if channel.file == file:
                 names |= dict.fromkeys(("measured", "simulated"), name)
-    units = [displays.get(names[column]) for column in table.names]
-    if not any(units):
-        return table
-    factors, offsets = (np.array([default if u is None else getattr(u, key) for u in units])
-                        for key, default in (("factor", 1.0), ("offset", 0.0)))  # fmt: skip
+    as_it_is = DisplayResult(name="", factor=1.0, offset=0.0)
+    units = [displays.get(names[column], as_it_is) for column in table.names]
+    factors, offsets = np.array([(unit.factor, unit.offset) for unit in units]).T
     return replace(table, values=table.values * factors + offsets)

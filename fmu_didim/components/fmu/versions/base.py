@@ -14,6 +14,8 @@ from fmu_didim.components.fmu.description import FmuDescription
 
 Signatures = Mapping[str, tuple[list[Any], Any]]
 """Name of a C function -> its argument types and its result type."""
+TRUE = ("true", "1")
+"""The texts of a Boolean attribute that is true."""
 
 
 @dataclass(frozen=True)

@@ -12,9 +12,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from fmu_didim.components.fmu.versions.base import TRUE
 from fmu_didim.data.units import DisplayUnit
-
-TRUE = ("true", "1")
 
 
 @dataclass(frozen=True)

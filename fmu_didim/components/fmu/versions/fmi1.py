@@ -17,8 +17,8 @@ import numpy as np
 
 from fmu_didim.components.fmu.binding import Binding, Function
 from fmu_didim.components.fmu.description import CO_SIMULATION, FmuDescription, Interface
-from fmu_didim.components.fmu.versions.base import DescriptionFile, FmiVersion, Signatures
-from fmu_didim.components.fmu.versions.with_fmpy import TRUE, bits_or_tuple, callbacks, description
+from fmu_didim.components.fmu.versions.base import TRUE, DescriptionFile, FmiVersion, Signatures
+from fmu_didim.components.fmu.versions.with_fmpy import bits_or_tuple, callbacks, description
 
 _FALSE, _TRUE = b"\0", b"\1"
 

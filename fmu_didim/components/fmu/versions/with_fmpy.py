@@ -27,12 +27,10 @@ from fmu_didim.components.fmu.description import (
     Interface,
     element_names,
 )
-from fmu_didim.components.fmu.versions.base import DescriptionFile, Signatures
+from fmu_didim.components.fmu.versions.base import TRUE, DescriptionFile, Signatures
 from fmu_didim.components.fmu.versions.display_units import DisplayUnits
 from fmu_didim.data.units import BASE_UNITS, UnitDefinition
 
-TRUE = ("true", "1")
-"""The texts of a Boolean attribute that is true."""
 _OWNERS = {CO_SIMULATION: "Slave", MODEL_EXCHANGE: "Model"}
 
 
