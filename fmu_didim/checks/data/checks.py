@@ -33,7 +33,7 @@ from fmu_didim.checks.data.robot import (
     length_unit_diagnostics,
 )
 from fmu_didim.checks.data.runs import run_diagnostics
-from fmu_didim.checks.data.timing import CLOCK_EARLY, CLOCK_LATE, COMMAND_DELAY, SAMPLING_KIND, timing
+from fmu_didim.checks.data.timing import CLOCK_EARLY, CLOCK_LATE, COMMAND_DELAY, SAMPLING_KIND, kind_is_clear, timing
 from fmu_didim.checks.data.torque_channel import torque_channel_diagnostics
 from fmu_didim.checks.data.units import position_diagnostics, unit_diagnostics
 from fmu_didim.cosim.system import REFERENCE
@@ -129,17 +129,18 @@ def _quick(model: LoopModel) -> LoopModel:
 
 
 def confirmed(model: LoopModel, found: Iterable[Diagnostic]) -> list[Diagnostic]:
-    """The diagnostics without those scales, lengths and delays that explain nothing along the motion of a fit, and
-    without outliers that were the transient of a start off the reference.
+    """The diagnostics without those scales, lengths and delays that explain nothing along the motion of a fit, without
+    kinds of sampling that explain the log clearly worse there, and without outliers that were the transient of a start
+    off the reference.
 
-    Before a fit the simulated motion is only near the measured one, and a scale, a length or a delay may explain a part
-    of the difference.
+    Before a fit the simulated motion is only near the measured one, and a scale, a length, a delay or an average may
+    explain a part of the difference.
 
     Args:
         model: with the values of the fit; found: before it.
     """
     found = _without_transients(model, list(found))
-    doubted = [d for d in found if d.code in (TORQUE_SCALE, LINK_LENGTH, COMMAND_DELAY)]
+    doubted = [d for d in found if d.code in (TORQUE_SCALE, LINK_LENGTH, COMMAND_DELAY, SAMPLING_KIND)]
     if not doubted or not model.parameters.has_regressor or model.linear_count < len(model.free_parameters):
         return found
     try:
@@ -147,8 +148,11 @@ def confirmed(model: LoopModel, found: Iterable[Diagnostic]) -> list[Diagnostic]
     except SimulationError:  # nothing is cleared up
         return found
     codes = {d.code for one in motions for d in _explained(one)}
-    as_well = {COMMAND_DELAY} if codes & {CLOCK_LATE, CLOCK_EARLY, SAMPLING_KIND} else set()  # hardly told apart
-    return [d for d in found if d not in doubted or d.code in codes | as_well]
+    if codes & {CLOCK_LATE, CLOCK_EARLY, SAMPLING_KIND}:
+        codes |= {COMMAND_DELAY}  # hardly told apart
+    if not all(kind_is_clear(one) for one in motions):  # a fit may have absorbed what the kind explained before
+        codes |= {SAMPLING_KIND}
+    return [d for d in found if d not in doubted or d.code in codes]
 
 
 def _without_transients(model: LoopModel, found: list[Diagnostic]) -> list[Diagnostic]:

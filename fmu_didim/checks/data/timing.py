@@ -17,9 +17,18 @@ from scipy.optimize import minimize_scalar
 
 from fmu_didim.base.diagnostics import CATALOGUE, DOUBT, REMARK, Diagnostic
 from fmu_didim.base.errors import SimulationError
-from fmu_didim.checks.data.linear_fit import WORTH_IT, Explanation, FittedMotion, fitted_motion, motion_with_regressor
+from fmu_didim.checks.data.linear_fit import (
+    CLEARLY,
+    WORTH_IT,
+    Explanation,
+    FittedMotion,
+    fitted_motion,
+    motion_with_regressor,
+)
 from fmu_didim.checks.judgement import MATTERS
 from fmu_didim.checks.sampling_kind import other_ways, way_text
+from fmu_didim.cosim import SampleOperator
+from fmu_didim.cosim.sampling import Kind, Window
 
 SHIFTS_S = (0.002, 0.006, 0.018, 0.054, 0.16, 0.5)
 """[s] Shifts of a log that are tried, late and early, before the least misfit is searched near the best one."""
@@ -135,13 +144,23 @@ def _least_misfit(fitted: FittedMotion) -> tuple[float, float]:
     return float(found.x), fitted.deviation(misfit, float(found.x), float(found.fun), CURVATURE * step)
 
 
-def _kinds(fitted: FittedMotion) -> Iterator[Explanation]:
+def kind_is_clear(fitted: FittedMotion) -> bool:
+    """Whether a log shows what the case says: every other kind of sampling explains it clearly worse along a motion."""
+    return all(fitted.gain(misfit, 0.0) < -CLEARLY for misfit, *_ in _other_kinds(fitted))
+
+
+def _other_kinds(fitted: FittedMotion) -> list[tuple[float, Kind, Window, SampleOperator]]:
+    """Other kinds of sampling with their windows: the misfit of each along a motion first."""
     label = fitted.run.label
-    ways = [
+    return [
         (fitted.misfit(o[label].thinned(IN_A_WINDOW)), kind, window, o[label])
         for kind, window, o in other_ways({label: fitted.run})
     ]
-    if not ways:
+
+
+def _kinds(fitted: FittedMotion) -> Iterator[Explanation]:
+    label = fitted.run.label
+    if not (ways := _other_kinds(fitted)):
         return
     misfit, kind, window, operator = min(ways, key=lambda way: way[0])
     sampled = fitted.run.on(replace(fitted.experiment, operator=operator))
