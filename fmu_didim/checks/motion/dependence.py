@@ -365,11 +365,11 @@ def dependence(
     steps = OwnColours.of(residual, used, motion[:, :room], logs).steps()
     if not steps:
         return Dependence(joint, 1.0, 0.0, "", 0.0)
-    return _told(min(steps, key=lambda step: step.p_value), len(steps), names, joint)
+    return told(min(steps, key=lambda step: step.p_value), len(steps), names, joint)
 
 
 @dataclass(frozen=True)
-class _Step:
+class Step:
     """Some functions beside the sensitivities: the p value of what they explain, corrected for the ways to choose
     them; squares that are left without them, and that they explain; variance of the noise; and of each function alone
     (m,): its slope, and the squares of its independent part and those it explains."""
@@ -406,30 +406,30 @@ class OwnColours:
         places = [*range(self.used), *(self.used + 1 + k for k in chosen)]
         return self.columns.colour(self.used, places, self.alone.orders)
 
-    def steps(self) -> list[_Step]:
+    def steps(self) -> list[Step]:
         """What is asked."""
-        alone = _Whitened.by(self, self.alone)
+        alone = Whitened.by(self, self.alone)
         if not alone.power.any():
             return []
-        found: dict[tuple[int, ...], _Step] = {(): alone.step(np.flatnonzero(alone.power).tolist(), np.inf)}
+        found: dict[tuple[int, ...], Step] = {(): alone.step(np.flatnonzero(alone.power).tolist(), np.inf)}
         colours: dict[tuple[int, ...], Colour] = {}
         for start in (Colour.white(len(self.alone.orders)), self.alone):
             chosen, colour = tuple[int, ...](), start
             while len(chosen) < min(FUNCTIONS, alone.power.size):
-                best = _Whitened.by(self, colour).next_to(chosen)
+                best = Whitened.by(self, colour).next_to(chosen)
                 if best is None:
                     break
                 chosen = tuple(sorted((*chosen, best)))
                 if chosen not in found:
                     own = colours[chosen] = self.beside(chosen)
-                    found[chosen] = _Whitened.by(self, own).step(chosen, self.alone.criterion - own.criterion)
+                    found[chosen] = Whitened.by(self, own).step(chosen, self.alone.criterion - own.criterion)
                 if start is self.alone:
                     colour = colours[chosen]
         return list(found.values())
 
 
 @dataclass(frozen=True)
-class _Whitened:
+class Whitened:
     """What the sensitivities leave of the residual (n,) and of functions (n, m) of the motion, all whitened by a
     colour; those functions of which something is left; and the degrees of freedom of the residual."""
 
@@ -439,7 +439,7 @@ class _Whitened:
     freedom: int
 
     @classmethod
-    def by(cls, tested: OwnColours, colour: Colour) -> _Whitened:
+    def by(cls, tested: OwnColours, colour: Colour) -> Whitened:
         table, used = tested.columns.whitened(colour), tested.used
         left = rest_of(table[:, used:], orthonormal(table[:, :used]))
         power = np.sum(left[:, 1:] ** 2, axis=0)
@@ -458,9 +458,13 @@ class _Whitened:
             power[list(chosen)] = 0.0
         return int(np.argmax(_squares(own.T @ rest, power))) if power.any() else None
 
-    def step(self, chosen: Sequence[int], gain: float) -> _Step:
-        """What the chosen functions explain together; ``gain``: of the criterion, infinite where only what they explain
-        with this colour counts."""
+    def step(self, chosen: Sequence[int], gain: float, ways: int | None = None) -> Step:
+        """What the chosen functions explain together.
+
+        Args:
+            gain: of the criterion, infinite where only what they explain with this colour counts.
+            ways: to choose them; None: as many of these functions.
+        """
         basis, product = orthonormal(independent(self.own[:, list(chosen)])), self.own.T @ self.rest
         along = basis.T @ self.rest
         total, explained = float(self.rest @ self.rest), float(along @ along)
@@ -471,8 +475,8 @@ class _Whitened:
         loud = float(along @ np.linalg.lstsq(own.T @ own, along, rcond=None)[0]) * second / samples
         likely = second * np.expm1(min(max(gain, 0.0) / samples, LARGEST_GAIN))
         by_chance = f_sf(min(explained / variance, likely, loud) / first, first, second)
-        return _Step(
-            float(by_chance * comb(count, len(chosen))), total, explained, variance,
+        return Step(
+            float(by_chance * (comb(count, len(chosen)) if ways is None else ways)), total, explained, variance,
             np.divide(product, self.power, out=np.zeros_like(product), where=self.power > 0), self.power,
             _squares(product, self.power), first,
         )  # fmt: skip
@@ -483,7 +487,7 @@ def _squares(product: Array, power: Array) -> Array:
     return np.divide(product**2, power, out=np.zeros_like(product), where=power > 0)
 
 
-def _told(step: _Step, tried: int, names: Sequence[str], joint: int) -> Dependence:
+def told(step: Step, tried: int, names: Sequence[str], joint: int) -> Dependence:
     """What the step with the smallest p value says, out of so many."""
     most = int(np.argmax(step.squares))
     beyond = max(step.explained - step.functions * step.variance, step.variance)

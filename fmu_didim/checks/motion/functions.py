@@ -28,6 +28,8 @@ TORQUE_RATE = "rate of the torque"
 """The function of the motion by which a shifted clock of the log shows."""
 SIGNATURE = "signature of "
 """Before the words for an effect of the catalogue, whose change of the logged torque is looked for as it is."""
+RIPPLES = "position at "
+"""Before the number of ripples with which a residual repeats along a joint."""
 LOOKS_LIKE: Mapping[str, str] = {
     TORQUE_RATE: "a wrong clock or a lag of the drive",
     "direction of motion": "other Coulomb friction",
@@ -64,7 +66,17 @@ def looks_like(name: str) -> str:
     """What a model may lack where its residual follows this function."""
     if name.startswith(SIGNATURE):
         return name.removeprefix(SIGNATURE)
+    if name.startswith(RIPPLES):
+        return "a ripple of the torque"
     return LOOKS_LIKE.get(name, LIKE_PAYLOAD if "which changes" in name else LIKE_GRAVITY)
+
+
+def at_ripples(number: float, *, slides: bool) -> str:
+    """The name of the functions of a ripple: so many in a turn, or rad/m."""
+    own = (
+        f"a ripple every {2000 * np.pi / number:.3g} mm" if slides else f"{number:g} ripple{'s' * (number != 1)} a turn"
+    )
+    return RIPPLES + own
 
 
 def functions_of_motion(run: Simulation) -> list[dict[str, Array]]:

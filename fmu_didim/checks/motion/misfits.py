@@ -175,10 +175,12 @@ class FittedMotions:
 
 @dataclass(frozen=True)
 class Misfits:
-    """All misfits of a fit: those whose size is stated, and those that begin at other instants."""
+    """All misfits of a fit: those whose size is stated, and those that begin at other instants; and the motions along
+    which they act, where the plant gives these."""
 
     stated: tuple[Misfit, ...] = ()
     on_the_way: tuple[Misfit, ...] = ()
+    motions: FittedMotions | None = None
 
     @classmethod
     def of(cls, fit: Fit) -> Misfits:
@@ -187,7 +189,7 @@ class Misfits:
             motions = FittedMotions.of(fit)
         except SimulationError:
             motions = None
-        return cls() if motions is None else cls(tuple(misfits(motions)), tuple(misfits_on_the_way(motions)))
+        return cls() if motions is None else cls(tuple(misfits(motions)), tuple(misfits_on_the_way(motions)), motions)
 
     def __iter__(self) -> Iterator[Misfit]:
         yield from (*self.stated, *self.on_the_way)

@@ -1,0 +1,140 @@
+"""Whether a residual that repeats along a joint is told from noise, which a fit takes it for."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from fmu_didim.checks.data.checks import data_diagnostics
+from fmu_didim.checks.identification import checked
+from fmu_didim.checks.motion import ripple
+from fmu_didim.checks.motion.dependence import motion_diagnostics
+from fmu_didim.checks.motion.functions import at_ripples, looks_like
+from fmu_didim.checks.motion.misfits import FittedMotions
+from fmu_didim.checks.motion.ripple import numbers_of_ripples, ripples_of_fit
+from fmu_didim.checks.validation import validate_on
+from fmu_didim.data.signals import Array
+from fmu_didim.discovery.augmentation.places import Proposal
+from fmu_didim.estimators import Didim
+from fmu_didim.fit.fit import point
+from fmu_didim.fit.noise.weighting import NoiseOfResidual
+from fmu_didim.model.loop_model import EffectAtJoint, LoopModel
+from tests.tools.verdict.catalogue import NOISE
+from tests.tools.verdict.power import along, builder, with_logs
+
+
+def right_motions(robot: str, seed: int) -> FittedMotions:
+    """The motions of a machine without ripple, at its true values."""
+    model = along(robot, seed)
+    torques = {label: model.torque(model.start, label) for label in model.experiments}
+    model = with_logs(model, torques, seed, NOISE)
+    motions = FittedMotions.of(point(model, NoiseOfResidual(model)))
+    assert motions is not None
+    return motions
+
+
+def with_residual(motions: FittedMotions, residual: Array) -> FittedMotions:
+    """The same with another residual (N, n)."""
+    fit = motions.fit
+    return replace(motions, fit=replace(fit, outputs=fit.model.measured_outputs - residual))
+
+
+def rippled(robot: str, seed: int, effect: str, joint: int, number: float, size: float) -> LoopModel:
+    """The right model with the logs of a machine that has a ripple, of so much of the peak torque of a joint, or of
+    what it transmits."""
+    model = along(robot, seed)
+    right = {label: model.torque(model.start, label) for label in model.experiments}
+    peak = float(np.abs(right["estimation"][:, joint - 1]).max()) if effect == "torque_ripple" else 1.0
+    names = [v.name for v in builder(robot).effects[effect].parameters(builder(robot).loop.joint_type(joint))]
+    values = {"nr": number} | dict(zip(names, (0.8 * size * peak, 0.6 * size * peak), strict=True))
+    real = builder(robot).build(model, [Proposal(EffectAtJoint(effect, joint), values)])
+    return with_logs(model, {label: real.torque(real.start, label) for label in real.experiments}, seed, NOISE)
+
+
+@pytest.mark.parametrize(
+    ("robot", "effect", "joint", "number", "size"),
+    [
+        ("scara", "current_ripple", 2, 8, 0.06),
+        ("scara", "torque_ripple", 1, 23, 0.03),
+        pytest.param("arm", "torque_ripple", 2, 12, 0.03, marks=pytest.mark.gate),
+        pytest.param("arm", "current_ripple", 1, 7, 0.06, marks=pytest.mark.gate),
+        pytest.param("arm", "torque_ripple", 1, 36, 0.03, marks=pytest.mark.gate),
+    ],
+)
+def test_a_ripple_is_doubted_and_told_with_its_number(
+    robot: str, effect: str, joint: int, number: float, size: float
+) -> None:
+    model = rippled(robot, 1025, effect, joint, number, size)
+    before, estimate = data_diagnostics(model), Didim(start="torque").estimate(model)
+    validations = [validate_on(estimate.model, estimate.value, label) for label in estimate.model.experiments]
+    judgement = checked(estimate, validations, before=before).judgement
+    assert judgement.verdict == "doubtful"
+    told = [d for d in judgement.reasons if d.code.name == "residual-depends-on-motion"]
+    assert [d.place for d in told] == [f"joint {joint}"]
+    assert f"most with the position at {number} ripples a turn, as a ripple of the torque would" in told[0].text
+    assert "In the catalogue" not in told[0].text  # no suspect repeats so often
+
+
+@pytest.mark.parametrize(
+    ("robot", "colour"),
+    [
+        ("scara", (1.0,)),
+        pytest.param("scara", (1.0, -0.8), marks=pytest.mark.gate),
+        pytest.param("scara", (1.0, -1.2, 0.4), marks=pytest.mark.gate),
+        pytest.param("arm", (1.0, -0.8), marks=pytest.mark.gate),
+    ],
+)
+def test_noise_is_no_ripple(robot: str, colour: tuple[float, ...]) -> None:
+    """Of 60 draws at a level of one in 20, at most nine may be said to be a ripple: more are so in one of 500."""
+    motions = right_motions(robot, 1)
+    said = 0
+    for seed in range(30):
+        white = np.random.default_rng(seed).normal(size=(200 + motions.fit.residual.shape[0], 2))
+        noise = motions.fit.deviation * lfilter([1.0], colour, white, axis=0)[200:]
+        said += sum(d.p_value < 0.05 for d in ripples_of_fit(with_residual(motions, noise)))
+    assert said <= 9
+
+
+def test_it_does_not_depend_on_how_many_are_looked_at_at_a_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    motions = right_motions("scara", 1)
+    whole = ripples_of_fit(motions)
+    monkeypatch.setattr(ripple, "AT_ONCE", 4 * 7 * motions.motions["estimation"].q.size)
+    for one, other in zip(whole, ripples_of_fit(motions), strict=True):
+        assert (one.most, one.joint) == (other.most, other.joint)
+        assert one.p_value == pytest.approx(other.p_value, rel=1e-9)
+
+
+def test_a_residual_of_nothing_or_few_samples_are_no_question() -> None:
+    motions = right_motions("scara", 1)
+    assert ripples_of_fit(with_residual(motions, np.zeros_like(motions.fit.residual))) == []
+
+
+@pytest.mark.parametrize(
+    ("slides", "reach", "speed", "spacing", "first", "last", "count"),
+    [
+        (False, 1.0, 1.0, 0.005, 1.0, 120.0, 120),
+        (False, 1.0, 5.0, 0.005, 1.0, 83.0, 83),  # three instants of loads in a ripple
+        (False, 1.0, 0.0, 0.005, None, None, 0),  # it stands still
+        (True, 0.25, 0.1, 0.005, 4 * np.pi, 3129.0, 249),
+        (True, 2.0, 0.1, 0.005, np.pi / 2, 628.3, 400),  # the longest ones
+        (True, 0.25, 1.0, 0.005, 4 * np.pi, 414.7, 33),
+    ],
+)  # fmt: skip
+def test_which_numbers_are_tried(
+    slides: bool, reach: float, speed: float, spacing: float, first: float | None, last: float | None, count: int
+) -> None:
+    found = numbers_of_ripples(slides=slides, reach=reach, speed=speed, spacing=spacing)
+    assert found.size == count
+    if count:
+        assert (found[0], found[-1]) == (pytest.approx(first), pytest.approx(last, rel=1e-3))
+
+
+def test_how_it_is_told() -> None:
+    assert at_ripples(8.0, slides=False) == "position at 8 ripples a turn"
+    assert at_ripples(1.0, slides=False) == "position at 1 ripple a turn"
+    assert at_ripples(628.3, slides=True) == "position at a ripple every 10 mm"
+    assert looks_like(at_ripples(8.0, slides=False)) == "a ripple of the torque"
+    assert motion_diagnostics(ripples_of_fit(right_motions("scara", 1))) == []
