@@ -174,6 +174,11 @@ def log_diagnostics(experiment: Experiment, label: str, given: Expected, control
     return found
 
 
+def swings_in(j: int, given: Expected) -> bool:
+    """Whether no sample of a joint (from 0) leaves its neighbours by more than the expected torque does near it."""
+    return _spikes(j, given) is None
+
+
 def _missing(experiment: Experiment, label: str) -> Iterator[Diagnostic]:
     places = experiment.places
     total = int(places[-1]) + 1

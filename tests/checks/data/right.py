@@ -1,4 +1,4 @@
-"""Right data of five robots, made by their own loops: random motions, noise, start values off by up to 2.5."""
+"""Right data of some robots, made by their own loops: random motions, noise, start values off by up to 2.5."""
 
 from __future__ import annotations
 
@@ -23,12 +23,13 @@ CASES = {
     "arm": "examples/arm2r/discover.yaml",
     "tx40": "examples/tx40/discover_load.yaml",
     "tx40_5khz": "examples/tx40/discover_load.yaml",
+    "axis": "tests/tools/verdict/robots/axis_case.yaml",
     "puma560": "tests/tools/verdict/robots/puma560_case.yaml",
     "rv2sq": "tests/tools/verdict/robots/rv2sq_case.yaml",
 }
 CONTROLLERS = {"tx40_5khz": "controllers/tx40_pd.yaml"}
 """Of cases that have another one."""
-RATES = {"scara": 50.0, "arm": 100.0, "tx40": 100.0, "tx40_5khz": 100.0, "puma560": 100.0, "rv2sq": 100.0}
+RATES = {"scara": 50.0} | dict.fromkeys(("arm", "axis", "tx40", "tx40_5khz", "puma560", "rv2sq"), 100.0)
 OFF = 2.5
 """Largest factor by which start values are wrong, up or down."""
 NOISE = 0.03
