@@ -21,7 +21,7 @@ from fmu_didim.checks.judgement import Judgement, judgement
 from fmu_didim.checks.motion.dependence import DEPENDS_ON_MOTION, dependence_of_fit, motion_diagnostics
 from fmu_didim.checks.motion.misfits import Misfits
 from fmu_didim.checks.motion.periods import repetition_diagnostics, repetition_of_fit
-from fmu_didim.checks.motion.ripple import ripples_of_fit
+from fmu_didim.checks.motion.searched import searched_of_fit
 from fmu_didim.checks.motion.suspects import with_suspects
 from fmu_didim.checks.outputs.judged import output_diagnostics
 from fmu_didim.checks.outputs.words import of_a_model
@@ -175,7 +175,7 @@ def checked(estimate: Estimate, validations: Sequence[Validation], *, before: It
         *held_out_channels(estimate, validations),
     ]  # fmt: skip
     found += residual_diagnostics(tests)
-    misfits, ripples = Misfits(), list[Diagnostic]()
+    misfits, searched = Misfits(), list[Diagnostic]()
     if estimate.fit is not None:
         told = {d.place for d in found if d.code is RESIDUAL_ABOVE_NOISE}
         found += [d for d in repetition_diagnostics(repetition_of_fit(estimate.fit)) if d.place not in told]
@@ -184,7 +184,7 @@ def checked(estimate: Estimate, validations: Sequence[Validation], *, before: It
             misfits = Misfits.of(estimate.fit)
             of_motion = motion_diagnostics(dependence_of_fit(estimate.fit, misfits))
         if not of_motion and misfits.motions is not None:
-            of_motion = ripples = motion_diagnostics(ripples_of_fit(misfits.motions))
+            of_motion = searched = motion_diagnostics(searched_of_fit(misfits.motions))
         found += of_motion
         found += start_diagnostics(contradicted_starts(estimate.fit))
     motion_hz, cutoff_hz = _bands(model)
@@ -194,7 +194,7 @@ def checked(estimate: Estimate, validations: Sequence[Validation], *, before: It
     found += [d for d in large_diagnostics(tests, errors, motion_hz, cutoff_hz) if d.place not in told]
     found += [*of_any_output(estimate), *position_fit_diagnostics(estimate)]
     if estimate.fit is not None and MISFITS & {d.code for d in found}:
-        if not ripples:  # which no suspect follows
+        if not searched:  # which no suspect follows
             found = with_suspects(estimate.fit, misfits if misfits.stated else Misfits.of(estimate.fit), found)
         found += unidentified_diagnostics(estimate.fit)
     found += rival_diagnostics(estimate)

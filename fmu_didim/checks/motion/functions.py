@@ -30,6 +30,8 @@ SIGNATURE = "signature of "
 """Before the words for an effect of the catalogue, whose change of the logged torque is looked for as it is."""
 RIPPLES = "position at "
 """Before the number of ripples with which a residual repeats along a joint."""
+BEYOND = "position "
+"""Before the place beyond which a residual is on one side."""
 LOOKS_LIKE: Mapping[str, str] = {
     TORQUE_RATE: "a wrong clock or a lag of the drive",
     "direction of motion": "other Coulomb friction",
@@ -68,6 +70,8 @@ def looks_like(name: str) -> str:
         return name.removeprefix(SIGNATURE)
     if name.startswith(RIPPLES):
         return "a ripple of the torque"
+    if name.startswith((BEYOND + "above", BEYOND + "below")):
+        return "a stop or a spring that begins there"
     return LOOKS_LIKE.get(name, LIKE_PAYLOAD if "which changes" in name else LIKE_GRAVITY)
 
 
@@ -77,6 +81,12 @@ def at_ripples(number: float, *, slides: bool) -> str:
         f"a ripple every {2000 * np.pi / number:.3g} mm" if slides else f"{number:g} ripple{'s' * (number != 1)} a turn"
     )
     return RIPPLES + own
+
+
+def beyond(place: float, *, above: bool, slides: bool) -> str:
+    """The name of the functions of what acts above or below a place, in rad or m."""
+    own = f"{1000 * place:.3g} mm" if slides else f"{place:.3g} rad"
+    return f"{BEYOND}{'above' if above else 'below'} {own}"
 
 
 def functions_of_motion(run: Simulation) -> list[dict[str, Array]]:

@@ -180,11 +180,13 @@ def main(arguments: list[str] | None = None) -> int:
         found = one.answer
         wrong, valid = found.is_wrong, found.verdict == "valid"
         tally.update(all=1, wrong=int(wrong), valid=int(valid), shown=int(wrong and one.is_shown))
+        tally.update(silent=int(wrong and not found.conditions))
         print(f"{'WRONG' if wrong and one.is_shown else 'hidden' if wrong else 'ok':7}{robot}, {seed}: {one.what}: "
               f"D = {one.chi_square:.3g}; {found.verdict} {', '.join(found.codes[:3])} ({found.farthest:.1f} sigma, "
-              f"held out {found.held_out:.2f})", flush=True)  # fmt: skip
+              f"held out {found.held_out:.2f}){''.join(f'; provided that {c}' for c in found.conditions)}",
+              flush=True)  # fmt: skip
     print(f"{tally['all']} draws: {tally['valid']} valid, {tally['wrong']} valid and wrong, {tally['shown']} of them "
-          f"with a chi square of {SHOWN:g} or more")  # fmt: skip
+          f"with a chi square of {SHOWN:g} or more, {tally['silent']} without a condition")  # fmt: skip
     return 0 if not tally["shown"] and tally["wrong"] <= WRONG * max(tally["all"], 1) else 1
 
 

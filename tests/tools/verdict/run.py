@@ -29,6 +29,7 @@ class Answer:
     Attributes:
         verdict: of the judgement; codes: of its reasons, the weightiest first.
         farthest: the largest error of a value in its standard deviations; held_out: the largest ratio of a joint.
+        conditions: what a valid verdict rests on.
         inside: how many true values lie in the 95 % intervals, out of ``compared``.
     """
 
@@ -38,6 +39,7 @@ class Answer:
     held_out: float = 0.0
     inside: int = 0
     compared: int = 0
+    conditions: tuple[str, ...] = ()
 
     @property
     def is_wrong(self) -> bool:
@@ -63,7 +65,10 @@ def answer(model: LoopModel, truth: Mapping[str, float]) -> Answer:
     judgement = checked(estimate, validations, before=before).judgement
     codes = tuple(reason.code.name for reason in judgement.reasons)
     inside = _inside(estimate, truth)
-    return Answer(judgement.verdict, codes, _farthest(estimate, truth), _ratio(validations), sum(inside), len(inside))
+    return Answer(
+        judgement.verdict, codes, _farthest(estimate, truth), _ratio(validations), sum(inside), len(inside),
+        tuple(judgement.conditions),
+    )  # fmt: skip
 
 
 def _farthest(estimate: Estimate, truth: Mapping[str, float]) -> float:

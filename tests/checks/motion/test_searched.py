@@ -1,4 +1,4 @@
-"""Whether a residual that repeats along a joint is told from noise, which a fit takes it for."""
+"""Whether a residual that repeats along a joint, or comes from a stop, is told from noise, which a fit takes it for."""
 
 from __future__ import annotations
 
@@ -8,13 +8,14 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
+from fmu_didim.base.diagnostics import Diagnostic
 from fmu_didim.checks.data.checks import data_diagnostics
 from fmu_didim.checks.identification import checked
-from fmu_didim.checks.motion import ripple
-from fmu_didim.checks.motion.dependence import motion_diagnostics
-from fmu_didim.checks.motion.functions import at_ripples, looks_like
+from fmu_didim.checks.motion import searched
+from fmu_didim.checks.motion.dependence import DEPENDS_ON_MOTION, motion_diagnostics
+from fmu_didim.checks.motion.functions import at_ripples, beyond, looks_like
 from fmu_didim.checks.motion.misfits import FittedMotions
-from fmu_didim.checks.motion.ripple import numbers_of_ripples, ripples_of_fit
+from fmu_didim.checks.motion.searched import Stop, numbers_of_ripples, searched_of_fit
 from fmu_didim.checks.validation import validate_on
 from fmu_didim.data.signals import Array
 from fmu_didim.discovery.augmentation.places import Proposal
@@ -42,6 +43,21 @@ def with_residual(motions: FittedMotions, residual: Array) -> FittedMotions:
     return replace(motions, fit=replace(fit, outputs=fit.model.measured_outputs - residual))
 
 
+def logs_of(model: LoopModel, robot: str, seed: int, effect: str, joint: int, values: dict[str, float]) -> LoopModel:
+    """The right model with the logs of a machine that has an effect."""
+    real = builder(robot).build(model, [Proposal(EffectAtJoint(effect, joint), values)])
+    return with_logs(model, {label: real.torque(real.start, label) for label in real.experiments}, seed, NOISE)
+
+
+def reasons(model: LoopModel) -> list[Diagnostic]:
+    """What is doubted of the answer, where the residual follows the motion."""
+    before, estimate = data_diagnostics(model), Didim(start="torque").estimate(model)
+    validations = [validate_on(estimate.model, estimate.value, label) for label in estimate.model.experiments]
+    judgement = checked(estimate, validations, before=before).judgement
+    assert judgement.verdict == "doubtful"
+    return [d for d in judgement.reasons if d.code is DEPENDS_ON_MOTION]
+
+
 def rippled(robot: str, seed: int, effect: str, joint: int, number: float, size: float) -> LoopModel:
     """The right model with the logs of a machine that has a ripple, of so much of the peak torque of a joint, or of
     what it transmits."""
@@ -50,8 +66,7 @@ def rippled(robot: str, seed: int, effect: str, joint: int, number: float, size:
     peak = float(np.abs(right["estimation"][:, joint - 1]).max()) if effect == "torque_ripple" else 1.0
     names = [v.name for v in builder(robot).effects[effect].parameters(builder(robot).loop.joint_type(joint))]
     values = {"nr": number} | dict(zip(names, (0.8 * size * peak, 0.6 * size * peak), strict=True))
-    real = builder(robot).build(model, [Proposal(EffectAtJoint(effect, joint), values)])
-    return with_logs(model, {label: real.torque(real.start, label) for label in real.experiments}, seed, NOISE)
+    return logs_of(model, robot, seed, effect, joint, values)
 
 
 @pytest.mark.parametrize(
@@ -67,15 +82,25 @@ def rippled(robot: str, seed: int, effect: str, joint: int, number: float, size:
 def test_a_ripple_is_doubted_and_told_with_its_number(
     robot: str, effect: str, joint: int, number: float, size: float
 ) -> None:
-    model = rippled(robot, 1025, effect, joint, number, size)
-    before, estimate = data_diagnostics(model), Didim(start="torque").estimate(model)
-    validations = [validate_on(estimate.model, estimate.value, label) for label in estimate.model.experiments]
-    judgement = checked(estimate, validations, before=before).judgement
-    assert judgement.verdict == "doubtful"
-    told = [d for d in judgement.reasons if d.code.name == "residual-depends-on-motion"]
+    told = reasons(rippled(robot, 1025, effect, joint, number, size))
     assert [d.place for d in told] == [f"joint {joint}"]
     assert f"most with the position at {number} ripples a turn, as a ripple of the torque would" in told[0].text
     assert "In the catalogue" not in told[0].text  # no suspect repeats so often
+
+
+def test_a_stop_is_doubted_and_told_with_its_place() -> None:
+    """It was valid at 6.2 sigma, with a residual of 3.3 times the noise."""
+    values = {"qlower": -0.959, "wstop": 0.00354, "klower": 0.256}
+    (told,) = reasons(logs_of(along("scara", 5067), "scara", 5067, "contact_stop_lower", 2, values))
+    assert told.place == "joint 2"
+    assert "most with the position below -0.958 rad, as a stop or a spring that begins there would" in told.text
+
+
+@pytest.mark.parametrize(("above", "depth"), [(True, [0.0, 0.0, 0.5]), (False, [1.5, 0.5, 0.0])])
+def test_loads_of_a_stop_begin_at_its_place(above: bool, depth: list[float]) -> None:
+    motion = right_motions("scara", 1).motions["estimation"].at(np.arange(3))
+    motion = replace(motion, q=np.array([[9.0, -1.0], [9.0, 0.0], [9.0, 1.0]]))
+    np.testing.assert_allclose(Stop(0.5, above, False).loads(motion, 1), np.array([depth, np.square(depth)]).T)
 
 
 @pytest.mark.parametrize(
@@ -87,29 +112,29 @@ def test_a_ripple_is_doubted_and_told_with_its_number(
         pytest.param("arm", (1.0, -0.8), marks=pytest.mark.gate),
     ],
 )
-def test_noise_is_no_ripple(robot: str, colour: tuple[float, ...]) -> None:
-    """Of 60 draws at a level of one in 20, at most nine may be said to be a ripple: more are so in one of 500."""
+def test_noise_is_neither(robot: str, colour: tuple[float, ...]) -> None:
+    """Of 60 draws at a level of one in 20, at most nine may be said to be one of them: more are so in one of 500."""
     motions = right_motions(robot, 1)
     said = 0
     for seed in range(30):
         white = np.random.default_rng(seed).normal(size=(200 + motions.fit.residual.shape[0], 2))
         noise = motions.fit.deviation * lfilter([1.0], colour, white, axis=0)[200:]
-        said += sum(d.p_value < 0.05 for d in ripples_of_fit(with_residual(motions, noise)))
+        said += sum(d.p_value < 0.05 for d in searched_of_fit(with_residual(motions, noise)))
     assert said <= 9
 
 
 def test_it_does_not_depend_on_how_many_are_looked_at_at_a_time(monkeypatch: pytest.MonkeyPatch) -> None:
     motions = right_motions("scara", 1)
-    whole = ripples_of_fit(motions)
-    monkeypatch.setattr(ripple, "AT_ONCE", 4 * 7 * motions.motions["estimation"].q.size)
-    for one, other in zip(whole, ripples_of_fit(motions), strict=True):
+    whole = searched_of_fit(motions)
+    monkeypatch.setattr(searched, "AT_ONCE", 4 * 7 * motions.motions["estimation"].q.size)
+    for one, other in zip(whole, searched_of_fit(motions), strict=True):
         assert (one.most, one.joint) == (other.most, other.joint)
         assert one.p_value == pytest.approx(other.p_value, rel=1e-9)
 
 
 def test_a_residual_of_nothing_or_few_samples_are_no_question() -> None:
     motions = right_motions("scara", 1)
-    assert ripples_of_fit(with_residual(motions, np.zeros_like(motions.fit.residual))) == []
+    assert searched_of_fit(with_residual(motions, np.zeros_like(motions.fit.residual))) == []
 
 
 @pytest.mark.parametrize(
@@ -137,4 +162,7 @@ def test_how_it_is_told() -> None:
     assert at_ripples(1.0, slides=False) == "position at 1 ripple a turn"
     assert at_ripples(628.3, slides=True) == "position at a ripple every 10 mm"
     assert looks_like(at_ripples(8.0, slides=False)) == "a ripple of the torque"
-    assert motion_diagnostics(ripples_of_fit(right_motions("scara", 1))) == []
+    assert beyond(-0.9584, above=False, slides=False) == "position below -0.958 rad"
+    assert beyond(0.05, above=True, slides=True) == "position above 50 mm"
+    assert looks_like(beyond(0.05, above=True, slides=True)) == "a stop or a spring that begins there"
+    assert motion_diagnostics(searched_of_fit(right_motions("scara", 1))) == []

@@ -1,0 +1,208 @@
+"""Whether the residual torque follows what acts at places along a joint: ripples of a motor or a gear, and stops.
+
+A joint at q may have a load, at a number n of ripples in a turn or beyond a place c, of the form
+
+    e = a sin(n q) + b cos(n q),      e = tau (a sin(n q) + b cos(n q)),
+    e = a h + b h^2,                  h = max(q - c, 0) or max(c - q, 0),
+
+which the controller compensates as fast as it can (:mod:`fmu_didim.fit.derivatives.load_response`): what the log shows
+of it is asked for as functions of the motion are (:mod:`fmu_didim.checks.motion.dependence`), a and b together. The p
+value is multiplied by the number of those that are tried.
+
+Functions of the motion cannot follow what changes so often or is so short, and values of a fit hardly move with it: on
+a SCARA a residual of four times the noise, of which 93 % were a ripple of the current, was taken for noise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+
+from fmu_didim.checks.motion.colour import Colour
+from fmu_didim.checks.motion.dependence import (
+    SAMPLES_A_FUNCTION,
+    Dependence,
+    JointResidual,
+    OwnColours,
+    Whitened,
+    independent,
+    residuals_of_fit,
+    tested_rows,
+    told,
+)
+from fmu_didim.checks.motion.functions import at_ripples, beyond
+from fmu_didim.checks.motion.misfits import FittedMotions
+from fmu_didim.cosim import Indices
+from fmu_didim.data.signals import Array
+from fmu_didim.model.motion import Motion
+from fmu_didim.model.workers import side_by_side
+
+MOST_A_TURN = 120
+"""[1] Ripples in a turn of a joint up to which they are looked for: two in a turn of a motor behind a gear of 60."""
+SHORTEST = 0.002
+"""[m] Ripple of a joint that slides down to which it is looked for: that of a ball screw or a tooth of a belt."""
+MOST = 400
+"""[1] Ripples that are tried along a joint that slides, the longest ones first."""
+INSTANTS = 3.0
+"""[instants] At which loads are taken, in the shortest ripple at the largest speed."""
+STOPS = (0.02, 0.04, 0.07, 0.1, 0.15, 0.2, 0.3, 0.4)
+"""[1] Of the range of a motion, from either end: where a stop may begin."""
+FUNCTIONS = 2
+"""[functions] Of a ripple or a stop."""
+AT_ONCE = 4_000_000
+"""[values] Of a table of loads: 32 MB."""
+DEPENDENT = 1e-9
+"""[1] Singular value, of the largest one, below which one of these functions is the other one."""
+
+
+@dataclass(frozen=True)
+class Ripple:
+    """Loads that repeat along a joint.
+
+    Attributes:
+        number: of them in a turn, or rad/m; of_load: whether they follow the torque that the joint transmits.
+        slides: whether the joint does.
+    """
+
+    number: float
+    of_load: bool
+    slides: bool
+
+    @property
+    def name(self) -> str:
+        """What the residual follows then."""
+        return at_ripples(self.number, slides=self.slides)
+
+    def loads(self, motion: Motion, j: int) -> Array:
+        """(K, FUNCTIONS) on joint ``j``, from 0."""
+        phase = self.number * motion.q[:, j]
+        size = motion.load[:, j] if self.of_load else 1.0
+        return np.column_stack([size * np.sin(phase), size * np.cos(phase)])
+
+
+@dataclass(frozen=True)
+class Stop:
+    """Loads beyond a place of a joint.
+
+    Attributes:
+        place: rad or m; above: whether they begin there upwards, or downwards; slides: whether the joint does.
+    """
+
+    place: float
+    above: bool
+    slides: bool
+
+    @property
+    def name(self) -> str:
+        """What the residual follows then."""
+        return beyond(self.place, above=self.above, slides=self.slides)
+
+    def loads(self, motion: Motion, j: int) -> Array:
+        """(K, FUNCTIONS) on joint ``j``, from 0."""
+        away = motion.q[:, j] - self.place
+        depth = np.maximum(away if self.above else -away, 0.0)
+        return np.column_stack([depth, depth**2])
+
+
+def searched_of_fit(motions: FittedMotions) -> list[Dependence]:
+    """How the residual of each joint follows ripples and stops, at the point of a fit."""
+    rows = tested_rows(motions.fit)
+    tasks = [partial(_searched, motions, one, rows) for one in residuals_of_fit(motions.fit, rows)]
+    return [found for found in side_by_side(tasks, motions.fit.model.threads) if found is not None]
+
+
+def candidates(motions: Sequence[Motion], j: int, *, slides: bool) -> list[Ripple | Stop]:
+    """The ripples and stops that are tried at a joint, from 0; none where it stands still."""
+    q = np.concatenate([m.q[:, j] for m in motions])
+    low, reach = float(q.min()), float(np.ptp(q))
+    numbers = numbers_of_ripples(
+        slides=slides, reach=max(float(np.ptp(m.q[:, j])) for m in motions),
+        speed=max(float(np.abs(m.dq[:, j]).max()) for m in motions), spacing=max(m.step for m in motions),
+    )  # fmt: skip
+    if not numbers.size:
+        return []
+    ripples = [Ripple(float(number), of_load, slides) for of_load in (False, True) for number in numbers]
+    stops = [
+        Stop(low + (1 - part if above else part) * reach, above, slides) for above in (True, False) for part in STOPS
+    ]
+    return [*ripples, *stops]
+
+
+def numbers_of_ripples(*, slides: bool, reach: float, speed: float, spacing: float) -> Array:
+    """(f,) numbers that are tried, in a turn or in rad/m: whole ones, or those that a motion tells apart.
+
+    Args:
+        reach, speed: of the motion, rad or m, and a second; spacing: s between instants at which loads are taken.
+    """
+    if not (reach > 0 and speed > 0):
+        return np.zeros(0)
+    step, highest = (np.pi / reach, 2 * np.pi / SHORTEST) if slides else (1.0, float(MOST_A_TURN))
+    highest = min(highest, 2 * np.pi / (INSTANTS * spacing * speed))
+    return np.asarray(step * np.arange(1, min(int(highest / step), MOST) + 1))
+
+
+@dataclass(frozen=True)
+class _Best:
+    """What explains most by one colour: what the log shows of it (N, FUNCTIONS), and the squares that it explains."""
+
+    of: Ripple | Stop
+    functions: Array
+    explained: float
+
+
+def _searched(motions: FittedMotions, one: JointResidual, rows: dict[str, Indices]) -> Dependence | None:
+    """The ripple or stop that explains most of the residual of a joint; None where it is no question."""
+    j, used = one.joint - 1, independent(one.nuisance)
+    tried = candidates(list(motions.motions.values()), j, slides=motions.joint_types[j] == "prismatic")
+    if one.residual.size - used.shape[1] < FUNCTIONS * SAMPLES_A_FUNCTION or not one.left or not tried:
+        return None
+    tested = OwnColours.of(one.residual, used, np.zeros((one.residual.size, 0)), one.logs)
+    best = dict[int, _Best]()
+    for some, table in _tables(motions, j, rows, tried):
+        beside = _with(tested, table.reshape(len(table), -1))
+        for place, colour in enumerate((Colour.white(len(tested.alone.orders)), tested.alone)):
+            explained = _explained(Whitened.by(beside, colour), len(some))
+            k = int(np.argmax(explained))
+            if place not in best or explained[k] > best[place].explained:
+                best[place] = _Best(some[k], table[:, k], float(explained[k]))
+    steps = []
+    for found in best.values():
+        beside, chosen = _with(tested, found.functions), range(FUNCTIONS)
+        own = beside.beside(chosen)
+        gain = tested.alone.criterion - own.criterion
+        steps.append((Whitened.by(beside, own).step(chosen, gain, ways=len(tried)), found.of))
+    step, follows = min(steps, key=lambda pair: pair[0].p_value)
+    return told(step, len(steps), [follows.name] * FUNCTIONS, one.joint)
+
+
+def _tables(
+    motions: FittedMotions, j: int, rows: dict[str, Indices], tried: list[Ripple | Stop]
+) -> Iterator[tuple[list[Ripple | Stop], Array]]:
+    """Some of those that are tried at a time, with what the log shows (N, f, FUNCTIONS) of their loads on a joint."""
+    count = max(AT_ONCE // (FUNCTIONS * max(m.q.size for m in motions.motions.values())), 1)
+    for first in range(0, len(tried), count):
+        some, parts = tried[first : first + count], list[Array]()
+        for label, own in rows.items():
+            motion = motions.motions[label]
+            loads = np.zeros((*motion.q.shape, FUNCTIONS * len(some)))
+            loads[:, j] = np.column_stack([one.loads(motion, j) for one in some])
+            shown = motions.fit.model.experiments.filtered(motions.responses[label].at_samples(loads), label)
+            parts.append(shown[own, j].reshape(own.size, len(some), FUNCTIONS))
+        yield some, np.concatenate(parts)
+
+
+def _with(tested: OwnColours, functions: Array) -> OwnColours:
+    """The same residual beside other functions (N, m)."""
+    own = tested.columns.table[:, : tested.used + 1]
+    return replace(tested, columns=replace(tested.columns, table=np.column_stack([own, functions])))
+
+
+def _explained(whitened: Whitened, count: int) -> Array:
+    """(f,) squares that the functions of each of so many explain."""
+    own = whitened.own.reshape(whitened.rest.size, count, FUNCTIONS).transpose(1, 2, 0)
+    along = own @ whitened.rest
+    inverse = np.linalg.pinv(own @ own.transpose(0, 2, 1), rcond=DEPENDENT, hermitian=True)
+    return np.asarray(np.einsum("gi,gij,gj->g", along, inverse, along))
