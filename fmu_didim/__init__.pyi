@@ -45,6 +45,8 @@ from .workflow.check import Checked as Checked
 from .workflow.check import check as check
 from .workflow.discover import discover as discover
 from .workflow.export import export_ssp as export_ssp
+from .workflow.export_robot import ExportedRobot as ExportedRobot
+from .workflow.export_robot import export_robot as export_robot
 from .workflow.identify import identify as identify
 from .workflow.output.discovered import Discovered as Discovered
 from .workflow.output.result import Result as Result

@@ -23,7 +23,7 @@ from fmu_didim.base.terminal import json_shown, printable, quoted, unforeseen
 from fmu_didim.base.version import __version__
 from fmu_didim.cli.campaign import add_campaign
 from fmu_didim.cli.console import CurrentStderr, Display, begin, is_terminal, show, since_start
-from fmu_didim.cli.numbers import at_least_two, not_negative, positive
+from fmu_didim.cli.numbers import at_least_one, at_least_two, not_negative, positive
 from fmu_didim.cli.prepare import add_prepare_verbs
 from fmu_didim.cli.printed_by_fmus import LastLines, kept_apart
 
@@ -269,6 +269,7 @@ EXAMPLES: Mapping[str, Sequence[str]] = {
         "fmu-didim export robot.yaml --out fmus",
         "fmu-didim export robot.yaml --fmi 3.0 --platform windows-x86_64 --platform linux-x86_64",
         "fmu-didim export case.yaml --ssp loop.ssp --result results/first/result.json",
+        "fmu-didim export case.yaml --robot identified.urdf --result results/first/result.json --draws 20",
     ),
     "fmu info": ("fmu-didim fmu info vendor.fmu",),
     "fmu check": ("fmu-didim fmu check vendor.fmu", "fmu-didim fmu check vendor.fmu --step 0.001"),
@@ -278,13 +279,18 @@ EXAMPLES: Mapping[str, Sequence[str]] = {
 
 
 def _add_export(commands: _Commands) -> None:
-    help_ = "build the FMU of a robot or controller description, or write the loop of a case as an SSP archive"
+    help_ = "build the FMU of a description, or write the loop of a case as SSP, or its robot as URDF or MJCF"
     three = _verb(commands, "export", _export, help_)
-    help_ = "a robot, a controller or a Modelica file; with --ssp a case"
+    help_ = "a robot, a controller or a Modelica file; with --ssp or --robot a case"
     three.add_argument("description", type=Path, metavar="DESCRIPTION.yaml", help=help_)
     help_ = "write the closed loop of a case, its FMUs and values"
     three.add_argument("--ssp", type=Path, metavar="FILE.ssp", help=help_)
-    help_ = "with --ssp: the identified values instead of the robot's"
+    help_ = "write the robot of a case as .urdf, .xml (MJCF) or .yaml, with links that exist"
+    three.add_argument("--robot", type=Path, metavar="FILE", help=help_)
+    help_ = "with --robot: so many more, drawn from the covariance of the result"
+    three.add_argument("--draws", type=at_least_one, metavar="N", help=help_)
+    three.add_argument("--seed", type=int, default=0, metavar="N", help="with --draws: of the random numbers (0)")
+    help_ = "with --ssp or --robot: the identified values instead of the robot's"
     three.add_argument("--result", type=Path, metavar="result.json", help=help_)
     three.add_argument("--out", type=Path, default=Path(), metavar="DIR", help="folder for the FMU (this folder)")
     three.add_argument("--fmi", metavar="VERSION", help="version of the standard, such as 3.0")
@@ -423,7 +429,8 @@ def _simulate(options: argparse.Namespace) -> int:
 
 
 def _export(options: argparse.Namespace) -> int:
-    """Build the FMU of a robot or controller description; with --ssp, write the loop of a case as an SSP archive."""
+    """Build the FMU of a robot or controller description; with --ssp write the loop of a case as an SSP archive, with
+    --robot its robot."""
     from fmu_didim.workflow.export import export_fmu, export_ssp
     from fmu_didim.workflow.output.result_folder import check_writable, write_whole
 
@@ -432,10 +439,31 @@ def _export(options: argparse.Namespace) -> int:
         write_whole(options.ssp, partial(export_ssp, options.description, result=options.result))
         print(options.ssp)
         return 0
-    if options.result is not None:
-        raise InputError("--result goes with --ssp.", next_step="Give --ssp FILE.ssp and a case.")
+    if options.robot is not None:
+        return _export_robot(options)
+    for name in ("result", "draws"):
+        if getattr(options, name) is not None:
+            raise InputError(
+                f"--{name} goes with --robot" + (" or --ssp." if name == "result" else "."),
+                next_step="Give --robot FILE.urdf and a case.",
+            )  # fmt: skip
     made = export_fmu(options.description, options.out, fmi_version=options.fmi, platforms=options.platform)
     print(made)
+    return 0
+
+
+def _export_robot(options: argparse.Namespace) -> int:
+    """Write the robot of a case, and say what its reader must know."""
+    from fmu_didim.report.terminal import wrapped
+    from fmu_didim.workflow.export_robot import export_robot
+
+    made = export_robot(
+        options.description, options.robot, result=options.result, draws=options.draws or 0, seed=options.seed
+    )
+    files = f"{made.path}" + (f" and {made.draws[0].name} to {made.draws[-1].name}" if made.draws else "")
+    print(files)
+    for remark in made.remarks:
+        print("\n".join(wrapped(remark, hanging="  ")))
     return 0
 
 

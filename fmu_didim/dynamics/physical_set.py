@@ -53,6 +53,7 @@ class PhysicalSet:
         table: (m, v) and fixed: (m,), first those of motor inertias, then the upper triangles of the pseudo-inertias,
             what is not on the diagonal times sqrt(2); motors: (k,) joints of the former, from 1.
         friction: places of the base parameters that are friction.
+        places, sizes: (v,) of the unknowns among the standard parameters, and by which they are divided.
     """
 
     rows: NDArray[np.int64]
@@ -63,6 +64,8 @@ class PhysicalSet:
     fixed: Array
     motors: tuple[int, ...]
     friction: tuple[int, ...]
+    places: NDArray[np.int64]
+    sizes: Array
 
     @staticmethod
     def of(model: RobotModel, base: BaseParameters, mass: float) -> PhysicalSet:
@@ -94,6 +97,8 @@ class PhysicalSet:
             fixed=table[:, ~free] @ (base.known / scale)[~free],
             motors=tuple(int(j) for j in places[motors]),
             friction=tuple(i for i, name in enumerate(base.standard) if name.rstrip("0123456789") in FRICTION),
+            places=chosen,
+            sizes=scale[chosen],
         )
 
     def only(self, row: int) -> PhysicalSet:

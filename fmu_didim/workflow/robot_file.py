@@ -8,7 +8,7 @@ from pathlib import Path
 from fmu_didim.base.errors import InputError
 from fmu_didim.dynamics.base_parameters import base_parameters
 from fmu_didim.dynamics.robot import RobotDescription, RobotModel, read_robot, write_robot
-from fmu_didim.dynamics.robot.urdf import SUFFIX, read_urdf
+from fmu_didim.dynamics.robot.formats.urdf import SUFFIX, read_urdf
 from fmu_didim.report.sections import Column, Table
 from fmu_didim.report.terminal import listing, table_lines, wrapped
 

@@ -8,7 +8,7 @@ import yaml
 
 from fmu_didim.base.documents import read_document
 from fmu_didim.dynamics.robot.description import RobotDescription
-from fmu_didim.dynamics.robot.urdf import SUFFIX, read_urdf
+from fmu_didim.dynamics.robot.formats.urdf import SUFFIX, read_urdf
 
 
 def write_robot(robot: RobotDescription, path: Path | str) -> None:

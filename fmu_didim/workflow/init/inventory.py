@@ -12,7 +12,7 @@ from fmu_didim.base.errors import InputError
 from fmu_didim.components.fmu import read_description
 from fmu_didim.data.tables import READER_OF, read_table
 from fmu_didim.dynamics.robot import RobotDescription, read_robot
-from fmu_didim.dynamics.robot.urdf import SUFFIX as URDF
+from fmu_didim.dynamics.robot.formats.urdf import SUFFIX as URDF
 from fmu_didim.export import build_modelica
 from fmu_didim.workflow.init.data_file import TORQUES, WORDS_OF_LOOPS, DataFile
 from fmu_didim.workflow.init.fmu_roles import FmuPorts, FmuRole, assigned

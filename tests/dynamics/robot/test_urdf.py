@@ -11,7 +11,7 @@ from fmu_didim import identify, load_case
 from fmu_didim.base.errors import InputError
 from fmu_didim.cli.main import main
 from fmu_didim.dynamics.robot import RobotDescription, RobotModel, read_robot
-from fmu_didim.dynamics.robot.urdf import read_urdf
+from fmu_didim.dynamics.robot.formats.urdf import read_urdf
 from tests.helpers import ROOT
 
 AXES = ["0 0 1", "0 1 0", "1 0 0", "0 0 -1", "0 0 1"]

@@ -16,7 +16,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
@@ -25,6 +25,7 @@ import numpy as np
 from fmu_didim.base.errors import InputError
 from fmu_didim.data.signals import Array
 from fmu_didim.dynamics.robot.description import Joint, RobotDescription
+from fmu_didim.dynamics.robot.formats.body import Body, inverse, parameters_of, turn
 
 SUFFIX = ".urdf"
 MAXIMUM_BYTES = 16 * 2**20
@@ -43,28 +44,7 @@ MOVING = {"revolute": "revolute", "continuous": "revolute", "prismatic": "prisma
 
 
 @dataclass(frozen=True)
-class _Body:
-    """Mass in kg, first moments (3,) in kg.m and inertia (3, 3) in kg.m2 about the origin, in one frame."""
-
-    mass: float = 0.0
-    moments: Array = field(default_factory=lambda: np.zeros(3))
-    inertia: Array = field(default_factory=lambda: np.zeros((3, 3)))
-
-    def __add__(self, other: _Body) -> _Body:
-        return _Body(self.mass + other.mass, self.moments + other.moments, self.inertia + other.inertia)
-
-    def seen_from(self, pose: Array) -> _Body:
-        """In the frame that has this pose (4, 4) in the present one."""
-        turn, origin, m = pose[:3, :3], pose[:3, 3], self.mass
-        # About the new origin: J - (2 c.o - m o.o) I + (c o' + o c') - m o o'
-        c, o = self.moments, origin
-        across = np.outer(c, o) + np.outer(o, c) - m * np.outer(o, o)
-        moved = self.inertia - (2 * c @ o - m * o @ o) * np.eye(3) + across
-        return _Body(m, turn.T @ (c - m * o), turn.T @ moved @ turn)
-
-
-@dataclass(frozen=True)
-class _UrdfJoint:
+class UrdfJoint:
     """A joint of the file; pose (4, 4) of its frame in that of its parent link, axis (3,) there."""
 
     name: str
@@ -78,17 +58,41 @@ class _UrdfJoint:
     mimics: str = ""
 
 
-def read_urdf(path: Path | str, *, tip: str = "") -> RobotDescription:
-    """The description of the serial robot of a URDF file, its values those of the file.
+@dataclass(frozen=True)
+class SerialRobot:
+    """The joints of a file that move, from the root to the tip.
 
-    Args:
-        tip: the link at which the robot ends, where it has branches; joints that do not lead there do not move, and
-            what they carry belongs to the link that carries them.
-
-    Raises:
-        InputError: the file is no URDF, or its robot has branches, a loop, or joints that mimic others, float or slide
-            in a plane.
+    Attributes:
+        root: the element of the robot; joints: all of the file.
+        chain: those that move, with the pose (4, 4) of each in the frame of the root.
+        frames: (4, 4) of each link there, in modified Denavit-Hartenberg convention.
+        carried: joint -> what it carries up to the next one, in the frame of its child link.
     """
+
+    root: ET.Element
+    joints: tuple[UrdfJoint, ...]
+    chain: list[tuple[UrdfJoint, Array]]
+    frames: list[Array]
+    carried: dict[str, Body]
+
+    def inside(self, k: int) -> Array:
+        """(4, 4) frame of link k, from 0, in that of its joint and child link."""
+        return inverse(self.chain[k][1]) @ self.frames[k]
+
+    def behind(self, k: int) -> list[str]:
+        """The links that hang on the child link of joint k, from 0, without a joint that moves between."""
+        moving, found = {joint.name for joint, _ in self.chain}, list[str]()
+        new = [self.chain[k][0].child]
+        while new:
+            link = new.pop()
+            children = [j.child for j in self.joints if j.parent == link and j.name not in moving]
+            found += children
+            new += children
+        return found
+
+
+def serial_robot(path: Path | str, tip: str = "") -> SerialRobot:
+    """What :func:`read_urdf` reads, as the file has it; with the same errors."""
     path = Path(path)
     root = _root(path)
     bodies = {_name(link, path, "link"): _body(link, path) for link in root.iter("link")}
@@ -100,21 +104,38 @@ def read_urdf(path: Path | str, *, tip: str = "") -> RobotDescription:
             valid=", ".join(joint.child for joint in joints if joint.type in MOVING), next_step="Take another tip.",
         )  # fmt: skip
     frames = _frames([pose for _, pose in chain], [joint.axis for joint, _ in chain])
+    return SerialRobot(root, tuple(joints), chain, frames, carried)
+
+
+def read_urdf(path: Path | str, *, tip: str = "") -> RobotDescription:
+    """The description of the serial robot of a URDF file, its values those of the file.
+
+    Args:
+        tip: the link at which the robot ends, where it has branches; joints that do not lead there do not move, and
+            what they carry belongs to the link that carries them.
+
+    Raises:
+        InputError: the file is no URDF, or its robot has branches, a loop, or joints that mimic others, float or slide
+            in a plane.
+    """
+    serial = serial_robot(path, tip)
+    root, chain, frames = serial.root, serial.chain, serial.frames
     base = frames[0]
     described = []
-    for k, (joint, pose) in enumerate(chain):
+    for k, (joint, _) in enumerate(chain):
         before = base if k == 0 else frames[k - 1]
-        inside = _inverse(pose) @ frames[k]  # the frame of link k in that of its joint
+        inside = serial.inside(k)
         described.append(
             Joint(
                 name=joint.name, type=MOVING[joint.type], limits=joint.limits,  # type: ignore[arg-type]
-                parameters={**_parameters(carried[joint.name].seen_from(inside)), **joint.friction},
+                parameters={**parameters_of(serial.carried[joint.name].seen_from(inside)), **joint.friction},
                 **_denavit_hartenberg(before, frames[k]),
             )
         )  # fmt: skip
     gravity = base[:3, :3].T @ np.array(GRAVITY)
     return RobotDescription(
-        name=_identifier(root.get("name") or path.stem), description=f"From {path.name}", source=path.name,
+        name=_identifier(root.get("name") or Path(path).stem), description=f"From {Path(path).name}",
+        source=Path(path).name,
         gravity=tuple(_rounded(float(g)) for g in gravity), joints=tuple(described),  # type: ignore[arg-type]
     )  # fmt: skip
 
@@ -139,13 +160,13 @@ def _root(path: Path) -> ET.Element:
             next_step="Take the <!DOCTYPE ...> out.",
         )  # fmt: skip
     try:
-        root = ET.fromstring(content)
+        root = ET.fromstring(content, ET.XMLParser(target=ET.TreeBuilder(insert_comments=True)))
     except ET.ParseError as error:
         raise InputError(
             "The file is no XML.", where=str(path), got=str(error),
             next_step="Expand xacro files first: ros2 run xacro xacro robot.urdf.xacro > robot.urdf.",
         ) from error  # fmt: skip
-    if root.tag != "robot" or any("xacro" in element.tag for element in root.iter()):
+    if root.tag != "robot" or any("xacro" in str(element.tag) for element in root.iter()):
         raise InputError(
             "The file is no URDF.", where=str(path), got=f"<{root.tag}>" if root.tag != "robot" else "xacro macros",
             valid="<robot> with links and joints",
@@ -187,30 +208,15 @@ def _pose(element: ET.Element | None, where: str) -> Array:
     pose = np.eye(4)
     pose[:3, 3] = _numbers(element, "xyz", [0.0] * 3, where)
     roll, pitch, yaw = _numbers(element, "rpy", [0.0] * 3, where)
-    pose[:3, :3] = _turn(2, yaw) @ _turn(1, pitch) @ _turn(0, roll)
+    pose[:3, :3] = turn(2, yaw) @ turn(1, pitch) @ turn(0, roll)
     return pose
 
 
-def _inverse(pose: Array) -> Array:
-    """(4, 4) of the reverse of a pose."""
-    result = np.eye(4)
-    result[:3, :3], result[:3, 3] = pose[:3, :3].T, -pose[:3, :3].T @ pose[:3, 3]
-    return result
-
-
-def _turn(axis: int, angle: float) -> Array:
-    """(3, 3) rotation about an axis, 0 to 2."""
-    result, (i, j) = np.eye(3), [(1, 2), (2, 0), (0, 1)][axis]
-    result[[i, j], [i, j]] = math.cos(angle)
-    result[i, j], result[j, i] = -math.sin(angle), math.sin(angle)
-    return result
-
-
-def _body(link: ET.Element, path: Path) -> _Body:
+def _body(link: ET.Element, path: Path) -> Body:
     """What a link weighs, in its own frame; nothing where the file does not say it."""
     inertial, where = link.find("inertial"), f"{path}: link {link.get('name')}"
     if inertial is None:
-        return _Body()
+        return Body()
     mass, inertia = inertial.find("mass"), inertial.find("inertia")
     m = 0.0 if mass is None else _number(mass, "value", where)
     if m < 0:
@@ -219,11 +225,11 @@ def _body(link: ET.Element, path: Path) -> _Body:
     if inertia is not None:
         for i, j, key in ((0, 0, "ixx"), (0, 1, "ixy"), (0, 2, "ixz"), (1, 1, "iyy"), (1, 2, "iyz"), (2, 2, "izz")):
             tensor[i, j] = tensor[j, i] = _number(inertia, key, where)
-    at_centre = _Body(m, np.zeros(3), tensor)
-    return at_centre.seen_from(_inverse(_pose(inertial.find("origin"), where)))
+    at_centre = Body(m, np.zeros(3), tensor)
+    return at_centre.seen_from(inverse(_pose(inertial.find("origin"), where)))
 
 
-def _joint(element: ET.Element, path: Path) -> _UrdfJoint:
+def _joint(element: ET.Element, path: Path) -> UrdfJoint:
     name = _name(element, path, "joint")
     where, ends = f"{path}: joint {name}", {}
     for end in ("parent", "child"):
@@ -241,7 +247,7 @@ def _joint(element: ET.Element, path: Path) -> _UrdfJoint:
         for parameter, key in (("Fv", "damping"), ("Fc", "friction"))
         if dynamics is not None and dynamics.get(key) is not None
     }
-    return _UrdfJoint(
+    return UrdfJoint(
         name, type_, ends["parent"], ends["child"], _pose(element.find("origin"), where),
         axis / (length or 1.0), _limits(element, where), friction,
         "" if mimic is None else mimic.get("joint", "another joint"),
@@ -257,15 +263,15 @@ def _limits(element: ET.Element, where: str) -> tuple[float, float] | None:
 
 
 def _chain(
-    bodies: Mapping[str, _Body], joints: Sequence[_UrdfJoint], tip: str, path: Path
-) -> tuple[list[tuple[_UrdfJoint, Array]], dict[str, _Body]]:
+    bodies: Mapping[str, Body], joints: Sequence[UrdfJoint], tip: str, path: Path
+) -> tuple[list[tuple[UrdfJoint, Array]], dict[str, Body]]:
     """The joints that move, from the root to the tip, with the pose (4, 4) of each in the frame of the root; and what
     each carries up to the next one, in its own frame."""
     into = _tree(bodies, joints, path)
     way = list(_way(into, tip or _only_tip(bodies, joints, path), bodies, path))[::-1]
     on_way = {joint.name for joint in way}
     _check_types([j for j in joints if not tip or j.name in on_way], path)
-    chain, pose, carried = list[tuple[_UrdfJoint, Array]](), np.eye(4), dict[str, _Body]()
+    chain, pose, carried = list[tuple[UrdfJoint, Array]](), np.eye(4), dict[str, Body]()
     for joint in way:
         pose = pose @ joint.pose
         if joint.type in MOVING:
@@ -276,9 +282,9 @@ def _chain(
     return chain, carried
 
 
-def _tree(bodies: Mapping[str, _Body], joints: Sequence[_UrdfJoint], path: Path) -> dict[str, _UrdfJoint]:
+def _tree(bodies: Mapping[str, Body], joints: Sequence[UrdfJoint], path: Path) -> dict[str, UrdfJoint]:
     """Link -> the joint that leads to it."""
-    into = dict[str, _UrdfJoint]()
+    into = dict[str, UrdfJoint]()
     for joint in joints:
         for link in (joint.parent, joint.child):
             if link not in bodies:
@@ -298,7 +304,7 @@ def _tree(bodies: Mapping[str, _Body], joints: Sequence[_UrdfJoint], path: Path)
     return into
 
 
-def _way(into: Mapping[str, _UrdfJoint], link: str, bodies: Mapping[str, _Body], path: Path) -> Iterator[_UrdfJoint]:
+def _way(into: Mapping[str, UrdfJoint], link: str, bodies: Mapping[str, Body], path: Path) -> Iterator[UrdfJoint]:
     """The joints from a link back to the root."""
     if link not in bodies:
         raise InputError(
@@ -317,7 +323,7 @@ def _way(into: Mapping[str, _UrdfJoint], link: str, bodies: Mapping[str, _Body],
         seen.add(link)
 
 
-def _only_tip(bodies: Mapping[str, _Body], joints: Sequence[_UrdfJoint], path: Path) -> str:
+def _only_tip(bodies: Mapping[str, Body], joints: Sequence[UrdfJoint], path: Path) -> str:
     """The last link behind all joints that move; raises InputError where there are several, or none."""
     moving = [joint for joint in joints if joint.type != "fixed"]
     beyond = {joint.name: _behind(joint.child, joints) for joint in moving}
@@ -340,7 +346,7 @@ def _only_tip(bodies: Mapping[str, _Body], joints: Sequence[_UrdfJoint], path: P
     return last[0].child
 
 
-def _behind(link: str, joints: Sequence[_UrdfJoint]) -> set[str]:
+def _behind(link: str, joints: Sequence[UrdfJoint]) -> set[str]:
     """A link and all that hang on it."""
     found, new = set[str](), [link]
     while new:
@@ -349,7 +355,7 @@ def _behind(link: str, joints: Sequence[_UrdfJoint]) -> set[str]:
     return found
 
 
-def _check_types(joints: Sequence[_UrdfJoint], path: Path) -> None:
+def _check_types(joints: Sequence[UrdfJoint], path: Path) -> None:
     """Raise InputError for joints that no serial robot has."""
     for joint in joints:
         if joint.mimics and joint.type in MOVING:
@@ -366,13 +372,13 @@ def _check_types(joints: Sequence[_UrdfJoint], path: Path) -> None:
             )  # fmt: skip
 
 
-def _carried(link: str, bodies: Mapping[str, _Body], joints: Sequence[_UrdfJoint], moving: set[str]) -> _Body:
+def _carried(link: str, bodies: Mapping[str, Body], joints: Sequence[UrdfJoint], moving: set[str]) -> Body:
     """What a link and all that hangs on it without one of the moving joints weigh, in its frame."""
     total = bodies[link]
     for joint in joints:
         if joint.parent == link and joint.name not in moving:
             behind = _carried(joint.child, bodies, joints, moving)
-            total = total + behind.seen_from(_inverse(joint.pose))
+            total = total + behind.seen_from(inverse(joint.pose))
     return total
 
 
@@ -424,14 +430,6 @@ def _denavit_hartenberg(before: Array, frame: Array) -> dict[str, float]:
     between = frame[:3, 3] - before[:3, 3]
     found = {"alpha": alpha, "a": float(between @ x), "theta": theta, "d": float((between - (between @ x) * x) @ there)}
     return {name: _rounded(value) for name, value in found.items()}
-
-
-def _parameters(body: _Body) -> dict[str, float]:
-    """The inertial parameters of a link in its frame, those that are not zero."""
-    values = dict(zip(("MX", "MY", "MZ"), body.moments, strict=True))
-    names = (("XX", "XY", "XZ"), ("XY", "YY", "YZ"), ("XZ", "YZ", "ZZ"))
-    values |= {names[i][j]: body.inertia[i, j] for i in range(3) for j in range(i, 3)}
-    return {name: float(value) for name, value in (*values.items(), ("M", body.mass)) if value}
 
 
 def _rounded(value: float) -> float:
