@@ -46,6 +46,7 @@ from fmu_didim.data.filters import LowPass
 from fmu_didim.data.signals import Array, Trajectory
 from fmu_didim.dynamics.robot import RobotDescription, RobotModel, read_robot
 from fmu_didim.estimators import Estimator
+from fmu_didim.estimators.starts.signs import with_signs
 from fmu_didim.model.experiment import Experiment
 from fmu_didim.model.experiments import Experiments
 from fmu_didim.model.loop import Loop
@@ -395,7 +396,7 @@ def _with_data(case: Case) -> LoopModel:
         if not any(name in e.reference.names for e in experiments.values()):
             known = next(iter(experiments.values())).reference.names
             raise UnknownNameError("column", name, known, where="loop.injections: no reference has it")
-    model = case.model_on(experiments)
+    model = with_signs(case.model_on(experiments))
     _check(document, model, case.estimator)
     return model
 

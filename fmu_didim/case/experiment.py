@@ -52,7 +52,7 @@ def read_experiment(
     return Experiment(
         reference, log.times, log.torque, operator, positions, label, source.role, stamps=log.stamps,
         told=tuple(dict.fromkeys(told)), initial_state=initial_state_of(source),
-        leaves_out_outliers=source.torque.outliers == "leave_out",
+        leaves_out_outliers=source.torque.outliers == "leave_out", is_unsigned=source.torque.unsigned,
     )  # fmt: skip
 
 

@@ -227,6 +227,8 @@ class TorqueFile(SignalFile):
             t - log_shift_s, interpolated between ticks; what lies before the reference or after it counts as its end.
         outliers: ``keep``, or ``leave_out``: ``identify`` and ``discover`` fit and judge without the samples that a
             robust fit before finds to be off, and say how many.
+        unsigned: whether the log shows the size of the torque alone, |tau|: the signs are then those of the simulated
+            one.
     """
 
     quantity: Literal["torque", "command"] = "torque"
@@ -238,6 +240,7 @@ class TorqueFile(SignalFile):
     offset_s: float = 0.0
     log_shift_s: Annotated[float, Field(ge=-1.0, le=1.0)] = 0.0
     outliers: Literal["keep", "leave_out"] = "keep"
+    unsigned: bool = False
 
 
 Freedom = Annotated[float, Field(ge=1)]

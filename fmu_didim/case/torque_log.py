@@ -78,6 +78,12 @@ def read_torque_log(
     torque = log.select([f"tau{j}" for j in range(1, len(torque_units) + 1)])
     if file.quantity == "command":
         torque = torque_of_command(torque, drive_gains, label)
+    if file.unsigned and float(torque.min()) < 0:
+        raise InputError(
+            "A log without signs has negative values.", where=f"{label}: torque.unsigned",
+            got=f"{int(np.sum(torque < 0))} values below 0, the least {torque.min():.4g}", valid="0 or more",
+            next_step="Leave unsigned out if the log has signs; correct the zero of a sensor that reads below 0.",
+        )  # fmt: skip
     check_time_unit(log, reference, file.file)
     kept = _part(log.time + file.offset_s, source)
     log, torque = replace(log, time=log.time[kept], values=log.values[kept]), torque[kept]

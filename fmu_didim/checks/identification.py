@@ -12,6 +12,7 @@ from fmu_didim.base.errors import UnknownNameError
 from fmu_didim.checks.agreement import AgreementResult, agreement
 from fmu_didim.checks.channels import channel_diagnostics, position_fit_diagnostics
 from fmu_didim.checks.data.checks import confirmed
+from fmu_didim.checks.data.unsigned import signs_diagnostics
 from fmu_didim.checks.exploration.one_start import one_start_diagnostics
 from fmu_didim.checks.exploration.profiles import profile_diagnostics
 from fmu_didim.checks.exploration.search import search_diagnostics
@@ -192,7 +193,7 @@ def checked(estimate: Estimate, validations: Sequence[Validation], *, before: It
     told = {d.place for d in found if d.code in MISFITS}
     errors = _relative_errors(estimate)
     found += [d for d in large_diagnostics(tests, errors, motion_hz, cutoff_hz) if d.place not in told]
-    found += [*of_any_output(estimate), *position_fit_diagnostics(estimate)]
+    found += [*of_any_output(estimate), *position_fit_diagnostics(estimate), *signs_diagnostics(estimate)]
     if estimate.fit is not None and MISFITS & {d.code for d in found}:
         if not searched:  # which no suspect follows
             found = with_suspects(estimate.fit, misfits if misfits.stated else Misfits.of(estimate.fit), found)

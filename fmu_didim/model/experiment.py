@@ -60,6 +60,7 @@ class Experiment:
         errors: (n,) error models of the columns of the log, or none; scale: (N, n) that its samples are divided by in a
             fit; recorded: (N, n) what was measured where a fit takes other values for it; as of :class:`Channel`.
         leaves_out_outliers: whether samples that are outliers are left out before a fit.
+        is_unsigned: whether the log shows sizes alone; ``torque`` then has signs that a model gave it.
     """
 
     reference: Trajectory
@@ -78,6 +79,7 @@ class Experiment:
     scale: Array | None = None
     recorded: Array | None = None
     leaves_out_outliers: bool = False
+    is_unsigned: bool = False
 
     def scaled(self, values: Array) -> Array:
         """Values (N, n, ...) at the samples of the log as a fit compares them."""

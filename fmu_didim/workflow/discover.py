@@ -168,6 +168,12 @@ def _check_can_discover(case: Case) -> None:
     if case.document.model is not None:
         return
     model = case.model
+    if any(experiment.is_unsigned for experiment in model.experiments.values()):
+        raise InputError(
+            "A log without signs shows too little of what the model lacks.", where="torque: unsigned",
+            next_step="Identify it first (fmu-didim identify): torque_estimation.csv of the result has the signs that "
+            "were found; or log the torque with its sign.",
+        )  # fmt: skip
     if model.loop.torque_is_given:
         raise InputError(
             "The loop is open: the torque is given, so that it shows nothing of what the model lacks.",

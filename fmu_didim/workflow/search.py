@@ -2,15 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+
+import numpy as np
 
 from fmu_didim.base.errors import UnknownNameError
 from fmu_didim.case import Case
 from fmu_didim.estimators import Progress
 from fmu_didim.estimators.search import check_minima, crew_of, profiled, searched
+from fmu_didim.estimators.starts.signs import signed_by
 from fmu_didim.estimators.starts.start import with_free_delay
 from fmu_didim.fit.estimate import Estimate
 from fmu_didim.model.loop_model import LoopModel
+
+SIGNS_AGAIN = 5
+"""[fits] After the first one, for a log without signs, until these are those of the simulated torque: one or none."""
 
 
 def profile_names(case: Case, asked: bool | Sequence[str] | None) -> tuple[str, ...] | None:
@@ -52,6 +59,29 @@ def estimated(case: Case, model: LoopModel, names: tuple[str, ...] | None, progr
 
 
 def _found(case: Case, model: LoopModel, progress: Progress) -> Estimate:
+    """The estimate, with the signs of the torque that it simulates where a log has none."""
+    found = _with_these_signs(case, model, progress)
+    for _ in range(SIGNS_AGAIN if any(e.is_unsigned for e in model.experiments.values()) else 0):
+        signed = signed_by(found.model, found.value)
+        if _is_same(found.model, signed, found.model.estimation_labels):
+            return found if _is_same(found.model, signed, signed.experiments) else replace(found, model=signed)
+        found = _with_these_signs(case, _given_logs(model, signed), progress)
+    return found
+
+
+def _is_same(model: LoopModel, other: LoopModel, labels: Iterable[str]) -> bool:
+    """Whether the logs of experiments are the same in both."""
+    return all(np.array_equal(model.experiments[k].torque, other.experiments[k].torque) for k in labels)
+
+
+def _given_logs(model: LoopModel, signed: LoopModel) -> LoopModel:
+    """The model with the logs of another one, which may have more parameters."""
+    for label, experiment in signed.experiments.items():
+        model = model.with_experiment(label, replace(model.experiments[label], torque=experiment.torque))
+    return model
+
+
+def _with_these_signs(case: Case, model: LoopModel, progress: Progress) -> Estimate:
     search = case.document.search
     if search is None:
         return case.estimator.estimate(model, progress=progress)

@@ -91,7 +91,7 @@ def test_export_writes_the_loop_of_a_case(tmp_path: Path, capsys: pytest.Capture
 @pytest.mark.parametrize(
     ("arguments", "expected"),
     [
-        (["export", "fmus/scara/robot.yaml", "--result", "result.json"], "--result goes with --ssp"),
+        (["export", "fmus/scara/robot.yaml", "--result", "result.json"], "--result goes with --robot or --ssp"),
         (["export", "examples/scara/identify.yaml", "--ssp", "x.ssp", "--result", "nowhere"], "There is no result"),
         (["identify", "nowhere.yaml"], "The file does not exist"),
         (["simulate", "examples/scara/identify.yaml", "--set", "Fc1"], "This is not an assignment"),

@@ -37,6 +37,7 @@ from fmu_didim.checks.data.runs import run_diagnostics
 from fmu_didim.checks.data.timing import CLOCK_EARLY, CLOCK_LATE, COMMAND_DELAY, SAMPLING_KIND, kind_is_clear, timing
 from fmu_didim.checks.data.torque_channel import torque_channel_diagnostics
 from fmu_didim.checks.data.units import position_diagnostics, unit_diagnostics
+from fmu_didim.checks.data.unsigned import unsigned_diagnostics
 from fmu_didim.cosim.system import REFERENCE
 from fmu_didim.data.signals import Array
 from fmu_didim.model.loop_model import LoopModel, Simulation
@@ -84,7 +85,8 @@ def data_diagnostics(model: LoopModel, *, without_torque: Sequence[str] = (), ca
         faulty = wrong_by_themselves(experiment, given)
         clean = given.without(faulty)
         of_units = (unit_diagnostics(run, clean) or gravity_diagnostics(run, clean)) if clean.has_all_joints else []
-        of_log = of_units or ([] if faulty.all() else torque_channel_diagnostics(clean, gains, label))
+        of_log = unsigned_diagnostics(given, label) or of_units
+        of_log = of_log or ([] if faulty.all() else torque_channel_diagnostics(clean, gains, label))
         found += [*of_log, *([] if of_units else position_diagnostics(run))]
         held_out = experiment.role == "validation"
         if any(d.code in (PERIOD_CHANGES, LOG_CONSTANT) for d in of_file):  # like another clock, scale or motion

@@ -1,0 +1,138 @@
+"""Logs that show the size of the torque alone: signs that are found, values with them, and what is told."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from fmu_didim import Case, Result, check, discover, identify, load_case, simulate, trajectory
+from fmu_didim.base.diagnostics import DiagnosedError
+from fmu_didim.base.errors import InputError
+from fmu_didim.checks.data.expected import Expected
+from fmu_didim.checks.data.unsigned import unsigned_diagnostics
+from fmu_didim.data.signals import Array, Trajectory
+from fmu_didim.estimators.starts.reference_start import rows_on, whole_reference
+from fmu_didim.estimators.starts.signs import best_values, signed_by, with_signs
+from fmu_didim.model.loop_model import LoopModel
+from tests.helpers import ROOT
+from tests.tools.verdict.catalogue import right
+
+SCARA = ROOT / "examples/scara/identify.yaml"
+NOISE = (0.17, 0.0065)
+
+
+def unsigned(model: LoopModel) -> LoopModel:
+    """The same logs without their signs."""
+    for label, experiment in model.experiments.items():
+        model = model.with_experiment(label, replace(experiment, torque=np.abs(experiment.torque), is_unsigned=True))
+    return model
+
+
+def wrong_signs(model: LoopModel, other: LoopModel) -> float:
+    """Share of the squares of all logs whose signs differ."""
+    pairs = [(model.experiments[k].torque, other.experiments[k].torque) for k in model.experiments]
+    off = sum(float(np.sum((a - b) ** 2)) for a, b in pairs) / 4
+    return off / sum(float(np.sum(a**2)) for a, _ in pairs)
+
+
+@pytest.mark.parametrize("robot", ["scara", "arm", "axis"])
+@pytest.mark.parametrize("seed", range(5))
+def test_signs_are_found_from_start_values_that_are_off_by_a_factor(robot: str, seed: int) -> None:
+    """Each value is off by up to 2.5, up or down. Along the reference, near zero, some samples are on the wrong side:
+    the fit of the loop puts these right."""
+    model = right(robot, seed)
+    assert wrong_signs(with_signs(unsigned(model)), model) < 2e-3
+    assert with_signs(model) is model  # it has its signs
+
+
+def test_signs_of_a_simulation_are_those_of_each_sample() -> None:
+    model = right("scara", 1)
+    found = signed_by(unsigned(model), model.start)
+    simulated = model.torque(model.start)
+    given = found.experiments["estimation"].torque
+    np.testing.assert_array_equal(np.sign(given), np.where(simulated < 0, -1.0, 1.0))
+    np.testing.assert_array_equal(np.abs(given), np.abs(model.experiments["estimation"].torque))
+
+
+def test_the_least_misfit_counts_wherever_it_begins() -> None:
+    model = right("arm", 3)
+    run = model.simulation(model.start)
+    columns, known = rows_on(run, whole_reference(run))
+    sizes = np.abs(run.experiment.torque)
+    near = best_values(columns, known, sizes, model.theta(model.start))
+    far = best_values(columns, known, sizes, 0.1 * model.theta(model.start)[::-1].copy())
+    assert far[1] == pytest.approx(near[1], rel=1e-6)
+
+
+@cache
+def truth() -> dict[str, float]:
+    return dict(identify(SCARA).values)
+
+
+@cache
+def logs(seed: int) -> dict[str, Trajectory]:
+    """Logs of a SCARA at 20 Hz with noise, without signs."""
+    rng, found = np.random.default_rng(seed), {}
+    for label in ("estimation", "validation"):
+        motion = simulate(load_case(SCARA), parameters=truth(), experiment=label)
+        torque = np.abs((t := motion.select(["tau1", "tau2"])[::10]) + rng.normal(0, NOISE, t.shape))
+        found[label] = trajectory(motion.time[::10], {"tau1": torque[:, 0], "tau2": torque[:, 1]})
+    return found
+
+
+def case_of(seed: int, *, says_so: bool = True) -> Case:
+    """A case with these logs."""
+    content = dict(load_case(SCARA).content)
+    for run, label in (("train", "estimation"), ("validation", "validation")):
+        content[run] = content[run] | {"torque": {"file": label, **({"unsigned": True} if says_so else {})}}
+    content |= {"plant": {"kind": "model"}, "controller": {**content["controller"], "kind": "model"}}
+    return load_case(content, folder=SCARA.parent, signals=logs(seed))
+
+
+def errors_of(result: Result) -> Array:
+    """Errors of the values, over their standard deviations."""
+    return np.array([(p.value - truth()[name]) / p.std for name, p in result.parameters.items()])
+
+
+def test_values_are_those_of_the_machine_and_the_signs_are_told() -> None:
+    result = identify(case_of(1))
+    assert result.verdict == "valid"
+    assert np.abs(errors_of(result)).max() < 4
+    told = [remark for remark in result.document.remarks if "shows sizes alone" in remark]
+    assert len(told) == 1 and "of 402 values are so near to zero" in told[0]
+
+
+@pytest.mark.slow
+def test_intervals_hold_the_truth() -> None:
+    """100 draws: between 92 and 97 % of the values."""
+    inside = [np.abs(errors_of(identify(case_of(seed)))) < 1.96 for seed in range(100)]
+    assert 0.92 < np.mean(inside) < 0.97
+
+
+def test_a_log_without_signs_that_does_not_say_so_is_told() -> None:
+    with pytest.raises(DiagnosedError, match="never goes below zero") as caught:
+        identify(case_of(1, says_so=False))
+    assert {d.code.name for d in caught.value.found} == {"log-unsigned"}
+    assert "unsigned: true" in str(caught.value)
+    assert "log-unsigned" in [d.code.name for d in check(case_of(1, says_so=False)).diagnostics]
+
+
+def test_a_torque_that_never_changes_its_sign_is_no_such_log() -> None:
+    """Of a joint that gravity loads one way."""
+    rng = np.random.default_rng(1)
+    columns = np.abs(rng.normal(size=(100, 1, 2)))
+    measured = columns @ (1.0, 2.0) + 0.01 * rng.normal(size=(100, 1))
+    assert unsigned_diagnostics(Expected(measured, columns=columns), "estimation") == []
+
+
+def test_negative_values_in_a_log_without_signs_are_refused() -> None:
+    with pytest.raises(InputError, match="has negative values"):
+        load_case(SCARA).with_(train={"torque": {"unsigned": True}})
+
+
+def test_discovery_asks_for_signs() -> None:
+    with pytest.raises(InputError, match="without signs"):
+        discover(case_of(1))
