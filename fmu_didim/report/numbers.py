@@ -148,9 +148,10 @@ def noise_text(stds: Sequence[float | None], units: Sequence[str], labels: Seque
 
 
 def pretty_unit(unit: str) -> str:
-    """An FMI unit for reading: ``kg.m2`` becomes kg·m²; empty for the unit 1."""
+    """An FMI unit for reading: ``kg.m2`` becomes kg·m², ``degC`` °C; empty for the unit 1."""
     if unit in ("", "1"):
         return ""
+    unit = re.sub(r"(?<![A-Za-z])deg(?=[CF](?![A-Za-z]))", "°", unit)
     return re.sub(r"(?<=[A-Za-z])-?\d+", lambda m: m.group().translate(_SUPERSCRIPT), unit).replace(".", "·")
 
 

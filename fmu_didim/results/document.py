@@ -140,20 +140,20 @@ def _outputs_and_inputs(model: LoopModel) -> dict[str, Any]:
     """The names of what a model without controller gives and takes; none of the loop of a robot."""
     if model.loop.shows_torque:
         return {}
-    plant, used = model.loop.plant, set(model.experiments[model.first].reference.names)
-    return {
-        "outputs": list(model.loop.output_names),
-        "inputs": {v.name: v.unit for v in plant.inputs if v.name in used},
-        "displays": _displays(model),
-    }
+    used = {name for experiment in model.experiments.values() for name in experiment.reference.names}
+    inputs = {v.name: v.unit for v in model.loop.plant.inputs if v.name in used}
+    outputs = list(model.loop.output_names)
+    shown = (*outputs, *model.experiments.channels, *inputs)
+    return {"outputs": outputs, "inputs": inputs, "displays": _displays(model, shown)}
 
 
-def _displays(model: LoopModel) -> dict[str, DisplayResult]:
-    """In which units the tool that made an FMU shows what is identified, put out and put in."""
+def _displays(model: LoopModel, signals: Sequence[str]) -> dict[str, DisplayResult]:
+    """In which units the tool that made an FMU shows what is identified and these signals."""
     plant = model.loop.plant
     own = {v.name: v.display for v in (*plant.parameters, *plant.outputs, *plant.inputs) if v.display is not None}
-    named = {k.name: own[k.key] for k in model.free_parameters if k.owner in (BASE, PLANT) and k.key in own}
-    return {name: DisplayResult(**asdict(unit)) for name, unit in {**own, **named}.items()}
+    found = {name: own[name] for name in signals if name in own}
+    found |= {k.name: own[k.key] for k in model.free_parameters if k.owner in (BASE, PLANT) and k.key in own}
+    return {name: DisplayResult(**asdict(unit)) for name, unit in found.items()}
 
 
 def _joint(estimate: Estimate) -> JointResult | None:

@@ -28,7 +28,7 @@ R1         0.V       0.V   V    K/W   0.V   0.V
 R2         0.V       0.V   V    K/W   0.V   0.V
 
 Output  estimation %    noise σ
-T               V  0.V degC
+T               V  0.V °C
 
 Condition number    V
 Iterations          V
@@ -166,7 +166,7 @@ def test_python_gives_values_and_a_figure(found: Result) -> None:
     assert list(frame.index) == ["R1", "R2"] and set(frame["of"]) == {"model"}
     assert frame.loc["R1", "std"] == found.parameters["R1"].std > 0
     axes = [axis for axis in found.plot().axes if axis.get_ylabel()]
-    assert [axis.get_ylabel() for axis in axes] == ["Ti1, Ti2 (degC)", "T (degC)", "residual (degC)"]
+    assert [axis.get_ylabel() for axis in axes] == ["Ti1, Ti2 (°C)", "T (°C)", "residual (°C)"]
     assert found.robot is None and found.robots == {} and found.outside_robot == ()
 
 

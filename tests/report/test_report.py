@@ -262,6 +262,9 @@ def test_rounding_follows_the_standard_deviation(value: float, std: float, texts
 
 def test_units_and_significant_digits() -> None:
     assert pretty_unit("kg.m2") == "kg·m²"
+    assert [pretty_unit(unit) for unit in ("degC", "degF", "J/degC", "deg/s", "degree")] == [
+        "°C", "°F", "J/°C", "deg/s", "degree",
+    ]  # fmt: skip
     assert pretty_unit("1") == ""
     assert significant(4.831) == "4.83"
     assert significant(None) == "–"
