@@ -193,7 +193,7 @@ def _finding(step: SignalStep, found: SignalDiscovery, final: Estimate, noise: N
     candidate, ratio = one.candidate, held_out_ratio(step.before, one.fit, seed=seed)
     first, second = gaps(before), gaps(after)
     further, beyond = channel_gaps(before), channel_gaps(after)
-    everything = (one, *step.rivals) if step.rivals else ()
+    everything = (replace(one, fit=found.final), *step.rivals) if step.rivals else ()  # beside all that came later
     best = max((f.gain for f in everything), default=0.0)
     return FindingResult(
         effect="undecided" if step.rivals else candidate.kind.name,

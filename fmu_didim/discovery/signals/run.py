@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time as clock
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,13 +18,11 @@ from fmu_didim.discovery.request import Request
 from fmu_didim.discovery.selection.plausible import ZERO, chance_of_none
 from fmu_didim.discovery.signals.candidates import Candidate
 from fmu_didim.discovery.signals.document import signals_document
+from fmu_didim.discovery.signals.minima import Estimating, beside_other_minima
 from fmu_didim.discovery.signals.search import SignalDiscovery, SignalSearch, fitted
 from fmu_didim.fit.estimate import Estimate
 from fmu_didim.model.loop_model import LoopModel
 from fmu_didim.results.findings import FindingsDocument
-
-Estimating = Callable[[LoopModel], Estimate]
-"""Identifies all that is free in a model; raises what its estimator raises."""
 
 
 @dataclass(frozen=True)
@@ -62,28 +60,37 @@ def discover_on_signals(
     final = base
     if found.steps:
         request.progress.say("final model")
+        steps = found.steps
         try:
-            found, final = _identified(found, base, estimating)
+            found, final = _identified(search, found, base, estimating)
+            found, final = beside_other_minima(search, found, final, estimating)
         except (IdentificationError, SimulationError) as error:
             found = SignalDiscovery(found.base, found.base, tried=found.tried)
-            request = request.noting(f"{NOT_IDENTIFIED} {error.what}")
+            titles = ", ".join(step.chosen.candidate.title for step in steps)
+            request = request.noting(NOT_IDENTIFIED.format(titles, error.what))
     if found.steps:  # whether the final model starts where the data do, its own residual says
         before = [d for d in before if d.code is not START_ELSEWHERE]
     document = signals_document(request, found, base, final, _judged(final, before), clock.perf_counter() - begin)
     return FoundOnSignals(document, found, base, final)
 
 
-NOT_IDENTIFIED = "What explains the data best cannot be identified beside all else, and was taken out again:"
+NOT_IDENTIFIED = "What explains the data best ({}) cannot be identified beside all else, and was taken out again: {}"
 
 
-def _identified(found: SignalDiscovery, base: Estimate, estimating: Estimating) -> tuple[SignalDiscovery, Estimate]:
+def _identified(
+    search: SignalSearch, found: SignalDiscovery, base: Estimate, estimating: Estimating
+) -> tuple[SignalDiscovery, Estimate]:
     """The final model identified, without what its values say may be absent: a search ends less sharply."""
     while found.steps:
         final = estimating(found.final.model.with_values(found.final.values))
         chances = {step: chance_of_absence(step.chosen.candidate, final) for step in found.steps}
-        least = max(found.steps, key=lambda step: chances[step])
-        if chances[least] <= ZERO:
+        absent = [
+            step for step in found.steps
+            if chances[step] > ZERO and not search.is_needed(step.chosen.candidate, found.final)
+        ]  # fmt: skip
+        if not absent:
             return found, final
+        least = max(absent, key=lambda step: chances[step])
         names = {p.name for p in least.chosen.candidate.free({}, 0)}
         model = final.model.with_values(final.value)
         without = fitted(model.with_free(p for p in model.free_parameters if p.name not in names), until=float("inf"))

@@ -213,19 +213,19 @@ class SignalSearch:
         """Why a candidate is not accepted, or an empty string."""
         if one.gain < self.options.threshold:
             return f"BIC difference {one.gain:.1f} below {self.options.threshold:g}"
-        if why := not_there(one):
+        if (why := not_there(one)) and not self.is_needed(one.candidate, one.fit):
             return why
         if one.candidate.kind.of_start:
             return ""
         return held_out_objection(fit, one.fit, seed=self.options.seed)
 
     def _told_apart(self, found: SignalDiscovery, every: Sequence[Candidate]) -> SignalDiscovery:
-        """The same with what may stand in the place of each addition beside the others: what was told apart while
-        these were missing, and bent all values, may be as good now."""
+        """The same with what may stand in the place of each addition beside the others: while these were missing, and
+        bent all values, what is as good now may have been told apart, and what is not may have been as good."""
         steps, final = list(found.steps), found.final
         added = {step.chosen.candidate.name for step in steps}
         for place, step in enumerate(steps):
-            own, name = self._without(final, step), step.chosen.candidate.name
+            own, name = without(final, step.chosen.candidate), step.chosen.candidate.name
             if own is None:
                 continue
             self.progress.say(f"in the place of: {step.chosen.candidate.title}")
@@ -239,31 +239,33 @@ class SignalSearch:
             near = again.gain - nearness(again.gain, self.options)
             chosen, others = preferred(again, [f for f in all_fitted.values() if f.gain > near])
             others += [] if chosen is again else [chosen]
-            known = {f.candidate.name for f in others}
-            steps[place] = replace(step, rivals=(*others, *(f for f in step.rivals if f.candidate.name not in known)))
+            open_ = (f for f in step.rivals if f.candidate.name not in all_fitted)
+            steps[place] = replace(step, rivals=(*others, *open_))
         return replace(found, steps=tuple(steps))
 
-    def _without(self, fit: Fit, step: SignalStep) -> Fit | None:
-        """A fit without one of its additions; None where it cannot be simulated."""
-        own = {p.name for p in step.chosen.candidate.free({}, 0)}
-        model = fit.model.with_values(fit.values)
-        try:
-            return fitted(model.with_free(p for p in model.free_parameters if p.name not in own), until=float("inf"))
-        except (SimulationError, IdentificationError):
-            return None
+    def is_needed(self, candidate: Candidate, fit: Fit) -> bool:
+        """Whether a fit is worse without a candidate of it, all else fitted anew from its values.
+
+        Where two parameters do nearly the same, such as a lag that is as slow as the model, a covariance says that
+        either may be absent; this asks the data.
+        """
+        other = without(fit, candidate)
+        if other is None or candidate.kind.of_start:
+            return False
+        return bic_gain(other, fit, candidate.cost, quick_noise(fit)) >= self.options.threshold
 
     def _backward(self, found: SignalDiscovery) -> SignalDiscovery:
         """Take out what a later addition has made superfluous; and that one itself where all else, fitted from its
         minimum without it, explains as much: then it has only led there."""
         for step in found.steps:
-            without = self._without(found.final, step)
-            if without is None:
+            other = without(found.final, step.chosen.candidate)
+            if other is None:
                 continue
             noise = quick_noise(found.final)
-            if bic_gain(without, found.final, step.chosen.candidate.cost, noise) < self.options.threshold:
+            if bic_gain(other, found.final, step.chosen.candidate.cost, noise) < self.options.threshold:
                 self.progress.say(f"taken out again: {step.chosen.candidate.title}")
                 steps = tuple(s for s in found.steps if s is not step)
-                found = replace(found, final=without, steps=steps)
+                found = replace(found, final=other, steps=steps)
         return found
 
 
@@ -299,6 +301,16 @@ def fitted(model: LoopModel, *, until: float) -> Fit:
     if divided.loop.subdivision <= model.loop.subdivision:
         return found
     return minimise(divided, NoiseOfResidual(divided), stopping=replace(FIT, until=until))
+
+
+def without(fit: Fit, candidate: Candidate) -> Fit | None:
+    """A fit without one of its additions; None where it cannot be simulated."""
+    own = {p.name for p in candidate.free({}, 0)}
+    model = fit.model.with_values(fit.values)
+    try:
+        return fitted(model.with_free(p for p in model.free_parameters if p.name not in own), until=float("inf"))
+    except (SimulationError, IdentificationError):
+        return None
 
 
 def simulated_outputs(fit: Fit) -> dict[str, Array]:

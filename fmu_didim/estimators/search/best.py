@@ -20,7 +20,7 @@ from fmu_didim.estimators.search.options import Search
 from fmu_didim.estimators.search.places import Place, distinct
 from fmu_didim.estimators.starts.start import start_values, with_free_delay
 from fmu_didim.fit.estimate import Estimate
-from fmu_didim.fit.exploration.minima import SearchOutcome
+from fmu_didim.fit.exploration.minima import FoundMinimum, SearchOutcome
 from fmu_didim.fit.iteration import Iteration
 from fmu_didim.model.loop_model import LoopModel
 
@@ -67,15 +67,20 @@ def searched(
     minima = distinct(places, model.names)
     best = replace(estimator, start=minima[0].values_in(model.names))  # type: ignore[type-var]
     found: Estimate = best.estimate(model, progress=progress)
-    inflation = max((colour.inflation for colour in found.colours), default=1.0)
     told = tuple(one.told(minima[0].misfit) for one in minima)
     outcome = SearchOutcome(
         search.method, search.seed, len(ends), run.asked, tuple(model.names[i] for i in box.place),
         tuple(name for i, name in enumerate(model.names) if i not in box.place), told,
-        sum(one.worse < HARDLY_WORSE * max(inflation, 1.0) ** 2 for one in told[1:]),
+        not_excluded(found, told[1:]),
         Counter(end.problem for end in ends if end.problem), evaluations, run.stopped,
     )  # fmt: skip
     return replace(found, search=outcome)
+
+
+def not_excluded(answer: Estimate, others: Sequence[FoundMinimum]) -> int:
+    """How many other minima the data do not exclude, beside an answer with the noise and its colour."""
+    inflation = max((colour.inflation for colour in answer.colours), default=1.0)
+    return sum(one.worse < HARDLY_WORSE * max(inflation, 1.0) ** 2 for one in others)
 
 
 @dataclass

@@ -120,6 +120,73 @@ def test_what_data_do_not_tell_apart_is_told_and_not_named(
         assert abs(true.parameters[0].value - value) < 3 * (true.parameters[0].std or 0.0)
 
 
+LAGS_BESIDE_A_CAPACITY = [
+    # truth, and what else the data may be taken for: the room and its sensor exchanged
+    (1, 300.0, 0.25), (2, 60.0, 0.25), (1, 120.0, 0.5),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("seed", "lag", "beside"), LAGS_BESIDE_A_CAPACITY)
+def test_a_sensor_that_may_be_exchanged_with_the_room_is_not_valid(
+    tmp_path: Path, seed: int, lag: float, beside: float
+) -> None:
+    """(1 + a s) (1 + b s) is the same with a and b exchanged: which of them is the lag, the data do not say."""
+    data = Hidden({"T": {"lag": lag}}, {"R2": beside})
+    found = discover(room(tmp_path, data, seed=seed, identify=("R1", "C")))
+    assert (found.answer, found.verdict) == ("named", "doubtful"), found.summary()
+    (one,) = found.findings
+    assert (one.effect, one.signal) == ("lag", "T")
+    (told,) = [reason.text for reason in found.reasons if reason.code == "minima-alike"]
+    other = float(told.partition("lag of T = ")[2].split()[0].strip(","))
+    own = one.parameters[0].value
+    assert min(abs(own / lag - 1), abs(other / lag - 1)) < 0.2 < abs(own / other - 1)
+
+
+def test_a_lag_as_slow_as_the_room_is_no_delay(tmp_path: Path) -> None:
+    """There the two are so alike that a covariance knows neither; without a lag the data are not explained."""
+    data = Hidden({"T": {"lag": 120.0}}, {"R2": 0.3})
+    found = discover(room(tmp_path, data, seed=2, identify=("R1", "C")))
+    (one,) = found.findings
+    assert (one.effect, one.signal, one.ambiguous) == ("lag", "T", []), found.summary()
+    assert found.verdict != "valid"
+    (parameter,) = one.parameters
+    assert parameter.interval[0] < 120.0 < parameter.interval[1]
+
+
+@pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("identify", [("R1",), ("R1", "C")])
+@pytest.mark.parametrize("beside", [0.125, 0.3, 0.5])
+@pytest.mark.parametrize("lag", [60.0, 300.0])
+def test_a_lag_beside_a_wrong_resistance_is_told_with_what_it_rests_on(
+    tmp_path: Path, seed: int, identify: tuple[str, ...], beside: float, lag: float
+) -> None:
+    data = Hidden({"T": {"lag": lag}}, {"R2": beside})  # the case has 0.25
+    found = discover(room(tmp_path, data, seed=seed, identify=identify))
+    named = [(one.effect, one.signal) for one in found.findings if not one.ambiguous]
+    sets = [{(r.effect, r.signal) for r in one.ambiguous} for one in found.findings if one.ambiguous]
+    assert set(named) <= {("lag", "T")}, found.summary()
+    assert all(("lag", "T") in found_set or ("parameter", "R2") in found_set for found_set in sets)
+    assert named or sets
+    if found.verdict == "valid":
+        assert any("of R2 (0.25 K/W)" in condition for condition in found.document.conditions)
+
+
+def test_values_of_what_is_not_decided_are_those_beside_all_that_was_found(tmp_path: Path) -> None:
+    data = Hidden({"T": {"lag": 60.0}}, {"R2": 0.125})
+    found = discover(room(tmp_path, data, seed=1))
+    (several,) = [one for one in found.findings if one.ambiguous]
+    values = {r.signal: r.parameters[0] for r in several.ambiguous}
+    assert set(values) == {"R2", "C"}
+    # half the resistance, or half the capacity with twice as much of R1
+    assert abs(values["R2"].value - 0.125) < 3 * (values["R2"].std or 0.0), values["R2"]
+    # of C there are two minima, the room and its sensor exchanged: the truth is shown, or named as the other one
+    own, std = values["C"].value, values["C"].std or 0.0
+    told = [reason.text for reason in found.reasons if reason.code == "minima-alike"]
+    others = [float(text.partition(" C = ")[2].split()[0].strip(",")) for text in told]
+    assert abs(own - 1000.0) < 3 * std or any(abs(other / 1000.0 - 1) < 0.2 for other in others), (own, others)
+    assert found.answer == "undecided"
+
+
 def test_another_value_of_a_parameter_is_not_taken_for_that_of_a_signal(tmp_path: Path) -> None:
     found = discover(room(tmp_path, Hidden(parameters={"R2": 0.3})))
     assert found.answer == "undecided"
