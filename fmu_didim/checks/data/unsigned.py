@@ -46,8 +46,10 @@ def signs_diagnostics(estimate: Estimate) -> Iterator[Diagnostic]:
 
 
 def unsigned_diagnostics(given: Expected, label: str) -> list[Diagnostic]:
-    """A log whose columns never go below zero, where signs explain it far better."""
-    if given.fitted is None or given.columns is None or (given.measured < 0).any() or not given.measured.any():
+    """A log whose columns never go below zero, which all vary, where signs explain it far better."""
+    if given.fitted is None or given.columns is None or (given.measured < 0).any():
+        return []
+    if not np.ptp(given.measured, axis=0).all():  # a constant column is told as one
         return []
     own = given.error(given.fitted)
     known = np.zeros_like(given.measured) if given.known is None else given.known

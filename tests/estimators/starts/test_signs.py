@@ -128,6 +128,13 @@ def test_a_torque_that_never_changes_its_sign_is_no_such_log() -> None:
     assert unsigned_diagnostics(Expected(measured, columns=columns), "estimation") == []
 
 
+def test_a_constant_log_is_no_such_log() -> None:
+    """It is told as one: of a deviation of zero, any error is many times as much."""
+    columns = np.random.default_rng(1).normal(size=(100, 1, 2))
+    constant = np.full((100, 1), 0.3)
+    assert unsigned_diagnostics(Expected(constant, constant, columns), "estimation") == []
+
+
 def test_negative_values_in_a_log_without_signs_are_refused() -> None:
     with pytest.raises(InputError, match="has negative values"):
         load_case(SCARA).with_(train={"torque": {"unsigned": True}})
