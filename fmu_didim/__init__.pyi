@@ -30,6 +30,7 @@ from .dynamics.robot import read_robot as read_robot
 from .dynamics.robot import write_robot as write_robot
 from .estimators import Clie as Clie
 from .estimators import Didim as Didim
+from .estimators import IdimIv as IdimIv
 from .estimators import IdimLs as IdimLs
 from .estimators import OutputError as OutputError
 from .export import build_fmu as build_fmu

@@ -8,7 +8,7 @@ Needs positions measured at the rate of the torque.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -26,6 +26,28 @@ from fmu_didim.fit.solver.admissible import physical_problem
 from fmu_didim.fit.statistics import covariance_white, influence_efficient, noise_deviation, relative_error_percent
 from fmu_didim.fit.uncertainty import Uncertainty, stretches, uncertainty
 from fmu_didim.model.loop_model import LoopModel
+
+
+@dataclass(frozen=True)
+class Rows:
+    """Decimated rows of all fitted logs: instants (M,) of each, regressor W (M, n, b) of the measured motion, target Y
+    (M, n) and the torque (M, n) that is no matter of base parameters."""
+
+    times: Sequence[Array]
+    columns: Array
+    target: Array
+    known: Array
+
+
+@dataclass(frozen=True)
+class Solved:
+    """Values (b,), the residual (M, n) that they leave, how well they are known, and the error of the torque in
+    per cent."""
+
+    value: Array
+    residual: Array
+    known: Uncertainty
+    error: float
 
 
 @dataclass(frozen=True)
@@ -51,56 +73,74 @@ class IdimLs(Estimator):
     sharp_coulomb: bool = True
 
     def estimate(self, model: LoopModel, *, progress: Progress = no_progress) -> Estimate:
-        self.base_alone(model)
-        rows = [self._rows(model, label) for label in model.estimation_labels]
-        time, columns, target, offset = (np.concatenate([row[i] for row in rows]) for i in range(4))
-        solution, deviation = weighted_solution(model, columns, target)
-        value = solution.solution
-        residual = target - columns @ value
-        known = self._uncertainty(model, [row[0] for row in rows], columns, residual, deviation)
-        freedom = float(target.size - value.size) / known.inflation**2
-        measured = target + offset
-        simulated = measured - residual
-        error = relative_error_percent(measured, simulated)[0]
-        iteration = Iteration(self.name, 1, value, error, condition_number=solution.condition_number)
+        rows = self.rows(model)
+        solution, deviation = weighted_solution(model, rows.columns, rows.target)
+        influence = influence_efficient(whitened(rows.columns, deviation))
+        found = self.solved(model, rows, solution.solution, influence, deviation)
+        iteration = Iteration(self.name, 1, found.value, found.error, condition_number=solution.condition_number)
         progress(iteration)
-        reason = physical_problem(model, value, known.deviation)
-        if reason:
-            raise RefusedError(
-                "The identified model is not physical.", iterations=[iteration], got=reason,
-                next_step="Check sign, unit and clock of torque and positions, and the cut-off frequency.",
-                values=value, deviation=known.deviation,
-            )  # fmt: skip
-        return Estimate(
-            estimator=self.name,
-            model=model.with_values(value),
-            covariance=known.covariance,
-            freedom=freedom,
-            time=time,
-            measured=measured,
-            simulated=simulated,
-            noise=np.sqrt((residual**2).mean(axis=0)),
-            condition_number=solution.condition_number,
-            status=Status.CONVERGED,
-            iterations=(iteration,),
-            stages={self.name: Stage(value, known.deviation, {"paper": self._paper(columns, residual, deviation)})},
-            colours=known.colours,
-            remarks=("The fit is that of the inverse model on measured motion, not of a simulation.",),
-        )
+        paper = self._paper(rows.columns, found.residual, deviation)
+        stages = {self.name: Stage(found.value, found.known.deviation, {"paper": paper})}
+        return self.concluded(model, rows, found, (iteration,), stages)
+
+    def rows(self, model: LoopModel) -> Rows:
+        """Of the logs for the estimation; raises InputError where positions are missing or something else is free."""
+        self.base_alone(model)
+        parts = [self._rows(model, label) for label in model.estimation_labels]
+        columns, target, known = (np.concatenate([part[i] for part in parts]) for i in (1, 2, 3))
+        return Rows([part[0] for part in parts], columns, target, known)
 
     @staticmethod
-    def _uncertainty(
-        model: LoopModel, times: Sequence[Array], columns: Array, residual: Array, deviation: Array
-    ) -> Uncertainty:
-        """Of the solution, from the residual (M, n) and columns (M, n, b) of the decimated rows of all logs."""
-        flat = whitened(columns, deviation)
-        influence = influence_efficient(flat).reshape(columns.shape) / deviation[:, None]
-        freedom = residual.size - columns.shape[2]
+    def solved(model: LoopModel, rows: Rows, value: Array, influence: Array, deviation: Array) -> Solved:
+        """What a value (b,) leaves and how well it is known, with weights 1 / deviation (n,) and the influence
+        (M n, b) of whitened rows on it."""
+        residual = rows.target - rows.columns @ value
+        influence = influence.reshape(rows.columns.shape) / deviation[:, None]
+        freedom = residual.size - value.size
         spread = deviation * np.sqrt(np.sum(whitened(residual, deviation) ** 2) / freedom)
         if model.joint_weights == "equal":
-            leverage = np.einsum("mjp,mjp->mj", columns, influence)
+            leverage = np.einsum("mjp,mjp->mj", rows.columns, influence)
             spread = noise_deviation(residual, leverage, floor=noise_floor(residual))
-        return uncertainty(residual, columns, influence, spread, stretches(times))
+        known = uncertainty(residual, rows.columns, influence, spread, stretches(rows.times))
+        measured = rows.target + rows.known
+        return Solved(value, residual, known, relative_error_percent(measured, measured - residual)[0])
+
+    def concluded(
+        self,
+        model: LoopModel,
+        rows: Rows,
+        found: Solved,
+        iterations: Sequence[Iteration],
+        stages: Mapping[str, Stage],
+        status: Status = Status.CONVERGED,
+        advice: str = "",
+    ) -> Estimate:
+        """The estimate; raises RefusedError where the values are of no machine."""
+        reason = physical_problem(model, found.value, found.known.deviation)
+        if reason:
+            raise RefusedError(
+                "The identified model is not physical.", iterations=list(iterations), got=reason,
+                next_step="Check sign, unit and clock of torque and positions, and the cut-off frequency.",
+                values=found.value, deviation=found.known.deviation,
+            )  # fmt: skip
+        measured = rows.target + rows.known
+        return Estimate(
+            estimator=self.name,
+            model=model.with_values(found.value),
+            covariance=found.known.covariance,
+            freedom=float(rows.target.size - found.value.size) / found.known.inflation**2,
+            time=np.concatenate(rows.times),
+            measured=measured,
+            simulated=measured - found.residual,
+            noise=np.sqrt((found.residual**2).mean(axis=0)),
+            condition_number=iterations[-1].condition_number,
+            status=status,
+            iterations=tuple(iterations),
+            stages=stages,
+            colours=found.known.colours,
+            remarks=("The fit is that of the inverse model on measured motion, not of a simulation.",),
+            advice=advice,
+        )
 
     @staticmethod
     def _paper(columns: Array, residual: Array, deviation: Array) -> Array:
@@ -121,10 +161,9 @@ class IdimLs(Estimator):
             return model.free_parameters.spread(columns, label), known
 
         columns, known = rows(observed_on(model.parameters, experiment.time, motion, experiment.torque, rows))
-        kept = slice(self.skip, q.shape[0] - self.skip or None)
-        target = self._decimate((experiment.torque - known)[kept])
-        time = experiment.time[kept][:: self.decimation]
-        return time, self._decimate(columns[kept]), target, self._decimate(known[kept])
+        time, kept = experiment.time, self.inner
+        target = self.decimated((experiment.torque - known)[kept])
+        return time[kept][:: self.decimation], self.decimated(columns[kept]), target, self.decimated(known[kept])
 
     def _positions(self, model: LoopModel, label: str) -> tuple[Array, float]:
         positions = self.positions(model, label)
@@ -145,5 +184,11 @@ class IdimLs(Estimator):
             )  # fmt: skip
         return positions.select([f"q{j}" for j in range(1, model.joint_count + 1)]), float(rate)
 
-    def _decimate(self, values: Array) -> Array:
+    @property
+    def inner(self) -> slice:
+        """The samples of a log that are not dropped."""
+        return slice(self.skip, -self.skip or None)
+
+    def decimated(self, values: Array) -> Array:
+        """One of so many rows (N, ...), all of one log, filtered before."""
         return values if self.decimation == 1 else thinned(values, self.decimation)

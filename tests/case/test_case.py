@@ -193,7 +193,7 @@ def test_all_problems_are_listed_with_their_paths(tmp_path: Path) -> None:
     assert "controler: unknown key. Did you mean 'controller'?" in text
     assert "loop.rate: unknown key. Did you mean 'rate_hz'?" in text
     assert "loop.delay_samples:" in text
-    assert "there is no estimator 'didm'; valid: didim, clie, idim_ls, output_error" in text
+    assert "there is no estimator 'didm'; valid: didim, clie, idim_ls, idim_iv, output_error" in text
     assert "4 problems" in text
 
 

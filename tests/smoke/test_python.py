@@ -46,7 +46,7 @@ def test_kinds_of_components_compute_the_same(name: str) -> None:
 def test_estimator(kind: str, tmp_path: Path) -> None:
     """From the truth and with positions, so that those run through, too, that need a good start or more than torque."""
     content = yaml.safe_load(CASE.read_text(encoding="utf-8"))
-    content["estimator"] = {"kind": kind} | ({"cutoff_hz": 20, "decimation": 4} if kind == "idim_ls" else {})
+    content["estimator"] = {"kind": kind} | ({"cutoff_hz": 20, "decimation": 4} if kind.startswith("idim") else {})
     content["plant"] = {"kind": "model"}
     content["controller"]["kind"] = "model"
     log = {"file": str(tmp_path / "loop.csv")}

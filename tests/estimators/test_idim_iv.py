@@ -1,0 +1,121 @@
+"""IDIM-IV beside IDIM-LS on measured positions: bias, intervals, another controller, and what is refused."""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+
+from fmu_didim import Case, Result, identify, load_case, simulate, trajectory
+from fmu_didim.base.errors import InputError
+from fmu_didim.data.signals import Array, Trajectory
+from fmu_didim.estimators.idim_iv import WEAK, IdimIv, cragg_donald
+from fmu_didim.fit.estimate import RefusedError
+from tests.helpers import ROOT
+
+SCARA = ROOT / "examples/scara/identify.yaml"
+OPTIONS = {"cutoff_hz": 40, "decimation": 4}
+TORQUE_STD = (0.17, 0.0065)
+"""[N.m] 5 % of the torque."""
+POSITION_STD = 2e-4
+"""[rad] Of an encoder that is coarse: what it leaves of the acceleration is as large as the motion's."""
+
+
+@cache
+def motion() -> Trajectory:
+    """What the loop does at its control rate, with the values of the description."""
+    return simulate(load_case(SCARA).with_(plant={"kind": "model"}, controller={"kind": "model"}))
+
+
+@cache
+def truth() -> dict[str, float]:
+    model = load_case(SCARA).model
+    return dict(zip(model.names, map(float, model.start), strict=True))
+
+
+def case_of(kind: str, seed: int, **changes: Any) -> Case:
+    """A case with noisy torques and positions at the control rate."""
+    rng, names = np.random.default_rng(seed), ("q1", "q2", "tau1", "tau2")
+    std = np.array((POSITION_STD, POSITION_STD, *TORQUE_STD))
+    table = motion().select(names)
+    table = table + std * rng.normal(size=table.shape)
+    log = trajectory(motion().time, dict(zip(names, table.T, strict=True)))
+    content = dict(load_case(SCARA).content)
+    content["train"] = content["train"] | {"torque": {"file": "log"}, "positions": {"file": "log"}}
+    content |= {"plant": {"kind": "model"}, "controller": {**content["controller"], "kind": "model"}}
+    content |= {"estimator": {"kind": kind, **OPTIONS}, **changes}
+    content.pop("validation")
+    return load_case(content, folder=SCARA.parent, signals={"log": log})
+
+
+def errors_of(found: Result) -> Array:
+    """(b,) errors of the values, over their standard deviations."""
+    return np.array([(p.value - truth()[name]) / p.std for name, p in found.parameters.items()])
+
+
+@pytest.mark.parametrize("draws", [6, pytest.param(60, marks=pytest.mark.slow)])
+def test_noise_of_positions_biases_least_squares_and_not_instruments(draws: int) -> None:
+    errors = {
+        kind: np.array([errors_of(identify(case_of(kind, seed))) for seed in range(draws)])
+        for kind in ("idim_ls", "idim_iv")
+    }
+    inertia = list(truth()).index("ZZ2")
+    assert errors["idim_ls"][:, inertia].mean() < -3
+    assert np.abs(errors["idim_iv"].mean(axis=0)).max() < 1.2
+    inside = np.abs(errors["idim_iv"]) < 1.96
+    assert inside.mean() >= 0.92  # intervals are wide where noise is twice differentiated, not narrow
+
+
+def test_gains_that_are_far_off_hardly_change_the_answer(tmp_path: Path) -> None:
+    """The motion still follows the reference, and is no less correlated with the measured one."""
+    law = yaml.safe_load((ROOT / "controllers/scara_pd.yaml").read_text(encoding="utf-8"))
+    law |= {name: [0.3 * gain for gain in law[name]] for name in ("Kp", "Kd")}
+    (tmp_path / "soft.yaml").write_text(yaml.safe_dump(law), encoding="utf-8")
+    right = identify(case_of("idim_iv", 1))
+    off = identify(case_of("idim_iv", 1, controller={"kind": "model", "source": str(tmp_path / "soft.yaml")}))
+    assert np.abs(errors_of(off)).max() < 4
+    assert np.abs(errors_of(right) - errors_of(off)).max() < 0.3
+
+
+def test_stages_show_what_instruments_change() -> None:
+    found = identify(case_of("idim_iv", 2))
+    assert found.document.status == "converged"
+    assert list(found.document.stages) == ["idim_ls", "idim_iv"]
+    least_squares = found.document.stages["idim_ls"].value["ZZ2"]
+    assert found.values["ZZ2"] == found.document.stages["idim_iv"].value["ZZ2"]
+    assert abs(least_squares - truth()["ZZ2"]) > 3 * abs(found.values["ZZ2"] - truth()["ZZ2"])
+
+
+def test_iterations_that_do_not_settle_are_said() -> None:
+    found = identify(case_of("idim_iv", 2, estimator={"kind": "idim_iv", **OPTIONS, "maximum_iterations": 1}))
+    assert found.document.status == "maximum_iterations" and found.verdict != "valid"
+
+
+def test_the_strength_of_instruments() -> None:
+    """F of the first stage: the columns themselves are as strong as can be, foreign ones of chance alone."""
+    rng = np.random.default_rng(1)
+    columns = rng.normal(size=(2000, 4))
+    assert cragg_donald(columns @ rng.normal(size=(4, 4)), columns) > 1e9
+    assert cragg_donald(rng.normal(size=(2000, 4)), columns) < 1.5
+    noisy = columns + rng.normal(size=columns.shape)  # half of the variance is that of the motion
+    assert cragg_donald(columns, noisy) == pytest.approx(2000 / 4, rel=0.2)
+
+
+def test_a_simulated_motion_that_is_another_is_refused(tmp_path: Path) -> None:
+    """A controller that hardly moves the robot."""
+    law = yaml.safe_load((ROOT / "controllers/scara_pd.yaml").read_text(encoding="utf-8"))
+    law |= {name: [1e-4 * gain for gain in law[name]] for name in ("Kp", "Kd")}
+    (tmp_path / "dead.yaml").write_text(yaml.safe_dump(law), encoding="utf-8")
+    model = case_of("idim_iv", 1, controller={"kind": "model", "source": str(tmp_path / "dead.yaml")}).model
+    with pytest.raises(RefusedError, match="hardly correlated") as caught:
+        IdimIv(cutoff_hz=40, decimation=4).estimate(model)
+    assert f"{WEAK:g} or more" in str(caught.value) and "controller" in str(caught.value)
+
+
+def test_positions_are_needed() -> None:
+    with pytest.raises(InputError, match="idim_iv needs measured positions"):
+        identify(load_case(SCARA).with_(estimator={"kind": "idim_iv"}))
