@@ -47,9 +47,9 @@ def signs_diagnostics(estimate: Estimate) -> Iterator[Diagnostic]:
 
 def unsigned_diagnostics(given: Expected, label: str) -> list[Diagnostic]:
     """A log whose columns never go below zero, which all vary, where signs explain it far better."""
-    if given.fitted is None or given.columns is None or (given.measured < 0).any():
+    if (given.measured < 0).any() or not np.ptp(given.measured, axis=0).all():  # a constant column is told as one
         return []
-    if not np.ptp(given.measured, axis=0).all():  # a constant column is told as one
+    if given.fitted is None or given.columns is None:
         return []
     own = given.error(given.fitted)
     known = np.zeros_like(given.measured) if given.known is None else given.known
