@@ -57,6 +57,7 @@ def errors_of(found: Result) -> Array:
     return np.array([(p.value - truth()[name]) / p.std for name, p in found.parameters.items()])
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize("draws", [6, pytest.param(60, marks=pytest.mark.slow)])
 def test_noise_of_positions_biases_least_squares_and_not_instruments(draws: int) -> None:
     errors = {

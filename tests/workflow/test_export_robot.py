@@ -154,6 +154,7 @@ def test_a_description_with_identified_values_gives_the_same_torque_and_can_be_i
         assert value == pytest.approx(made.base[name], rel=1e-9)
 
 
+@pytest.mark.gate
 def test_draws_scatter_as_the_covariance_says(scara: Path, tmp_path: Path) -> None:
     made = export_robot(SCARA, tmp_path / "scara.yaml", result=scara, draws=60, seed=4)
     result = read_result(scara)

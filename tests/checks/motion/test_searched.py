@@ -103,6 +103,7 @@ def test_loads_of_a_stop_begin_at_its_place(above: bool, depth: list[float]) -> 
     np.testing.assert_allclose(Stop(0.5, above, False).loads(motion, 1), np.array([depth, np.square(depth)]).T)
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize(
     ("robot", "colour"),
     [

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
@@ -153,10 +154,16 @@ def test_a_lag_as_slow_as_the_room_is_no_delay(tmp_path: Path) -> None:
     assert parameter.interval[0] < 120.0 < parameter.interval[1]
 
 
-@pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.slow)])
-@pytest.mark.parametrize("identify", [("R1",), ("R1", "C")])
-@pytest.mark.parametrize("beside", [0.125, 0.3, 0.5])
-@pytest.mark.parametrize("lag", [60.0, 300.0])
+GATES_ROWS = (1, ("R1",), 0.5, 60.0), (1, ("R1", "C"), 0.125, 300.0)
+BESIDE_A_RESISTANCE = [
+    pytest.param(
+        *row, marks=[] if row in ((1, ("R1",), 0.5, 60.0), (1, ("R1", "C"), 0.125, 300.0)) else pytest.mark.slow
+    )
+    for row in itertools.product((1, 2), (("R1",), ("R1", "C")), (0.125, 0.3, 0.5), (60.0, 300.0))
+]
+
+
+@pytest.mark.parametrize(("seed", "identify", "beside", "lag"), BESIDE_A_RESISTANCE)
 def test_a_lag_beside_a_wrong_resistance_is_told_with_what_it_rests_on(
     tmp_path: Path, seed: int, identify: tuple[str, ...], beside: float, lag: float
 ) -> None:

@@ -97,6 +97,7 @@ def errors_of(result: Result) -> Array:
     return np.array([(p.value - truth()[name]) / p.std for name, p in result.parameters.items()])
 
 
+@pytest.mark.gate
 def test_values_are_those_of_the_machine_and_the_signs_are_told() -> None:
     result = identify(case_of(1))
     assert result.verdict == "valid"
