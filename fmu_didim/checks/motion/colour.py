@@ -17,11 +17,11 @@ Series: Theory and Methods, 2nd ed., 1991, 9.3, 13.2; Hosking, Biometrika 68 (19
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import dataclass, field, replace
+from functools import cached_property, lru_cache
 
 import numpy as np
-from scipy import fft, linalg
+from scipy import fft
 from scipy.linalg import blas, lapack
 
 from fmu_didim.cosim import Indices
@@ -64,6 +64,16 @@ class Logs:
     stretches: tuple[Stretch, ...]
     is_white: bool = False
     lags: tuple[int, ...] | None = None
+
+    def with_lags(self, lags: tuple[int, ...]) -> Logs:
+        """The same with so many samples of the past."""
+        if lags not in self._with_lags:
+            self._with_lags[lags] = replace(self, lags=lags)
+        return self._with_lags[lags]
+
+    @cached_property
+    def _with_lags(self) -> dict[tuple[int, ...], Logs]:
+        return {}
 
     @staticmethod
     def white(samples: int) -> Logs:
@@ -108,6 +118,11 @@ class Logs:
     def rows(self) -> tuple[tuple[slice | Indices, ...], ...]:
         """The columns of ``pasts``; slices where their rows follow each other, which are ten times as fast."""
         return tuple(tuple(_as_slice(column) for column in past.T) for past in self.pasts)
+
+    @cached_property
+    def turned(self) -> tuple[Indices, ...]:
+        """``pasts`` with the samples in the last column, behind those before them."""
+        return tuple(np.ascontiguousarray(np.roll(past, -1, axis=1)) for past in self.pasts)
 
     @property
     def samples(self) -> int:
@@ -174,19 +189,35 @@ class Colour:
 
 @dataclass(frozen=True)
 class Columns:
-    """Columns (N, m) in the tables of logs."""
+    """Columns (N, m) in the tables of logs.
+
+    Attributes:
+        known: the first of them, of which others may have asked what a memory leaves.
+    """
 
     logs: Logs
     table: Array
+    known: Columns | None = None
+    _remembered: dict[int, Array] = field(default_factory=dict, repr=False, compare=False)
 
-    @cached_property
-    def _remembered(self) -> dict[int, Array]:
-        return {}
+    def beside(self, table: Array) -> Columns:
+        """These, and those of a table (N, k) behind them."""
+        return Columns(self.logs, np.column_stack([self.table, table]), self)
+
+    def with_lags(self, lags: tuple[int, ...]) -> Columns:
+        """The same columns where so many samples of the past are looked at."""
+        return replace(self, logs=self.logs.with_lags(lags))
 
     def remembered(self, memory: int) -> Array:
         """(N, m) the same after a memory, by its place."""
         if memory not in self._remembered:
-            self._remembered[memory] = self.logs.remembered(self.table, self.logs.memories[memory])
+            exponent, known = self.logs.memories[memory], self.known
+            if known is None or not exponent:
+                found = self.logs.remembered(self.table, exponent)
+            else:
+                own = self.logs.remembered(self.table[:, known.table.shape[1] :], exponent)
+                found = np.column_stack([known.remembered(memory), own])
+            self._remembered[memory] = found
         return self._remembered[memory]
 
     def whitened(self, colour: Colour) -> Array:
@@ -262,31 +293,43 @@ def _triangle(table: Array) -> Array:
 
 
 def _solved(triangle: Array, right: Array) -> Array:
-    """x (m,) of an upper triangle (m, m) x = right; older SciPy refuses an empty one."""
-    return np.asarray(linalg.solve_triangular(triangle, right)) if right.size else np.zeros(0)
+    """x (m,) of an upper triangle (m, m) x = right."""
+    if not right.size:
+        return np.zeros(0)
+    found, singular = lapack.dtrtrs(triangle, right)
+    if singular:
+        raise np.linalg.LinAlgError(f"Column {singular} of a triangle depends on those before it.")
+    return np.asarray(found)
 
 
 def _of_rest(rest: Array, logs: Logs, memory: int, most: Sequence[int], used: int) -> Colour:
     """The autoregressions of what is left (N,) beside columns, ``used`` of them, when its memory has been taken out."""
-    found = [_autoregression(rest[past[:, : 1 + p]], used) for past, p in zip(logs.pasts, most, strict=True)]
+    found = [_autoregression(rest, turned, p, used) for turned, p in zip(logs.turned, most, strict=True)]
     deviations = np.array([max(deviation, TINY) for _, deviation in found])
     counts = [past.shape[0] for past in logs.pasts]
     mean = np.exp(np.average(np.log(deviations), weights=counts))
     return Colour(memory, tuple(a for a, _ in found), tuple((deviations / mean).tolist()), np.inf)
 
 
-def _autoregression(past: Array, used: int) -> tuple[Array, float]:
-    """Coefficients of the order that the criterion chooses, and the deviation of the innovations, by samples and their
-    past (M, 1 + K)."""
-    count, longest = past.shape[0], past.shape[1] - 1
-    r = _triangle(np.roll(past, -1, axis=1))
+def _autoregression(rest: Array, turned: Indices, most: int, used: int) -> tuple[Array, float]:
+    """Coefficients of the order up to ``most`` that the criterion chooses, and the deviation of the innovations, of
+    what is left (N,); ``turned`` (M, K + 1) as in ``Logs``."""
+    count, longest = turned.shape[0], turned.shape[1] - 1
+    if most < longest:
+        turned, longest = turned[:, [*range(most), longest]], most
+    r = _triangle(rest[turned])
     along = r[:, -1]
     squares = np.cumsum(along[::-1] ** 2)[::-1]  # that are left of orders 0, 1, ..., K
     squares = np.append(squares, np.zeros(longest + 1 - squares.size))
-    costs = [order_cost(count, order, used) for order in range(longest + 1)]
-    order = int(np.argmin(count * np.log(np.maximum(squares, TINY)) + costs))
+    order = int(np.argmin(count * np.log(np.maximum(squares, TINY)) + _order_costs(count, longest, used)))
     deviation = float(np.sqrt(squares[order] / count))
     return _solved(r[:order, :order], along[:order]), deviation
+
+
+@lru_cache(maxsize=64)
+def _order_costs(samples: int, longest: int, used: int) -> Array:
+    """(longest + 1,) costs of the orders up to that."""
+    return np.array([order_cost(samples, order, used) for order in range(longest + 1)])
 
 
 def orthonormal(columns: Array) -> Array:

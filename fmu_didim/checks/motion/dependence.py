@@ -395,10 +395,14 @@ class OwnColours:
 
     @classmethod
     def of(cls, residual: Array, used: Array, motion: Array, logs: Logs | None) -> OwnColours:
-        count = used.shape[1]
-        columns = Columns(logs or Logs.white(residual.size), np.column_stack([orthonormal(used), residual, motion]))
+        return cls.beside_columns(Columns(logs or Logs.white(residual.size), orthonormal(used)), residual, motion)
+
+    @classmethod
+    def beside_columns(cls, used: Columns, residual: Array, motion: Array) -> OwnColours:
+        """The same beside sensitivities that are orthonormal."""
+        count, columns = used.table.shape[1], used.beside(np.column_stack([residual, motion]))
         lags = columns.colour(count, range(count)).orders
-        columns = replace(columns, logs=replace(columns.logs, lags=lags))  # a longer past would cost a log its begin
+        columns = columns.with_lags(lags)  # a longer past would cost a log its begin
         return cls(columns, count, columns.colour(count, range(count)))
 
     def beside(self, chosen: Sequence[int]) -> Colour:

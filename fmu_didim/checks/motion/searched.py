@@ -196,8 +196,7 @@ def _tables(
 
 def _with(tested: OwnColours, functions: Array) -> OwnColours:
     """The same residual beside other functions (N, m)."""
-    own = tested.columns.table[:, : tested.used + 1]
-    return replace(tested, columns=replace(tested.columns, table=np.column_stack([own, functions])))
+    return replace(tested, columns=tested.columns.beside(functions))
 
 
 def _explained(whitened: Whitened, count: int) -> Array:

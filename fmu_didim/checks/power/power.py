@@ -31,7 +31,7 @@ from math import comb
 import numpy as np
 
 from fmu_didim.base.distributions import f_isf, f_power
-from fmu_didim.checks.motion.colour import orthonormal, rest_of
+from fmu_didim.checks.motion.colour import Columns, Logs, orthonormal, rest_of
 from fmu_didim.checks.motion.dependence import (
     FUNCTIONS,
     LARGEST_GAIN,
@@ -163,8 +163,8 @@ class JointTest:
         if not steps:
             return 0.0
         functions = self.one.motion[:, [self.functions[place] for place in steps[-1].places]]
-        rest = rest_of(self.one.residual, orthonormal(np.column_stack([self.used, functions])))
-        tested = OwnColours.of(rest + size * self.signatures[:, misfit], self.used, functions, self.one.logs)
+        rest = self._rest(steps[-1].places)
+        tested = OwnColours.beside_columns(self._used, rest + size * self.signatures[:, misfit], functions)
         found = 0.0
         for step in steps:
             gain = max(tested.alone.criterion - tested.beside(range(step.count)).criterion, 0.0)
@@ -172,6 +172,22 @@ class JointTest:
             noncentrality = min(float(likely), float(step.noncentrality(signature, np.array([size]))[0]))
             found = max(found, float(np.interp(noncentrality, NONCENTRALITIES, self._powers(step, len(steps) + 1))))
         return found
+
+    @cached_property
+    def _used(self) -> Columns:
+        return Columns(self.one.logs or Logs.white(self.one.residual.size), orthonormal(self.used))
+
+    def _rest(self, places: tuple[int, ...]) -> Array:
+        """(N,) what the sensitivities and some functions leave of the residual."""
+        if places not in self._left:
+            functions = self.one.motion[:, [self.functions[place] for place in places]]
+            basis = orthonormal(np.column_stack([self.used, functions]))
+            self._left[places] = rest_of(self.one.residual, basis)
+        return self._left[places]
+
+    @cached_property
+    def _left(self) -> dict[tuple[int, ...], Array]:
+        return {}
 
     def strength(self, misfit: int) -> float:
         """Squares of a misfit, by its place, over those of the residual."""
