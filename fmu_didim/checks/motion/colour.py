@@ -326,7 +326,7 @@ def _autoregression(rest: Array, turned: Indices, most: int, used: int) -> tuple
     return _solved(r[:order, :order], along[:order]), deviation
 
 
-@lru_cache(maxsize=64)
+@lru_cache
 def _order_costs(samples: int, longest: int, used: int) -> Array:
     """(longest + 1,) costs of the orders up to that."""
     return np.array([order_cost(samples, order, used) for order in range(longest + 1)])
