@@ -232,8 +232,8 @@ Two-joint arm, torque at 100 Hz
      vs1                  (0.085 ± 0.012) rad/s, 95 % interval 0.062 to 0.108
      share of the gap     62 %
      held-out RMS         0.63 to 0.70 of what it was, 95 % interval
-     cannot be told from  Presliding friction, joint 1 (BIC 4.2 behind); LuGre friction, joint 1
-                          (same class)
+     cannot be told from  Presliding friction, joint 1 (BIC 4.2 behind, of 412); LuGre friction,
+                          joint 1 (same class)
      to split them        Slow constant speeds in both directions, down to a third of vs; reversals
                           at two accelerations.
 

@@ -151,9 +151,8 @@ def _finding(document: FindingsDocument, number: int, finding: FindingResult) ->
     facts.append(Fact("gain in BIC", significant(finding.delta_bic), shown="page"))
     rivals = []
     for r in finding.ambiguous:
-        why = "same class" if r.bic_behind is None else f"BIC {significant(r.bic_behind, 2)} behind"
         values = "".join(f", {p.name} = {texts.value_line(p)}" for p in r.parameters)
-        rivals.append(f"{texts.finding_title(r)} ({why}{values})")
+        rivals.append(f"{texts.finding_title(r)} ({texts.behind_text(r, finding)}{values})")
     if finding.effect == "undecided":
         facts += [Fact(f"{number}{letter}", rival) for letter, rival in zip(ascii_lowercase, rivals, strict=False)]
     else:

@@ -93,6 +93,17 @@ def finding_title(finding: FindingResult | Rival) -> str:
     return f"{finding.title}, {location(finding.effect, finding.joint)}" if finding.joint else finding.title
 
 
+def behind_text(rival: Rival, finding: FindingResult) -> str:
+    """How far a rival is behind the best, and of how much the best gains: no form is exact, and nine tenths of a large
+    gain are as good."""
+    if rival.bic_behind is None:
+        return "same class"
+    # The first of a set that is undecided is the one that was added; it may itself be behind another.
+    added = finding.ambiguous[0].bic_behind if finding.effect == "undecided" else 0.0
+    best = finding.delta_bic + (added or 0.0)
+    return f"BIC {significant(rival.bic_behind, 2)} behind, of {significant(best)}"
+
+
 def candidate_title(effect: str, joint: int, signal: str = "") -> str:
     """Name and location of a candidate; on a model alone its signal, where its name does not say it."""
     if not joint:
