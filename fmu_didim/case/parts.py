@@ -170,7 +170,7 @@ def _fmu(path: Path, source: ComponentSource, *, si_units: bool = True) -> FmuCo
     return load_fmu(
         path, interface=source.interface, solver=source.solver, substeps=source.substeps, isolated=source.isolated,
         time_limit_s=source.time_limit_s, rerun=source.rerun, event_mode=source.event_mode,
-        tolerance=source.tolerance, si_units=si_units,
+        tolerance=source.tolerance, si_units=si_units, directional_derivatives=source.directional_derivatives,
     )  # fmt: skip
 
 

@@ -57,6 +57,7 @@ class ComponentSource(Strict):
         rerun: how an FMU is run again; by default as a trial shows to be right.
         event_mode: whether the events of FMI 3.0 co-simulation are handled.
         tolerance: relative tolerance that is passed to an FMU for its own step control; its own by default.
+        directional_derivatives: false where those that an FMU gives are wrong: differences are taken then.
     """
 
     kind: Literal["fmu", "model", "control"] = "fmu"
@@ -79,6 +80,7 @@ class ComponentSource(Strict):
     rerun: Literal["auto", "reset", "state", "re-instantiate", "fresh process"] = "auto"
     event_mode: bool = False
     tolerance: Annotated[float, Field(gt=0, lt=1)] | None = None
+    directional_derivatives: bool = True
 
 
 class Loop(Strict):

@@ -175,6 +175,8 @@ class FmuComponent(FmuSettings):
             described["tolerance"] = self.tolerance
         if self.event_mode:
             described["event_mode"] = True
+        if self.interface.has_derivatives and not self.has_derivatives:
+            described["derivatives"] = "differences"
         if not self.reads_between:
             described["outputs"] = "those after the last step"
         if self.interface.kind == MODEL_EXCHANGE:

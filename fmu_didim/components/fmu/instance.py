@@ -7,9 +7,10 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fmu_didim.base.errors import FixedParameterError, FmuError, SimulationError
-from fmu_didim.components.base import Component
+from fmu_didim.components.base import DIFFERENCE_STEP, Component
 from fmu_didim.components.fmu.binding import MAXIMUM_ITERATIONS, Call, EndedError, address, references
 from fmu_didim.components.fmu.description import FLOAT_TYPES, REAL_TYPES, FmuVariable
 from fmu_didim.components.fmu.library import load_library
@@ -22,6 +23,11 @@ from fmu_didim.data.signals import Array
 READ_BACK = 1e-6
 """[1] Relative difference between a value that was set and what is read back, above which the FMU has not taken it:
 ten times what is lost where it is kept in single precision."""
+DERIVATIVES_AGREE = 1e-2
+"""[1] Part of the larger one by which a directional derivative and a difference may differ: tables and friction that
+bend within a step of the difference change it by less, a derivative that is left out by all of it."""
+ROUNDED = 1e-9
+"""[1] Part of an output to which an FMU computes it where it iterates inside: its noise in a difference."""
 
 
 class _Port:
@@ -70,11 +76,13 @@ class FmuInstance(RestartableInstance):
             fmu, interface, library, event_mode=component.event_mode, tolerance=component.tolerance
         )
         self._new_state = self._binding.save_state() if keep_new_state else None
+        self._trusts_derivatives = True
         self._take(component)
 
     def _take(self, component: FmuSettings) -> None:
         """Take the variables of a component."""
         self._component = component
+        self._derivatives_asked = 0
         self._input_types = component.input_types
         self._output_types = tuple(v.type for v in component.fmu.of_causality("output") for _ in range(v.size))
         self.take_variables(component.inputs, component.outputs)
@@ -227,6 +235,7 @@ class FmuInstance(RestartableInstance):
     def derivatives(
         self, outputs: Sequence[int], inputs: Sequence[int], parameters: Mapping[str, float]
     ) -> tuple[Array, Array]:
+        """The FMU's directional derivatives where it gives them and differences show the same, else differences."""
         component, types = self._component, self._input_types
         smooth = [k for k, i in enumerate(inputs) if types[i] in FLOAT_TYPES]
         if len(smooth) < len(inputs):  # nothing follows a small change of an integer
@@ -235,8 +244,40 @@ class FmuInstance(RestartableInstance):
             by_input[:, smooth] = some
             return by_input, by_parameter
         plain = all(types[i] in REAL_TYPES for i in inputs)
-        if not (component.has_derivatives and plain and all(self._output_types[i] in REAL_TYPES for i in outputs)):
+        plain = plain and all(self._output_types[i] in REAL_TYPES for i in outputs)
+        if not (component.has_derivatives and self._trusts_derivatives and plain):
             return super().derivatives(outputs, inputs, parameters)
+        asked = self._derivatives_asked
+        self._derivatives_asked += 1
+        try:
+            found = self._directional(outputs, inputs, list(parameters))
+        except SimulationError:  # the standard lets an FMU refuse those by parameters
+            if asked:
+                raise
+            self._trusts_derivatives = False
+            return super().derivatives(outputs, inputs, parameters)
+        if asked & (asked - 1):  # looked at in calls 0, 1, 2, 4, 8, ...
+            return found
+        changed = {name: value for name, value in parameters.items() if name not in component.fixed}
+        places = [k for k, name in enumerate(parameters) if name in changed]
+        other = super().derivatives(outputs, inputs, changed)
+        rounding = ROUNDED * float(np.abs(self.outputs[list(outputs)]).max(initial=0.0)) / DIFFERENCE_STEP
+        scales = [1.0] * len(inputs) + [1 / (abs(value) or 1.0) for value in changed.values()]
+        apart = _apart(np.hstack([found[0], found[1][:, places]]), np.hstack(other), rounding * np.array(scales))
+        if not apart.size:
+            return found
+        if asked == 0 and len(changed) == len(parameters):
+            self._trusts_derivatives = False
+            return other
+        names = [*(self._component.inputs[i].name for i in inputs), *changed]
+        raise SimulationError(
+            "The directional derivatives of this FMU are not what differences of its outputs show.",
+            where=component.path.name, got=f"by {', '.join(names[k] for k in apart)}",
+            next_step="Write directional_derivatives: false beside its source: differences are taken then.",
+        )  # fmt: skip
+
+    def _directional(self, outputs: Sequence[int], inputs: Sequence[int], parameters: list[str]) -> tuple[Array, Array]:
+        component = self._component
         unknown = [component.output_references[i] for i in outputs]
         known = [component.input_references[i] for i in inputs] + [component.references[p] for p in parameters]
         factors = [component.input_conversions[i].factor for i in inputs]
@@ -287,6 +328,13 @@ class FmuInstance(RestartableInstance):
             check=self._binding.check,
             exchange=exchange,
         )
+
+
+def _apart(found: Array, other: Array, rounding: Array) -> NDArray[np.intp]:
+    """Columns (no, k) of derivatives that differ by more than their differences are uncertain, ``rounding`` (k,)."""
+    size = np.maximum(np.abs(found), np.abs(other)).max(axis=0, initial=0.0)
+    alike = np.abs(found - other).max(axis=0, initial=0.0) <= DERIVATIVES_AGREE * size + rounding
+    return np.flatnonzero(~alike)  # NaN is not
 
 
 class CoSimulationInstance(FmuInstance):

@@ -42,6 +42,7 @@ def load_fmu(
     rerun: str = AUTO,
     event_mode: bool = False,
     tolerance: float | None = None,
+    directional_derivatives: bool = True,
 ) -> FmuComponent:
     """Read an FMU of a version in :data:`~fmu_didim.components.fmu.versions.VERSIONS`; its variables keep their names.
 
@@ -60,6 +61,7 @@ def load_fmu(
         event_mode: handle the events of FMI 3.0 co-simulation; always done where the FMU has input clocks.
         tolerance: relative, given to the FMU when a run is set up, for the step control that it may have; by
             default it takes its own. FMI 1.0 has none.
+        directional_derivatives: ask it for them where it says that it gives them; if not, differences are taken.
 
     Raises:
         FmuError: the file is not such an FMU, or holds no binary for this platform.
@@ -87,6 +89,7 @@ def load_fmu(
         rerun=rerun,
         event_mode=event_mode or clocked,
         tolerance=tolerance,
+        has_derivatives=component.has_derivatives and directional_derivatives,
         sample_time=clock_period(fmu) if clocked else own_period,
     )
     return component if substeps is None else component.with_substeps(substeps) or component

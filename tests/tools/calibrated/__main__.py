@@ -1,6 +1,7 @@
 """Calibrates FMUs of other tools by the command line, beside scipy's fit of the same data, for the page on them.
 
     git clone https://github.com/OWNER/NAME CHECKOUTS/OWNER/NAME
+    pythonfmu build -f tests/tools/calibrated/tank.py -d CHECKOUTS/NTNU-IHB/PythonFMU    # pip install pythonfmu
     python -m tests.tools.calibrated CHECKOUTS --draws 100 --figures docs/figures/calibrated.json
 
 The data are what FMPy simulates with known values, and white noise. The programs in the FMUs are those of others and

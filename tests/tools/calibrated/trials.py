@@ -90,7 +90,12 @@ TRIALS = (
         "MassSpringDamper1", "INTO-CPS-Association/maestro", "mass_spring_damper/MassSpringDamper1.fmu", "20-sim",
         {"x1": 0.005}, np.linspace(0.0, 10.0, 201), {"c1": 1.4, "d1": 0.6}, interface="CoSimulation", step_s=0.05,
     ),
+    Trial(
+        "Tank", "NTNU-IHB/PythonFMU", "Tank.fmu", "PythonFMU 0.7", {"h": 0.005}, np.linspace(0.0, 200.0, 401),
+        {"area": 0.06, "outlet": 0.0007}, interface="CoSimulation", step_s=0.5,
+    ),
 )  # fmt: skip
-"""One a row: the estim8 notebooks' models, those of OMSysIdent's tests, and an FMU each of Dymola, Simulink, 20-sim."""
+"""One a row: the estim8 notebooks' models, those of OMSysIdent's tests, and an FMU each of Dymola, Simulink, 20-sim and
+PythonFMU."""
 COVERED = ("Growth", "HelloWorldWithInput", "Lin2DimODE", "MassSpringDamper1")
 """Those whose coverage is counted: a batch, a driven decay, one of four parameters, and one in co-simulation."""
