@@ -33,6 +33,9 @@ from fmu_didim.fit.uncertainty import Stretch
 
 ROUNDS = 3
 """[rounds] Of values and colour at most; as a rule the second one changes nothing."""
+SETTLED = 0.1
+"""[1] Of the criterion, by which a round must change it to be made; a coefficient costs 2. Of n samples it changes by
+some n times the squares by which coefficients change."""
 MEMORIES = (0.0, 0.25, 0.4, 0.5)
 """[1] Exponents d that are tried: power that is level at low frequencies, grows with f^(-1/2), and with 1/f. With none
 but zero a right SCARA or arm was doubted in 27 to 52 % of draws of 1/f noise, alone or beside as much white noise; with
@@ -233,7 +236,7 @@ class Columns:
         most = most or [past.shape[1] - 1 for past in self.logs.pasts]
 
         def found(memory: int) -> Colour:
-            return _colour(self.remembered(memory)[:, columns], self.logs, memory, most)
+            return _colour(self.remembered(memory).take(columns, axis=1), self.logs, memory, most)
 
         last = len(self.logs.memories) - 1
         tried = [found(memory) for memory in sorted({0, last})]
@@ -259,6 +262,8 @@ def _colour(table: Array, logs: Logs, memory: int, most: Sequence[int]) -> Colou
     values, best = _least_squares(table)[0], None
     for _ in range(ROUNDS):
         colour = _of_rest(residual - beside @ values, logs, memory, most, beside.shape[1])
+        if best is not None and colour.orders == best.orders and logs.samples * _moved(best, colour) < SETTLED:
+            break
         values, size = _least_squares(_whitened(table, logs, colour))
         cost = sum(
             order_cost(past.shape[0], order, beside.shape[1])
@@ -272,6 +277,12 @@ def _colour(table: Array, logs: Logs, memory: int, most: Sequence[int]) -> Colou
             break
     assert best is not None
     return best
+
+
+def _moved(before: Colour, after: Colour) -> float:
+    """Sum of the squares by which the coefficients of colours of the same orders differ."""
+    pairs = zip(before.coefficients, after.coefficients, strict=True)
+    return sum(float(np.sum((a - b) ** 2)) for a, b in pairs)
 
 
 def _least_squares(table: Array) -> tuple[Array, float]:
@@ -305,6 +316,8 @@ def _solved(triangle: Array, right: Array) -> Array:
 def _of_rest(rest: Array, logs: Logs, memory: int, most: Sequence[int], used: int) -> Colour:
     """The autoregressions of what is left (N,) beside columns, ``used`` of them, when its memory has been taken out."""
     found = [_autoregression(rest, turned, p, used) for turned, p in zip(logs.turned, most, strict=True)]
+    if len(found) == 1:
+        return Colour(memory, (found[0][0],), (1.0,), np.inf)
     deviations = np.array([max(deviation, TINY) for _, deviation in found])
     counts = [past.shape[0] for past in logs.pasts]
     mean = np.exp(np.average(np.log(deviations), weights=counts))
