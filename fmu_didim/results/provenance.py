@@ -71,7 +71,7 @@ DECIDING = (
     (identification, ("NEAR_LIMIT", "VISIBLE_SHIFT", "SECOND_STEP", "JITTER")),
     (residual, ("STILL_NOT_WHITE",)),
     (dependence, ("MOTION_CHANCE", "SIGNIFICANT", "FUNCTIONS", "SAMPLES_A_FUNCTION")),
-    (colour, ("MEMORIES", "FAR_WORSE", "SAMPLES_A_LAG", "WITH_PAST")),
+    (colour, ("MEMORIES", "FAR_WORSE", "SETTLED", "SAMPLES_A_LAG", "WITH_PAST")),
     (suspects_in_loop, ("TRIED", "ROUNDS", "MOSTLY", "AS_WELL", "SURE")),
     (periods, ("PART_OF_PERIOD", "KNOWN_PART", "RAMP", "FEWEST_DIFFERENCES")),
     (sampling_kind, ("NEARLY",)),

@@ -38,6 +38,7 @@ from fmu_didim.checks.data.timing import CLOCK_EARLY, CLOCK_LATE, COMMAND_DELAY,
 from fmu_didim.checks.data.torque_channel import torque_channel_diagnostics
 from fmu_didim.checks.data.units import position_diagnostics, unit_diagnostics
 from fmu_didim.checks.data.unsigned import unsigned_diagnostics
+from fmu_didim.checks.data.wrapped import wrapped_diagnostics
 from fmu_didim.cosim.system import REFERENCE
 from fmu_didim.data.signals import Array
 from fmu_didim.model.loop_model import LoopModel, Simulation
@@ -80,12 +81,14 @@ def data_diagnostics(model: LoopModel, *, without_torque: Sequence[str] = (), ca
             continue
         given = expected(run)
         of_file = [diagnostic for check in LOG_CHECKS for diagnostic in check(run, given)]
-        found += of_file
+        wrapped = wrapped_diagnostics(given, label)
+        # Its jumps are no outliers, its ends no limit.
+        found += [d for d in of_file if d.place not in {w.place for w in wrapped}]
         # What is wrong by itself would make a log look like that of another motion.
         faulty = wrong_by_themselves(experiment, given)
         clean = given.without(faulty)
         of_units = (unit_diagnostics(run, clean) or gravity_diagnostics(run, clean)) if clean.has_all_joints else []
-        of_log = unsigned_diagnostics(given, label) or of_units
+        of_log = wrapped or unsigned_diagnostics(given, label) or of_units
         of_log = of_log or ([] if faulty.all() else torque_channel_diagnostics(clean, gains, label))
         found += [*of_log, *([] if of_units else position_diagnostics(run))]
         held_out = experiment.role == "validation"

@@ -244,6 +244,7 @@ ELSEWHERE = {
     "validation-without-torque",  # tests/case/test_file_checks.py
     "positions-unit",  # tests/workflow/test_objects.py
     "outliers-left-out",  # tests/workflow/test_outliers.py
+    "log-wrapped",  # test_wrapped.py
     "log-unsigned", "signs-given",  # tests/estimators/starts/test_signs.py
     "clock-slightly-off", "timing-slightly-off",  # below
     "drive-gain", "gravity", "length-unit", "link-length", "reference-unit-doubtful", "torque-scale",  # below
