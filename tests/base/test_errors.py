@@ -42,6 +42,7 @@ FILES = {
     "pyarrow": ("a.parquet", b"PAR1", AttributeError("_ARRAY_API not found")),
     "h5py": ("a.h5", b"\x89HDF\r\n\x1a\n", ValueError("numpy.dtype size changed")),
     "asammdf": ("a.mf4", b"MDF     4.10    ", ImportError("DLL load failed")),
+    "rosbags": ("a.mcap", b"\x89MCAP0\r\n", ImportError("apsw: wrong ELF class")),
 }
 
 
@@ -66,7 +67,7 @@ def test_a_library_that_does_not_load_is_not_the_fault_of_the_file(
     assert pickle.loads(pickle.dumps(caught.value)).args == caught.value.args
 
 
-@pytest.mark.parametrize(("name", "extra"), [("h5py", "hdf5"), ("asammdf", "mf4")])
+@pytest.mark.parametrize(("name", "extra"), [("h5py", "hdf5"), ("asammdf", "mf4"), ("rosbags", "ros")])
 def test_a_library_that_is_absent_is_named_with_its_extra(
     name: str, extra: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -48,6 +48,14 @@ def mf4(path: Path) -> None:
         file.save(path, overwrite=True)
 
 
+def ros(path: Path) -> None:
+    """The joints in an order of their own."""
+    pytest.importorskip("rosbags", reason="needs the extra ros (rosbags)")
+    from tests.bags import written
+
+    written(path, T, {"q2": Q[:, 1], "q1": Q[:, 0]})
+
+
 def mat(path: Path, format_: str = "5") -> None:
     savemat(path, {"t": T[:, None], "q1": Q[:, :1], "q2": Q[:, 1:]}, format=format_)
 
@@ -66,8 +74,9 @@ WRITERS: dict[str, Callable[[Path], None]] = {
     "log.csv": lambda path: text(path, ","), "log.txt": lambda path: text(path, " "),
     "log.tsv": lambda path: text(path, "\t"), "level4.mat": lambda path: mat(path, "4"), "level5.mat": mat,
     "level73.mat": mat_of_hdf5, "log.parquet": parquet, "log.h5": hdf5, "log.hdf5": hdf5, "log.hdf": hdf5,
-    "log.mf4": mf4, "log.mdf": mf4,
+    "log.mf4": mf4, "log.mdf": mf4, "log.bag": ros, "log.mcap": ros, "log.db3": ros,
 }  # fmt: skip
+ROS = "/joint_states.position."
 
 
 @pytest.mark.parametrize("name", WRITERS)
@@ -76,9 +85,12 @@ def test_reader(tmp_path: Path, name: str) -> None:
     WRITERS[name](path)
     if name.endswith(".mdf") and not path.is_file():  # asammdf names files of version 4 so
         path.with_suffix(".mf4").rename(path)
-    signals = read_trajectory(path)
-    assert_allclose(signals.time, T, atol=1e-12)
-    assert_allclose(signals.select(["q1", "q2"]), Q, rtol=1e-12)
+    is_ros = READER_OF[path.suffix].name == "ROS"
+    signals = read_trajectory(path, time="time /joint_states" if is_ros else None)
+    names = [f"{ROS if is_ros else ''}q{j}" for j in (1, 2)]
+    begin = signals.time[0] if is_ros else 0.0  # a recording begins when its first message arrives
+    assert_allclose(signals.time - begin, T, atol=1e-9 if is_ros else 1e-12)
+    assert_allclose(signals.select(names), Q, rtol=1e-12)
 
 
 def test_every_suffix_is_tried() -> None:

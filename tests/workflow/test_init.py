@@ -291,3 +291,26 @@ def test_files_that_are_none(tmp_path: Path, names: list[str], problem: str) -> 
     (tmp_path / "scara.yaml").write_text(Path("fmus/scara/robot.yaml").read_text())
     with pytest.raises(InputError, match=problem):
         start_case([tmp_path / name for name in names], tmp_path / "out")
+
+
+def test_joints_of_a_list_are_those_of_the_robot(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """By their names; without a robot nobody knows their order, though one name ends with a number."""
+    package("rosbags")
+    from tests.bags import written
+
+    time = np.arange(0.0, 2.0, 0.01)
+    q = {"wrist_1": np.sin(time), "elbow": np.cos(time)}
+    written(tmp_path / "run.mcap", time, q, efforts=q)
+    robot = ROOT / "fmus/scara/robot.yaml"
+    described = yaml.safe_load(robot.read_text(encoding="utf-8"))
+    for joint, name in zip(described["joints"], ("elbow", "wrist_1"), strict=True):
+        joint["name"] = name
+    (tmp_path / "robot.yaml").write_text(yaml.safe_dump(described), encoding="utf-8")
+    given = [str(tmp_path / name) for name in ("run.mcap", "robot.yaml")]
+    assert main(["init", *given, "--law", "pd", "--out", str(tmp_path / "case")]) == 0
+    columns = yaml.safe_load((tmp_path / "case/case.yaml").read_text(encoding="utf-8"))["train"]["torque"]["columns"]
+    assert columns == {"tau1": "/joint_states.effort.elbow", "tau2": "/joint_states.effort.wrist_1"}
+    capsys.readouterr()
+    assert main(["init", given[0], "--law", "pd", "--out", str(tmp_path / "without")]) == 0
+    told = capsys.readouterr().out
+    assert "of joint" not in told and "train.torque.columns.tau2 (which of" in told

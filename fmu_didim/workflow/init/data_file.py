@@ -21,15 +21,16 @@ TORQUES: tuple[Role, ...] = ("tau", "current", "command")
 
 @dataclass(frozen=True)
 class DataFile:
-    """A file of signals."""
+    """A file of signals; ``joints``: names of those of the robot, where one is given."""
 
     path: Path
     table: SignalTable
+    joints: tuple[str, ...] = ()
 
     @cached_property
     def guesses(self) -> list[Guess]:
         """The guess for each column."""
-        return guesses(self.table)
+        return guesses(self.table, self.joints)
 
     def clock(self, *roles: str) -> str | None:
         """The time column of the columns with these roles, of all where there are none."""

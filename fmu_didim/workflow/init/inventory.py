@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from fmu_didim.base.documents import load_yaml
@@ -63,8 +64,9 @@ class Inventory:
         """Of the robot, else of the columns."""
         if self.robot is not None:
             return len(self.robot[1].joints)
-        kinds = ("q", *TORQUES)
-        return max([g.joint or 1 for d in self.data for g in d.guesses if g.role in kinds], default=1)
+        found = [g for d in self.data for g in d.guesses if g.role in ("q", *TORQUES)]
+        lists = Counter(g.name.rpartition(".")[0] for g in found if g.joint is None and "." in g.name)
+        return max([g.joint or 1 for g in found] + list(lists.values()), default=1)
 
 
 def inventory(
@@ -113,6 +115,9 @@ def inventory(
                 valid=(*READER_OF, ".fmu", ".mo", ".ssp", ".yaml", URDF),
                 next_step="Leave it out, or export it as one of these.",
             )  # fmt: skip
+    if found.robot is not None:
+        joints = tuple(joint.name for joint in found.robot[1].joints)
+        found.data = [replace(d, joints=joints) for d in found.data]
     if not [d for d in found.data if not d.is_loop_log or found.fmus]:
         raise InputError(
             "No file with signals is among them.", valid=READER_OF, next_step="Give the log and the reference."

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 from fmu_didim.base.errors import InputError
@@ -33,7 +33,7 @@ _BY_NAME: tuple[tuple[str, Role], ...] = (
     (r"^q|\bq\d|pos|lage|winkel|angle|achs|axis|joint|gelenk|weg|theta|phi", "q"),
 )
 _REFERENCE = r"soll|ref|set|cmd|des(ired)?|target|plan|fuehr|führ"
-_MEASURED = r"ist|act|meas|mess|enc|feedback|fbk|^qm\b|^q_?mes"
+_MEASURED = r"(?<!wr)ist|act|meas|mess|enc|feedback|fbk|^qm\b|^q_?mes"
 
 
 @dataclass(frozen=True)
@@ -52,11 +52,32 @@ class Guess:
     side: Side
 
 
-def guesses(table: SignalTable) -> list[Guess]:
-    """The guess for each column but the time."""
+def guesses(table: SignalTable, joints: Sequence[str] = ()) -> list[Guess]:
+    """The guess for each column but the time.
+
+    Args:
+        joints: names of those of the robot, in its order; a column ``....elbow`` is that of the joint ``elbow``.
+    """
     clock = time_column(table)
     names = [n for n in table.columns if n != clock and n not in table.times.values()]
-    return [guess(n, table.unit(n), bare=split_unit(n)[0] if table.has_header else "") for n in names]
+    found = [guess(n, table.unit(n), bare=split_unit(n)[0] if table.has_header else "") for n in names]
+    return _numbered(found, [name.lower() for name in joints])
+
+
+def _numbered(found: Sequence[Guess], joints: Sequence[str]) -> list[Guess]:
+    """The same with the joints that the robot calls so; without numbers in a list of which not each name has its own:
+    ``wrist_1`` beside ``elbow`` is not the first joint."""
+    lists: dict[str, list[Guess]] = {}
+    for one in found:
+        prefix, _, last = one.name.rpartition(".")
+        named = replace(one, joint=joints.index(last.lower()) + 1) if last.lower() in joints else one
+        lists.setdefault(prefix, []).append(named)
+    for prefix, members in lists.items():
+        numbers = [one.joint for one in members]
+        if prefix and (None in numbers or len(set(numbers)) < len(numbers)):
+            lists[prefix] = [replace(one, joint=None) for one in members]
+    places = {one.name: one for members in lists.values() for one in members}
+    return [places[one.name] for one in found]
 
 
 def time_column(table: SignalTable, names: Sequence[str] = ()) -> str | None:

@@ -288,6 +288,42 @@ def test_nothing_is_resampled_unasked(tmp_path: Path) -> None:
         read_trajectory(tmp_path / "a.mf4")
 
 
+@pytest.mark.parametrize("suffix", [".bag", ".mcap", ".db3"])
+def test_ros_topics_by_field_and_joint(tmp_path: Path, suffix: str) -> None:
+    """Some messages name the joints in another order; a list without names is counted; an image is no signal."""
+    package("rosbags")
+    from tests.bags import ARRIVAL_NS, written
+
+    path, both = tmp_path / f"a{suffix}", {"elbow": Q[:, 1], "shoulder": Q[:, 0]}
+    efforts = {name: 3 * q for name, q in both.items()}
+    written(path, T, both, efforts=efforts, commands=(Q[:, 0], T), turned_every=3, picture_of=1000)
+    table = read_table(path)
+    for name, q in both.items():
+        assert_allclose(table.columns[f"/joint_states.position.{name}"], q)
+        assert_allclose(table.columns[f"/joint_states.effort.{name}"], 3 * q)
+        assert table.times[f"/joint_states.effort.{name}"] == "time /joint_states"
+    assert_allclose(table.columns["/command.data.2"], T)
+    assert not [name for name in table.columns if "picture" in name or "velocity" in name]
+    late = table.columns["time /command"] - table.columns["time /joint_states"]
+    assert_allclose(late, 0, atol=1e-9)  # stamps of the one, arrival of the other
+    assert table.columns["time /command"][0] == pytest.approx(0, abs=2e-9 * ARRIVAL_NS)
+    notes = " ".join(table.notes)
+    assert "instants of /command: those of arrival" in notes and "not read: /picture" in notes
+
+
+@pytest.mark.parametrize(
+    ("stamped", "offset_s", "told"), [(True, 0.0, ""), (False, 0.0, "arrival"), (True, -500.0, "another clock")]
+)
+def test_ros_stamps(tmp_path: Path, stamped: bool, offset_s: float, told: str) -> None:
+    package("rosbags")
+    from tests.bags import written
+
+    written(tmp_path / "a.mcap", T, {"q1": Q[:, 0]}, is_stamped=stamped, stamp_offset_s=offset_s)
+    table = read_table(tmp_path / "a.mcap")
+    assert_allclose(np.diff(table.columns["time /joint_states"]), np.diff(T), atol=1e-9)
+    assert told in " ".join(table.notes) and bool(told) is bool(table.notes)
+
+
 def test_units_of_a_file_are_applied(tmp_path: Path) -> None:
     path = csv(tmp_path / "a.csv", "Zeit [ms];q1 [°];n [U/min]\n0;180;60\n5;90;30\n")
     signals = read_trajectory(path)

@@ -11,7 +11,10 @@ from tests.conftest import package
 from tests.tools.fuzz.__main__ import fuzz
 from tests.tools.fuzz.targets import KINDS, make
 
-NOT_FUZZED = {"MF4": "asammdf may come to no end with a damaged file, as docs/trust.md says"}
+NOT_FUZZED = {
+    "MF4": "asammdf may come to no end with a damaged file, as docs/trust.md says",
+    "ROS": "rosbags takes what memory a damaged file states, as docs/trust.md says",
+}
 """Formats of data files, with the reason."""
 
 

@@ -13,7 +13,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[3]
 CONSTRAINTS = ROOT / "constraints.txt"
-EXTRAS = ("hdf5", "mf4", "cluster")
+EXTRAS = ("hdf5", "mf4", "ros", "cluster")
 """Extras of the package whose libraries the smoke suite uses."""
 RUNNER = "pytest"
 """What the suite needs beside the package."""

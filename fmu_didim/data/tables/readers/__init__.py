@@ -11,6 +11,7 @@ from fmu_didim.data.tables.readers.hdf5_file import read_hdf5
 from fmu_didim.data.tables.readers.mat_file import read_mat
 from fmu_didim.data.tables.readers.mf4_file import read_mf4
 from fmu_didim.data.tables.readers.parquet_file import read_parquet
+from fmu_didim.data.tables.readers.ros_file import read_ros
 from fmu_didim.data.tables.table import SignalTable
 
 
@@ -34,6 +35,7 @@ READERS = (
     Reader("Parquet", (".parquet",), read_parquet),
     Reader("HDF5", (".h5", ".hdf5", ".hdf"), read_hdf5),
     Reader("MF4", (".mf4", ".mdf"), read_mf4),
+    Reader("ROS", (".bag", ".mcap", ".db3"), read_ros),
 )
 READER_OF: Mapping[str, Reader] = {suffix: reader for reader in READERS for suffix in reader.suffixes}
 """By suffix."""
