@@ -39,6 +39,7 @@ from fmu_didim.case.loop import (
 )
 from fmu_didim.case.measured import read_channels
 from fmu_didim.case.parts import component_of, controller_block, identified, plant_block
+from fmu_didim.case.tracking.followed import Tracking, tracking_of
 from fmu_didim.components import Component
 from fmu_didim.cosim import System
 from fmu_didim.cosim.system import REFERENCE
@@ -67,6 +68,7 @@ class Case:
         memory: the objects that its document names: signals in place of files, robot, components.
         robot: the robot description, where the case names one.
         data: of the experiments of a ``model:``, which has no robot and no controller.
+        tracking: the virtual controller, and what it follows, of a case whose controller nobody knows.
     """
 
     document: CaseDocument
@@ -81,6 +83,7 @@ class Case:
     memory: Memory = field(default_factory=Memory)
     robot: RobotDescription | None = None
     data: CalibrationData | None = None
+    tracking: Tracking | None = None
 
     def __repr__(self) -> str:
         runs = ", ".join(f"{label}: {run.role}" for label, run in self.document.runs.items())
@@ -166,6 +169,8 @@ class Case:
             raise UnknownNameError("experiment", label, runs, where=self.name)
         if self.data is not None:
             return self.data.reference(label)
+        if self.tracking is not None:
+            return self.tracking.motion(label).signals
         return read_motion(
             runs[label], self.folder, step=self.step_size, torque_units=self.parameters.torque_units,
             needed=self.needed, signals=self.signals,
@@ -177,7 +182,9 @@ class Case:
         if self.data is not None:
             return with_reading(model_system(self.plant, self.data, label), self.document)
         system = self.base
-        if system is None:
+        if self.tracking is not None:
+            system = self.tracking.loop(self.plant, reference)
+        elif system is None:
             assert self.controller is not None  # the document says so
             n = self.parameters.joint_count
             system = loop_of_components(self.document, self.plant, self.controller, reference.names, n)
@@ -214,7 +221,8 @@ class Case:
         systems = {label: self.system(label, experiment.reference) for label, experiment in experiments.items()}
         first = next(iter(systems.values()))
         low_pass, plant = document.low_pass, first.components[self.plant_name]
-        loop = Loop(systems, self.parameters, plant, self.plant_name, output_signals=shown)
+        virtual = self.tracking is not None
+        loop = Loop(systems, self.parameters, plant, self.plant_name, output_signals=shown, is_virtual=virtual)
         for label, experiment in experiments.items():
             for name in experiment.initial_state.values:
                 loop.start_named(name, where=f"{label}.initial_state")
@@ -316,11 +324,15 @@ def _loaded(document: CaseDocument, folder: Path, path: Path, memory: Memory, *,
     memory = memory.of(document.named_objects)
     robot = _robot(document, folder, memory)
     model = RobotModel(robot) if robot is not None else None
-    controller, base, data = None, None, None
+    controller, base, data, tracking = None, None, None, None
     if document.model is not None:
         plant = model_component(document, folder, memory)
         data = read_calibration(document, folder, plant, memory.signals)
         step = data.step
+    elif document.tracks:
+        plant = component_of(document.plant, folder, lambda path: plant_block(model, path), objects=memory.objects)
+        tracking = tracking_of(document, folder, model, memory.signals)
+        controller, step = tracking.controller, tracking.step
     elif document.controller is not None:
         plant = component_of(document.plant, folder, lambda path: plant_block(model, path), objects=memory.objects)
         count = len(robot.joints) if robot is not None else sum(v.name.startswith("tau") for v in plant.inputs)
@@ -337,7 +349,9 @@ def _loaded(document: CaseDocument, folder: Path, path: Path, memory: Memory, *,
     parameters = identified(document, model, plant, None if data is None else data.units)
     memory.check_joints(len(parameters.torque_units))
     estimator = make_estimator(document.estimator_options)
-    case = Case(document, folder, parameters, plant, controller, base, step, estimator, path, memory, robot, data)
+    case = Case(
+        document, folder, parameters, plant, controller, base, step, estimator, path, memory, robot, data, tracking
+    )  # fmt: skip
     fitted = [run for run in document.runs.values() if run.role == "estimation"]
     if data is not None or (require_torque and all(run.torque is not None for run in fitted)):
         _ = case.model  # errors in the data are found now
@@ -384,10 +398,12 @@ def _with_data(case: Case) -> LoopModel:
     document = case.document
     if case.data is not None:
         return _of_a_model(case, case.data)
+    tracking = case.tracking
     experiments = {
         label: read_experiment(
-            run, case.folder, step=case.step_size, drive_gains=document.loop.drive_gains,
-            torque_units=case.parameters.torque_units, label=label, needed=case.needed, signals=case.signals,
+            run if tracking is None else tracking.inside(run, label), case.folder, step=case.step_size,
+            drive_gains=document.loop.drive_gains, torque_units=case.parameters.torque_units, label=label,
+            needed=case.needed, signals=case.signals, motion=None if tracking is None else tracking.motion(label),
         )
         for label, run in document.runs.items() if run.role == "estimation" or run.torque is not None
     }  # fmt: skip

@@ -45,6 +45,8 @@ BESIDE_A_MODEL = frozenset({
 OF_A_ROBOT = ("reference", "torque", "positions", "instants")
 """Entries of an experiment that one of a ``model:`` does not have."""
 
+OF_THE_CONTROLLER = ("controller", DELAY, "drive")
+"""Owners of what a virtual controller knows nothing of."""
 OF_A_SYSTEM = ("component", "inputs", "outputs", "parameter_names", "parameters")
 """Entries of the plant beside ``system`` or ``components``; all else is settled there."""
 
@@ -161,6 +163,32 @@ class CaseDocument(Strict):
             raise ValueError(f"identify: {', '.join(bad)}: of: is for parts of a loop; those of a model: need none")
         return self
 
+    @property
+    def tracks(self) -> bool:
+        """Whether a virtual controller follows measured positions."""
+        return self.controller is not None and self.controller.is_tracking
+
+    @model_validator(mode="after")
+    def _where_nobody_knows_the_controller(self) -> CaseDocument:
+        if [name for name, part in self.parts.items() if part.is_tracking and name != "controller"] or (
+            self.model is not None and self.model.is_tracking
+        ):
+            raise ValueError("kind: tracking is for controller: alone")
+        if not self.tracks:
+            return self
+        if beside := sorted(self.loop.model_fields_set - {"rate_hz", "drive_gains"}):
+            raise ValueError(
+                f"beside controller: {{kind: tracking}} loop: has rate_hz and drive_gains alone, not "
+                f"{', '.join(beside)}: of the real loop nothing is simulated but the hold of its torque"
+            )
+        own = [name for name, entry in (self.identify or {}).items() if entry.of in OF_THE_CONTROLLER]
+        if own:
+            raise ValueError(
+                f"identify: {', '.join(own)}: a virtual controller tells nothing of the gains, drives and delays of "
+                "the real one; take them out"
+            )
+        return self
+
     @model_validator(mode="after")
     def _which_is_the_plant(self) -> CaseDocument:
         if self.components is None:
@@ -266,7 +294,7 @@ class CaseDocument(Strict):
     def _check_kind(self, label: str, run: ExperimentSource) -> None:
         """Raise ValueError where an experiment of a model is one of a robot, or the other way round."""
         if self.model is None:
-            if run.reference is None:
+            if run.reference is None and not self.tracks:
                 raise ValueError(f"{label}: reference: is required (what the controller follows)")
             if wrong := [name for name in ("inputs", "start_s") if getattr(run, name) is not None]:
                 raise ValueError(f"{label}: {', '.join(wrong)}: is for model:; a robot has reference:")

@@ -18,6 +18,9 @@ from fmu_didim.export.versions import DEFAULT_VERSION, VERSIONS
 from fmu_didim.model.experiment import Role
 from fmu_didim.model.signals.error_model import ErrorModel
 
+TRACKING = "tracking"
+"""Kind of a controller that nobody knows."""
+
 
 def _written(fmi: str) -> str:
     if fmi not in VERSIONS:
@@ -29,7 +32,10 @@ class ComponentSource(Strict):
     """A plant or a controller.
 
     Attributes:
-        kind: ``fmu``, ``model`` (CasADi, no FMU built) or ``control`` (python-control).
+        kind: ``fmu``, ``model`` (CasADi, no FMU built) or ``control`` (python-control); of a controller that nobody
+            knows ``tracking``: a virtual one that follows the measured positions.
+        bandwidth_hz: of ``tracking``: up to which frequency positions are followed; by default the highest at which
+            their noise hardly shows in the accelerations.
         source: a description (``.yaml``), an ``.fmu`` file, a Modelica file (``.mo``, run in model exchange), or
             ``module:name`` or ``path/to/file.py:name`` of a python-control system or of a function that returns one. A
             plant without source is the robot.
@@ -59,7 +65,8 @@ class ComponentSource(Strict):
         tolerance: relative tolerance that is passed to an FMU for its own step control; its own by default.
     """
 
-    kind: Literal["fmu", "model", "control"] = "fmu"
+    kind: Literal["fmu", "model", "control", "tracking"] = "fmu"
+    bandwidth_hz: Positive | None = None
     source: str | None = None
     model: str | None = None
     component: str = "plant"
@@ -79,6 +86,19 @@ class ComponentSource(Strict):
     rerun: Literal["auto", "reset", "state", "re-instantiate", "fresh process"] = "auto"
     event_mode: bool = False
     tolerance: Annotated[float, Field(gt=0, lt=1)] | None = None
+
+    @property
+    def is_tracking(self) -> bool:
+        """Whether it is a virtual controller."""
+        return self.kind == TRACKING
+
+    @model_validator(mode="after")
+    def _of_its_kind(self) -> ComponentSource:
+        if self.is_tracking and (other := sorted(self.model_fields_set - {"kind", "bandwidth_hz"})):
+            raise ValueError(f"kind: tracking takes bandwidth_hz alone, not {', '.join(other)}")
+        if not self.is_tracking and self.bandwidth_hz is not None:
+            raise ValueError("bandwidth_hz: belongs to controller: {kind: tracking}")
+        return self
 
 
 class Loop(Strict):

@@ -70,6 +70,7 @@ class Loop:
         substeps: of the plant in a tick at least, where the case states none; None: by the rule for its fastest rate.
         subdivision: ticks in a control period, for components that need shorter steps; inputs are held as without.
         finest: most of these, where shorter steps would be within those of an FMU's own solver.
+        is_virtual: whether the controller is none of the machine, but a virtual one that follows measured positions.
     """
 
     systems: Mapping[str, System]
@@ -82,6 +83,7 @@ class Loop:
     substeps: int | None = None
     subdivision: int = 1
     finest: int = MOST_SUBDIVISIONS
+    is_virtual: bool = False
 
     @property
     def joint_count(self) -> int:

@@ -1,0 +1,123 @@
+"""From a case with ``controller: {kind: tracking}`` to its virtual controller and what that follows in each run."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from fmu_didim.base.errors import InputError
+from fmu_didim.case.document import CaseDocument
+from fmu_didim.case.sources import ExperimentSource
+from fmu_didim.case.torque_log import read_torque_log
+from fmu_didim.case.tracking.law import Measured, VirtualLaw, virtual_law
+from fmu_didim.case.tracking.positions import Positions, bandwidth_of, read_positions
+from fmu_didim.components import Component
+from fmu_didim.cosim import System, closed_loop
+from fmu_didim.data.signals import Trajectory
+from fmu_didim.data.tables import Selected
+from fmu_didim.dynamics.base_parameters import base_parameters
+from fmu_didim.dynamics.robot import RobotModel
+from fmu_didim.model.parameters import RobotParameters
+
+BORDER = 2.0
+"""[periods of the bandwidth] At both ends of the positions that are not fitted: a low-pass sees the border there, and
+the loop begins."""
+FINE_HZ = 1000.0
+"""[Hz] Least control rate where none is stated: that of most drives, at which a held torque is nearly a continuous
+one."""
+
+
+@dataclass(frozen=True)
+class Tracking:
+    """The virtual controller of a case.
+
+    Attributes:
+        law: gains and feedforward; controller: the component; bandwidth_hz: up to which positions are followed.
+        runs: label -> measured positions.
+    """
+
+    law: VirtualLaw
+    controller: Component
+    bandwidth_hz: float
+    runs: Mapping[str, Positions]
+
+    @property
+    def step(self) -> float:
+        """Control period, s."""
+        return self.law.step
+
+    def motion(self, label: str) -> Selected:
+        """What the loop follows in a run."""
+        run = self.runs[label]
+        reference = replace(self.law.reference(run.smooth(self.bandwidth_hz)), source=run.source)
+        return Selected(reference, run.told)
+
+    def inside(self, source: ExperimentSource, label: str) -> ExperimentSource:
+        """The entry of a run without the borders of its positions, and with a start on the reference."""
+        return _inside(source, self.runs[label], self.bandwidth_hz)
+
+    def loop(self, plant: Component, reference: Trajectory) -> System:
+        """The loop of the plant and the virtual controller."""
+        return closed_loop(
+            plant, self.controller, joint_count=self.law.inertia.size, step_size=self.step,
+            injections=self.law.injections(), reference_names=reference.names,
+        )  # fmt: skip
+
+
+def tracking_of(
+    document: CaseDocument, folder: Path, model: RobotModel | None, signals: Mapping[str, Trajectory]
+) -> Tracking:
+    """The virtual controller of a case.
+
+    Raises:
+        InputError: there is no robot description, positions or torque are missing, or they cannot be followed.
+    """
+    assert document.controller is not None
+    if model is None:
+        raise InputError(
+            "controller: {kind: tracking} takes its gains from a robot description, and the case has none.",
+            where="robot", next_step="Give robot: (a description); without one the real controller is needed.",
+        )  # fmt: skip
+    parameters = RobotParameters(model, base_parameters(model))
+    units = parameters.torque_units
+    runs = {
+        label: read_positions(run, folder, signals, torque_units=units, label=label)
+        for label, run in document.runs.items()
+    }
+    fitted = {label: run for label, run in document.runs.items() if run.role == "estimation"}
+    bandwidth = bandwidth_of([runs[label] for label in fitted], document.controller.bandwidth_hz)
+    step = 1 / (document.loop.rate_hz or _fine(max(run.rate_hz for run in runs.values())))
+    measured = {}
+    for label, run in fitted.items():
+        positions, source = runs[label], _inside(run, runs[label], bandwidth)
+        table = Trajectory(positions.time, positions.q[:, :0], ())
+        log = read_torque_log(
+            source, folder, table, step=step, drive_gains=document.loop.drive_gains, torque_units=units, label=label,
+            signals=signals,
+        )  # fmt: skip
+        time = log.times - (0.0 if source.torque is None else source.torque.log_shift_s)
+        measured[label] = Measured(time, log.torque, positions.smooth(bandwidth))
+    law = virtual_law(parameters, measured, bandwidth, step)
+    return Tracking(law, law.component(), bandwidth, runs)
+
+
+def _fine(rate_hz: float) -> float:
+    """The least whole multiple of the rate of the positions that is fine."""
+    return rate_hz * max(math.ceil(FINE_HZ / rate_hz - 1e-6), 1)
+
+
+def _inside(source: ExperimentSource, run: Positions, bandwidth_hz: float) -> ExperimentSource:
+    border = BORDER / bandwidth_hz
+    first, last = float(run.time[0]) + border, float(run.time[-1]) - border
+    first = first if source.from_s is None else max(first, source.from_s)
+    last = last if source.to_s is None else min(last, source.to_s)
+    if first >= last:
+        raise InputError(
+            "The run is too short for positions to be followed.", where=run.label,
+            got=f"{float(run.time[-1] - run.time[0]):.3g} s, of which {border:.3g} s at both ends are not fitted",
+            next_step="Give a longer run, or positions at a higher rate.",
+        )  # fmt: skip
+    start = "reference" if source.initial_state == "detected" else source.initial_state
+    return source.model_copy(update={"from_s": first, "to_s": last, "initial_state": start})

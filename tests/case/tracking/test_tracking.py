@@ -1,0 +1,97 @@
+"""A controller that nobody knows: a virtual one follows the measured positions, and what keeps it from that is told."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from fmu_didim import identify, load_case
+from fmu_didim.base.errors import InputError
+from fmu_didim.checks.data.linear_fit import motion_with_regressor
+from tests.case.tracking.hidden import SCARA, case_of, content_of, errors_of, machine, truth
+
+
+def test_values_are_those_of_a_machine_whose_controller_is_hidden() -> None:
+    found = identify(case_of(0))
+    assert np.abs(errors_of(found)).max() < 4
+    inertias = [found.parameters[name] for name in ("ZZ1R", "ZZ2")]
+    assert all(p.std < 0.01 * abs(p.value) for p in inertias)
+
+
+def test_the_simulated_motion_follows_the_measured_one() -> None:
+    """Whatever the values are: with inertias that are a tenth too large, too."""
+    case = case_of(0)
+    model = case.model
+    true = np.array([truth()[name] for name in model.names])
+    for values in (true, 1.1 * true):
+        run = model.simulation(values, "estimation")
+        simulated = motion_with_regressor(run).along.motion[0]
+        wanted = run.experiment.reference.select(["q1", "q2"])
+        real = machine().select(["q1", "q2"])[: wanted.shape[0]]
+        assert np.abs(wanted - real).max() < 1e-3
+        assert (simulated - wanted).std(axis=0).max() < 1e-3 * real.std()
+
+
+def test_gains_come_from_the_inertia_matrix() -> None:
+    """ZZ1R + ZZ2 + ... at the mean posture of joint 1, and ZZ2 of joint 2."""
+    law = case_of(0).tracking
+    assert law is not None
+    assert law.law.inertia[1] == pytest.approx(truth()["ZZ2"], rel=0.05)
+    assert law.law.inertia[0] > truth()["ZZ1R"]
+    assert law.law.frequency_hz * 25 <= 200 * (1 + 1e-9)
+
+
+def test_less_noise_of_positions_allows_a_higher_bandwidth() -> None:
+    rough, fine = (case_of(0, position_std=std).tracking for std in (1e-4, 1e-6))
+    assert rough is not None and fine is not None
+    assert rough.bandwidth_hz < fine.bandwidth_hz <= 0.2 * 200
+
+
+def test_a_reference_beside_positions_is_not_followed() -> None:
+    with_it, without = case_of(0, reference=True), case_of(0)
+    a, b = (case.model.experiments["estimation"].reference for case in (with_it, without))
+    assert np.array_equal(a.values, b.values)
+
+
+def test_without_positions_there_is_nothing_to_follow() -> None:
+    with pytest.raises(InputError, match="follows measured positions") as caught:
+        case_of(0, positions=False, reference=True)
+    assert "positions:" in str(caught.value)
+
+
+def test_positions_that_are_too_slow_say_which_rate_is_needed() -> None:
+    with pytest.raises(InputError, match="cannot be followed") as caught:
+        case_of(0, thinned=40)
+    assert "Log positions at" in str(caught.value)
+
+
+def test_positions_that_are_too_noisy_cannot_be_followed() -> None:
+    with pytest.raises(InputError, match="cannot be followed"):
+        case_of(0, position_std=0.02)
+
+
+@pytest.mark.parametrize(
+    ("bandwidth", "words"), [(0.3, "cannot be followed"), (90.0, "too high for the rate of the positions")]
+)
+def test_a_stated_bandwidth_between_motion_and_rate(bandwidth: float, words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        case_of(0, controller={"kind": "tracking", "bandwidth_hz": bandwidth})
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"controller": {"kind": "tracking", "source": "x.yaml"}}, "takes bandwidth_hz alone"),
+        ({"controller": {"kind": "model", "source": "x.yaml", "bandwidth_hz": 10}}, "belongs to"),
+        ({"plant": {"kind": "tracking"}}, "for controller: alone"),
+        ({"loop": {"rate_hz": 200, "delay_samples": 1}}, "delay_samples"),
+        ({"identify": {"gain": {"of": "drive", "joint": 1}}}, "tells nothing of the gains"),
+        ({"identify": {"d": {"of": "delay"}}}, "tells nothing of the gains"),
+        ({"identify": {"Kp1": {"of": "controller"}}}, "tells nothing of the gains"),
+    ],
+)
+def test_what_a_virtual_controller_does_not_know_is_refused(changes: dict[str, Any], words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        load_case(content_of(**changes), folder=SCARA.parent)
