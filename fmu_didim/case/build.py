@@ -113,6 +113,24 @@ class Case:
         """
         return _with_data(self)
 
+    @property
+    def low_pass(self) -> LowPass | None:
+        """The filter of both torques: that of the case, or the one that a virtual controller needs."""
+        given, needed = self.document.low_pass, None if self.tracking is None else self.tracking.compared_hz
+        if given is not None:
+            return LowPass(given.cutoff_hz, given.order)
+        return None if needed is None else LowPass(needed)
+
+    @property
+    def other_choices(self) -> dict[str, Case]:
+        """Another choice of a virtual controller, in words -> the case with it; none where the controller is known."""
+        if self.tracking is None:
+            return {}
+        return {
+            words: replace(self, tracking=other, controller=other.controller, step_size=other.step)
+            for words, other in self.tracking.others().items()
+        }
+
     def with_(self, **changes: Unpack[CaseChanges]) -> Case:
         """The case with other entries, loaded anew: ``case.with_(torque_std=[0.1], loop={"delay_samples": 1})``.
 
@@ -220,15 +238,15 @@ class Case:
         shown = () if self.data is None else tuple(f"{MODEL}.{name}" for name in self.data.together)
         systems = {label: self.system(label, experiment.reference) for label, experiment in experiments.items()}
         first = next(iter(systems.values()))
-        low_pass, plant = document.low_pass, first.components[self.plant_name]
-        virtual = self.tracking is not None
-        loop = Loop(systems, self.parameters, plant, self.plant_name, output_signals=shown, is_virtual=virtual)
+        low_pass, plant = self.low_pass, first.components[self.plant_name]
+        follows = None if self.tracking is None else self.tracking.bandwidth_hz
+        loop = Loop(systems, self.parameters, plant, self.plant_name, output_signals=shown, follows_hz=follows)
         for label, experiment in experiments.items():
             for name in experiment.initial_state.values:
                 loop.start_named(name, where=f"{label}.initial_state")
         return LoopModel(
             loop,
-            Experiments(experiments, None if low_pass is None else LowPass(low_pass.cutoff_hz, low_pass.order)),
+            Experiments(experiments, low_pass),
             free_parameters(document, self.parameters, first),
             torque_deviation=self._stated_deviation(experiments),
             joint_weights=document.joint_weights,

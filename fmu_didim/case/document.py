@@ -47,6 +47,8 @@ OF_A_ROBOT = ("reference", "torque", "positions", "instants")
 
 OF_THE_CONTROLLER = ("controller", DELAY, "drive")
 """Owners of what a virtual controller knows nothing of."""
+NEEDS_THE_CONTROLLER = ("idim_iv", "output_error")
+"""Estimators that rest on a simulated motion that the measured one has not made."""
 OF_A_SYSTEM = ("component", "inputs", "outputs", "parameter_names", "parameters")
 """Entries of the plant beside ``system`` or ``components``; all else is settled there."""
 
@@ -180,6 +182,18 @@ class CaseDocument(Strict):
             raise ValueError(
                 f"beside controller: {{kind: tracking}} loop: has rate_hz and drive_gains alone, not "
                 f"{', '.join(beside)}: of the real loop nothing is simulated but the hold of its torque"
+            )
+        for label, run in self.runs.items():
+            if run.measured_files or run.instants is not None or (run.torque is not None and run.torque.unsigned):
+                raise ValueError(
+                    f"{label}: beside controller: {{kind: tracking}} there is no measured: (positions are followed), "
+                    "no instants: and no torque: {unsigned: true}"
+                )
+        kind = self.estimator_options["kind"]
+        if kind in NEEDS_THE_CONTROLLER or self.estimator_options.get("estimate_delay"):
+            raise ValueError(
+                f"estimator: {kind} {'with estimate_delay ' if kind not in NEEDS_THE_CONTROLLER else ''}needs the real "
+                "controller: a virtual one moves as measured, with that noise, whatever the values are; use didim, clie"
             )
         own = [name for name, entry in (self.identify or {}).items() if entry.of in OF_THE_CONTROLLER]
         if own:

@@ -41,6 +41,7 @@ from fmu_didim.checks.residual import (
     slow_diagnostics,
 )
 from fmu_didim.checks.validation import TORQUE_ERROR_LARGE, Validation, error_diagnostics
+from fmu_didim.checks.virtual import virtual_diagnostics
 from fmu_didim.estimators.initial_states import OtherStart, contradicted_starts
 from fmu_didim.fit.estimate import Estimate, Status
 from fmu_didim.fit.noise.noise import TINY, motion_frequency
@@ -227,7 +228,8 @@ def of_any_output(estimate: Estimate) -> list[Diagnostic]:
     asked = model if estimate.unlimited is None else model.with_values(estimate.unlimited)
     found = [*physical_diagnostics(asked, estimate.covariance), *coarse_diagnostics(estimate)]
     return [*found, *roughness_diagnostics(estimate.roughness, model), *channel_diagnostics(estimate),
-            *prior_diagnostics(estimate), *search_diagnostics(estimate), *profile_diagnostics(estimate)]  # fmt: skip
+            *prior_diagnostics(estimate), *virtual_diagnostics(estimate), *search_diagnostics(estimate),
+            *profile_diagnostics(estimate)]  # fmt: skip
 
 
 def coarse_diagnostics(estimate: Estimate) -> list[Diagnostic]:

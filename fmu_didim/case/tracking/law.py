@@ -14,7 +14,7 @@ controller may be another one as long as the simulated motion follows the measur
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -43,6 +43,16 @@ class Measured:
     time: Array
     torque: Array
     motion: Smooth
+
+    @property
+    def rate_hz(self) -> float:
+        """Of the log, s."""
+        return float((self.time.size - 1) / (self.time[-1] - self.time[0]))
+
+    def inside(self, first: float, last: float) -> Measured:
+        """The same from ``first`` to ``last``, s."""
+        kept = (self.time >= first) & (self.time <= last)
+        return replace(self, time=self.time[kept], torque=self.torque[kept])
 
 
 @dataclass(frozen=True)

@@ -29,12 +29,20 @@ HIGHEST = 0.2
 """[1] Of the rate of the positions, the highest bandwidth that is chosen: five positions to its period."""
 HIGHEST_STATED = 0.4
 """[1] Of that rate, from which a stated bandwidth is refused: a low-pass close to half of the rate is none."""
-NOISE = 0.02
-"""[1] Part of the deviation of an acceleration that its noise may have where the bandwidth is chosen: values of
-inertias are drawn to zero by its square, 0.04 %, less than the standard deviations of most logs."""
-FOLLOWS = 3.0
-"""[1] Least bandwidth over the highest frequency of the motion: a low-pass of the fourth order, run twice, leaves all
-but 3e-4 of the motion there."""
+COMPARED = 0.4
+"""[1] Of the bandwidth, up to which torques are compared: there the low-pass of the positions, of the fourth order and
+run twice, takes off less than 1e-6 of an acceleration, and what it takes off above is not seen."""
+OF_THE_LOG = 0.5
+"""[1] Of the rate of a torque log, the highest bandwidth with which torques are filtered: what is followed above half
+of its rate would fold into what is compared. Other logs are compared as they are."""
+NOISE = 0.007
+"""[1] Part of the deviation of an acceleration that its noise may have, up to where torques are compared, if the
+bandwidth is chosen: it draws inertias to zero by its square, 5e-5, and by 32 times as much with twice the bandwidth."""
+NOISE_UNFILTERED = 0.02
+"""[1] The same of a slow log, up to the bandwidth: a lower one would cut off what its samples show, and their values
+are less precise."""
+FOLLOWS = 5.0
+"""[1] Least bandwidth over the highest frequency of the motion: torques are then compared up to twice that."""
 ORDER = 4
 """[1] Of the low-pass of the positions."""
 STEPS = 24
@@ -120,33 +128,45 @@ def read_positions(
     return Positions(label, table.time, table.values, source.positions.file, tuple(told))
 
 
-def bandwidth_of(runs: Sequence[Positions], stated: float | None) -> float:
+def compared_hz(bandwidth_hz: float, log_rate_hz: float) -> float | None:
+    """Cut-off to which both torques are filtered before they are compared; None where the log is too slow for that."""
+    return COMPARED * bandwidth_hz if bandwidth_hz <= OF_THE_LOG * log_rate_hz else None
+
+
+def _is_clean(run: Positions, bandwidth_hz: float, log_rate_hz: float) -> bool:
+    """Whether noise hardly shows in the accelerations that are compared."""
+    cutoff = compared_hz(bandwidth_hz, log_rate_hz)
+    if cutoff is None:
+        return run.noise_share(bandwidth_hz) <= NOISE_UNFILTERED
+    return run.noise_share(cutoff) <= NOISE
+
+
+def bandwidth_of(runs: Sequence[Positions], stated: float | None, log_rate_hz: float) -> float:
     """The bandwidth up to which positions are followed, Hz: the stated one, else the highest at which noise hardly
-    shows in the accelerations.
+    shows in the accelerations that are compared.
 
     Raises:
         InputError: the motion reaches as high, so that positions at this rate, or with this noise, cannot be followed.
     """
     rate = min(run.rate_hz for run in runs)
-    if stated is not None:
-        if stated > HIGHEST_STATED * rate:
-            raise InputError(
-                "The bandwidth is too high for the rate of the positions.", where="controller.bandwidth_hz",
-                got=f"{stated:g} Hz with positions at {rate:.4g} Hz", valid=f"up to {HIGHEST_STATED * rate:.4g} Hz",
-                next_step="Leave bandwidth_hz out, or give positions at a higher rate.",
-            )  # fmt: skip
-        bandwidth = stated
-    else:
-        tried = HIGHEST * rate * 2.0 ** (-np.arange(STEPS) / 4)
-        bandwidth = next((b for b in tried if all(run.noise_share(b) <= NOISE for run in runs)), float(tried[-1]))
-    motion = max(run.motion_hz(bandwidth) for run in runs)
+    if stated is not None and stated > HIGHEST_STATED * rate:
+        raise InputError(
+            "The bandwidth is too high for the rate of the positions.", where="controller.bandwidth_hz",
+            got=f"{stated:g} Hz with positions at {rate:.4g} Hz", valid=f"up to {HIGHEST_STATED * rate:.4g} Hz",
+            next_step="Leave bandwidth_hz out, or give positions at a higher rate.",
+        )  # fmt: skip
+    tried = HIGHEST * rate * 2.0 ** (-np.arange(STEPS) / 4)
+    clean = next((b for b in tried if all(_is_clean(run, b, log_rate_hz) for run in runs)), float(tried[-1]))
+    bandwidth = clean if stated is None else stated
+    motion = max(run.motion_hz(min(clean, bandwidth)) for run in runs)  # above, noise would look like motion
     if bandwidth < FOLLOWS * motion:
+        needed = FOLLOWS * motion
         raise InputError(
             "The measured positions cannot be followed: the motion reaches too close to the bandwidth.",
             where="controller.bandwidth_hz",
             got=f"bandwidth {bandwidth:.3g} Hz of positions at {rate:.4g} Hz, motion up to {motion:.3g} Hz",
-            valid=f"bandwidth of {FOLLOWS * motion:.3g} Hz and more",
-            next_step=f"Log positions at {FOLLOWS * motion / HIGHEST:.3g} Hz or more, less noisy ones, or move slower."
-            if stated is None else f"Give {FOLLOWS * motion:.3g} Hz or more, or leave bandwidth_hz out.",
+            valid=f"bandwidth of {needed:.3g} Hz and more",
+            next_step=f"Log positions at {needed / HIGHEST:.3g} Hz or more, less noisy ones, or move slower."
+            if stated is None else f"Give {needed:.3g} Hz or more, or leave bandwidth_hz out.",
         )  # fmt: skip
     return float(bandwidth)

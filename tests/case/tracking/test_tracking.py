@@ -13,11 +13,21 @@ from fmu_didim.checks.data.linear_fit import motion_with_regressor
 from tests.case.tracking.hidden import SCARA, case_of, content_of, errors_of, machine, truth
 
 
+@pytest.mark.gate
 def test_values_are_those_of_a_machine_whose_controller_is_hidden() -> None:
     found = identify(case_of(0))
-    assert np.abs(errors_of(found)).max() < 4
+    assert found.verdict == "valid"
+    assert np.abs(errors_of(found)).max() < 3
     inertias = [found.parameters[name] for name in ("ZZ1R", "ZZ2")]
     assert all(p.std < 0.01 * abs(p.value) for p in inertias)
+    assert "virtual controller" in found.summary()
+    assert any("clock of the positions" in condition for condition in found.document.conditions)
+    choices = found.estimate.choices
+    assert choices is not None and len(choices.shifts) == 2
+    assert (found.estimate.standard_deviation > choices.noise_alone).all()
+    low, high = found.estimate.interval().T
+    for shift in choices.shifts.values():
+        assert (low <= found.estimate.value + shift).all() and (found.estimate.value + shift <= high).all()
 
 
 def test_the_simulated_motion_follows_the_measured_one() -> None:
@@ -89,9 +99,39 @@ def test_a_stated_bandwidth_between_motion_and_rate(bandwidth: float, words: str
         ({"loop": {"rate_hz": 200, "delay_samples": 1}}, "delay_samples"),
         ({"identify": {"gain": {"of": "drive", "joint": 1}}}, "tells nothing of the gains"),
         ({"identify": {"d": {"of": "delay"}}}, "tells nothing of the gains"),
+        ({"estimator": {"kind": "didim", "estimate_delay": True}}, "needs the real controller"),
+        ({"estimator": {"kind": "idim_iv"}}, "needs the real controller"),
+        ({"estimator": {"kind": "output_error"}}, "needs the real controller"),
         ({"identify": {"Kp1": {"of": "controller"}}}, "tells nothing of the gains"),
     ],
 )
 def test_what_a_virtual_controller_does_not_know_is_refused(changes: dict[str, Any], words: str) -> None:
     with pytest.raises(InputError, match=words):
         load_case(content_of(**changes), folder=SCARA.parent)
+
+
+@pytest.mark.gate
+def test_a_bandwidth_that_lets_noise_in_is_doubted() -> None:
+    """The accelerations of a coarse encoder are noise at 60 Hz: inertias come out too small, and it is said."""
+    found = identify(case_of(0, position_std=1e-4, controller={"kind": "tracking", "bandwidth_hz": 60}))
+    assert found.verdict == "doubtful"
+    told = {reason.code: reason for reason in found.reasons}
+    assert "tracking-choice" in told and "bandwidth" in told["tracking-choice"].text
+
+
+@pytest.mark.gate
+def test_a_bandwidth_that_cuts_off_the_motion_is_doubted() -> None:
+    found = identify(case_of(0, controller={"kind": "tracking", "bandwidth_hz": 3}))
+    assert "tracking-choice" in {reason.code for reason in found.reasons}
+
+
+@pytest.mark.gate
+def test_a_late_log_is_told_and_no_controller_is_accused() -> None:
+    """Torque that is stamped 20 ms late: the clock is named, not the gains or the delay of a controller."""
+    case = case_of(0)
+    late = case.with_(train={"torque": {"offset_s": 0.02}})
+    found = identify(late)
+    assert found.verdict == "doubtful"
+    assert "clock-late" in {reason.code for reason in found.reasons}
+    words = " ".join(f"{reason.text} {reason.next_step}" for reason in found.reasons)
+    assert "gains of the controller" not in words and "command-delay" not in words
