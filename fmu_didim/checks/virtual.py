@@ -37,8 +37,8 @@ def virtual_diagnostics(estimate: Estimate) -> list[Diagnostic]:
     if not estimate.model.loop.is_virtual:
         return []
     choices = estimate.choices
-    if choices is None:
-        text = "The loop has a virtual controller, and what that costs the values is not known."
+    if choices is None:  # of the measured motion alone
+        text = "No controller was simulated: the values come from the measured motion."
         return [Diagnostic(VIRTUAL_CONTROLLER, text, "controller", condition=RESTS)]
     text = f"The loop has a virtual controller ({choices.chosen}); the intervals contain that choice."
     told = [Diagnostic(VIRTUAL_CONTROLLER, text, "controller", condition=RESTS)]

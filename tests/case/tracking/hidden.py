@@ -31,11 +31,15 @@ def truth() -> dict[str, float]:
     return dict(zip(model.names, map(float, model.start), strict=True))
 
 
-def content_of(*, reference: bool = False, positions: bool = True, **changes: Any) -> dict[str, Any]:
+def content_of(
+    *, reference: bool = False, positions: bool = True, torque_rate: float | None = None, **changes: Any
+) -> dict[str, Any]:
     """A case of the log, in memory under the name ``log``."""
     content = dict(load_case(SCARA).content)
     content.pop("validation")
     train: dict[str, Any] = {"torque": {"file": "log"}}
+    if torque_rate is not None:
+        train["torque"]["rate_hz"] = torque_rate
     if positions:
         train["positions"] = {"file": "positions"}
     if reference:

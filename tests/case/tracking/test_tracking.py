@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from fmu_didim import identify, load_case
+from fmu_didim import Result, identify, load_case
 from fmu_didim.base.errors import InputError
 from fmu_didim.checks.data.linear_fit import motion_with_regressor
 from tests.case.tracking.hidden import SCARA, case_of, content_of, errors_of, machine, truth
 
 
 @pytest.mark.gate
-def test_values_are_those_of_a_machine_whose_controller_is_hidden() -> None:
-    found = identify(case_of(0))
+def test_values_are_those_of_a_machine_whose_controller_is_hidden(tmp_path: Path) -> None:
+    found = identify(case_of(0), out=tmp_path)
     assert found.verdict == "valid"
     assert np.abs(errors_of(found)).max() < 3
     inertias = [found.parameters[name] for name in ("ZZ1R", "ZZ2")]
@@ -26,6 +27,10 @@ def test_values_are_those_of_a_machine_whose_controller_is_hidden() -> None:
     assert choices is not None and len(choices.shifts) == 2
     assert (found.estimate.standard_deviation > choices.noise_alone).all()
     low, high = found.estimate.interval().T
+    saved = Result.load(tmp_path).document.choices
+    assert saved is not None and saved.shifts.keys() == choices.shifts.keys()
+    assert saved.noise_std["ZZ2"] == pytest.approx(choices.noise_alone[found.estimate.names.index("ZZ2")])
+    assert "What the virtual controller costs" in (tmp_path / "report.html").read_text(encoding="utf-8")
     for shift in choices.shifts.values():
         assert (low <= found.estimate.value + shift).all() and (found.estimate.value + shift <= high).all()
 
