@@ -39,6 +39,7 @@ from fmu_didim.case.loop import (
 )
 from fmu_didim.case.measured import read_channels
 from fmu_didim.case.parts import component_of, controller_block, identified, plant_block
+from fmu_didim.case.sources import ExperimentSource
 from fmu_didim.case.tracking.followed import Tracking, tracking_of
 from fmu_didim.components import Component
 from fmu_didim.cosim import System
@@ -193,6 +194,12 @@ class Case:
             runs[label], self.folder, step=self.step_size, torque_units=self.parameters.torque_units,
             needed=self.needed, signals=self.signals,
         ).signals  # fmt: skip
+
+    def inside(self, label: str) -> ExperimentSource:
+        """The entry of an experiment; that of followed positions without their borders, which an estimator that takes
+        positions as they are leaves out itself."""
+        run = self.document.runs[label]
+        return run if self.tracking is None or self.estimator.needs_positions else self.tracking.inside(run, label)
 
     def system(self, label: str, reference: Trajectory) -> System:
         """The loop of an experiment along its reference, whose rows are the instants of the controller or a period
@@ -419,7 +426,7 @@ def _with_data(case: Case) -> LoopModel:
     tracking = case.tracking
     experiments = {
         label: read_experiment(
-            run if tracking is None else tracking.inside(run, label), case.folder, step=case.step_size,
+            case.inside(label), case.folder, step=case.step_size,
             drive_gains=document.loop.drive_gains, torque_units=case.parameters.torque_units, label=label,
             needed=case.needed, signals=case.signals, motion=None if tracking is None else tracking.motion(label),
         )

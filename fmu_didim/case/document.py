@@ -16,6 +16,7 @@ from fmu_didim.base.entry_words import details_of, in_words
 from fmu_didim.case.sources import (
     AnyMeasured,
     ComponentSource,
+    ControllerSource,
     DataFile,
     ExperimentSource,
     IdentifiedParameter,
@@ -113,7 +114,7 @@ class CaseDocument(Strict):
     robot: str | None = None
     identify: Mapping[str, IdentifiedParameter] | None = None
     plant: ComponentSource = ComponentSource()
-    controller: ComponentSource | None = None
+    controller: ControllerSource | None = None
     components: Mapping[str, ComponentSource] | None = None
     connections: Mapping[str, str] = Field(default_factory=dict)
     system: Annotated[SystemSource, AlsoWritten(("string",))] | None = None
@@ -172,10 +173,6 @@ class CaseDocument(Strict):
 
     @model_validator(mode="after")
     def _where_nobody_knows_the_controller(self) -> CaseDocument:
-        if [name for name, part in self.parts.items() if part.is_tracking and name != "controller"] or (
-            self.model is not None and self.model.is_tracking
-        ):
-            raise ValueError("kind: tracking is for controller: alone")
         if not self.tracks:
             return self
         if beside := sorted(self.loop.model_fields_set - {"rate_hz", "drive_gains"}):

@@ -32,10 +32,7 @@ class ComponentSource(Strict):
     """A plant or a controller.
 
     Attributes:
-        kind: ``fmu``, ``model`` (CasADi, no FMU built) or ``control`` (python-control); of a controller that nobody
-            knows ``tracking``: a virtual one that follows the measured positions.
-        bandwidth_hz: of ``tracking``: up to which frequency positions are followed; by default the highest at which
-            their noise hardly shows in the accelerations.
+        kind: ``fmu``, ``model`` (CasADi, no FMU built) or ``control`` (python-control).
         source: a description (``.yaml``), an ``.fmu`` file, a Modelica file (``.mo``, run in model exchange), or
             ``module:name`` or ``path/to/file.py:name`` of a python-control system or of a function that returns one. A
             plant without source is the robot.
@@ -65,8 +62,7 @@ class ComponentSource(Strict):
         tolerance: relative tolerance that is passed to an FMU for its own step control; its own by default.
     """
 
-    kind: Literal["fmu", "model", "control", "tracking"] = "fmu"
-    bandwidth_hz: Positive | None = None
+    kind: Literal["fmu", "model", "control"] = "fmu"
     source: str | None = None
     model: str | None = None
     component: str = "plant"
@@ -87,13 +83,27 @@ class ComponentSource(Strict):
     event_mode: bool = False
     tolerance: Annotated[float, Field(gt=0, lt=1)] | None = None
 
+
+class ControllerSource(ComponentSource):
+    """The controller.
+
+    Attributes:
+        kind: as of a plant; or ``tracking``, where nobody knows the controller: a virtual one follows the measured
+            positions.
+        bandwidth_hz: of ``tracking``: up to which frequency positions are followed; by default the highest at which
+            their noise hardly shows in the accelerations that are compared.
+    """
+
+    kind: Literal["fmu", "model", "control", "tracking"] = "fmu"  # type: ignore[assignment]
+    bandwidth_hz: Positive | None = None
+
     @property
     def is_tracking(self) -> bool:
         """Whether it is a virtual controller."""
         return self.kind == TRACKING
 
     @model_validator(mode="after")
-    def _of_its_kind(self) -> ComponentSource:
+    def _of_its_kind(self) -> ControllerSource:
         if self.is_tracking and (other := sorted(self.model_fields_set - {"kind", "bandwidth_hz"})):
             raise ValueError(f"kind: tracking takes bandwidth_hz alone, not {', '.join(other)}")
         if not self.is_tracking and self.bandwidth_hz is not None:
