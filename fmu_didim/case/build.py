@@ -39,6 +39,8 @@ from fmu_didim.case.loop import (
 )
 from fmu_didim.case.measured import read_channels
 from fmu_didim.case.parts import component_of, controller_block, identified, plant_block
+from fmu_didim.case.sources import ExperimentSource
+from fmu_didim.case.tracking.followed import Tracking, tracking_of
 from fmu_didim.components import Component
 from fmu_didim.cosim import System
 from fmu_didim.cosim.system import REFERENCE
@@ -67,6 +69,7 @@ class Case:
         memory: the objects that its document names: signals in place of files, robot, components.
         robot: the robot description, where the case names one.
         data: of the experiments of a ``model:``, which has no robot and no controller.
+        tracking: the virtual controller, and what it follows, of a case whose controller nobody knows.
     """
 
     document: CaseDocument
@@ -81,6 +84,7 @@ class Case:
     memory: Memory = field(default_factory=Memory)
     robot: RobotDescription | None = None
     data: CalibrationData | None = None
+    tracking: Tracking | None = None
 
     def __repr__(self) -> str:
         runs = ", ".join(f"{label}: {run.role}" for label, run in self.document.runs.items())
@@ -109,6 +113,24 @@ class Case:
             InputError: a log is missing or does not fit; found by :func:`load_case`, unless it was to read no logs.
         """
         return _with_data(self)
+
+    @property
+    def low_pass(self) -> LowPass | None:
+        """The filter of both torques: that of the case, or the one that a virtual controller needs."""
+        given, needed = self.document.low_pass, None if self.tracking is None else self.tracking.compared_hz
+        if given is not None:
+            return LowPass(given.cutoff_hz, given.order)
+        return None if needed is None else LowPass(needed)
+
+    @property
+    def other_choices(self) -> dict[str, Case]:
+        """Another choice of a virtual controller, in words -> the case with it; none where the controller is known."""
+        if self.tracking is None:
+            return {}
+        return {
+            words: replace(self, tracking=other, controller=other.controller, step_size=other.step)
+            for words, other in self.tracking.others().items()
+        }
 
     def with_(self, **changes: Unpack[CaseChanges]) -> Case:
         """The case with other entries, loaded anew: ``case.with_(torque_std=[0.1], loop={"delay_samples": 1})``.
@@ -166,10 +188,18 @@ class Case:
             raise UnknownNameError("experiment", label, runs, where=self.name)
         if self.data is not None:
             return self.data.reference(label)
+        if self.tracking is not None:
+            return self.tracking.motion(label).signals
         return read_motion(
             runs[label], self.folder, step=self.step_size, torque_units=self.parameters.torque_units,
             needed=self.needed, signals=self.signals,
         ).signals  # fmt: skip
+
+    def inside(self, label: str) -> ExperimentSource:
+        """The entry of an experiment; that of followed positions without their borders, which an estimator that takes
+        positions as they are leaves out itself."""
+        run = self.document.runs[label]
+        return run if self.tracking is None or self.estimator.needs_positions else self.tracking.inside(run, label)
 
     def system(self, label: str, reference: Trajectory) -> System:
         """The loop of an experiment along its reference, whose rows are the instants of the controller or a period
@@ -177,7 +207,9 @@ class Case:
         if self.data is not None:
             return with_reading(model_system(self.plant, self.data, label), self.document)
         system = self.base
-        if system is None:
+        if self.tracking is not None:
+            system = self.tracking.loop(self.plant, reference)
+        elif system is None:
             assert self.controller is not None  # the document says so
             n = self.parameters.joint_count
             system = loop_of_components(self.document, self.plant, self.controller, reference.names, n)
@@ -213,14 +245,15 @@ class Case:
         shown = () if self.data is None else tuple(f"{MODEL}.{name}" for name in self.data.together)
         systems = {label: self.system(label, experiment.reference) for label, experiment in experiments.items()}
         first = next(iter(systems.values()))
-        low_pass, plant = document.low_pass, first.components[self.plant_name]
-        loop = Loop(systems, self.parameters, plant, self.plant_name, output_signals=shown)
+        low_pass, plant = self.low_pass, first.components[self.plant_name]
+        follows = None if self.tracking is None else self.tracking.bandwidth_hz
+        loop = Loop(systems, self.parameters, plant, self.plant_name, output_signals=shown, follows_hz=follows)
         for label, experiment in experiments.items():
             for name in experiment.initial_state.values:
                 loop.start_named(name, where=f"{label}.initial_state")
         return LoopModel(
             loop,
-            Experiments(experiments, None if low_pass is None else LowPass(low_pass.cutoff_hz, low_pass.order)),
+            Experiments(experiments, low_pass),
             free_parameters(document, self.parameters, first),
             torque_deviation=self._stated_deviation(experiments),
             joint_weights=document.joint_weights,
@@ -316,11 +349,15 @@ def _loaded(document: CaseDocument, folder: Path, path: Path, memory: Memory, *,
     memory = memory.of(document.named_objects)
     robot = _robot(document, folder, memory)
     model = RobotModel(robot) if robot is not None else None
-    controller, base, data = None, None, None
+    controller, base, data, tracking = None, None, None, None
     if document.model is not None:
         plant = model_component(document, folder, memory)
         data = read_calibration(document, folder, plant, memory.signals)
         step = data.step
+    elif document.tracks:
+        plant = component_of(document.plant, folder, lambda path: plant_block(model, path), objects=memory.objects)
+        tracking = tracking_of(document, folder, model, memory.signals)
+        controller, step = tracking.controller, tracking.step
     elif document.controller is not None:
         plant = component_of(document.plant, folder, lambda path: plant_block(model, path), objects=memory.objects)
         count = len(robot.joints) if robot is not None else sum(v.name.startswith("tau") for v in plant.inputs)
@@ -337,7 +374,9 @@ def _loaded(document: CaseDocument, folder: Path, path: Path, memory: Memory, *,
     parameters = identified(document, model, plant, None if data is None else data.units)
     memory.check_joints(len(parameters.torque_units))
     estimator = make_estimator(document.estimator_options)
-    case = Case(document, folder, parameters, plant, controller, base, step, estimator, path, memory, robot, data)
+    case = Case(
+        document, folder, parameters, plant, controller, base, step, estimator, path, memory, robot, data, tracking
+    )  # fmt: skip
     fitted = [run for run in document.runs.values() if run.role == "estimation"]
     if data is not None or (require_torque and all(run.torque is not None for run in fitted)):
         _ = case.model  # errors in the data are found now
@@ -384,10 +423,12 @@ def _with_data(case: Case) -> LoopModel:
     document = case.document
     if case.data is not None:
         return _of_a_model(case, case.data)
+    tracking = case.tracking
     experiments = {
         label: read_experiment(
-            run, case.folder, step=case.step_size, drive_gains=document.loop.drive_gains,
-            torque_units=case.parameters.torque_units, label=label, needed=case.needed, signals=case.signals,
+            case.inside(label), case.folder, step=case.step_size,
+            drive_gains=document.loop.drive_gains, torque_units=case.parameters.torque_units, label=label,
+            needed=case.needed, signals=case.signals, motion=None if tracking is None else tracking.motion(label),
         )
         for label, run in document.runs.items() if run.role == "estimation" or run.torque is not None
     }  # fmt: skip

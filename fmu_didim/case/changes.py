@@ -11,6 +11,7 @@ from fmu_didim.base.errors import InputError
 from fmu_didim.case.arrays import Inputs, Log, Measured, Reference
 from fmu_didim.case.document import CaseDocument
 from fmu_didim.case.in_memory import OF_THE_FILE, InMemory, Whole, pair
+from fmu_didim.case.sources import TRACKING
 
 _Arguments = ParamSpec("_Arguments")
 _Result = TypeVar("_Result")
@@ -72,6 +73,8 @@ def _is_another(key: str, old: Mapping[str, Any], new: Mapping[str, Any]) -> boo
     if key == "start":
         return True
     other_kind = "kind" in new and new["kind"] != old.get("kind")
+    if key == "controller" and TRACKING in (old.get("kind"), new.get("kind")):
+        return other_kind or "source" in new
     return key in ("reference", "estimator") and (other_kind or ("file" in new and "file" not in old))
 
 

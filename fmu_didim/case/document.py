@@ -16,6 +16,7 @@ from fmu_didim.base.entry_words import details_of, in_words
 from fmu_didim.case.sources import (
     AnyMeasured,
     ComponentSource,
+    ControllerSource,
     DataFile,
     ExperimentSource,
     IdentifiedParameter,
@@ -45,6 +46,10 @@ BESIDE_A_MODEL = frozenset({
 OF_A_ROBOT = ("reference", "torque", "positions", "instants")
 """Entries of an experiment that one of a ``model:`` does not have."""
 
+OF_THE_CONTROLLER = ("controller", DELAY, "drive")
+"""Owners of what a virtual controller knows nothing of."""
+NEEDS_THE_CONTROLLER = ("idim_iv", "output_error")
+"""Estimators that rest on a simulated motion that the measured one has not made."""
 OF_A_SYSTEM = ("component", "inputs", "outputs", "parameter_names", "parameters")
 """Entries of the plant beside ``system`` or ``components``; all else is settled there."""
 
@@ -109,7 +114,7 @@ class CaseDocument(Strict):
     robot: str | None = None
     identify: Mapping[str, IdentifiedParameter] | None = None
     plant: ComponentSource = ComponentSource()
-    controller: ComponentSource | None = None
+    controller: ControllerSource | None = None
     components: Mapping[str, ComponentSource] | None = None
     connections: Mapping[str, str] = Field(default_factory=dict)
     system: Annotated[SystemSource, AlsoWritten(("string",))] | None = None
@@ -159,6 +164,40 @@ class CaseDocument(Strict):
             raise ValueError("identify: names no parameter; give identify: {name in the model: {}}")
         if bad := [name for name, entry in self.identify.items() if entry.of not in (PLANT, MODEL)]:
             raise ValueError(f"identify: {', '.join(bad)}: of: is for parts of a loop; those of a model: need none")
+        return self
+
+    @property
+    def tracks(self) -> bool:
+        """Whether a virtual controller follows measured positions."""
+        return self.controller is not None and self.controller.is_tracking
+
+    @model_validator(mode="after")
+    def _where_nobody_knows_the_controller(self) -> CaseDocument:
+        if not self.tracks:
+            return self
+        if beside := sorted(self.loop.model_fields_set - {"rate_hz", "drive_gains"}):
+            raise ValueError(
+                f"beside controller: {{kind: tracking}} loop: has rate_hz and drive_gains alone, not "
+                f"{', '.join(beside)}: of the real loop nothing is simulated but the hold of its torque"
+            )
+        for label, run in self.runs.items():
+            if run.measured_files or run.instants is not None or (run.torque is not None and run.torque.unsigned):
+                raise ValueError(
+                    f"{label}: beside controller: {{kind: tracking}} there is no measured: (positions are followed), "
+                    "no instants: and no torque: {unsigned: true}"
+                )
+        kind = self.estimator_options["kind"]
+        if kind in NEEDS_THE_CONTROLLER or self.estimator_options.get("estimate_delay"):
+            raise ValueError(
+                f"estimator: {kind} {'with estimate_delay ' if kind not in NEEDS_THE_CONTROLLER else ''}needs the real "
+                "controller: a virtual one moves as measured, with that noise, whatever the values are; use didim, clie"
+            )
+        own = [name for name, entry in (self.identify or {}).items() if entry.of in OF_THE_CONTROLLER]
+        if own:
+            raise ValueError(
+                f"identify: {', '.join(own)}: a virtual controller tells nothing of the gains, drives and delays of "
+                "the real one; take them out"
+            )
         return self
 
     @model_validator(mode="after")
@@ -266,7 +305,7 @@ class CaseDocument(Strict):
     def _check_kind(self, label: str, run: ExperimentSource) -> None:
         """Raise ValueError where an experiment of a model is one of a robot, or the other way round."""
         if self.model is None:
-            if run.reference is None:
+            if run.reference is None and not self.tracks:
                 raise ValueError(f"{label}: reference: is required (what the controller follows)")
             if wrong := [name for name in ("inputs", "start_s") if getattr(run, name) is not None]:
                 raise ValueError(f"{label}: {', '.join(wrong)}: is for model:; a robot has reference:")

@@ -12,6 +12,7 @@ from fmu_didim.case.sources import ExperimentSource
 from fmu_didim.case.torque_log import read_torque_log
 from fmu_didim.cosim import Instants, sample_operator
 from fmu_didim.data.signals import Trajectory
+from fmu_didim.data.tables import Selected
 from fmu_didim.model.experiment import Experiment, InitialState
 
 
@@ -25,13 +26,18 @@ def read_experiment(
     label: str,
     needed: frozenset[str] = frozenset(),
     signals: Mapping[str, Trajectory] = NONE_GIVEN,
+    motion: Selected | None = None,
 ) -> Experiment:
     """The data of one run; signals in memory stand for the files of their names.
+
+    Args:
+        motion: what the loop follows; that of the entry by default.
 
     Raises:
         InputError: a file or column is missing, or the log does not fit the reference.
     """
-    motion = read_motion(source, folder, step=step, torque_units=torque_units, needed=needed, signals=signals)
+    if motion is None:
+        motion = read_motion(source, folder, step=step, torque_units=torque_units, needed=needed, signals=signals)
     reference = _before(motion.signals, source.to_s, step)
     instants = None if source.instants is None else Instants(reference.time, step)
     log = read_torque_log(

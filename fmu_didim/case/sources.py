@@ -18,6 +18,9 @@ from fmu_didim.export.versions import DEFAULT_VERSION, VERSIONS
 from fmu_didim.model.experiment import Role
 from fmu_didim.model.signals.error_model import ErrorModel
 
+TRACKING = "tracking"
+"""Kind of a controller that nobody knows."""
+
 
 def _written(fmi: str) -> str:
     if fmi not in VERSIONS:
@@ -81,6 +84,33 @@ class ComponentSource(Strict):
     event_mode: bool = False
     tolerance: Annotated[float, Field(gt=0, lt=1)] | None = None
     directional_derivatives: bool = True
+
+
+class ControllerSource(ComponentSource):
+    """The controller.
+
+    Attributes:
+        kind: as of a plant; or ``tracking``, where nobody knows the controller: a virtual one follows the measured
+            positions.
+        bandwidth_hz: of ``tracking``: up to which frequency positions are followed; by default the highest at which
+            their noise hardly shows in the accelerations that are compared.
+    """
+
+    kind: Literal["fmu", "model", "control", "tracking"] = "fmu"  # type: ignore[assignment]
+    bandwidth_hz: Positive | None = None
+
+    @property
+    def is_tracking(self) -> bool:
+        """Whether it is a virtual controller."""
+        return self.kind == TRACKING
+
+    @model_validator(mode="after")
+    def _of_its_kind(self) -> ControllerSource:
+        if self.is_tracking and (other := sorted(self.model_fields_set - {"kind", "bandwidth_hz"})):
+            raise ValueError(f"kind: tracking takes bandwidth_hz alone, not {', '.join(other)}")
+        if not self.is_tracking and self.bandwidth_hz is not None:
+            raise ValueError("bandwidth_hz: belongs to controller: {kind: tracking}")
+        return self
 
 
 class Loop(Strict):

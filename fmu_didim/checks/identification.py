@@ -41,6 +41,7 @@ from fmu_didim.checks.residual import (
     slow_diagnostics,
 )
 from fmu_didim.checks.validation import TORQUE_ERROR_LARGE, Validation, error_diagnostics
+from fmu_didim.checks.virtual import of_one_set, virtual_diagnostics
 from fmu_didim.estimators.initial_states import OtherStart, contradicted_starts
 from fmu_didim.fit.estimate import Estimate, Status
 from fmu_didim.fit.noise.noise import TINY, motion_frequency
@@ -199,7 +200,7 @@ def checked(estimate: Estimate, validations: Sequence[Validation], *, before: It
             found = with_suspects(estimate.fit, misfits if misfits.stated else Misfits.of(estimate.fit), found)
         found += unidentified_diagnostics(estimate.fit)
     found += rival_diagnostics(estimate)
-    judged = judgement(found, settled=estimate.status is Status.CONVERGED)
+    judged = judgement(of_one_set(found, model), settled=estimate.status is Status.CONVERGED)
     judged, power = with_power(judged, estimate.fit, misfits)
     return Checks(judged, tests, agreements, power)
 
@@ -227,7 +228,8 @@ def of_any_output(estimate: Estimate) -> list[Diagnostic]:
     asked = model if estimate.unlimited is None else model.with_values(estimate.unlimited)
     found = [*physical_diagnostics(asked, estimate.covariance), *coarse_diagnostics(estimate)]
     return [*found, *roughness_diagnostics(estimate.roughness, model), *channel_diagnostics(estimate),
-            *prior_diagnostics(estimate), *search_diagnostics(estimate), *profile_diagnostics(estimate)]  # fmt: skip
+            *prior_diagnostics(estimate), *virtual_diagnostics(estimate), *search_diagnostics(estimate),
+            *profile_diagnostics(estimate)]  # fmt: skip
 
 
 def coarse_diagnostics(estimate: Estimate) -> list[Diagnostic]:

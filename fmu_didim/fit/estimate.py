@@ -11,6 +11,7 @@ import numpy as np
 
 from fmu_didim.base.errors import FmuDidimError, IdentificationError
 from fmu_didim.data.signals import Array
+from fmu_didim.fit.exploration.choices import Choices
 from fmu_didim.fit.exploration.minima import SearchOutcome
 from fmu_didim.fit.exploration.profile import Profile
 from fmu_didim.fit.fit import Fit
@@ -115,6 +116,8 @@ class Estimate:
         prior: what of the values comes from a prior; None without one.
         unlimited: (p,) values that the data alone ask for, where no machine has them; None where one does.
         minimum: the same with all outputs.
+        choices: what other choices of a virtual controller do to the values, which the covariance contains; None where
+            the controller is that of the machine.
         profiles: of the parameters for which they were asked.
         search: what a search for other minima has found; None where there was one start.
         remarks: what the user should know; advice: what to do, if more is known than the status.
@@ -147,6 +150,7 @@ class Estimate:
     prior: PriorFit | None = None
     unlimited: Array | None = None
     minimum: Fit | None = None
+    choices: Choices | None = None
     profiles: tuple[Profile, ...] = ()
     search: SearchOutcome | None = None
     remarks: tuple[str, ...] = ()

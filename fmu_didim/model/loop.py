@@ -70,6 +70,8 @@ class Loop:
         substeps: of the plant in a tick at least, where the case states none; None: by the rule for its fastest rate.
         subdivision: ticks in a control period, for components that need shorter steps; inputs are held as without.
         finest: most of these, where shorter steps would be within those of an FMU's own solver.
+        follows_hz: of a virtual controller, up to which frequency it follows measured positions; None where the
+            controller is that of the machine.
     """
 
     systems: Mapping[str, System]
@@ -82,6 +84,12 @@ class Loop:
     substeps: int | None = None
     subdivision: int = 1
     finest: int = MOST_SUBDIVISIONS
+    follows_hz: float | None = None
+
+    @property
+    def is_virtual(self) -> bool:
+        """Whether the controller is none of the machine, but a virtual one that follows measured positions."""
+        return self.follows_hz is not None
 
     @property
     def joint_count(self) -> int:

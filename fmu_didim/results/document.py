@@ -25,6 +25,7 @@ from fmu_didim.model.parameters import RobotParameters
 from fmu_didim.results.result import (
     ChannelErrorResult,
     ChannelResult,
+    ChoicesResult,
     ConsistencyResult,
     DisplayResult,
     ErrorResult,
@@ -106,6 +107,7 @@ def result_document(
         },
         joint=_joint(estimate),
         prior=_prior(estimate),
+        choices=_choices(estimate),
         search=search_result(estimate),
         profiles=profile_results(estimate),
         sensitivity=local_result(estimate),
@@ -175,6 +177,19 @@ def _joint(estimate: Estimate) -> JointResult | None:
     return JointResult(
         channels=channels, alone=alone, apart=_by_name(estimate.names, joint.apart), p_value=joint.p_value
     )  # fmt: skip
+
+
+def _choices(estimate: Estimate) -> ChoicesResult | None:
+    """What other choices of a virtual controller do to the values."""
+    found = estimate.choices
+    if found is None:
+        return None
+    return ChoicesResult(
+        chosen=found.chosen,
+        noise_std=_by_name(estimate.names, found.noise_alone),
+        shifts={words: _by_name(estimate.names, shift) for words, shift in found.shifts.items()},
+        failed=dict(found.failed),
+    )
 
 
 def _prior(estimate: Estimate) -> PriorResult | None:

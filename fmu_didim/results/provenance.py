@@ -19,6 +19,7 @@ from fmu_didim.checks import (
     prior,
     residual,
     sampling_kind,
+    virtual,
 )
 from fmu_didim.checks.data import log, timing, torque_channel
 from fmu_didim.checks.motion import colour, dependence, periods
@@ -63,6 +64,7 @@ DECIDING = (
     (shared, ("SHORTEST_BLOCK_S", "MEMORIES", "FEWEST_BLOCKS")),
     (channels, ("DISAGREEMENT", "EXPLAINED", "CERTAIN", "COLOURED", "LARGER")),
     (prior, ("DISAGREEMENT", "DECIDED")),
+    (virtual, ("FAR",)),
     (local_minima, ("OTHER_MINIMA", "HARDLY_WORSE")),
     (profile, ("DIFFERENT", "FARTHEST", "LOWER")),
     (places, ("SAME_VALUE", "SAME_DIGITS")),

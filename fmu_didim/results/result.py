@@ -256,6 +256,22 @@ class PriorResult(Saved):
     tested: int = Field(description="directions of the parameters that both know")
 
 
+class ChoicesResult(Saved):
+    """What other choices of a virtual controller do to the values; their variances contain a third of each square.
+
+    Attributes:
+        chosen: what was chosen, in words.
+        noise_std: name of each parameter -> standard deviation as if the choice was right.
+        shifts: another choice, in words -> name of each parameter -> by how much it moves.
+        failed: other choices with which the loop cannot be simulated, and why.
+    """
+
+    chosen: str
+    noise_std: dict[str, Number]
+    shifts: dict[str, dict[str, Number]]
+    failed: dict[str, str]
+
+
 class LinkResult(Saved):
     """A link of the robot, in modified Denavit-Hartenberg convention."""
 
@@ -310,6 +326,9 @@ class ResultDocument(Saved):
     stages: dict[str, StageResult]
     joint: JointResult | None = Field(default=None, description="null where the torque alone was fitted")
     prior: PriorResult | None = Field(default=None, description="null where the case has none")
+    choices: ChoicesResult | None = Field(
+        default=None, description="of a virtual controller; null where the controller is that of the machine"
+    )
     search: SearchResult | None = Field(default=None, description="other minima; null where there was one start")
     profiles: dict[str, ProfileResult] = Field(default={}, description="of the parameters for which they were asked")
     sensitivity: LocalSensitivityResult | None = Field(

@@ -14,6 +14,7 @@ from fmu_didim.estimators.search import check_minima, crew_of, profiled, searche
 from fmu_didim.estimators.starts.signs import signed_by
 from fmu_didim.estimators.starts.start import with_free_delay
 from fmu_didim.fit.estimate import Estimate
+from fmu_didim.fit.exploration.choices import choices_of
 from fmu_didim.model.loop_model import LoopModel
 
 SIGNS_AGAIN = 5
@@ -49,7 +50,7 @@ def profile_names(case: Case, asked: bool | Sequence[str] | None) -> tuple[str, 
 def estimated(case: Case, model: LoopModel, names: tuple[str, ...] | None, progress: Progress) -> Estimate:
     """The estimate of a case, on a model of it, with the profiles of these parameters; raises what its estimator
     raises."""
-    found, search = _found(case, model, progress), case.document.search
+    found, search = _beside_other_choices(case, _found(case, model, progress)), case.document.search
     if names is None:
         return found
     processes = None if search is None else search.processes
@@ -67,6 +68,17 @@ def _found(case: Case, model: LoopModel, progress: Progress) -> Estimate:
             return found if _is_same(found.model, signed, signed.experiments) else replace(found, model=signed)
         found = _with_these_signs(case, _given_logs(model, signed), progress)
     return found
+
+
+def _beside_other_choices(case: Case, found: Estimate) -> Estimate:
+    """The estimate whose covariance contains the choice of a virtual controller; itself where the controller is
+    known."""
+    fit = found.minimum or found.fit
+    if case.tracking is None or fit is None:
+        return found
+    models = {words: other.model for words, other in case.other_choices.items()}
+    choices = choices_of(fit, case.tracking.chosen, models, found.standard_deviation)
+    return replace(found, covariance=found.covariance + choices.covariance, choices=choices)
 
 
 def _is_same(model: LoopModel, other: LoopModel, labels: Iterable[str]) -> bool:

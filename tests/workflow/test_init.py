@@ -15,6 +15,7 @@ import yaml
 
 from fmu_didim.base.errors import InputError
 from fmu_didim.case import load_case
+from fmu_didim.case.document import CaseDocument
 from fmu_didim.case.files import data_folder
 from fmu_didim.cli.main import main
 from fmu_didim.data.signals import Array, Trajectory
@@ -314,3 +315,25 @@ def test_joints_of_a_list_are_those_of_the_robot(tmp_path: Path, capsys: pytest.
     assert main(["init", given[0], "--law", "pd", "--out", str(tmp_path / "without")]) == 0
     told = capsys.readouterr().out
     assert "of joint" not in told and "train.torque.columns.tau2 (which of" in told
+
+
+def test_a_log_with_measured_positions_is_offered_a_virtual_controller(tmp_path: Path) -> None:
+    """As a comment, which makes a case once it is taken; none where a controller is given or nothing is measured."""
+    motion, time, torque = scara()
+    q = np.array([np.interp(time, motion.time, motion.column(name)) for name in ("q1", "q2")])
+    table = np.column_stack([time, q.T, q.T, torque])
+    for name, columns in {"both": "q1_set,q2_set,q1_meas,q2_meas", "planned": "q1_set,q2_set,other1,other2"}.items():
+        text = "\n".join(",".join(f"{value:.9g}" for value in row) for row in table)
+        (tmp_path / f"{name}.csv").write_text(f"t,{columns},tau1,tau2\n{text}\n", encoding="utf-8")
+        start_case([tmp_path / f"{name}.csv"], tmp_path / name)
+    offered = (tmp_path / "both/case.yaml").read_text(encoding="utf-8")
+    assert "kind: tracking" not in (tmp_path / "planned/case.yaml").read_text(encoding="utf-8")
+    controller = ROOT / "controllers/scara_pd.yaml"
+    start_case([tmp_path / "both.csv", controller], tmp_path / "known")
+    assert "kind: tracking" not in (tmp_path / "known/case.yaml").read_text(encoding="utf-8")
+    taken = yaml.safe_load(re.sub(r"# positions:", "positions:", offered))
+    assert taken["train"]["positions"] == {"file": "../both.csv", "columns": {"q1": "q1_meas", "q2": "q2_meas"}}
+    taken |= {"controller": {"kind": "tracking"}}
+    taken.pop("loop")
+    taken["train"].pop("reference")
+    CaseDocument.model_validate(taken)

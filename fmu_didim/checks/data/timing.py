@@ -83,7 +83,8 @@ def timing(fitted: FittedMotion, *, clock_alone: bool = False) -> Iterator[Expla
     yield from _clock(fitted)
     if not clock_alone:
         yield from _kinds(fitted)
-        yield from _delay(fitted)
+        if not fitted.run.model.loop.is_virtual:
+            yield from _delay(fitted)
 
 
 def _clock(fitted: FittedMotion) -> Iterator[Explanation]:

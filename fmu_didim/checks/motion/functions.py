@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fmu_didim.cosim import Recording
+from fmu_didim.data.filters import LowPass
 from fmu_didim.data.signals import Array
 from fmu_didim.fit.log_noise import STANDSTILL
 from fmu_didim.fit.noise.noise import TINY
@@ -21,6 +22,9 @@ TURNING = 0.05
 """[1] Fraction of the largest speed of a joint, or of its largest torque, over which its direction changes."""
 CREEPING = 0.005
 """[1] The same near standstill, for steeper friction."""
+SMOOTHER = 0.5
+"""[1] Of the bandwidth up to which a virtual controller follows positions, below which their noise hardly shows in the
+motion: of an acceleration a thirtieth of its power is left."""
 STEPS = (0.25, 0.5, 0.75)
 """[1] Of a log, after which functions change: two of them follow a change at any time to two thirds and more."""
 
@@ -134,6 +138,10 @@ class _Motion:
         turning = len(position) == n and all(unit == "N.m" for unit in model.parameters.torque_units)
         torque = run.logged_torque(recording)
         time = 2 * (recording.time - recording.time[0]) / np.ptp(recording.time) - 1
+        if model.loop.follows_hz is not None:  # the noise of positions is in the motion and in the residual
+            low = LowPass(SMOOTHER * model.loop.follows_hz)
+            torque, rate_hz = low.apply(torque, 1 / run.step_size), 1 / run.step_size
+            velocity, position = ({j: low.apply(v, rate_hz) for j, v in of.items()} for of in (velocity, position))
         return cls(
             time=time, torque=torque, rate=np.gradient(torque, step, axis=0), step=step, velocity=velocity,
             acceleration={j: np.gradient(dq, step) for j, dq in velocity.items()}, position=position,

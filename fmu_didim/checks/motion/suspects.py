@@ -314,7 +314,7 @@ def of_log(fit: Fit, clocks: Sequence[float] = ()) -> Iterator[Suspect]:
     step = model.simulation(fit.values).step_size
     if LOG not in owners:
         yield Suspect("clock", partial(_stamped_later, fit), _clock, STEP * step, next(iter(clocks), 0.0))
-    if DELAY not in owners:
+    if DELAY not in owners and not model.loop.is_virtual:
         name = model.loop.plant_name
         there = min(float(system.delays.get(name, 0.0)) for system in model.loop.systems.values())
         yield Suspect("delay", partial(_delayed, fit, there), partial(_delay, 1000 * step), 0.5, least=-there)
@@ -322,7 +322,8 @@ def of_log(fit: Fit, clocks: Sequence[float] = ()) -> Iterator[Suspect]:
     n = model.joint_count
     for joint in (0, *(range(1, n + 1) if n > 1 else ())):
         scaled = np.ones(n) if joint == 0 else np.arange(1, n + 1) == joint
-        yield Suspect(f"scale {joint}", partial(_scaled, fit, scaled), partial(_scale, joint), STEP)
+        told = partial(_scale, joint, model.loop.is_virtual)
+        yield Suspect(f"scale {joint}", partial(_scaled, fit, scaled), told, STEP)
 
 
 def of_misfits(fit: Fit, misfits: Misfits) -> Iterator[Suspect]:
@@ -402,13 +403,12 @@ def _delay(period_ms: float, samples: float, deviation: float) -> Diagnostic:
     return Diagnostic(COMMAND_DELAY, text, "", samples, SURE * deviation, "control periods")
 
 
-def _scale(joint: int, amount: float, deviation: float) -> Diagnostic:
+def _scale(joint: int, is_virtual: bool, amount: float, deviation: float) -> Diagnostic:
     seems = f"{1 + amount:.3g} ± {deviation:.1g} times"
-    if joint:
-        text = f"The torque seems to be {seems} what it should be."
-        return Diagnostic(
-            TORQUE_SCALE, text, f"joint {joint}", 1 + amount, 1 + np.copysign(SURE * deviation, amount), "1"
-        )
+    if joint or is_virtual:
+        text = f"{'The torque seems' if joint else 'All torques seem'} to be {seems} what it should be."
+        place, bound = f"joint {joint}" if joint else "", 1 + float(np.copysign(SURE * deviation, amount))
+        return Diagnostic(TORQUE_SCALE, text, place, 1 + amount, bound, "1")
     text = (
         f"All torques seem to be {seems} what they should be, or the gains of the controller {seems} those of the case."
     )

@@ -7,7 +7,8 @@ from collections.abc import Callable
 import numpy as np
 
 from fmu_didim.data.filters import LowPass
-from fmu_didim.data.signals import Array, Trajectory, derivative, white_noise
+from fmu_didim.data.signals import Array, Trajectory, Variable, derivative, white_noise
+from fmu_didim.fit.noise.noise import motion_frequency
 from fmu_didim.fit.statistics import least_squares
 from fmu_didim.model.loop_model import LoopModel, Simulation
 from fmu_didim.model.parameters import Parameters
@@ -56,10 +57,6 @@ def whole_reference(run: Simulation) -> Motion:
 def _smoothed(time: Array, motion: Motion, has_velocity: bool) -> Motion:
     """The motion with accelerations of no more than a small fraction of noise.
 
-    White noise of deviation s in a position sampled at the rate f becomes, below the cut-off c of a low-pass,
-
-        s_ddq = s (2 pi)^2 c^2 sqrt(2 c / (5 f)),   and from a velocity   s_ddq = s 2 pi c sqrt(2 c / (3 f))
-
     Args:
         motion: q, dq, ddq, (K, n) each; has_velocity: whether dq was given and ddq alone comes from it.
     """
@@ -73,10 +70,28 @@ def _smoothed(time: Array, motion: Motion, has_velocity: bool) -> Motion:
             smooth = LowPass(cutoff, SMOOTHED_ORDER).apply(given, rate)
             q, dq = (q, smooth) if has_velocity else (smooth, derivative(time, smooth))
             ddq = derivative(time, dq)
-        size = noise * (2 * np.pi * cutoff) ** order * np.sqrt(2 * part / (2 * order + 1))
+        size = derived_noise(noise, cutoff, rate, order)
         if (size <= NOISE_OF_ACCELERATION * ddq.std(axis=0)).all():
             break
     return q, dq, ddq
+
+
+def derived_noise(noise: Array, cutoff_hz: float, rate_hz: float, order: int) -> Array:
+    """(n,) deviation of what white noise (n,) of signals becomes in their derivatives of an order.
+
+    White noise of deviation s in a position sampled at the rate f becomes, below the cut-off c of a low-pass,
+
+        s_ddq = s (2 pi)^2 c^2 sqrt(2 c / (5 f)),   and from a velocity   s_ddq = s 2 pi c sqrt(2 c / (3 f))
+    """
+    part = cutoff_hz / rate_hz
+    return np.asarray(noise * (2 * np.pi * cutoff_hz) ** order * np.sqrt(2 * part / (2 * order + 1)))
+
+
+def motion_hz(time: Array, velocities: Array) -> float:
+    """Highest frequency of the motion of joints with velocities (K, n) at even instants (K,), Hz."""
+    count = velocities.shape[1]
+    names = tuple(Variable(f"dq{j}") for j in range(1, count + 1))
+    return motion_frequency(Trajectory(time, velocities, names), count)
 
 
 def rows_of(model: LoopModel, motion: Callable[[Simulation], Motion]) -> tuple[Array, Array]:

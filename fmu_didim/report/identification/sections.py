@@ -14,6 +14,7 @@ from fmu_didim.report.drawing.forest_chart import Expectation, forest_chart
 from fmu_didim.report.drawing.torque_charts import history_chart
 from fmu_didim.report.experiment_charts import ExperimentCharts, residual_sections, torque_sections
 from fmu_didim.report.identification.charts import saved_charts
+from fmu_didim.report.identification.choices import choice_sections
 from fmu_didim.report.identification.display import shown_value
 from fmu_didim.report.identification.joint import joint_sections
 from fmu_didim.report.identification.prior import prior_sections, share_text
@@ -121,6 +122,7 @@ def result_report(document: ResultDocument, parts: Sequence[ExperimentCharts] = 
         _plant(document),
         *joint_sections(document),
         *prior_sections(document),
+        *choice_sections(document),
         *search_sections(document),
         *profile_sections(document),
         *sensitivity_sections(document),

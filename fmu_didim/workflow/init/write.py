@@ -160,7 +160,7 @@ def _case(found: Inventory, out: Path) -> str:
         plant=plant and named_from(out, plant.source), plant_ports=plant and mappings(plant, "plant", joints),
         controller=named_from(out, own) if own else CONTROLLER_FILE,
         controller_ports=controller and mappings(controller, "controller", joints), ports=ports,
-        rate=_control_rate(found),
+        rate=_control_rate(found), tracks=own is None and all(entry["positions"] for entry in entries),
         tunable=[v for v in tunable if v.start is not None][:30],
     )  # fmt: skip
 
@@ -181,7 +181,7 @@ def _experiment(found: Inventory, run: FilesOfRun, joints: int, out: Path) -> di
         "moves": begins_moving(run.reference, named),
         "reference": {**reference, "columns": motion}, "torque": log, "torque_note": comment,
         "reference_notes": [*([_BY_ORDER] if run.is_guess else []), *([notes] if notes else [])],
-        "asked": _asked(run, joints), "columns_named": False,
+        "asked": _asked(run, joints), "columns_named": False, "positions": _positions(run, joints, out),
         "reference_columns": ", ".join(run.reference.table.columns),
         "torque_columns": ", ".join(run.torque.table.columns),
     }  # fmt: skip
@@ -209,6 +209,17 @@ def _motion_columns(data: DataFile, joints: int, torque: dict[str, Any]) -> tupl
             columns |= {f"{signal}{j}": _entry(meant) for j, meant in enumerate(each, start=1)}
     unsure = "the names do not say whether these are set points or measured positions: they must be the set points"
     return columns, "" if sides == {"reference"} else unsure
+
+
+def _positions(run: FilesOfRun, joints: int, out: Path) -> dict[str, Any] | None:
+    """The entry of positions whose names say that they were measured, of all joints in one file; None without."""
+    for data in (run.torque, run.reference):
+        each = [chosen(data.guesses, ["q"], j, single=joints == 1, prefer="measured") for j in range(1, joints + 1)]
+        if all(len(meant) == 1 and meant[0].side == "measured" for meant in each):
+            entry = {"file": named_from(out, data.path), **time_entry(data, "q")}
+            entry.pop("time_note", None)
+            return {**entry, "columns": {f"q{j}": _entry(meant) for j, meant in enumerate(each, start=1)}}
+    return None
 
 
 def _torque_columns(data: DataFile, joints: int) -> tuple[dict[str, Any], str]:

@@ -1,0 +1,186 @@
+"""From a case with ``controller: {kind: tracking}`` to its virtual controller and what that follows in each run."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from fmu_didim.base.errors import InputError
+from fmu_didim.case.document import CaseDocument
+from fmu_didim.case.sources import ExperimentSource
+from fmu_didim.case.torque_log import read_torque_log
+from fmu_didim.case.tracking.law import Measured, VirtualLaw, virtual_law
+from fmu_didim.case.tracking.positions import (
+    HIGHEST,
+    HIGHEST_STATED,
+    Positions,
+    bandwidth_of,
+    compared_hz,
+    read_positions,
+)
+from fmu_didim.checks.data.log import REFERENCE_STEP
+from fmu_didim.components import Component
+from fmu_didim.cosim import System, closed_loop
+from fmu_didim.data.signals import Trajectory
+from fmu_didim.data.tables import Selected
+from fmu_didim.dynamics.base_parameters import base_parameters
+from fmu_didim.dynamics.robot import RobotModel
+from fmu_didim.model.parameters import RobotParameters
+
+BORDER = 2.0
+"""[periods of the bandwidth] At both ends of the positions that are not fitted: a low-pass sees the border there, and
+the loop begins."""
+FINE_HZ = 1000.0
+"""[Hz] Least control rate where none is stated: that of most drives, at which a held torque is nearly a continuous
+one."""
+
+
+@dataclass(frozen=True)
+class Tracking:
+    """The virtual controller of a case.
+
+    Attributes:
+        law: gains and feedforward; controller: the component; bandwidth_hz: up to which positions are followed.
+        runs: label -> measured positions; logs: label -> torque of each fitted one, with the motion that it belongs to.
+        compared_hz: to which both torques are filtered before they are compared; None where the log is too slow for it.
+        border_hz: bandwidth by which the borders of the runs are left out; states_rate: whether the case says at which
+            rate the real controller runs.
+    """
+
+    law: VirtualLaw
+    controller: Component
+    bandwidth_hz: float
+    runs: Mapping[str, Positions]
+    logs: Mapping[str, Measured]
+    border_hz: float
+    states_rate: bool
+    compared_hz: float | None = None
+
+    @classmethod
+    def of(
+        cls, parameters: RobotParameters, runs: Mapping[str, Positions], logs: Mapping[str, Measured], *,
+        bandwidth_hz: float, step: float, border_hz: float, states_rate: bool,
+    ) -> Tracking:  # fmt: skip
+        """The virtual controller for measured positions and torques."""
+        logs = {label: replace(log, motion=runs[label].smooth(bandwidth_hz)) for label, log in logs.items()}
+        law = virtual_law(parameters, logs, bandwidth_hz, step)
+        compared = compared_hz(max(bandwidth_hz, border_hz), min(log.rate_hz for log in logs.values()))
+        return cls(law, law.component(), bandwidth_hz, runs, logs, border_hz, states_rate, compared)
+
+    @property
+    def chosen(self) -> str:
+        """The choice, in words."""
+        return f"a bandwidth of {self.bandwidth_hz:.3g} Hz and a torque held for {1000 * self.step:.3g} ms"
+
+    def others(self) -> dict[str, Tracking]:
+        """Other choices that are as good a guess, in words: half and twice the bandwidth, as far as the positions allow
+        it, and where the control rate is not known a torque that is held as long as positions are apart.
+
+        With half of it, torques are compared up to where they are with the whole, which shows what the low-pass of the
+        positions takes off; with twice of it up to twice of that, which shows what their noise does.
+        """
+        rate = min(run.rate_hz for run in self.runs.values())
+        found = {
+            f"a bandwidth of {b:.3g} Hz": self._at(bandwidth_hz=b)
+            for b in (self.bandwidth_hz / 2, min(2 * self.bandwidth_hz, HIGHEST_STATED * rate))
+        }
+        if not self.states_rate and 1 / rate > self.step * (1 + REFERENCE_STEP):
+            found[f"a torque held for {1000 / rate:.3g} ms"] = self._at(step=1 / rate)
+        return found
+
+    def _at(self, *, bandwidth_hz: float | None = None, step: float | None = None) -> Tracking:
+        return self.of(
+            self.law.parameters, self.runs, self.logs, bandwidth_hz=bandwidth_hz or self.bandwidth_hz,
+            step=step or self.step, border_hz=self.border_hz, states_rate=self.states_rate,
+        )  # fmt: skip
+
+    @property
+    def step(self) -> float:
+        """Control period, s."""
+        return self.law.step
+
+    def motion(self, label: str) -> Selected:
+        """What the loop follows in a run."""
+        run = self.runs[label]
+        reference = replace(self.law.reference(run.smooth(self.bandwidth_hz)), source=run.source)
+        return Selected(reference, run.told)
+
+    def inside(self, source: ExperimentSource, label: str) -> ExperimentSource:
+        """The entry of a run without the borders of its positions, and with a start on the reference."""
+        return _inside(source, self.runs[label], self.border_hz)
+
+    def loop(self, plant: Component, reference: Trajectory) -> System:
+        """The loop of the plant and the virtual controller."""
+        return closed_loop(
+            plant, self.controller, joint_count=self.law.inertia.size, step_size=self.step,
+            injections=self.law.injections(), reference_names=reference.names,
+        )  # fmt: skip
+
+
+def tracking_of(
+    document: CaseDocument, folder: Path, model: RobotModel | None, signals: Mapping[str, Trajectory]
+) -> Tracking:
+    """The virtual controller of a case.
+
+    Raises:
+        InputError: there is no robot description, positions or torque are missing, or they cannot be followed.
+    """
+    assert document.controller is not None
+    if model is None:
+        raise InputError(
+            "controller: {kind: tracking} takes its gains from a robot description, and the case has none.",
+            where="robot", next_step="Give robot: (a description); without one the real controller is needed.",
+        )  # fmt: skip
+    parameters = RobotParameters(model, base_parameters(model))
+    units = parameters.torque_units
+    runs = {
+        label: read_positions(run, folder, signals, torque_units=units, label=label)
+        for label, run in document.runs.items()
+    }
+    fitted = {label: run for label, run in document.runs.items() if run.role == "estimation"}
+    step = 1 / (document.loop.rate_hz or _fine(max(run.rate_hz for run in runs.values())))
+    measured = dict[str, Measured]()
+    for label, run in fitted.items():
+        positions, source = runs[label], _inside(run, runs[label], math.inf)
+        table = Trajectory(positions.time, positions.q[:, :0], ())
+        log = read_torque_log(
+            source, folder, table, step=step, drive_gains=document.loop.drive_gains, torque_units=units, label=label,
+            signals=signals,
+        )  # fmt: skip
+        time = log.times - (0.0 if source.torque is None else source.torque.log_shift_s)
+        measured[label] = Measured(time, log.torque, positions.smooth(HIGHEST * positions.rate_hz))
+    followed, slowest = [runs[label] for label in fitted], min(log.rate_hz for log in measured.values())
+    bandwidth = bandwidth_of(followed, document.controller.bandwidth_hz, slowest)
+    measured = {label: log.inside(*_borders(runs[label], bandwidth)) for label, log in measured.items()}
+    return Tracking.of(
+        parameters, runs, measured, bandwidth_hz=bandwidth, step=step, border_hz=bandwidth,
+        states_rate=document.loop.rate_hz is not None,
+    )  # fmt: skip
+
+
+def _fine(rate_hz: float) -> float:
+    """The least whole multiple of the rate of the positions that is fine."""
+    return rate_hz * max(math.ceil(FINE_HZ / rate_hz - 1e-6), 1)
+
+
+def _borders(run: Positions, bandwidth_hz: float) -> tuple[float, float]:
+    """First and last instant that is fitted, s."""
+    border = BORDER / bandwidth_hz
+    return float(run.time[0]) + border, float(run.time[-1]) - border
+
+
+def _inside(source: ExperimentSource, run: Positions, bandwidth_hz: float) -> ExperimentSource:
+    first, last = _borders(run, bandwidth_hz)
+    first = first if source.from_s is None else max(first, source.from_s)
+    last = last if source.to_s is None else min(last, source.to_s)
+    if first >= last:
+        raise InputError(
+            "The run is too short for positions to be followed.", where=run.label,
+            got=f"{float(run.time[-1] - run.time[0]):.3g} s, of which {BORDER / bandwidth_hz:.3g} s at both ends are "
+            "not fitted",
+            next_step="Give a longer run, or positions at a higher rate.",
+        )  # fmt: skip
+    start = "reference" if source.initial_state == "detected" else source.initial_state
+    return source.model_copy(update={"from_s": first, "to_s": last, "initial_state": start})

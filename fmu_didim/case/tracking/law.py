@@ -1,0 +1,152 @@
+"""The virtual controller: a PD law with gains from the inertia matrix, and the torque that is fed forward.
+
+    tau = u + w^2 M (q_ref - q) + 2 w M (dq_ref - dq),    M = diag of the inertia matrix at the mean posture
+    u(t_k) = W(q_ref, dq_ref, ddq_ref) chi at t_k + h/2,  chi by least squares of the measured torque
+
+u makes the loop follow closely whatever the bandwidth of the feedback, which the sampled loop limits; what u lacks acts
+through the plant, whose values are identified, and not through u. A torque that is held from t_k to t_k + h moves the
+plant as that of t_k + h/2.
+
+Source: Gautier, Janot, Vandanjon, A new closed-loop output error method, IEEE TCST 21(2), 2013: the simulated
+controller may be another one as long as the simulated motion follows the measured one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from fmu_didim.base.errors import InputError
+from fmu_didim.case.tracking.positions import Smooth
+from fmu_didim.components import Component, ModelComponent
+from fmu_didim.components.compiled_model import with_compiled_twin
+from fmu_didim.controllers.pd import PD
+from fmu_didim.data.signals import Array, Trajectory, Variable
+from fmu_didim.estimators.starts.reference_start import Motion, observed_on
+from fmu_didim.model.parameters import RobotParameters
+
+FEEDBACK = 1 / 25
+"""[1] Of the control rate, the highest natural frequency of the feedback: w h = 0.25 and Kd h / M = 0.5, where a
+sampled joint is stable with a quarter of its inertia, too."""
+ROUNDS = 2
+"""[fits] Least squares with joints weighted alike, then by what they leave."""
+FED_FORWARD = "tracking_torque"
+"""Columns of the reference with the torque that is fed forward, one a joint."""
+
+
+@dataclass(frozen=True)
+class Measured:
+    """Torque (N, n) of a run at instants (N,), s, and the motion that was measured."""
+
+    time: Array
+    torque: Array
+    motion: Smooth
+
+    @property
+    def rate_hz(self) -> float:
+        """Of the log, s."""
+        return float((self.time.size - 1) / (self.time[-1] - self.time[0]))
+
+    def inside(self, first: float, last: float) -> Measured:
+        """The same from ``first`` to ``last``, s."""
+        kept = (self.time >= first) & (self.time <= last)
+        return replace(self, time=self.time[kept], torque=self.torque[kept])
+
+
+@dataclass(frozen=True)
+class VirtualLaw:
+    """Gains and feedforward of a virtual controller.
+
+    Attributes:
+        parameters: of the robot; values: (b,) base parameters by least squares; inertia: (n,) diagonal of the inertia
+            matrix at the mean posture, kg.m2 or kg; frequency_hz: natural frequency of the feedback.
+        step: control period, s.
+    """
+
+    parameters: RobotParameters
+    values: Array
+    inertia: Array
+    frequency_hz: float
+    step: float
+
+    def component(self) -> Component:
+        """The PD law."""
+        w = 2 * np.pi * self.frequency_hz
+        joints = tuple(joint.type for joint in self.parameters.model.description.joints)
+        law = PD(
+            law="pd", name="tracking", description="virtual controller that follows measured positions",
+            joints=joints, rate_hz=1 / self.step, Kp=tuple(w * w * self.inertia), Kd=tuple(2 * w * self.inertia),
+        )  # fmt: skip
+        return with_compiled_twin(ModelComponent(law.block()))
+
+    def reference(self, motion: Smooth) -> Trajectory:
+        """What the loop follows: the motion at all ticks, and the torque that is fed forward."""
+        count = int((motion.last - motion.first) / self.step + 1e-6) + 1
+        time = motion.first + np.arange(count, dtype=np.float64) * self.step
+        middle = motion.at(time + self.step / 2)
+        observed = self.parameters.observed_along(time, *middle, self.values)
+        columns, known = self.parameters.regressor(*middle, observed=observed)
+        table = np.hstack([*motion.at(time), columns @ self.values + known])
+        joints = range(1, self.inertia.size + 1)
+        names = [f"{kind}{j}" for kind in ("q", "dq", "ddq", FED_FORWARD) for j in joints]
+        return Trajectory(time, table, tuple(Variable(name) for name in names))
+
+    def injections(self) -> Mapping[str, str]:
+        """Command -> column that is added to it."""
+        return {f"command{j}": f"{FED_FORWARD}{j}" for j in range(1, self.inertia.size + 1)}
+
+
+def virtual_law(
+    parameters: RobotParameters, runs: Mapping[str, Measured], bandwidth_hz: float, step: float
+) -> VirtualLaw:
+    """The virtual controller of runs.
+
+    Args:
+        step: control period, s.
+
+    Raises:
+        InputError: torque and positions are of no machine.
+    """
+    pairs = [_rows(parameters, run, step) for run in runs.values()]
+    columns, target = (np.concatenate([pair[i] for pair in pairs]) for i in (0, 1))
+    deviation = target.std(axis=0) + np.finfo(float).tiny
+    for _ in range(ROUNDS):
+        table = (columns / deviation[:, None]).reshape(-1, columns.shape[2])
+        values = np.linalg.lstsq(table, (target / deviation).reshape(-1), rcond=None)[0]
+        deviation = np.maximum((target - columns @ values).std(axis=0), 1e-9 * deviation)
+    posture = np.concatenate([run.motion.at(run.time)[0] for run in runs.values()]).mean(axis=0)
+    inertia = _inertia(parameters, values, posture)
+    if (bad := np.flatnonzero(~(inertia > 0))).size:
+        raise InputError(
+            "Torque and positions give a joint no positive inertia, so that a controller has no gains.",
+            where=f"controller: tracking, joint {bad[0] + 1}", got=f"{inertia[bad[0]]:.3g}", valid="above 0",
+            next_step="Check signs, units, joints and clocks of torque and positions (fmu-didim data FILE); move the "
+            "joint faster.",
+        )  # fmt: skip
+    return VirtualLaw(parameters, values, inertia, min(bandwidth_hz, FEEDBACK / step), step)
+
+
+def _rows(parameters: RobotParameters, run: Measured, step: float) -> tuple[Array, Array]:
+    """Regressor (N, n, b) along the measured motion, and the torque (N, n) without the known one."""
+    motion: Motion = run.motion.at(run.time + step / 2)
+
+    def rows(observed: Array) -> tuple[Array, Array]:
+        return parameters.regressor(*motion, observed=observed)
+
+    columns, known = rows(observed_on(parameters, run.time, motion, run.torque, rows))
+    return columns, run.torque - known
+
+
+def _inertia(parameters: RobotParameters, values: Array, posture: Array) -> Array:
+    """(n,) torque of each joint for an acceleration of one, less that at rest."""
+    n = posture.size
+    q, rest, unit = np.tile(posture, (n, 1)), np.zeros((n, n)), np.eye(n)
+
+    def torque(ddq: Array) -> Array:
+        observed = parameters.observed_along(np.zeros(n), q, rest, ddq, values)
+        columns, known = parameters.regressor(q, rest, ddq, observed=observed)
+        return np.asarray(columns @ values + known)
+
+    return np.asarray(np.diag(torque(unit) - torque(rest)))

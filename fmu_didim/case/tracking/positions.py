@@ -1,0 +1,172 @@
+"""Measured positions as a motion that a virtual controller can follow.
+
+The positions of a run are brought to an even grid, low-passed forward and backward, and differentiated by a spline of
+the fifth degree. White noise of the deviation s in positions sampled at the rate p leaves, below the cut-off c,
+
+    s_ddq = s (2 pi c)^2 sqrt(2 c / (5 p))
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from scipy.interpolate import BSpline, make_interp_spline
+
+from fmu_didim.base.diagnostics import Diagnostic
+from fmu_didim.base.errors import InputError
+from fmu_didim.case.files import found_in, read_signals
+from fmu_didim.case.reference import FEWEST_ROWS, at_least_two_rows, resampled
+from fmu_didim.case.sources import ExperimentSource
+from fmu_didim.checks.data.log import REFERENCE_STEP
+from fmu_didim.data.filters import LowPass
+from fmu_didim.data.signals import Array, Trajectory, Variable, white_noise
+from fmu_didim.estimators.starts.reference_start import Motion, derived_noise, motion_hz
+
+HIGHEST = 0.2
+"""[1] Of the rate of the positions, the highest bandwidth that is chosen: five positions to its period."""
+HIGHEST_STATED = 0.4
+"""[1] Of that rate, from which a stated bandwidth is refused: a low-pass close to half of the rate is none."""
+COMPARED = 0.4
+"""[1] Of the bandwidth, up to which torques are compared: there the low-pass of the positions, of the fourth order and
+run twice, takes off less than 1e-6 of an acceleration, and what it takes off above is not seen."""
+OF_THE_LOG = 0.5
+"""[1] Of the rate of a torque log, the highest bandwidth with which torques are filtered: what is followed above half
+of its rate would fold into what is compared. Other logs are compared as they are."""
+NOISE = 0.007
+"""[1] Part of the deviation of an acceleration that its noise may have, up to where torques are compared, if the
+bandwidth is chosen: it draws inertias to zero by its square, 5e-5, and by 32 times as much with twice the bandwidth."""
+NOISE_UNFILTERED = 0.02
+"""[1] The same of a slow log, up to the bandwidth: a lower one would cut off what its samples show, and their values
+are less precise."""
+FOLLOWS = 5.0
+"""[1] Least bandwidth over the highest frequency of the motion: torques are then compared up to twice that."""
+ORDER = 4
+"""[1] Of the low-pass of the positions."""
+STEPS = 24
+"""[1] Bandwidths that are tried, a quarter of an octave apart."""
+
+
+@dataclass(frozen=True)
+class Positions:
+    """Measured positions of a run.
+
+    Attributes:
+        label: of the run; time: (K,) s, evenly spaced; q: (K, n) rad or m; told: what was found in their file.
+    """
+
+    label: str
+    time: Array
+    q: Array
+    source: str = ""
+    told: tuple[Diagnostic, ...] = ()
+
+    @property
+    def rate_hz(self) -> float:
+        """Their rate."""
+        return float((self.time.size - 1) / (self.time[-1] - self.time[0]))
+
+    def smooth(self, bandwidth_hz: float) -> Smooth:
+        """The motion up to a bandwidth."""
+        q = LowPass(bandwidth_hz, ORDER).apply(self.q, self.rate_hz)
+        return Smooth(make_interp_spline(self.time, q, k=5), float(self.time[0]), float(self.time[-1]))
+
+    def noise_share(self, bandwidth_hz: float) -> float:
+        """The largest noise of an acceleration below a bandwidth, of the deviation of the acceleration there."""
+        ddq = self.smooth(bandwidth_hz).at(self.time)[2].std(axis=0)
+        moves = ddq > 0
+        noise = np.array([white_noise(column) for column in self.q.T])[moves]
+        return float(np.max(derived_noise(noise, bandwidth_hz, self.rate_hz, 2) / ddq[moves], initial=0.0))
+
+    def motion_hz(self, bandwidth_hz: float) -> float:
+        """Highest frequency of the motion below a bandwidth."""
+        return motion_hz(self.time, self.smooth(bandwidth_hz).at(self.time)[1])
+
+
+@dataclass(frozen=True)
+class Smooth:
+    """A smooth motion from ``first`` to ``last``, s."""
+
+    spline: BSpline
+    first: float
+    last: float
+
+    def at(self, time: Array) -> Motion:
+        """q, dq, ddq (N, n) at instants (N,); beyond its ends those there."""
+        inside = np.clip(time, self.first, self.last)
+        return self.spline(inside), self.spline.derivative(1)(inside), self.spline.derivative(2)(inside)
+
+
+def read_positions(
+    source: ExperimentSource,
+    folder: Path,
+    signals: Mapping[str, Trajectory],
+    *,
+    torque_units: tuple[str, ...],
+    label: str,
+) -> Positions:
+    """The measured positions of a run, at even instants.
+
+    Raises:
+        InputError: there are none, a column is missing, or they are too few.
+    """
+    if source.positions is None:
+        raise InputError(
+            "controller: {kind: tracking} follows measured positions, and this run has none.", where=label,
+            next_step="Add positions: {file: ...} to it. Without positions the real controller is needed.",
+        )  # fmt: skip
+    read = read_signals(source.positions, folder, signals, torque_units=torque_units)
+    found, told = at_least_two_rows(read.signals, source.positions.file), [*read.told]
+    names = [f"q{j}" for j in range(1, len(torque_units) + 1)]
+    table = Trajectory(found.time, found.select(names), tuple(Variable(n) for n in names), source.positions.file)
+    step = float((table.time[-1] - table.time[0]) / (table.time.size - 1))
+    if table.time.size < FEWEST_ROWS or table.deviation(step) > REFERENCE_STEP * step:
+        table, of_rows = resampled(table, float(np.median(np.diff(table.time))))
+        told += found_in(of_rows, source.positions.file)
+    return Positions(label, table.time, table.values, source.positions.file, tuple(told))
+
+
+def compared_hz(bandwidth_hz: float, log_rate_hz: float) -> float | None:
+    """Cut-off to which both torques are filtered before they are compared; None where the log is too slow for that."""
+    return COMPARED * bandwidth_hz if bandwidth_hz <= OF_THE_LOG * log_rate_hz else None
+
+
+def _is_clean(run: Positions, bandwidth_hz: float, log_rate_hz: float) -> bool:
+    """Whether noise hardly shows in the accelerations that are compared."""
+    cutoff = compared_hz(bandwidth_hz, log_rate_hz)
+    if cutoff is None:
+        return run.noise_share(bandwidth_hz) <= NOISE_UNFILTERED
+    return run.noise_share(cutoff) <= NOISE
+
+
+def bandwidth_of(runs: Sequence[Positions], stated: float | None, log_rate_hz: float) -> float:
+    """The bandwidth up to which positions are followed, Hz: the stated one, else the highest at which noise hardly
+    shows in the accelerations that are compared.
+
+    Raises:
+        InputError: the motion reaches as high, so that positions at this rate, or with this noise, cannot be followed.
+    """
+    rate = min(run.rate_hz for run in runs)
+    if stated is not None and stated > HIGHEST_STATED * rate:
+        raise InputError(
+            "The bandwidth is too high for the rate of the positions.", where="controller.bandwidth_hz",
+            got=f"{stated:g} Hz with positions at {rate:.4g} Hz", valid=f"up to {HIGHEST_STATED * rate:.4g} Hz",
+            next_step="Leave bandwidth_hz out, or give positions at a higher rate.",
+        )  # fmt: skip
+    tried = HIGHEST * rate * 2.0 ** (-np.arange(STEPS) / 4)
+    clean = next((b for b in tried if all(_is_clean(run, b, log_rate_hz) for run in runs)), float(tried[-1]))
+    bandwidth = clean if stated is None else stated
+    motion = max(run.motion_hz(min(clean, bandwidth)) for run in runs)  # above, noise would look like motion
+    if bandwidth < FOLLOWS * motion:
+        needed = FOLLOWS * motion
+        raise InputError(
+            "The measured positions cannot be followed: the motion reaches too close to the bandwidth.",
+            where="controller.bandwidth_hz",
+            got=f"bandwidth {bandwidth:.3g} Hz of positions at {rate:.4g} Hz, motion up to {motion:.3g} Hz",
+            valid=f"bandwidth of {needed:.3g} Hz and more",
+            next_step=f"Log positions at {needed / HIGHEST:.3g} Hz or more, less noisy ones, or move slower."
+            if stated is None else f"Give {needed:.3g} Hz or more, or leave bandwidth_hz out.",
+        )  # fmt: skip
+    return float(bandwidth)

@@ -1,0 +1,189 @@
+"""A controller that nobody knows: a virtual one follows the measured positions, and what keeps it from that is told."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from fmu_didim import Result, identify, load_case
+from fmu_didim.base.errors import InputError
+from fmu_didim.checks.data.linear_fit import motion_with_regressor
+from tests.case.tracking.hidden import SCARA, case_of, content_of, errors_of, machine, truth
+
+
+@pytest.mark.gate
+def test_values_are_those_of_a_machine_whose_controller_is_hidden(tmp_path: Path) -> None:
+    found = identify(case_of(0), out=tmp_path)
+    assert found.verdict == "valid"
+    assert np.abs(errors_of(found)).max() < 3
+    inertias = [found.parameters[name] for name in ("ZZ1R", "ZZ2")]
+    assert all(p.std < 0.01 * abs(p.value) for p in inertias)
+    assert "virtual controller" in found.summary()
+    assert any("clock of the positions" in condition for condition in found.document.conditions)
+    choices = found.estimate.choices
+    assert choices is not None and len(choices.shifts) == 2
+    assert (found.estimate.standard_deviation > choices.noise_alone).all()
+    low, high = found.estimate.interval().T
+    saved = Result.load(tmp_path).document.choices
+    assert saved is not None and saved.shifts.keys() == choices.shifts.keys()
+    assert saved.noise_std["ZZ2"] == pytest.approx(choices.noise_alone[found.estimate.names.index("ZZ2")])
+    assert "What the virtual controller costs" in (tmp_path / "report.html").read_text(encoding="utf-8")
+    for shift in choices.shifts.values():
+        assert (low <= found.estimate.value + shift).all() and (found.estimate.value + shift <= high).all()
+
+
+def test_the_simulated_motion_follows_the_measured_one() -> None:
+    """Whatever the values are: with inertias that are a tenth too large, too."""
+    case = case_of(0)
+    model = case.model
+    true = np.array([truth()[name] for name in model.names])
+    for values in (true, 1.1 * true):
+        run = model.simulation(values, "estimation")
+        simulated = motion_with_regressor(run).along.motion[0]
+        wanted = run.experiment.reference.select(["q1", "q2"])
+        real = machine().select(["q1", "q2"])[: wanted.shape[0]]
+        assert np.abs(wanted - real).max() < 1e-3
+        assert (simulated - wanted).std(axis=0).max() < 1e-3 * real.std()
+
+
+def test_gains_come_from_the_inertia_matrix() -> None:
+    """ZZ1R + ZZ2 + ... at the mean posture of joint 1, and ZZ2 of joint 2."""
+    law = case_of(0).tracking
+    assert law is not None
+    assert law.law.inertia[1] == pytest.approx(truth()["ZZ2"], rel=0.05)
+    assert law.law.inertia[0] > truth()["ZZ1R"]
+    assert law.law.frequency_hz * 25 <= 200 * (1 + 1e-9)
+
+
+def test_less_noise_of_positions_allows_a_higher_bandwidth() -> None:
+    rough, fine = (case_of(0, position_std=std).tracking for std in (1e-4, 1e-6))
+    assert rough is not None and fine is not None
+    assert rough.bandwidth_hz < fine.bandwidth_hz <= 0.2 * 200
+
+
+def test_a_reference_beside_positions_is_not_followed() -> None:
+    with_it, without = case_of(0, reference=True), case_of(0)
+    a, b = (case.model.experiments["estimation"].reference for case in (with_it, without))
+    assert np.array_equal(a.values, b.values)
+
+
+def test_without_positions_there_is_nothing_to_follow() -> None:
+    with pytest.raises(InputError, match="follows measured positions") as caught:
+        case_of(0, positions=False, reference=True)
+    assert "positions:" in str(caught.value)
+
+
+def test_positions_that_are_too_slow_say_which_rate_is_needed() -> None:
+    with pytest.raises(InputError, match="cannot be followed") as caught:
+        case_of(0, thinned=40)
+    assert "Log positions at" in str(caught.value)
+
+
+def test_positions_that_are_too_noisy_cannot_be_followed() -> None:
+    with pytest.raises(InputError, match="cannot be followed"):
+        case_of(0, position_std=0.02)
+
+
+@pytest.mark.parametrize(
+    ("bandwidth", "words"), [(0.3, "cannot be followed"), (90.0, "too high for the rate of the positions")]
+)
+def test_a_stated_bandwidth_between_motion_and_rate(bandwidth: float, words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        case_of(0, controller={"kind": "tracking", "bandwidth_hz": bandwidth})
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"controller": {"kind": "tracking", "source": "x.yaml"}}, "takes bandwidth_hz alone"),
+        ({"controller": {"kind": "model", "source": "x.yaml", "bandwidth_hz": 10}}, "belongs to"),
+        ({"plant": {"kind": "tracking"}}, "plant.kind: must be one of"),
+        ({"loop": {"rate_hz": 200, "delay_samples": 1}}, "delay_samples"),
+        ({"identify": {"gain": {"of": "drive", "joint": 1}}}, "tells nothing of the gains"),
+        ({"identify": {"d": {"of": "delay"}}}, "tells nothing of the gains"),
+        ({"estimator": {"kind": "didim", "estimate_delay": True}}, "needs the real controller"),
+        ({"estimator": {"kind": "idim_iv"}}, "needs the real controller"),
+        ({"estimator": {"kind": "output_error"}}, "needs the real controller"),
+        ({"identify": {"Kp1": {"of": "controller"}}}, "tells nothing of the gains"),
+    ],
+)
+def test_what_a_virtual_controller_does_not_know_is_refused(changes: dict[str, Any], words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        load_case(content_of(**changes), folder=SCARA.parent)
+
+
+@pytest.mark.gate
+def test_a_bandwidth_that_lets_noise_in_is_doubted() -> None:
+    """The accelerations of a coarse encoder are noise at 60 Hz: inertias come out too small, and it is said."""
+    found = identify(case_of(0, position_std=1e-4, controller={"kind": "tracking", "bandwidth_hz": 60}))
+    assert found.verdict == "doubtful"
+    told = {reason.code: reason for reason in found.reasons}
+    assert "tracking-choice" in told and "bandwidth" in told["tracking-choice"].text
+
+
+@pytest.mark.gate
+def test_a_bandwidth_that_cuts_off_the_motion_is_doubted() -> None:
+    found = identify(case_of(0, controller={"kind": "tracking", "bandwidth_hz": 3}))
+    assert "tracking-choice" in {reason.code for reason in found.reasons}
+
+
+@pytest.mark.gate
+def test_a_late_log_is_told_and_no_controller_is_accused() -> None:
+    """Torque that is stamped 20 ms late: the clock is named, not the gains or the delay of a controller."""
+    case = case_of(0)
+    late = case.with_(train={"torque": {"offset_s": 0.02}})
+    found = identify(late)
+    assert found.verdict == "doubtful"
+    assert "clock-late" in {reason.code for reason in found.reasons}
+    words = " ".join(f"{reason.text} {reason.next_step}" for reason in found.reasons)
+    assert "gains of the controller" not in words and "check the controller" not in words
+    assert "loop: {rate_hz: ...}" in words  # a torque that is held longer looks alike
+    assert "command-delay" not in {reason.code for reason in found.reasons}
+
+
+@pytest.mark.gate
+def test_a_control_rate_that_is_not_stated_is_one_more_choice() -> None:
+    """A torque that is held for 5 ms acts 2.5 ms later; without its rate it is taken for one that is held for 1 ms."""
+    case = case_of(0, loop={})
+    assert case.step_size == pytest.approx(0.001)
+    found = identify(case)
+    choices = found.estimate.choices
+    assert choices is not None and "a torque held for 5 ms" in choices.shifts
+    assert np.abs(errors_of(found)).max() < 3
+    assert "loop: {rate_hz: ...}" in " ".join(reason.next_step for reason in found.reasons)
+
+
+def test_the_classical_method_takes_positions_without_a_controller() -> None:
+    found = identify(case_of(0, estimator={"kind": "idim_ls", "cutoff_hz": 40, "decimation": 4}))
+    assert found.estimate.choices is None
+    assert np.abs(errors_of(found)).max() < 8  # noise of positions biases it
+
+
+def test_a_known_controller_is_replaced_as_a_whole() -> None:
+    known = load_case(SCARA)
+    positions = {"positions": {"file": "train_200hz.csv"}}
+    with pytest.raises(InputError, match="column"):  # of positions, which that log lacks; not of the law
+        known.with_(controller={"kind": "tracking"}, loop=None, train=positions, validation=None)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "given",
+    [{}, {"hidden": "scara_pid", "torque_rate": 100}, {"position_std": 1e-4}, {"thinned": 2}],
+    ids=["cascade", "pid-100-hz", "coarse", "positions-100-hz"],
+)
+def test_intervals_hold_the_truth_over_draws(given: dict[str, Any]) -> None:
+    """20 draws of 8 values: 92 % and more of the intervals of 95 % hold, and as they contain the choice, they may be wide,
+    but by a factor of 2.5 at most; no value is off by its standard deviation on average, and most answers are valid."""
+    found = [identify(case_of(seed, **given)) for seed in range(20)]
+    errors = np.array([errors_of(one) for one in found])
+    assert (np.abs(errors) < 1.96).mean() >= 0.92
+    wider = [
+        one.estimate.standard_deviation / one.estimate.choices.noise_alone for one in found if one.estimate.choices
+    ]
+    assert len(wider) == 20 and np.mean(wider, axis=0).max() < 2.5
+    assert np.abs(errors.mean(axis=0)).max() < 1
+    assert sum(one.verdict == "valid" for one in found) >= 14
