@@ -308,9 +308,18 @@ def test_joints_of_a_list_are_those_of_the_robot(tmp_path: Path, capsys: pytest.
         joint["name"] = name
     (tmp_path / "robot.yaml").write_text(yaml.safe_dump(described), encoding="utf-8")
     given = [str(tmp_path / name) for name in ("run.mcap", "robot.yaml")]
-    assert main(["init", *given, "--law", "pd", "--out", str(tmp_path / "case")]) == 0
-    columns = yaml.safe_load((tmp_path / "case/case.yaml").read_text(encoding="utf-8"))["train"]["torque"]["columns"]
-    assert columns == {"tau1": "/joint_states.effort.elbow", "tau2": "/joint_states.effort.wrist_1"}
+    assert main(["init", *given, "--out", str(tmp_path / "case")]) == 0
+    assert "nothing to be filled in" in capsys.readouterr().out
+    assert not (tmp_path / "case/controller.yaml").exists()  # nothing that one was told is there
+    case = yaml.safe_load((tmp_path / "case/case.yaml").read_text(encoding="utf-8"))
+    assert case["controller"] == {"kind": "tracking"} and "reference" not in case["train"]
+    columns = {"tau1": "/joint_states.effort.elbow", "tau2": "/joint_states.effort.wrist_1"}
+    assert case["train"]["torque"]["columns"] == columns
+    positions = {"q1": "/joint_states.position.elbow", "q2": "/joint_states.position.wrist_1"}
+    assert case["train"]["positions"]["columns"] == positions
+    assert main(["validate", str(tmp_path / "case/case.yaml")]) == 0
+    assert main(["init", *given, "--law", "pd", "--out", str(tmp_path / "known")]) == 0
+    assert yaml.safe_load((tmp_path / "known/case.yaml").read_text(encoding="utf-8"))["controller"]["kind"] == "model"
     capsys.readouterr()
     assert main(["init", given[0], "--law", "pd", "--out", str(tmp_path / "without")]) == 0
     told = capsys.readouterr().out

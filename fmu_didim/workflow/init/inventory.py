@@ -54,6 +54,11 @@ class Inventory:
         return self.taken["controller"][0] if "controller" in self.taken else None
 
     @property
+    def has_no_controller(self) -> bool:
+        """Whether none of the files is a controller, or holds one."""
+        return self.controller is None and self.controller_fmu is None and self.system is None
+
+    @property
     def torque_count(self) -> int:
         """Torques (currents, commands) of the log that has most of them, joints where no column is known as one."""
         counts = [sum(g.role == role for g in d.guesses) for d in self.data for role in TORQUES]

@@ -33,7 +33,7 @@ _BY_NAME: tuple[tuple[str, Role], ...] = (
     (r"^q|\bq\d|pos|lage|winkel|angle|achs|axis|joint|gelenk|weg|theta|phi", "q"),
 )
 _REFERENCE = r"soll|ref|set|cmd|des(ired)?|target|plan|fuehr|führ"
-_MEASURED = r"(?<!wr)ist|act|meas|mess|enc|feedback|fbk|^qm\b|^q_?mes"
+_MEASURED = r"(?<!wr)ist|joint_?states|act|meas|mess|enc|feedback|fbk|^qm\b|^q_?mes"
 
 
 @dataclass(frozen=True)

@@ -79,10 +79,12 @@ def start_case(
     out, found = Path(out), inventory(list(given.values()), said, has_law=law is not None, model=own)
     if found.model is not None:
         return _started(out, *model_case(found, out), kinds=("case",))
-    texts = {CASE_FILE: _case(found, out)}
+    entries = _entries(found, out)
+    follows = law is None and found.has_no_controller and found.plant_fmu is None and all(map(_is_followed, entries))
+    texts = {CASE_FILE: _case(found, out, entries, follows=follows)}
     if found.robot is None and found.system is None and found.plant_fmu is None:
         texts[ROBOT_FILE] = rendered("robot.yaml.j2", joints=_joint_types(found), effects=EFFECTS, edit=TO_FILL_IN)
-    if found.controller is None and found.controller_fmu is None and found.system is None:
+    if found.has_no_controller and not follows:
         texts[CONTROLLER_FILE] = _controller(found, law)
     return _started(out, texts, list(_guessed(found)))
 
@@ -135,11 +137,26 @@ def _said(
     return said
 
 
-def _case(found: Inventory, out: Path) -> str:
-    made = runs(found)
+def _entries(found: Inventory, out: Path) -> list[dict[str, Any]]:
+    """What is said of each run."""
     joints = found.joint_count
-    entries = [{"label": run.label, "held_out": run.held_out, **_experiment(found, run, joints, out)} for run in made]
-    short = len(made) <= 2 and sum(not run.held_out for run in made) == 1
+    return [
+        {"label": run.label, "held_out": run.held_out, "file": run.torque.path.stem,
+         **_experiment(found, run, joints, out)}
+        for run in runs(found)
+    ]  # fmt: skip
+
+
+def _is_followed(entry: Mapping[str, Any]) -> bool:
+    """Whether no position of a run is a set point, and all were measured."""
+    asked = {column for name, column in entry["reference"]["columns"].items() if name[0] == "q"}
+    return entry["positions"] is not None and asked == {TO_FILL_IN}
+
+
+def _case(found: Inventory, out: Path, entries: list[dict[str, Any]], *, follows: bool) -> str:
+    """The case; ``follows``: with a virtual controller that follows measured positions."""
+    joints = found.joint_count
+    short = len(entries) <= 2 and sum(not entry["held_out"] for entry in entries) == 1
     for entry in entries:
         entry["label"] = ("validation" if entry["held_out"] else "train") if short else entry["label"]
         alike = TO_FILL_IN in str(entry["torque"]) and entry["torque"]["columns"] == entries[0]["torque"]["columns"]
@@ -155,12 +172,13 @@ def _case(found: Inventory, out: Path) -> str:
     tunable = [v for v in plant.fmu.variables if v.causality == "parameter"] if plant else []
     return rendered(
         "case.yaml.j2", entries=entries, short=short, joints=joints, edit=TO_FILL_IN, command=command,
-        name=made[0].torque.path.stem, robot=named_from(out, found.robot[0]) if found.robot else ROBOT_FILE,
+        name=entries[0]["file"], robot=named_from(out, found.robot[0]) if found.robot else ROBOT_FILE,
         has_robot=found.robot is not None or plant is None, system=found.system and named_from(out, found.system),
         plant=plant and named_from(out, plant.source), plant_ports=plant and mappings(plant, "plant", joints),
         controller=named_from(out, own) if own else CONTROLLER_FILE,
         controller_ports=controller and mappings(controller, "controller", joints), ports=ports,
-        rate=_control_rate(found), tracks=own is None and all(entry["positions"] for entry in entries),
+        rate=_control_rate(found), follows=follows,
+        tracks=own is None and not follows and all(entry["positions"] for entry in entries),
         tunable=[v for v in tunable if v.start is not None][:30],
     )  # fmt: skip
 
