@@ -176,8 +176,8 @@ def test_a_known_controller_is_replaced_as_a_whole() -> None:
     ids=["cascade", "pid-100-hz", "coarse", "positions-100-hz"],
 )
 def test_intervals_hold_the_truth_over_draws(given: dict[str, Any]) -> None:
-    """20 draws of 8 values: 92 % and more of the intervals of 95 % hold; they contain the choice, and are wider by that,
-    by a factor of 2.5 at most; no value is off by its standard deviation on average, and most answers are valid."""
+    """20 draws of 8 values: 92 % and more of the intervals of 95 % hold; they contain the choice, and are wider for it,
+    by 2.5 times at most; no value is off by its standard deviation on average, and most answers are valid."""
     found = [identify(case_of(seed, **given)) for seed in range(20)]
     errors = np.array([errors_of(one) for one in found])
     assert (np.abs(errors) < 1.96).mean() >= 0.92
