@@ -3,8 +3,8 @@
     tau = u + w^2 M (q_ref - q) + 2 w M (dq_ref - dq),    M = diag of the inertia matrix at the mean posture
     u(t_k) = W(q_ref, dq_ref, ddq_ref) chi at t_k + h/2,  chi by least squares of the measured torque
 
-u makes the loop follow closely whatever the bandwidth of the feedback, which the sampled loop limits; what u lacks acts
-through the plant, whose values are identified, and not through u. A torque that is held from t_k to t_k + h moves the
+u makes the loop follow closely whatever the bandwidth of the feedback, which the sampled loop limits; what u lacks the
+feedback adds, and tau, both together, is what is compared. A torque that is held from t_k to t_k + h moves the
 plant as that of t_k + h/2.
 
 Source: Gautier, Janot, Vandanjon, A new closed-loop output error method, IEEE TCST 21(2), 2013: the simulated
@@ -46,7 +46,7 @@ class Measured:
 
     @property
     def rate_hz(self) -> float:
-        """Of the log, s."""
+        """Of the log, Hz."""
         return float((self.time.size - 1) / (self.time[-1] - self.time[0]))
 
     def inside(self, first: float, last: float) -> Measured:

@@ -31,7 +31,7 @@ HIGHEST_STATED = 0.4
 """[1] Of that rate, from which a stated bandwidth is refused: a low-pass close to half of the rate is none."""
 COMPARED = 0.4
 """[1] Of the bandwidth, up to which torques are compared: there the low-pass of the positions, of the fourth order and
-run twice, takes off less than 1e-6 of an acceleration, and what it takes off above is not seen."""
+run twice, takes off less than 1e-3 of an acceleration, and what it takes off above is hardly seen."""
 OF_THE_LOG = 0.5
 """[1] Of the rate of a torque log, the highest bandwidth with which torques are filtered: what is followed above half
 of its rate would fold into what is compared. Other logs are compared as they are."""

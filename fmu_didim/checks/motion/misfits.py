@@ -32,6 +32,7 @@ from fmu_didim.fit.derivatives.load_response import MEMORY_S, LoadResponse, load
 from fmu_didim.fit.derivatives.torque_signature import TorqueSignature
 from fmu_didim.fit.fit import Fit
 from fmu_didim.fit.noise.noise import TINY
+from fmu_didim.fit.noise.weighting import whitened
 from fmu_didim.model.free_parameter import BASE, joint_parameter
 from fmu_didim.model.motion import Motion, simulated_motion
 from fmu_didim.model.parameters import RobotParameters
@@ -394,11 +395,19 @@ def _tilts(motions: FittedMotions, name: str, effect: Effect, stated: StatedSize
         yield Load(name, stated, 1, f"about the axis ({about})", tables, {parameter.name: 1.0})
 
 
+def _as_values(fit: Fit) -> Array:
+    """(N, n) the part of the torque that the values can make: beside a virtual controller, which takes its own torque
+    from the log, another scale of all torques is one of the values, and no size of it shows."""
+    table, right = whitened(fit.jacobian, fit.deviation), (fit.torque / fit.deviation).ravel()
+    return np.asarray(fit.jacobian @ np.linalg.lstsq(table, right, rcond=None)[0])
+
+
 def loads_of_case(motions: FittedMotions) -> Iterator[Load]:
     """The loads of what a case says of the machine and data can show in part only: the scale of all torques, the size
     of gravity, the lengths of links, and where each joint is at zero."""
     parts = motions.fit.model.experiments.rows
-    scale = {label: motions.fit.torque[parts[label]] for label in motions.motions}
+    torque = _as_values(motions.fit) if motions.fit.model.loop.is_virtual else motions.fit.torque
+    scale = {label: torque[parts[label]] for label in motions.motions}
     yield Load("torque_scale", TORQUE_SCALE, 1, "", scale, is_of_log=True)
     if motions.robot is None:
         return
