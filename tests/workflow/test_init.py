@@ -301,7 +301,7 @@ def test_joints_of_a_list_are_those_of_the_robot(tmp_path: Path, capsys: pytest.
 
     time = np.arange(0.0, 2.0, 0.01)
     q = {"wrist_1": np.sin(time), "elbow": np.cos(time)}
-    written(tmp_path / "run.mcap", time, q, efforts=q)
+    written(tmp_path / "run.mcap", time, q, efforts={name: -values for name, values in q.items()})
     robot = ROOT / "fmus/scara/robot.yaml"
     described = yaml.safe_load(robot.read_text(encoding="utf-8"))
     for joint, name in zip(described["joints"], ("elbow", "wrist_1"), strict=True):

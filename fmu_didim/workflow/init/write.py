@@ -149,8 +149,8 @@ def _entries(found: Inventory, out: Path) -> list[dict[str, Any]]:
 
 def _is_followed(entry: Mapping[str, Any]) -> bool:
     """Whether no position of a run is a set point, and all were measured."""
-    asked = {column for name, column in entry["reference"]["columns"].items() if name[0] == "q"}
-    return entry["positions"] is not None and asked == {TO_FILL_IN}
+    columns = entry["reference"]["columns"]
+    return entry["positions"] is not None and all(columns[name] == TO_FILL_IN for name in columns if name[0] == "q")
 
 
 def _case(found: Inventory, out: Path, entries: list[dict[str, Any]], *, follows: bool) -> str:
