@@ -123,7 +123,7 @@ def virtual_law(
             "Torque and positions give a joint no positive inertia, so that a controller has no gains.",
             where=f"controller: tracking, joint {bad[0] + 1}", got=f"{inertia[bad[0]]:.3g}", valid="above 0",
             next_step="Check signs, units, joints and clocks of torque and positions (fmu-didim data FILE); move the "
-            "joint faster.",
+            "joint with more acceleration: friction may hide its inertia.",
         )  # fmt: skip
     return VirtualLaw(parameters, values, inertia, min(bandwidth_hz, FEEDBACK / step), step)
 
