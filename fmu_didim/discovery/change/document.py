@@ -1,0 +1,184 @@
+"""The comparison of two answers as it is saved."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime
+
+from fmu_didim.base.constants import recorded
+from fmu_didim.base.version import __version__
+from fmu_didim.checks.judgement import judgement
+from fmu_didim.discovery.change import answers, contest, difference
+from fmu_didim.discovery.change.answers import (
+    Answer,
+    known,
+    machine,
+    refuse,
+    refuse_same_data,
+    residual_changes,
+    residual_diagnostics,
+)
+from fmu_didim.discovery.change.causes import forms_of
+from fmu_didim.discovery.change.contest import Contest, Explanation
+from fmu_didim.discovery.change.difference import CHANGED, SEEN, Difference
+from fmu_didim.discovery.selection import decide
+from fmu_didim.results.comparison import (
+    AmountResult,
+    CausePart,
+    CauseResult,
+    Change,
+    ChangedParameter,
+    ComparedResult,
+    ComparisonDocument,
+    ParameterSet,
+)
+
+DECIDING = (
+    (difference, ("CHANGED", "SEEN")),
+    (contest, ("LACK", "PAIRED", "LARGEST_SET")),
+    (decide, ("BIC", "NEAR")),
+    (answers, ("SAME_ROWS", "SAME_VALUE", "FOLLOWS")),
+)
+"""Constants on which a comparison depends, by module."""
+MOST_NAMED = 6
+"""[parameters] Whose visible change is stated in one sentence."""
+WITHOUT_ROBOT = (
+    "Without a robot description that both results follow, causes such as a payload are not looked for: only single "
+    "parameters and sets of them."
+)
+WITHOUT_MOTION = (
+    "The motion of the log was not saved closely enough to tell the share of each joint: a torque scale of one joint "
+    "is not looked for."
+)
+
+
+def compared(before: Answer, after: Answer) -> ComparisonDocument:
+    """What has changed between two answers.
+
+    Raises:
+        InputError: they cannot be compared.
+    """
+    for answer in (before, after):
+        refuse(answer)
+    found, left = answers.difference(before, after)
+    refuse_same_data(before, after)
+    residual = residual_changes(before, after)
+    robot = machine(before, after)
+    result = Contest((), (), ())
+    is_changed = found.p_value < CHANGED
+    if is_changed:
+        result = contest.contest(found, forms_of(found.names, found.units, robot))
+    notes = [f"{name} {why}, and is not compared." for name, why in left.items()]
+    if is_changed and robot is None:
+        notes.append(WITHOUT_ROBOT)
+    elif is_changed and robot is not None and robot.logged is None and robot.parameters.joint_count > 1:
+        notes.append(WITHOUT_MOTION)
+    judged = judgement([*known(before, after, left), *residual_diagnostics(residual)])
+    answer = _answer(result, is_changed=is_changed)
+    return ComparisonDocument(
+        name=f"{before.document.name} → {after.document.name}",
+        answer=answer, text=_text(answer, found, result), verdict=judged.verdict, reasons=judged.saved(),
+        conditions=[*_visible(found, answer), *judged.conditions] if judged.verdict == "valid" else [],
+        before=_side(before), after=_side(after),
+        parameters=_parameters(found, before, after), left_out=left,
+        chi_square=found.total, freedom=len(found.names), samples=found.freedom, p_value=found.p_value,
+        causes=[_cause(e, result) for e in result.named], others=[_cause(e, result) for e in result.others],
+        sets=[ParameterSet(names=list(names), p_value=p) for names, p in result.sets],
+        residual=residual, remarks=[*map(str, judged.remarks), *notes],
+        provenance={
+            "made": datetime.now(UTC).isoformat(timespec="seconds"), "fmu_didim": __version__,
+            "thresholds": recorded(DECIDING),
+        },
+    )  # fmt: skip
+
+
+def _answer(result: Contest, *, is_changed: bool) -> Change:
+    if not is_changed:
+        return "unchanged"
+    if not result.named:
+        return "unknown"
+    return "named" if len(result.named) == 1 else "ambiguous"
+
+
+def _text(answer: Change, found: Difference, result: Contest) -> str:
+    """The answer in words."""
+    chance = f"chi-square {found.total:.4g} of {len(found.names)} values, p = {found.p_value:.1e}"
+    if answer == "unchanged":
+        return f"the values differ by no more than noise ({chance})"
+    moved = [name for name, is_moved in zip(found.names, found.moved, strict=True) if is_moved]
+    which = f"{', '.join(moved)} moved" if moved else "no value by itself moved, but all together have"
+    if answer == "unknown":
+        return f"{which} ({chance}); no cause that was tried explains that, alone or with a second one"
+    causes = "; or ".join(cause_text(e) for e in result.named)
+    if answer == "named":
+        return f"{causes}; {which} ({chance})"
+    return f"one of {len(result.named)}: {causes}; {which} ({chance})"
+
+
+def cause_text(found: Explanation) -> str:
+    """A cause, or two, with how much."""
+    parts = []
+    for form, amounts, spread in zip(found.forms, found.amounts, found.deviations, strict=True):
+        shown = [
+            f"{name} {100 * v:+.3g} ± {100 * s:.2g} %" if unit == "1" else f"{name} {v:+.3g} ± {s:.2g} {unit}".rstrip()
+            for name, unit, v, s in zip(form.names, form.units, amounts, spread, strict=True)
+        ]  # fmt: skip
+        same = f", or {form.same_as} alone, which is the same" if form.same_as else ""
+        listed = "" if form.names[0].startswith("direction") else f" ({', '.join(shown)}{same})"
+        parts.append(form.title + listed)
+    return " and ".join(parts)
+
+
+def _visible(found: Difference, answer: Change) -> list[str]:
+    """What an answer that nothing has changed rests on."""
+    if answer != "unchanged":
+        return []
+    sizes = [
+        f"{name} by {least:.2g} {unit}".replace(" 1", "").rstrip()
+        + (f" ({100 * least / abs(value):.2g} %)" if value else "")
+        for name, unit, least, value in zip(found.names, found.units, found.least_seen, found.before, strict=True)
+    ]
+    more = f", nor {len(sizes) - MOST_NAMED} more by less than the table says" if len(sizes) > MOST_NAMED else ""
+    return [
+        f"no change is smaller than these data show (alone, with {100 * SEEN:.0f} %): {', '.join(sizes[:MOST_NAMED])}"
+        f"{more}"
+    ]
+
+
+def _side(answer: Answer) -> ComparedResult:
+    document = answer.document
+    return ComparedResult(
+        name=document.name, source=answer.source, verdict=document.verdict,
+        made=str(document.provenance.get("made", "")), samples=answer.samples,
+        files=dict(document.provenance.get("files", {})),
+    )  # fmt: skip
+
+
+def _parameters(found: Difference, before: Answer, after: Answer) -> dict[str, ChangedParameter]:
+    change, wide = found.change, found.bounds * found.deviation
+    return {
+        name: ChangedParameter(
+            unit=found.units[i], before=float(found.before[i]), before_std=before.shared[name].std,
+            after=float(found.after[i]), after_std=after.shared[name].std, change=float(change[i]),
+            std=float(found.deviation[i]), interval=(float(change[i] - wide[i]), float(change[i] + wide[i])),
+            p_value=float(found.holm[i]), moved=bool(found.moved[i]), least_seen=float(found.least_seen[i]),
+        )
+        for i, name in enumerate(found.names)
+    }  # fmt: skip
+
+
+def _cause(found: Explanation, result: Contest) -> CauseResult:
+    best = min(e.bic for e in (*result.named, *result.others))
+    return CauseResult(
+        parts=[
+            CausePart(
+                kind=form.kind, joint=form.joint, title=form.title, same_as=form.same_as,
+                amounts=[
+                    AmountResult(name=name, value=float(v), std=float(s), unit=unit)
+                    for name, unit, v, s in zip(form.names, form.units, amounts, spread, strict=True)
+                ],
+            )
+            for form, amounts, spread in zip(found.forms, found.amounts, found.deviations, strict=True)
+        ],
+        left=found.left, freedom=found.count, p_value=found.p_value, share=found.share, bic=found.bic - best,
+        explains=found.explains,
+    )  # fmt: skip
