@@ -110,7 +110,11 @@ class CauseResult(Saved):
 
 
 class ParameterSet(Saved):
-    """Parameters whose change alone explains that of all; ``p_value``: of what it leaves."""
+    """Parameters whose change alone explains that of all.
+
+    Attributes:
+        names: of these; p_value: of what their change leaves.
+    """
 
     names: list[str]
     p_value: float

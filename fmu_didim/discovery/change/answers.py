@@ -33,6 +33,10 @@ SAME_VALUE = 1e-6
 FOLLOWS = 0.2
 """[1] Of the simulated torque of a joint, by which the inverse model along the saved motion may be off: the share of a
 joint in a change of its torque is needed to some ten per cent, and logs of few samples tell accelerations no better."""
+SAME_STEP = 1e-6
+"""[1] Relative difference of two sampling steps, up to which they are one: stamps are rounded."""
+SAME_INSTANT = 1e-9
+"""[s] Between instants of two logs that are one."""
 FEWEST_SAMPLES = 4.0
 """[samples] Independent ones of a joint, at least: with fewer, its noise is not known."""
 
@@ -231,7 +235,7 @@ def _share(one: Validation, other: Validation) -> float | None:
     """Of the samples at the same instants, those with the same torque; None where there are too few."""
     if one.measured.shape[1] != other.measured.shape[1]:
         return None
-    _, i, k = np.intersect1d(np.round(one.time, 9), np.round(other.time, 9), return_indices=True)
+    _, i, k = np.intersect1d(*(np.round(v.time / SAME_INSTANT) for v in (one, other)), return_indices=True)
     if i.size < min(FEWEST_ROWS, one.time.size, other.time.size):
         return None
     return float(np.mean((one.measured[i] == other.measured[k]).all(axis=1)))
@@ -386,7 +390,7 @@ def _logged(answer: Answer) -> Logged | None:
         q, dq = (np.column_stack([v.motion[f"{s}{j}"] for j in joints]) for s in ("q", "dq"))
         ddq = np.gradient(dq, v.time, axis=0)
         step = np.diff(v.time)
-        if np.allclose(step, step[0], rtol=1e-6):  # of fourth order, from positions and velocities
+        if np.allclose(step, step[0], rtol=SAME_STEP):  # of fourth order, from positions and velocities
             ddq[1:-1] = 2 * (q[2:] - 2 * q[1:-1] + q[:-2]) / step[0] ** 2 - (dq[2:] - dq[:-2]) / (2 * step[0])
         observed = parameters.observed_along(v.time, q, dq, ddq, value)
         regressor, rest = parameters.regressor(q, dq, ddq, observed=observed)

@@ -11,7 +11,7 @@ With b = chi_b + K chi_d the base parameters of standard ones chi (:mod:`fmu_did
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -25,6 +25,13 @@ SAME_DIRECTION = 1e-9
 POINTS = 6
 """[points] Random ones at which it is asked what a torque depends on."""
 SEED = 20240301
+"""[1] Of the generator of these points, so that they are the same each time: any will do."""
+NO_SPREAD = 1e-9
+"""[1] Relative difference of two torques that are one: rounding."""
+ANYWHERE = (0.31, 0.23, 0.17)
+"""[1] Of the length of the robot: a place of a payload that is nothing special, to see what of it shows."""
+STEP = 1e-4
+"""[1] Of that length, over which slopes are taken there: moments are polynomials of the place."""
 RANK = 1e-8
 """[1] Of the largest singular value, below which a direction is none."""
 REACHES = (0.3, -0.3, 1.0)
@@ -65,9 +72,9 @@ def forms_of(names: Sequence[str], units: Sequence[str], machine: Machine | None
     Args:
         names: (p,) of what is compared: base parameters that are held in one of the answers are not among them.
     """
-    found = [] if machine is None else list(_of_machine(machine, names))
-    rows = [_placed(form, machine, names) for form in found] if machine is not None else []
-    rows = [form for form in rows if form is not None]
+    rows = [] if machine is None else [
+        placed for form in _of_machine(machine, names) if (placed := _placed(form, machine, names)) is not None
+    ]  # fmt: skip
     singles = [
         Form("parameter", 0, f"{name} alone", (name,), (units[i],), _constant(np.eye(len(names))[:, [i]]))
         for i, name in enumerate(names)
@@ -82,7 +89,7 @@ def forms_of(names: Sequence[str], units: Sequence[str], machine: Machine | None
     return [*named, *kept]
 
 
-def _constant(columns: Array) -> object:
+def _constant(columns: Array) -> Callable[[Array], Array]:
     return lambda x: columns
 
 
@@ -91,9 +98,8 @@ def _alike(one: Form, other: Form) -> bool:
     return bool(1 - (a @ b) ** 2 / ((a @ a) * (b @ b)) < SAME_DIRECTION)
 
 
-def _placed(form: Form, machine: Machine | None, names: Sequence[str]) -> Form | None:
+def _placed(form: Form, machine: Machine, names: Sequence[str]) -> Form | None:
     """A form over base parameters (b,) as one over what is compared; None where nothing of it is left."""
-    assert machine is not None
     base = list(machine.parameters.base.names)
     pick = np.array([[float(own == name) for own in base] for name in names])
     original = form.columns
@@ -114,7 +120,8 @@ def _of_machine(machine: Machine, names: Sequence[str]) -> Iterator[Form]:
 def friction_groups(parameters: RobotParameters) -> dict[int, list[int]]:
     """Joint, from 1 -> places of the base parameters whose torque depends on nothing but its velocity, and on that."""
     n, rng = parameters.joint_count, np.random.default_rng(SEED)
-    q, ddq, other_q, other_ddq = rng.uniform(-2, 2, size=(4, POINTS, n))
+    q, other_q = rng.uniform(-2, 2, size=(2, POINTS, n))
+    ddq, other_ddq = rng.uniform(-2, 2, size=(2, POINTS, n))
     dq, base = rng.uniform(0.5, 2, size=(POINTS, n)) * rng.choice([-1, 1], size=(POINTS, n)), parameters.base
     observed = np.zeros((POINTS, len(parameters.model.observed)))
 
@@ -129,7 +136,7 @@ def friction_groups(parameters: RobotParameters) -> dict[int, list[int]]:
         acts = np.abs(first[:, :, i]).max(axis=0)
         joint = int(np.argmax(acts))
         alone = np.delete(acts, joint).max(initial=0.0) == 0
-        still = np.allclose(first[:, joint, i], same[:, joint, i], rtol=1e-9, atol=0)
+        still = np.allclose(first[:, joint, i], same[:, joint, i], rtol=NO_SPREAD, atol=0)
         if alone and still and not np.allclose(first[:, joint, i], rest[:, joint, i]):
             found.setdefault(joint + 1, []).append(i)
     return found
@@ -173,7 +180,7 @@ def _payload(parameters: RobotParameters) -> Iterator[Form]:
     def column(c: Array) -> Array:
         return _of_point(parameters, c)
 
-    generic = size * np.array([0.31, 0.23, 0.17])
+    generic = size * np.array(ANYWHERE)
     table, places = column(generic), list[int]()
     if not np.abs(table).any():
         return
@@ -181,8 +188,8 @@ def _payload(parameters: RobotParameters) -> Iterator[Form]:
         yield Form("payload", joint, title, ("mass",), ("kg",), _constant(origin[:, None]))
     whole = table[:, None] / np.linalg.norm(table)
     for k in range(3):
-        h = 1e-4 * size * np.eye(3)[k]
-        slope = (column(generic + h) - column(generic - h)) / (2e-4 * size)
+        h = STEP * size * np.eye(3)[k]
+        slope = (column(generic + h) - column(generic - h)) / (2 * STEP * size)
         if (norm := np.linalg.norm(slope)) > 0:
             tried = np.column_stack([whole, slope / norm])
             if np.linalg.svd(tried, compute_uv=False)[-1] > RANK:

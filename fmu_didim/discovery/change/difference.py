@@ -125,9 +125,8 @@ class Difference:
             2 * np.asarray(t_sf(np.abs(self.change) / self.deviation, min(self.freedom, LARGEST_FREEDOM))), 1.0
         )
         order = np.argsort(raw)
-        steps = np.maximum.accumulate(raw[order] * np.arange(raw.size, 0, -1))
-        found = np.empty_like(raw)
-        found[order] = np.minimum(steps, 1.0)
+        found = np.empty(raw.size)
+        found[order] = np.minimum(np.maximum.accumulate(raw[order] * np.arange(raw.size, 0, -1)), 1.0)
         return found
 
     @property

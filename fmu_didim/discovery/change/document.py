@@ -73,11 +73,11 @@ def compared(before: Answer, after: Answer) -> ComparisonDocument:
     elif is_changed and robot is not None and robot.logged is None and robot.parameters.joint_count > 1:
         notes.append(WITHOUT_MOTION)
     judged = judgement([*known(before, after, left), *residual_diagnostics(residual)])
-    answer = _answer(result, is_changed=is_changed)
+    change = _answer(result, is_changed=is_changed)
     return ComparisonDocument(
         name=f"{before.document.name} → {after.document.name}",
-        answer=answer, text=_text(answer, found, result), verdict=judged.verdict, reasons=judged.saved(),
-        conditions=[*_visible(found, answer), *judged.conditions] if judged.verdict == "valid" else [],
+        answer=change, text=_text(change, found, result), verdict=judged.verdict, reasons=judged.saved(),
+        conditions=[*_visible(found, change), *judged.conditions] if judged.verdict == "valid" else [],
         before=_side(before), after=_side(after),
         parameters=_parameters(found, before, after), left_out=left,
         chi_square=found.total, freedom=len(found.names), samples=found.freedom, p_value=found.p_value,
@@ -133,8 +133,8 @@ def _visible(found: Difference, answer: Change) -> list[str]:
     if answer != "unchanged":
         return []
     sizes = [
-        f"{name} by {least:.2g} {unit}".replace(" 1", "").rstrip()
-        + (f" ({100 * least / abs(value):.2g} %)" if value else "")
+        f"{name} by {least:.2g} {'' if unit == '1' else unit}".rstrip()
+        + (f" ({100 * least / abs(value):.0f} %)" if value else "")
         for name, unit, least, value in zip(found.names, found.units, found.least_seen, found.before, strict=True)
     ]
     more = f", nor {len(sizes) - MOST_NAMED} more by less than the table says" if len(sizes) > MOST_NAMED else ""

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import cache
+from pathlib import Path
 
 import numpy as np
+import yaml
 
 from fmu_didim import Log, RobotDescription, Trajectory, load_case, read_robot, simulate
 from fmu_didim.discovery.change.answers import Answer
@@ -42,25 +44,30 @@ def log_of(
     mass: tuple[float, float, float] | None = None,
     gain: tuple[float, float] = (1.0, 1.0),
     noise: float = 1.0,
+    every: int = 1,
 ) -> Log:
     """A log of the torque.
 
     Args:
         values: of the robot, where they are not those of the description; mass: of a payload, kg, and its place, m.
-        gain: what the log says over what the drive gives.
+        gain: what the log says over what the drive gives; every: of its samples, that are kept.
     """
     table = _motion(tuple(sorted((values or {}).items())), mass)
     step = table.time[1] - table.time[0]
-    every = round(1 / rate_hz / step)
-    rows = slice(0, table.time.size - 1, every)
+    rows = slice(0, table.time.size - 1, round(1 / rate_hz / step))
     torque = np.column_stack([table.column("tau1"), table.column("tau2")])[rows] * gain
-    return Log(table.time[rows], torque + noise * NOISE * np.random.default_rng(seed).normal(size=torque.shape))
+    torque = torque + noise * NOISE * np.random.default_rng(seed).normal(size=torque.shape)
+    return Log(table.time[rows][::every], torque[::every])
 
 
 def identified(log: Log, **changes: object) -> Result:
     """What is identified from a log."""
-    case = load_case(CASE).with_(estimator={"start": {}}, **changes)
-    return identify(case, log=log)
+    content = yaml.safe_load(Path(CASE).read_text(encoding="utf-8"))
+    del content["validation"], content["estimator"]
+    for part in (content, content["controller"]):
+        for key in {"robot", "source"} & set(part):
+            part[key] = str((Path(CASE).parent / part[key]).resolve())
+    return identify(content | changes, log=log)
 
 
 def answer(place: str, result: Result) -> Answer:
