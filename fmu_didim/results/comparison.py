@@ -77,7 +77,8 @@ class CausePart(Saved):
     """A cause.
 
     Attributes:
-        kind: stable name: friction, friction_everywhere, payload, drive_gain, torque_scale or parameter.
+        kind: stable name: friction (of one joint), friction_everywhere (of all by one factor), friction_of_each,
+            payload, drive_gain, torque_scale or parameter.
         joint: whose, from 1; 0: of none.
         title: in words; amounts: how much.
         same_as: name of a parameter whose change alone is the same; empty without.

@@ -89,6 +89,17 @@ def test_a_payload_is_found_with_its_mass_and_place(before: Result) -> None:
     assert found.exit_code == 5
 
 
+def test_a_small_second_change_beside_a_large_one_is_doubted_and_named(before: Result, again: Result) -> None:
+    sigma = {name: p.std for name, p in before.parameters.items()}
+    one = compare(before, moved(again, Fc2=150 * sigma["Fc2"])).document
+    assert (one.verdict, [c.parts[0].title for c in one.causes]) == ("valid", ["friction of joint 2"])
+    two = compare(before, moved(again, Fc2=150 * sigma["Fc2"], ZZ2=12 * sigma["ZZ2"])).document
+    assert [c.parts[0].title for c in two.causes] == ["friction of joint 2"]
+    assert codes(two) == {"change-rest"}
+    assert "second one: friction of joint 2" in two.reasons[0].text
+    assert "ZZ2 alone" in two.reasons[0].text
+
+
 def test_a_doubtful_result_hands_its_doubts_on(before: Result, again: Result) -> None:
     doubted = other(again, verdict="doubtful", reasons=[])
     found = compare(before, doubted)

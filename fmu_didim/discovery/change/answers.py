@@ -46,6 +46,12 @@ CHANGE_RESULT_DOUBTED = CATALOGUE(
     "like a change of the machine, or hides one.",
     next_step="Settle the doubts of that result first, then compare again.",
 )  # fmt: skip
+CHANGE_REST = CATALOGUE(
+    "change-rest", DOUBT, rank=11,
+    meaning="The cause explains all but a small part of the change of the values, but that part is more than noise: "
+    "the cause is not quite what the model of it says, or something smaller has changed, too.",
+    next_step="Undo or settle the named cause, record another log, and compare again.",
+)  # fmt: skip
 CHANGE_RESIDUAL = CATALOGUE(
     "change-residual", DOUBT, rank=12,
     meaning="The residual of a joint is not as large after as before. Either the noise of the log has changed, or the "
@@ -235,7 +241,8 @@ def _share(one: Validation, other: Validation) -> float | None:
     """Of the samples at the same instants, those with the same torque; None where there are too few."""
     if one.measured.shape[1] != other.measured.shape[1]:
         return None
-    _, i, k = np.intersect1d(*(np.round(v.time / SAME_INSTANT) for v in (one, other)), return_indices=True)
+    first, second = (np.round(v.time / SAME_INSTANT) for v in (one, other))
+    _, i, k = np.intersect1d(first, second, return_indices=True)
     if i.size < min(FEWEST_ROWS, one.time.size, other.time.size):
         return None
     return float(np.mean((one.measured[i] == other.measured[k]).all(axis=1)))

@@ -167,8 +167,9 @@ def _friction(
             _constant(columns),
         )  # fmt: skip
     names = tuple(base.names[i] for i in every)
+    title = f"friction of joints {', '.join(map(str, groups))}, each by itself"
     yield Form(
-        "friction_everywhere", 0, title, names, tuple(unit[name] for name in names), _constant(eye[:, every])
+        "friction_of_each", 0, title, names, tuple(unit[name] for name in names), _constant(eye[:, every])
     )  # fmt: skip
 
 

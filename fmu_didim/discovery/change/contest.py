@@ -6,7 +6,8 @@ leaves is noise, or a small part of the change: no form is exact. Among those th
 
     BIC = T_A + (k + s) log N,       N: samples of both logs
 
-decides as in the discovery of effects: causes that are nearer to the best than its margin are named with it.
+decides as in the discovery of effects: causes that are nearer to the best than its margin are named with it. A cause
+that contains a better one, as friction of each joint contains that of one, is no rival of it.
 """
 
 from __future__ import annotations
@@ -26,6 +27,8 @@ LACK = 0.001
 """[1] Probability of as large a rest by noise, below which a form leaves more than noise."""
 PAIRED = 12
 """[forms] That explain most alone, each of which is tried with all others where none explains the change alone."""
+SAME_SPAN = 1e-6
+"""[1] Part of a direction outside the directions of another cause, below which it is one of them: rounding."""
 LARGEST_SET = 3
 """[parameters] That are tried together where it is asked which of them alone explain the change."""
 MOST_SETS = 40_000
@@ -71,6 +74,7 @@ class Explanation:
         forms: these; amounts, deviations: of each its values, in its units.
         left: T_A; count: values that are left; p_value: of as large a rest by noise; bic: the criterion.
         share: of T that is explained; explains: whether the rest is noise, or a small part.
+        basis: (p, k + s) orthonormal, of all directions of W d that the fit can follow.
     """
 
     forms: tuple[Form, ...]
@@ -82,6 +86,17 @@ class Explanation:
     bic: float
     share: float
     explains: bool
+    basis: Array
+
+    @property
+    def leaves_more_than_noise(self) -> bool:
+        """Whether something else may have changed, too."""
+        return self.p_value < LACK
+
+    def contains(self, other: Explanation) -> bool:
+        """Whether all that another can explain this one can, too."""
+        outside = other.basis - self.basis @ (self.basis.T @ other.basis)
+        return bool(np.linalg.norm(outside, axis=0).max(initial=0.0) < SAME_SPAN)
 
     @property
     def causes(self) -> tuple[tuple[str, int, str], ...]:
@@ -96,11 +111,13 @@ class Contest:
     Attributes:
         named: the best of each cause that the data cannot tell from the best; others: what the other causes leave.
         sets: the smallest sets of parameters whose change alone explains it, with what each leaves.
+        further: the best cause and the second one that explains most of what it leaves, where that is more than noise.
     """
 
     named: tuple[Explanation, ...]
     others: tuple[Explanation, ...]
     sets: tuple[tuple[tuple[str, ...], float], ...]
+    further: Explanation | None = None
 
 
 def contest(difference: Difference, forms: Sequence[Form]) -> Contest:
@@ -109,17 +126,26 @@ def contest(difference: Difference, forms: Sequence[Form]) -> Contest:
     alone = [explanation(difference, (form,)) for form in able]
     tried, found = alone, _named(difference, alone)
     if not found:
-        best = sorted(alone, key=lambda e: e.bic)[:PAIRED]
-        pairs = [
-            pair for first in best for form in able
-            if (pair := (first.forms[0], form))[0].cause != form.cause
-            and sum(f.cost for f in pair) < len(difference.names)
-        ]  # fmt: skip
-        tried = [explanation(difference, pair) for pair in _distinct(pairs)]
+        tried = _pairs(difference, sorted(alone, key=lambda e: e.bic)[:PAIRED], able)
         found = _named(difference, tried)
+    further = None
+    if found and len(found[0].forms) == 1 and found[0].leaves_more_than_noise:
+        further = min(_pairs(difference, found[:1], able), key=lambda e: e.bic, default=None)
+        if further is not None and found[0].bic - further.bic < BIC:
+            further = None
     best_of_each = _best_of_each(tried)
     others = sorted((e for e in best_of_each if e not in found), key=lambda e: e.bic)
-    return Contest(tuple(found), tuple(others), tuple(smallest_sets(difference)))
+    return Contest(tuple(found), tuple(others), tuple(smallest_sets(difference)), further)
+
+
+def _pairs(difference: Difference, first: Sequence[Explanation], able: Sequence[Form]) -> list[Explanation]:
+    """Each of these with all others."""
+    pairs = [
+        pair for each in first for form in able
+        if (pair := (each.forms[0], form))[0].cause != form.cause
+        and sum(f.cost for f in pair) < len(difference.names)
+    ]  # fmt: skip
+    return [explanation(difference, pair) for pair in _distinct(pairs)]
 
 
 def _distinct(pairs: Sequence[tuple[Form, Form]]) -> Iterator[tuple[Form, Form]]:
@@ -144,7 +170,11 @@ def _named(difference: Difference, tried: Sequence[Explanation]) -> list[Explana
     if not able:
         return []
     near = max(BIC, NEAR * (difference.total - able[0].left))
-    return [e for e in able if e.bic - able[0].bic < near]
+    found = list[Explanation]()
+    for each in able:
+        if each.bic - able[0].bic < near and not any(each.contains(better) for better in found):
+            found.append(each)
+    return found
 
 
 def explanation(difference: Difference, forms: tuple[Form, ...]) -> Explanation:
@@ -164,11 +194,11 @@ def explanation(difference: Difference, forms: tuple[Form, ...]) -> Explanation:
     if count > 0:
         p_value = difference.chance(left, count)
     gained = difference.total - left
-    amounts, deviations = _amounts(difference, forms, x)
+    amounts, deviations, basis = _amounts(difference, forms, x)
     return Explanation(
         forms, amounts, deviations, left, count, p_value, left + cost * float(np.log(difference.samples)),
         gained / difference.total if difference.total > 0 else 0.0,
-        p_value >= LACK or left <= NEAR * gained,
+        p_value >= LACK or left <= NEAR * gained, basis,
     )  # fmt: skip
 
 
@@ -198,8 +228,10 @@ def _rest(difference: Difference, forms: tuple[Form, ...], x: Array) -> Array:
     return found
 
 
-def _amounts(difference: Difference, forms: tuple[Form, ...], x: Array) -> tuple[tuple[Array, ...], tuple[Array, ...]]:
-    """Amounts and x of each form, and their standard deviations."""
+def _amounts(
+    difference: Difference, forms: tuple[Form, ...], x: Array
+) -> tuple[tuple[Array, ...], tuple[Array, ...], Array]:
+    """Amounts and x of each form, their standard deviations, and the directions in which both move W d."""
     table = _table(difference, forms, x)
     size = np.maximum(np.linalg.norm(table, axis=0), np.finfo(float).tiny)
     amount = np.linalg.lstsq(table / size, difference.whitened, rcond=None)[0] / size
@@ -214,7 +246,11 @@ def _amounts(difference: Difference, forms: tuple[Form, ...], x: Array) -> tuple
     cuts = np.cumsum(widths)[:-1]
     own = zip(np.split(amount, cuts), _parts(forms, x), strict=True)
     errors = zip(np.split(spread[: amount.size], cuts), _parts(forms, spread[amount.size :]), strict=True)
-    return tuple(np.concatenate(pair) for pair in own), tuple(np.concatenate(pair) for pair in errors)
+    basis, sizes, _ = np.linalg.svd(whole / size, full_matrices=False)
+    return (
+        tuple(np.concatenate(pair) for pair in own), tuple(np.concatenate(pair) for pair in errors),
+        basis[:, sizes > SAME_SPAN * sizes[0]],
+    )  # fmt: skip
 
 
 STEP = 1e-6

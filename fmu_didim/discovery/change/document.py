@@ -5,10 +5,12 @@ from __future__ import annotations
 from datetime import UTC, datetime
 
 from fmu_didim.base.constants import recorded
+from fmu_didim.base.diagnostics import Diagnostic
 from fmu_didim.base.version import __version__
 from fmu_didim.checks.judgement import judgement
 from fmu_didim.discovery.change import answers, contest, difference
 from fmu_didim.discovery.change.answers import (
+    CHANGE_REST,
     Answer,
     known,
     machine,
@@ -72,7 +74,7 @@ def compared(before: Answer, after: Answer) -> ComparisonDocument:
         notes.append(WITHOUT_ROBOT)
     elif is_changed and robot is not None and robot.logged is None and robot.parameters.joint_count > 1:
         notes.append(WITHOUT_MOTION)
-    judged = judgement([*known(before, after, left), *residual_diagnostics(residual)])
+    judged = judgement([*known(before, after, left), *_rest(result), *residual_diagnostics(residual)])
     change = _answer(result, is_changed=is_changed)
     return ComparisonDocument(
         name=f"{before.document.name} → {after.document.name}",
@@ -126,6 +128,18 @@ def cause_text(found: Explanation) -> str:
         listed = "" if form.names[0].startswith("direction") else f" ({', '.join(shown)}{same})"
         parts.append(form.title + listed)
     return " and ".join(parts)
+
+
+def _rest(result: Contest) -> list[Diagnostic]:
+    """What a cause leaves that is more than noise."""
+    if not result.named or not result.named[0].leaves_more_than_noise:
+        return []
+    best = result.named[0]
+    text = f"What the best cause leaves is more than noise (chi-square {best.left:.4g} of {best.count} values)."
+    if result.further is not None:
+        second = cause_text(result.further)
+        text += f" Most of that would be explained by a second one: {second}."
+    return [Diagnostic(CHANGE_REST, text, "causes", best.left, float(best.count))]
 
 
 def _visible(found: Difference, answer: Change) -> list[str]:

@@ -50,6 +50,19 @@ def test_friction_is_what_depends_on_the_velocity_of_its_joint_alone() -> None:
     assert names == {1: ["Fv1", "Fc1"], 2: ["Fv2", "Fc2"]}
 
 
+def test_friction_of_all_joints_by_one_factor_is_another_cause_than_that_of_each() -> None:
+    one = machine(ROBOT)
+    common, each = (forms(one, kind) for kind in ("friction_everywhere", "friction_of_each"))
+    assert [form.names for form in common] == [("Fc of all", "Fv of all")]
+    assert [form.names for form in each] == [("Fv1", "Fc1", "Fv2", "Fc2")]
+    table = common[0].columns(np.zeros(0))
+    base = one.parameters.base
+    wanted = {"Fc1": 0, "Fc2": 0, "Fv1": 1, "Fv2": 1}
+    for i, name in enumerate(base.names):
+        for k in range(2):
+            assert table[i, k] == (one.value[i] if wanted.get(name) == k else 0.0)
+
+
 def test_a_torque_scale_of_one_joint_moves_what_least_squares_makes_of_it() -> None:
     one = machine(ROBOT)
     rng = np.random.default_rng(0)

@@ -102,6 +102,31 @@ def test_the_contest_names_the_right_cause_and_refuses_what_none_explains() -> N
     assert without.others
 
 
+def test_a_cause_that_contains_a_better_one_is_no_rival_of_it() -> None:
+    noise = np.random.default_rng(6).multivariate_normal(np.zeros(5), covariance())
+    deviation = changed(np.zeros(5)).deviation
+    wide = (*FORMS, form("first and more", 0, 4))
+    for size in (15, 300):
+        change = noise + size * deviation * (np.arange(5) == 0)
+        assert [e.forms[0].kind for e in contest(changed(change), wide).named] == ["first"]
+    more = contest(changed(noise + 30 * deviation * np.isin(np.arange(5), (0, 4))), wide)
+    assert [e.forms[0].kind for e in more.named] == ["first and more"]
+
+
+def test_a_second_change_that_is_small_beside_the_first_is_told() -> None:
+    noise = np.random.default_rng(6).multivariate_normal(np.zeros(5), covariance())
+    least = changed(np.zeros(5)).least_seen
+    one = contest(changed(noise + 200 * least * (np.arange(5) == 0)), FORMS)
+    assert [e.forms[0].kind for e in one.named] == ["first"]
+    assert not one.named[0].leaves_more_than_noise
+    assert one.further is None
+    two = contest(changed(noise + least * [200, 0, 0, 4, 0]), FORMS)
+    assert [e.forms[0].kind for e in two.named] == ["first"]
+    assert two.named[0].leaves_more_than_noise
+    assert two.further is not None
+    assert {f.kind for f in two.further.forms} == {"first", "third"}
+
+
 def test_causes_that_move_the_values_alike_are_told_as_a_set() -> None:
     rival = Form("rival", 0, "rival", ("x",), ("1",), lambda x: np.array([[1.0], [0.02], [0], [0], [0]]))
     deviation = changed(np.zeros(5)).deviation
