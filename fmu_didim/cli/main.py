@@ -144,7 +144,7 @@ def command_parser() -> argparse.ArgumentParser:
     for verb in add_prepare_verbs(commands, parser=parser):
         _add_common(verb, code=True)
     _add_case_verbs(commands)
-    add_compare(_verb(commands, "compare", compare_results, "say what has changed between two results"))
+    add_compare(_verb(commands, "compare", compare_results, "say what has changed between two logs"))
     _add_export(commands)
     _add_fmu(commands)
     _add_cache(commands)
@@ -270,7 +270,7 @@ EXAMPLES: Mapping[str, Sequence[str]] = {
     ),
     "compare": (
         "fmu-didim compare results/spring results/autumn",
-        "fmu-didim compare results/spring/result.json results/autumn/result.json --out results/compared",
+        "fmu-didim compare spring.yaml autumn.yaml --out results/compared",
         "fmu-didim compare results/spring results/autumn --json | jq .causes",
     ),
     "export": (

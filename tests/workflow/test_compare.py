@@ -15,7 +15,7 @@ from fmu_didim import InputError, compare
 from fmu_didim.cli.main import main
 from fmu_didim.results.comparison import ComparisonDocument, load_comparison
 from fmu_didim.workflow.output.result import Result
-from tests.discovery.change.pairs import identified, log_of
+from tests.discovery.change.pairs import identified, log_of, write_case
 
 RATE = 20.0
 
@@ -224,8 +224,52 @@ def test_a_change_of_everything_is_unknown(before: Result, again: Result) -> Non
     assert "no cause that was tried explains that" in found.document.text
 
 
-def test_a_case_is_told_to_be_none(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="not a result"):
-        compare("examples/scara/identify.yaml", tmp_path)
+def test_a_folder_without_a_result_is_told(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="no result"):
         compare(tmp_path, tmp_path)
+
+
+def test_effects_that_were_not_looked_for_are_told(before: Result, again: Result, tmp_path: Path) -> None:
+    found = compare(before, again).document
+    assert any("give the two cases" in remark for remark in found.remarks)
+    before.save(tmp_path)
+    with pytest.raises(InputError, match="holds no loop"):
+        compare(Result.load(tmp_path), again, effects=True)
+
+
+@pytest.mark.gate
+def test_two_cases_are_identified_and_a_late_clock_is_told_beside_a_payload(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    spring, autumn = tmp_path / "spring.yaml", tmp_path / "autumn.yaml"
+    write_case(spring, log_of(RATE, 1))
+    write_case(autumn, log_of(RATE, 3, mass=(0.3, 0.2, 0.05), late_s=0.01))
+    out = tmp_path / "out"
+    assert main(["compare", str(spring), str(autumn), "--out", str(out)]) == 5
+    printed = capsys.readouterr().out
+    assert "identifying the log after" in printed
+    saved = load_comparison(out)
+    parts = {part.kind: part for part in saved.causes[0].parts}
+    assert set(parts) == {"log_time_shift", "payload"}
+    assert parts["log_time_shift"].title == "time shift of the torque log, new"
+    for kind, name, truth in (("log_time_shift", "log_shift", 0.01), ("payload", "mass", 0.3)):
+        amount = next(a for a in parts[kind].amounts if a.name == name)
+        assert amount.std is not None
+        assert abs(amount.value - truth) < 4 * amount.std
+    assert [amount.unit for amount in parts["log_time_shift"].amounts] == ["s"]
+    assert "change-residual" not in codes(saved)  # the shift explains it
+    assert main(["compare", str(spring), str(autumn), "--out", str(out), "--no-effects", "--json"]) == 5
+    values = json.loads(capsys.readouterr().out)
+    assert [part["kind"] for part in values["causes"][0]["parts"]] == ["payload"]
+    assert "change-residual" in {reason["code"] for reason in values["reasons"]}
+
+
+@pytest.mark.gate
+def test_where_effects_cannot_be_looked_for_values_are_compared_and_that_is_said(tmp_path: Path) -> None:
+    paths = [tmp_path / name for name in ("spring.yaml", "autumn.yaml")]
+    for seed, path in enumerate(paths):
+        write_case(path, log_of(RATE, seed + 1), low_pass={"cutoff_hz": 5})
+    found = compare(*paths)
+    assert any("not looked for: before, the case has a low_pass." in remark for remark in found.document.remarks)
+    with pytest.raises(InputError, match="effects cannot be looked for"):
+        compare(*paths, effects=True)

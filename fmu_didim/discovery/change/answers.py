@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -51,6 +51,12 @@ CHANGE_REST = CATALOGUE(
     meaning="The cause explains all but a small part of the change of the values, but that part is more than noise: "
     "the cause is not quite what the model of it says, or something smaller has changed, too.",
     next_step="Undo or settle the named cause, record another log, and compare again.",
+)  # fmt: skip
+CHANGE_LACKS = CATALOGUE(
+    "change-lacks", DOUBT, rank=13,
+    meaning="Both logs show an effect that the model lacks. The values absorb a part of it, which along another "
+    "motion, or where it has grown, looks like a change.",
+    next_step="Run fmu-didim discover on both, add the effect to the description, and compare again.",
 )  # fmt: skip
 CHANGE_RESIDUAL = CATALOGUE(
     "change-residual", DOUBT, rank=12,
@@ -104,6 +110,13 @@ class Answer:
     def shared(self) -> dict[str, ParameterResult]:
         """Name -> parameters that hold for all of its experiments."""
         return {name: p for name, p in self.document.parameters.items() if p.experiment is None}
+
+    def values_of(self, names: Sequence[str]) -> tuple[Array, Array]:
+        """(p,) values of these, and their (p, p) covariance."""
+        every = list(self.document.parameters)
+        places = [every.index(name) for name in names]
+        covariance = np.array([[np.nan if v is None else v for v in row] for row in self.document.covariance])
+        return np.array([self.shared[name].value for name in names]), covariance[np.ix_(places, places)]
 
     @property
     def samples(self) -> int:
@@ -183,19 +196,12 @@ def difference(before: Answer, after: Answer) -> tuple[Difference, dict[str, str
                 f"{a.place}: {', '.join(a.document.parameters)}" for a in (before, after)),
             next_step="Identify the same parameters of the same model from both logs.",
         )  # fmt: skip
-    value, covariance = zip(*(_values(a, names) for a in (before, after)), strict=True)
+    value, covariance = zip(*(a.values_of(names) for a in (before, after)), strict=True)
     return Difference(
         tuple(names), tuple(before.shared[name].unit for name in names), value[0], value[1],
         covariance[0] + covariance[1], float(min(a.independent().min() for a in (before, after))),
         before.samples + after.samples,
     ), left  # fmt: skip
-
-
-def _values(answer: Answer, names: list[str]) -> tuple[Array, Array]:
-    every = list(answer.document.parameters)
-    places = [every.index(name) for name in names]
-    covariance = np.array([[np.nan if v is None else v for v in row] for row in answer.document.covariance])
-    return np.array([answer.shared[name].value for name in names]), covariance[np.ix_(places, places)]
 
 
 def _refuse_other_models(before: Answer, after: Answer) -> None:
@@ -343,12 +349,17 @@ def _motions(before: Answer, after: Answer) -> Iterator[Diagnostic]:
         )  # fmt: skip
 
 
-def residual_changes(before: Answer, after: Answer) -> list[ResidualChange]:
-    """The residual of each joint before and after, by Fisher's ratio of two variances."""
+def residual_changes(before: Answer, after: Answer, left: Array | None = None) -> list[ResidualChange]:
+    """The residual of each joint before and after, by Fisher's ratio of two variances.
+
+    Args:
+        left: (2, n) standard deviations of what an effect leaves, where one explains the change.
+    """
     first, second = before.document, after.document
+    sizes = (first.noise_std, second.noise_std) if left is None else left.tolist()
     found, n = list[ResidualChange](), len(first.torque_unit)
     freedom = [np.where(np.isfinite(f := a.independent()), f, a.samples / n) for a in (before, after)]
-    for j, (one, other) in enumerate(zip(first.noise_std, second.noise_std, strict=True)):
+    for j, (one, other) in enumerate(zip(*sizes, strict=True)):
         if one is None or other is None:
             continue
         ratio = (max(other, TINY) / max(one, TINY)) ** 2

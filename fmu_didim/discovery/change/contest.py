@@ -20,7 +20,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from fmu_didim.data.signals import Array
-from fmu_didim.discovery.change.difference import Difference
+from fmu_didim.discovery.change.difference import CHANGED, Difference
 from fmu_didim.discovery.selection.decide import BIC, NEAR
 
 LACK = 0.001
@@ -66,17 +66,42 @@ class Form:
         return len(self.names)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
+class World:
+    """What is taken for given while the values are compared: that both logs are of the model as it is, or that an
+    effect has come, gone or grown.
+
+    Attributes:
+        difference: of the values.
+        fixed: causes that are part of it, with their amounts and deviations.
+        gain: chi-square by which the logs are explained better than by the model as it is; cost: values for that.
+        lacks: the effect that both logs have and the model lacks, in words; empty without.
+        residual: (2, n) standard deviations of what is left of each log; None: as it is without an effect.
+    """
+
+    difference: Difference
+    fixed: tuple[Form, ...] = ()
+    amounts: tuple[Array, ...] = ()
+    deviations: tuple[Array, ...] = ()
+    gain: float = 0.0
+    cost: float = 0.0
+    lacks: str = ""
+    residual: Array | None = None
+
+
+@dataclass(frozen=True, eq=False)
 class Explanation:
     """What one form, or two together, make of the change.
 
     Attributes:
-        forms: these; amounts, deviations: of each its values, in its units.
+        world: in which; forms: these, those of the world first; amounts, deviations: of each its values, in its units.
         left: T_A; count: values that are left; p_value: of as large a rest by noise; bic: the criterion.
-        share: of T that is explained; explains: whether the rest is noise, or a small part.
+        share: of T, and what the logs are explained better, that is explained.
+        explains: whether the rest is noise, or a small part.
         basis: (p, k + s) orthonormal, of all directions of W d that the fit can follow.
     """
 
+    world: World
     forms: tuple[Form, ...]
     amounts: tuple[Array, ...]
     deviations: tuple[Array, ...]
@@ -93,8 +118,17 @@ class Explanation:
         """Whether something else may have changed, too."""
         return self.p_value < LACK
 
+    @property
+    def unexplained(self) -> float:
+        """Chi-square of the values, less what the logs are explained better."""
+        return self.left - self.world.gain
+
     def contains(self, other: Explanation) -> bool:
         """Whether all that another can explain this one can, too."""
+        if set(other.causes) <= set(self.causes):
+            return True
+        if other.world is not self.world:
+            return False
         outside = other.basis - self.basis @ (self.basis.T @ other.basis)
         return bool(np.linalg.norm(outside, axis=0).max(initial=0.0) < SAME_SPAN)
 
@@ -109,43 +143,68 @@ class Contest:
     """The answer: the causes that explain the change, the best first; empty where none does.
 
     Attributes:
+        is_changed: whether anything has.
         named: the best of each cause that the data cannot tell from the best; others: what the other causes leave.
         sets: the smallest sets of parameters whose change alone explains it, with what each leaves.
         further: the best cause and the second one that explains most of what it leaves, where that is more than noise.
+        lacks: what both logs have and the model lacks, where that is the answer; empty without.
     """
 
-    named: tuple[Explanation, ...]
-    others: tuple[Explanation, ...]
-    sets: tuple[tuple[tuple[str, ...], float], ...]
+    is_changed: bool = False
+    named: tuple[Explanation, ...] = ()
+    others: tuple[Explanation, ...] = ()
+    sets: tuple[tuple[tuple[str, ...], float], ...] = ()
     further: Explanation | None = None
+    lacks: str = ""
 
 
-def contest(difference: Difference, forms: Sequence[Form]) -> Contest:
-    """Which forms explain a change."""
-    able = [form for form in forms if form.cost < max(len(difference.names), 2)]
-    alone = [explanation(difference, (form,)) for form in able]
-    tried, found = alone, _named(difference, alone)
-    if not found:
-        tried = _pairs(difference, sorted(alone, key=lambda e: e.bic)[:PAIRED], able)
-        found = _named(difference, tried)
+def contest(worlds: Sequence[World], forms_in: Callable[[World], Sequence[Form]]) -> Contest:
+    """Whether anything has changed, and what explains it.
+
+    Args:
+        worlds: the first one without effects; forms_in: what may move the values in each.
+    """
+    first = worlds[0]
+    nothing = [_explanation(world, (), first) for world in worlds]
+    still = min((e for e in nothing if not e.forms and e.p_value >= CHANGED), key=_bic, default=None)
+    if len(worlds) == 1 and still is not None:
+        return Contest()
+    able = {
+        id(world): [form for form in forms_in(world) if form.cost < max(len(world.difference.names), 2)]
+        for world in worlds
+    }
+    alone = [_explanation(world, (form,), first) for world in worlds for form in able[id(world)]]
+    of_first = [e for e in alone if e.world is first]
+    tried = [e for e in (*nothing, *alone) if e.forms and (e.world is not first or nothing[0].p_value < CHANGED)]
+    if still is None and not any(e.explains for e in of_first):
+        tried += _pairs(sorted(of_first, key=_bic)[:PAIRED], able[id(first)], first)
+    found = _named(tried, first)
+    if still is not None and not (found and still.bic - found[0].bic > BIC):
+        return Contest(lacks=still.world.lacks, others=tuple(sorted(_best_of_each(tried), key=_bic)))
     further = None
-    if found and len(found[0].forms) == 1 and found[0].leaves_more_than_noise:
-        further = min(_pairs(difference, found[:1], able), key=lambda e: e.bic, default=None)
+    if found and found[0].world is first and len(found[0].forms) == 1 and found[0].leaves_more_than_noise:
+        further = min(_pairs(found[:1], able[id(first)], first), key=_bic, default=None)
         if further is not None and found[0].bic - further.bic < BIC:
             further = None
-    best_of_each = _best_of_each(tried)
-    others = sorted((e for e in best_of_each if e not in found), key=lambda e: e.bic)
-    return Contest(tuple(found), tuple(others), tuple(smallest_sets(difference)), further)
+    others = sorted((e for e in _best_of_each(tried) if e not in found), key=_bic)
+    sets = smallest_sets(first.difference) if still is None else []
+    return Contest(
+        True, tuple(found), tuple(others), tuple(sets), further, found[0].world.lacks if found else ""
+    )  # fmt: skip
 
 
-def _pairs(difference: Difference, first: Sequence[Explanation], able: Sequence[Form]) -> list[Explanation]:
+def _bic(found: Explanation) -> float:
+    return found.bic
+
+
+def _pairs(chosen: Sequence[Explanation], able: Sequence[Form], first: World) -> list[Explanation]:
     """Each of these with all others."""
     pairs = [
-        pair for each in first for form in able
+        pair for each in chosen for form in able
         if (pair := (each.forms[0], form))[0].cause != form.cause
-        and sum(f.cost for f in pair) < len(difference.names)
+        and sum(f.cost for f in pair) < len(first.difference.names)
     ]  # fmt: skip
-    return [explanation(difference, pair) for pair in _distinct(pairs)]
+    return [_explanation(first, pair, first) for pair in _distinct(pairs)]
 
 
 def _distinct(pairs: Sequence[tuple[Form, Form]]) -> Iterator[tuple[Form, Form]]:
@@ -164,12 +223,12 @@ def _best_of_each(tried: Sequence[Explanation]) -> list[Explanation]:
     return list(found.values())
 
 
-def _named(difference: Difference, tried: Sequence[Explanation]) -> list[Explanation]:
+def _named(tried: Sequence[Explanation], first: World) -> list[Explanation]:
     """The causes that explain the change and are as near to the best as the data cannot tell, the best first."""
-    able = sorted((e for e in _best_of_each(tried) if e.explains), key=lambda e: e.bic)
+    able = sorted((e for e in _best_of_each(tried) if e.explains), key=_bic)
     if not able:
         return []
-    near = max(BIC, NEAR * (difference.total - able[0].left))
+    near = max(BIC, NEAR * (first.difference.total - able[0].unexplained))
     found = list[Explanation]()
     for each in able:
         if each.bic - able[0].bic < near and not any(each.contains(better) for better in found):
@@ -177,8 +236,13 @@ def _named(difference: Difference, tried: Sequence[Explanation]) -> list[Explana
     return found
 
 
-def explanation(difference: Difference, forms: tuple[Form, ...]) -> Explanation:
-    """The fit of these forms together."""
+def _explanation(world: World, forms: tuple[Form, ...], first: World) -> Explanation:
+    """The fit of these forms together in a world.
+
+    Args:
+        first: the world without effects, with which all are compared.
+    """
+    difference = world.difference
     best: tuple[float, Array] | None = None
     for start in _starts(forms):
         x = start
@@ -193,17 +257,21 @@ def explanation(difference: Difference, forms: tuple[Form, ...]) -> Explanation:
     count, p_value = len(difference.names) - cost, 1.0
     if count > 0:
         p_value = difference.chance(left, count)
-    gained = difference.total - left
+    whole = first.difference.total + world.gain
+    gained = whole - left
     amounts, deviations, basis = _amounts(difference, forms, x)
+    bic = left - world.gain + (cost + world.cost) * float(np.log(first.difference.samples))
     return Explanation(
-        forms, amounts, deviations, left, count, p_value, left + cost * float(np.log(difference.samples)),
-        gained / difference.total if difference.total > 0 else 0.0,
-        p_value >= LACK or left <= NEAR * gained, basis,
+        world, (*world.fixed, *forms), (*world.amounts, *amounts), (*world.deviations, *deviations), left, count,
+        p_value, bic, gained / whole if whole > 0 else 0.0, p_value >= LACK or left <= NEAR * gained, basis,
     )  # fmt: skip
 
 
 def _starts(forms: tuple[Form, ...]) -> Iterator[Array]:
     """Values of x of all forms, one below the other."""
+    if not forms:
+        yield np.zeros(0)
+        return
     first, *others = forms
     for start in first.starts:
         yield from (np.append(start, rest) for rest in _starts(tuple(others))) if others else (start,)
@@ -211,12 +279,15 @@ def _starts(forms: tuple[Form, ...]) -> Iterator[Array]:
 
 def _parts(forms: tuple[Form, ...], x: Array) -> list[Array]:
     """x of each form."""
+    if not forms:
+        return []
     return np.split(x, np.cumsum([form.starts.shape[1] for form in forms])[:-1])
 
 
 def _table(difference: Difference, forms: tuple[Form, ...], x: Array) -> Array:
     """(p, k) W A, columns of all forms."""
-    columns = [form.columns(part) for form, part in zip(forms, _parts(forms, x), strict=True)]
+    none = np.zeros((len(difference.names), 0))
+    columns = [none, *(form.columns(part) for form, part in zip(forms, _parts(forms, x), strict=True))]
     return np.asarray(difference.root @ np.hstack(columns))
 
 
@@ -232,6 +303,8 @@ def _amounts(
     difference: Difference, forms: tuple[Form, ...], x: Array
 ) -> tuple[tuple[Array, ...], tuple[Array, ...], Array]:
     """Amounts and x of each form, their standard deviations, and the directions in which both move W d."""
+    if not forms:
+        return (), (), np.zeros((len(difference.names), 0))
     table = _table(difference, forms, x)
     size = np.maximum(np.linalg.norm(table, axis=0), np.finfo(float).tiny)
     amount = np.linalg.lstsq(table / size, difference.whitened, rcond=None)[0] / size

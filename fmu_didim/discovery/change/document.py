@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from datetime import UTC, datetime
+from functools import partial
 
 from fmu_didim.base.constants import recorded
 from fmu_didim.base.diagnostics import Diagnostic
 from fmu_didim.base.version import __version__
 from fmu_didim.checks.judgement import judgement
-from fmu_didim.discovery.change import answers, contest, difference
+from fmu_didim.discovery.change import answers, contest, difference, worlds
 from fmu_didim.discovery.change.answers import (
+    CHANGE_LACKS,
     CHANGE_REST,
     Answer,
     known,
@@ -19,9 +21,10 @@ from fmu_didim.discovery.change.answers import (
     residual_changes,
     residual_diagnostics,
 )
-from fmu_didim.discovery.change.causes import forms_of
-from fmu_didim.discovery.change.contest import Contest, Explanation
+from fmu_didim.discovery.change.contest import Contest, Explanation, World
 from fmu_didim.discovery.change.difference import CHANGED, SEEN, Difference
+from fmu_didim.discovery.change.worlds import Known, LogFit, forms_in, worlds_of
+from fmu_didim.discovery.progress import Progress
 from fmu_didim.discovery.selection import decide
 from fmu_didim.results.comparison import (
     AmountResult,
@@ -38,6 +41,7 @@ DECIDING = (
     (difference, ("CHANGED", "SEEN")),
     (contest, ("LACK", "PAIRED", "LARGEST_SET")),
     (decide, ("BIC", "NEAR")),
+    (worlds, ("FITTED", "PROMISING", "SPURIOUS", "UPDATES")),
     (answers, ("SAME_ROWS", "SAME_VALUE", "FOLLOWS")),
 )
 """Constants on which a comparison depends, by module."""
@@ -53,8 +57,24 @@ WITHOUT_MOTION = (
 )
 
 
-def compared(before: Answer, after: Answer) -> ComparisonDocument:
+WITHOUT_LOGS = (
+    "Effects that have come, gone or grown, such as backlash, another gain of the controller or a late clock, were not "
+    "looked for: {0}."
+)
+
+
+def compared(
+    before: Answer,
+    after: Answer,
+    logs: tuple[LogFit, LogFit] | None = None,
+    *,
+    progress: Progress | None = None,
+    why_no_logs: str = "",
+) -> ComparisonDocument:
     """What has changed between two answers.
+
+    Args:
+        logs: both with their loops, in which effects are looked for, too; why_no_logs: why they are not there.
 
     Raises:
         InputError: they cannot be compared.
@@ -63,19 +83,24 @@ def compared(before: Answer, after: Answer) -> ComparisonDocument:
         refuse(answer)
     found, left = answers.difference(before, after)
     refuse_same_data(before, after)
-    residual = residual_changes(before, after)
     robot = machine(before, after)
-    result = Contest((), (), ())
-    is_changed = found.p_value < CHANGED
-    if is_changed:
-        result = contest.contest(found, forms_of(found.names, found.units, robot))
+    every, forms = [World(found)], partial(forms_in, base=found.names, machine=robot)
+    if logs is not None:
+        values = (_known(before, found), _known(after, found))
+        covered = frozenset((form.kind, form.joint) for form in forms(every[0]))
+        every += worlds_of(*logs, found, values, progress or Progress(), covered=covered)
+    result = contest.contest(every, forms)
+    is_changed = result.is_changed
+    residual = residual_changes(before, after, result.named[0].world.residual if result.named else None)
     notes = [f"{name} {why}, and is not compared." for name, why in left.items()]
+    if logs is None:
+        notes.append(WITHOUT_LOGS.format(why_no_logs))
     if is_changed and robot is None:
         notes.append(WITHOUT_ROBOT)
     elif is_changed and robot is not None and robot.logged is None and robot.parameters.joint_count > 1:
         notes.append(WITHOUT_MOTION)
-    judged = judgement([*known(before, after, left), *_rest(result), *residual_diagnostics(residual)])
-    change = _answer(result, is_changed=is_changed)
+    judged = judgement([*known(before, after, left), *_rest(result), *_lacks(result), *residual_diagnostics(residual)])
+    change = _answer(result)
     return ComparisonDocument(
         name=f"{before.document.name} → {after.document.name}",
         answer=change, text=_text(change, found, result), verdict=judged.verdict, reasons=judged.saved(),
@@ -93,8 +118,8 @@ def compared(before: Answer, after: Answer) -> ComparisonDocument:
     )  # fmt: skip
 
 
-def _answer(result: Contest, *, is_changed: bool) -> Change:
-    if not is_changed:
+def _answer(result: Contest) -> Change:
+    if not result.is_changed:
         return "unchanged"
     if not result.named:
         return "unknown"
@@ -106,6 +131,9 @@ def _text(answer: Change, found: Difference, result: Contest) -> str:
     chance = f"chi-square {found.total:.4g} of {len(found.names)} values, p = {found.p_value:.1e}"
     if answer == "unchanged":
         return f"the values differ by no more than noise ({chance})"
+    if found.p_value >= CHANGED:
+        which = "the values of the model as it is differ by no more than noise"
+        return f"{'; or '.join(cause_text(e) for e in result.named)}; {which} ({chance})"
     moved = [name for name, is_moved in zip(found.names, found.moved, strict=True) if is_moved]
     which = f"{', '.join(moved)} moved" if moved else "no value by itself moved, but all together have"
     if answer == "unknown":
@@ -128,6 +156,17 @@ def cause_text(found: Explanation) -> str:
         listed = "" if form.names[0].startswith("direction") else f" ({', '.join(shown)}{same})"
         parts.append(form.title + listed)
     return " and ".join(parts)
+
+
+def _known(answer: Answer, found: Difference) -> Known:
+    return Known(found.names, *answer.values_of(found.names))
+
+
+def _lacks(result: Contest) -> list[Diagnostic]:
+    """What both logs have and the model lacks."""
+    if not result.lacks:
+        return []
+    return [Diagnostic(CHANGE_LACKS, f"Both logs show {result.lacks.lower()}, which the model lacks.")]
 
 
 def _rest(result: Contest) -> list[Diagnostic]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import yaml
@@ -45,29 +46,46 @@ def log_of(
     gain: tuple[float, float] = (1.0, 1.0),
     noise: float = 1.0,
     every: int = 1,
+    late_s: float = 0.0,
 ) -> Log:
     """A log of the torque.
 
     Args:
         values: of the robot, where they are not those of the description; mass: of a payload, kg, and its place, m.
         gain: what the log says over what the drive gives; every: of its samples, that are kept.
+        late_s: by which its stamps are late.
     """
     table = _motion(tuple(sorted((values or {}).items())), mass)
     step = table.time[1] - table.time[0]
     rows = slice(0, table.time.size - 1, round(1 / rate_hz / step))
-    torque = np.column_stack([table.column("tau1"), table.column("tau2")])[rows] * gain
+    instants = table.time[rows] - late_s
+    torque = np.column_stack([np.interp(instants, table.time, table.column(f"tau{j}")) for j in (1, 2)]) * gain
     torque = torque + noise * NOISE * np.random.default_rng(seed).normal(size=torque.shape)
     return Log(table.time[rows][::every], torque[::every])
 
 
 def identified(log: Log, **changes: object) -> Result:
     """What is identified from a log."""
+    return identify(_content() | changes, log=log)
+
+
+def _content() -> dict[str, Any]:
     content = yaml.safe_load(Path(CASE).read_text(encoding="utf-8"))
     del content["validation"], content["estimator"]
     for part in (content, content["controller"]):
         for key in {"robot", "source"} & set(part):
             part[key] = str((Path(CASE).parent / part[key]).resolve())
-    return identify(content | changes, log=log)
+    return dict(content)
+
+
+def write_case(path: Path, log: Log, **changes: Any) -> None:
+    """Write a case of a log, and the log beside it."""
+    content = _content() | changes
+    table = path.with_suffix(".csv")
+    rows = np.column_stack([log.time, log.torque])
+    np.savetxt(table, rows, fmt="%.9g", delimiter=",", header="t,tau1,tau2", comments="")
+    content["train"]["torque"] = {"file": table.name}
+    path.write_text(yaml.safe_dump(content), encoding="utf-8")
 
 
 def answer(place: str, result: Result) -> Answer:

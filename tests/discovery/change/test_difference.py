@@ -7,7 +7,8 @@ import pytest
 
 from fmu_didim import InputError
 from fmu_didim.data.signals import Array
-from fmu_didim.discovery.change.contest import Form, contest, smallest_sets
+from fmu_didim.discovery.change.contest import Contest, Form, World, smallest_sets
+from fmu_didim.discovery.change.contest import contest as contest_in
 from fmu_didim.discovery.change.difference import CHANGED, SEEN, Difference
 
 NAMES = ("a", "b", "c", "d", "e")
@@ -85,6 +86,10 @@ def test_a_covariance_of_no_rank_is_refused() -> None:
 def form(name: str, *columns: int) -> Form:
     table = np.eye(5)[:, list(columns)]
     return Form(name, 0, name, tuple(NAMES[k] for k in columns), ("N.m",) * len(columns), lambda x: table)
+
+
+def contest(difference: Difference, forms: tuple[Form, ...]) -> Contest:
+    return contest_in([World(difference)], lambda world: forms)
 
 
 FORMS = (form("first", 0), form("second", 1, 2), form("third", 3), form("fourth", 4))
