@@ -47,19 +47,20 @@ def log_of(
     noise: float = 1.0,
     every: int = 1,
     late_s: float = 0.0,
+    offset: tuple[float, float] = (0.0, 0.0),
 ) -> Log:
     """A log of the torque.
 
     Args:
         values: of the robot, where they are not those of the description; mass: of a payload, kg, and its place, m.
         gain: what the log says over what the drive gives; every: of its samples, that are kept.
-        late_s: by which its stamps are late.
+        late_s: by which its stamps are late; offset: of the torque, N.m.
     """
     table = _motion(tuple(sorted((values or {}).items())), mass)
     step = table.time[1] - table.time[0]
     rows = slice(0, table.time.size - 1, round(1 / rate_hz / step))
     instants = table.time[rows] - late_s
-    torque = np.column_stack([np.interp(instants, table.time, table.column(f"tau{j}")) for j in (1, 2)]) * gain
+    torque = np.column_stack([np.interp(instants, table.time, table.column(f"tau{j}")) for j in (1, 2)]) * gain + offset
     torque = torque + noise * NOISE * np.random.default_rng(seed).normal(size=torque.shape)
     return Log(table.time[rows][::every], torque[::every])
 
