@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -74,7 +75,8 @@ def test_files_command_line_and_python_say_the_same(
     for document in (shown, python):
         document["provenance"].pop("made")
     assert shown == python
-    assert main(["compare", str(folders[0]), str(folders[0]), "--out", str(out), "--json"]) == 1
+    before.save(tmp_path / "copy")
+    assert main(["compare", str(folders[0]), str(tmp_path / "copy"), "--out", str(out), "--json"]) == 1
     assert "same log" in json.loads(capsys.readouterr().out)["error"]
 
 
@@ -224,9 +226,16 @@ def test_a_change_of_everything_is_unknown(before: Result, again: Result) -> Non
     assert "no cause that was tried explains that" in found.document.text
 
 
+def test_one_case_twice_is_refused_before_it_is_identified(monkeypatch: pytest.MonkeyPatch) -> None:
+    verb = sys.modules["fmu_didim.workflow.compare.verb"]
+    monkeypatch.setattr(verb, "identify", lambda case: pytest.fail("identified"))
+    with pytest.raises(InputError, match="one file twice"):
+        compare("examples/scara/identify.yaml", Path("examples/scara").resolve() / "identify.yaml")
+
+
 def test_a_folder_without_a_result_is_told(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="no result"):
-        compare(tmp_path, tmp_path)
+        compare(tmp_path, tmp_path / "other")
 
 
 def test_effects_that_were_not_looked_for_are_told(before: Result, again: Result, tmp_path: Path) -> None:

@@ -7,7 +7,8 @@ leaves is noise, or a small part of the change: no form is exact. Among those th
     BIC = T_A + (k + s) log N,       N: samples of both logs
 
 decides as in the discovery of effects: causes that are nearer to the best than its margin are named with it. A cause
-that contains a better one, as friction of each joint contains that of one, is no rival of it.
+that contains another one, as friction of each joint contains that of one, has to be better by that margin: else it is
+no rival of it.
 """
 
 from __future__ import annotations
@@ -119,6 +120,11 @@ class Explanation:
         return self.p_value < LACK
 
     @property
+    def values(self) -> int:
+        """That are fitted."""
+        return sum(form.cost for form in self.forms)
+
+    @property
     def unexplained(self) -> float:
         """Chi-square of the values, less what the logs are explained better."""
         return self.left - self.world.gain
@@ -225,15 +231,15 @@ def _best_of_each(tried: Sequence[Explanation]) -> list[Explanation]:
 
 def _named(tried: Sequence[Explanation], first: World) -> list[Explanation]:
     """The causes that explain the change and are as near to the best as the data cannot tell, the best first."""
-    able = sorted((e for e in _best_of_each(tried) if e.explains), key=_bic)
+    able = list[Explanation]()
+    for each in sorted((e for e in _best_of_each(tried) if e.explains), key=lambda e: (e.values, e.bic)):
+        if not any(each.contains(smaller) and smaller.bic - each.bic < BIC for smaller in able):
+            able.append(each)
+    able = sorted(able, key=_bic)
     if not able:
         return []
     near = max(BIC, NEAR * (first.difference.total - able[0].unexplained))
-    found = list[Explanation]()
-    for each in able:
-        if each.bic - able[0].bic < near and not any(each.contains(better) for better in found):
-            found.append(each)
-    return found
+    return [e for e in able if e.bic - able[0].bic < near]
 
 
 def _explanation(world: World, forms: tuple[Form, ...], first: World) -> Explanation:

@@ -152,6 +152,7 @@ def compare(
     folder = None if out is None else comparison_folder(out)
     if folder is not None:
         folder.check()
+    _refuse_one_file(before, after)
     progress = progress or (lambda text: None)
     given = {"before": before, "after": after}
     sides = {place: _side(place, one, progress) for place, one in given.items()}
@@ -163,6 +164,16 @@ def compare(
     if folder is not None:
         found.write(folder)
     return found
+
+
+def _refuse_one_file(before: Result | Case | Path | str, after: Result | Case | Path | str) -> None:
+    """Raise InputError where one file is given twice, before it is identified."""
+    paths = [Path(given) for given in (before, after) if isinstance(given, Path | str)]
+    if len(paths) == 2 and paths[0].exists() and paths[0].resolve() == paths[1].resolve():
+        raise InputError(
+            "This is one file twice: both answers would come from the same log.", where=str(before),
+            valid="two logs that were recorded apart", next_step="Give the case or the result of another log.",
+        )  # fmt: skip
 
 
 @dataclass(frozen=True)

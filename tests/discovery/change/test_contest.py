@@ -68,6 +68,14 @@ def test_an_effect_and_a_value_that_moved_beside_it_are_named_together() -> None
     assert titles(found) == [["play, new", "d alone"]]
 
 
+def test_a_value_that_moves_little_beside_an_effect_is_not_named_with_it() -> None:
+    """It would lower the criterion by less than the margin: 3.2² less its cost, and what noise adds."""
+    rest = np.array([0.0, 0.0, 0.0, 3.2])
+    quiet = Difference(NAMES, ("N.m",) * 4, np.zeros(4), rest, np.eye(4), np.inf, 1000)
+    found = answer(World(difference(*FAR)), with_play(quiet, 500.0))
+    assert titles(found) == [["play, new"]]
+
+
 def test_a_value_that_explains_it_all_is_not_beaten_by_an_effect_that_explains_less() -> None:
     moved = difference(0, 20, 0, 0)
     assert titles(answer(World(moved), with_play(difference(9, 9, 9, 9), 60.0))) == [["b alone"]]
