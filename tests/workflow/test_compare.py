@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fmu_didim import InputError, compare
+from fmu_didim import Case, InputError, compare
 from fmu_didim.cli.main import main
 from fmu_didim.results.comparison import ComparisonDocument, load_comparison
 from fmu_didim.workflow.output.result import Result
@@ -53,6 +53,8 @@ def test_nothing_has_changed(before: Result, again: Result) -> None:
     assert (found.answer, found.exit_code, found.causes) == ("unchanged", 0, [])
     assert not any(p.moved for p in found.document.parameters.values())
     assert "Provided that no change is smaller than these data show" in found.summary()
+    assert max(map(len, found.summary().splitlines())) <= 100
+    assert "seen from" in found.summary().splitlines()[2]  # one table
     assert found.to_frame().loc["MX2", "least_seen"] > 3 * before.parameters["MX2"].std
 
 
@@ -231,6 +233,19 @@ def test_one_case_twice_is_refused_before_it_is_identified(monkeypatch: pytest.M
     monkeypatch.setattr(verb, "identify", lambda case: pytest.fail("identified"))
     with pytest.raises(InputError, match="one file twice"):
         compare("examples/scara/identify.yaml", Path("examples/scara").resolve() / "identify.yaml")
+
+
+def test_a_case_that_cannot_be_identified_is_told_with_its_place(
+    before: Result, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refused(case: Case) -> Result:
+        raise InputError("No values.", got="nothing", next_step="Try again.")
+
+    monkeypatch.setattr(sys.modules["fmu_didim.workflow.compare.verb"], "identify", refused)
+    write_case(tmp_path / "spring.yaml", log_of(RATE, 1))
+    with pytest.raises(InputError, match="The log after gives no values to compare") as error:
+        compare(before, tmp_path / "spring.yaml")
+    assert error.value.where == str(tmp_path / "spring.yaml")
 
 
 def test_a_folder_without_a_result_is_told(tmp_path: Path) -> None:

@@ -57,6 +57,10 @@ WITHOUT_MOTION = (
 )
 
 
+OF_SIGNALS = (
+    "Of a model without controller only its values are compared, one by one and in sets: what it lacks in either log "
+    "(fmu-didim discover) is not looked for."
+)
 WITHOUT_LOGS = (
     "Effects that have come, gone or grown, such as backlash, another gain of the controller or a late clock, were not "
     "looked for: {0}."
@@ -93,9 +97,11 @@ def compared(
     is_changed = result.is_changed
     residual = residual_changes(before, after, result.named[0].world.residual if result.named else None)
     notes = [f"{name} {why}, and is not compared." for name, why in left.items()]
-    if logs is None:
+    if before.document.outputs:
+        notes.append(OF_SIGNALS)
+    elif logs is None:
         notes.append(WITHOUT_LOGS.format(why_no_logs))
-    if is_changed and robot is None:
+    if is_changed and robot is None and not before.document.outputs:
         notes.append(WITHOUT_ROBOT)
     elif is_changed and robot is not None and robot.logged is None and robot.parameters.joint_count > 1:
         notes.append(WITHOUT_MOTION)
@@ -104,7 +110,7 @@ def compared(
     return ComparisonDocument(
         name=f"{before.document.name} → {after.document.name}",
         answer=change, text=_text(change, found, result), verdict=judged.verdict, reasons=judged.saved(),
-        conditions=[*_visible(found, change), *judged.conditions] if judged.verdict == "valid" else [],
+        conditions=[*_visible(found, change, logs), *judged.conditions] if judged.verdict == "valid" else [],
         before=_side(before), after=_side(after),
         parameters=_parameters(found, before, after), left_out=left,
         chi_square=found.total, freedom=len(found.names), samples=found.freedom, p_value=found.p_value,
@@ -181,7 +187,7 @@ def _rest(result: Contest) -> list[Diagnostic]:
     return [Diagnostic(CHANGE_REST, text, "causes", best.left, float(best.count))]
 
 
-def _visible(found: Difference, answer: Change) -> list[str]:
+def _visible(found: Difference, answer: Change, logs: tuple[LogFit, LogFit] | None) -> list[str]:
     """What an answer that nothing has changed rests on."""
     if answer != "unchanged":
         return []
@@ -193,7 +199,8 @@ def _visible(found: Difference, answer: Change) -> list[str]:
     more = f", nor {len(sizes) - MOST_NAMED} more by less than the table says" if len(sizes) > MOST_NAMED else ""
     return [
         f"no change is smaller than these data show (alone, with {100 * SEEN:.0f} %): {', '.join(sizes[:MOST_NAMED])}"
-        f"{more}"
+        f"{more}",
+        *([] if logs is None else ["no effect that came or went is too small to show in these logs"]),
     ]
 
 

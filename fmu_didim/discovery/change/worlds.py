@@ -114,17 +114,21 @@ def worlds_of(
     """
     found: list[World] = []
     sides = (before, after)
-    promised = [each for k in (1, 0) for each in _promised(sides[k], known[1 - k], covered, progress)]
-    tried = max((len(every) for every in promised), default=0)
+    promised = [_promised(sides[k], known[1 - k], covered, progress) for k in (0, 1)]
+    tried = max(len(every) for own in promised for every in own)
     wanted: dict[EffectAtJoint, Proposal] = {}
-    for every in promised:
+    for every in (*promised[1], *promised[0]):
         for effect_at, gain, proposal in every[:FITTED]:
             if gain > max(PROMISING * every[0][1], 0.0):
                 wanted.setdefault(effect_at, proposal)
     penalty = SPURIOUS * float(np.log(max(tried, 1))) / float(np.log(difference.samples))
+    promising = [{a for every in own for a, gain, _ in every if gain > 0} for own in promised]
     for effect_at, proposal in wanted.items():
-        progress.say(f"fitting {effect_at.effect} on joint {effect_at.joint} to both logs")
-        fits = [_fitted(side, effect_at, proposal) for side in sides]
+        progress.say(f"fitting {effect_at.effect} on joint {effect_at.joint}")
+        fits = [
+            _fitted(side, effect_at, proposal) if effect_at in own else None
+            for side, own in zip(sides, promising, strict=True)
+        ]
         for make in (partial(_in_one, 1, "new"), partial(_in_one, 0, "gone"), _in_both):
             try:
                 if (world := make(sides, fits, effect_at, difference, known, penalty)) is not None:

@@ -81,11 +81,10 @@ def _parameters(document: ComparisonDocument) -> Section:
     columns = [
         words("parameter", list(found), marks=[" *" if p.moved else "" for p in found.values()], shrinks=True),
         *(numbers(head, [row[k] for row in rows]) for k, head in enumerate(("before", "after", "change"))),
-        numbers("σ", [row[3] for row in rows]),
         words("unit", [pretty_unit(p.unit) for p in found.values()]),
-        Column("joint 95 % interval", [row[4] for row in rows]),
+        Column("joint 95 % interval", [row[3] for row in rows]),
         numbers("p", [f"{p.p_value:.2g}" for p in found.values()]),
-        numbers("seen from", [row[5] for row in rows]),
+        numbers("seen from", [row[4] for row in rows]),
     ]
     chosen = [k for k, p in enumerate(found.values()) if p.moved]
     blocks: list[Block] = [Table(columns, chosen=chosen)]
@@ -102,11 +101,11 @@ def _parameters(document: ComparisonDocument) -> Section:
     return Section("Parameters", blocks, anchor="parameters", is_brief=True)
 
 
-def _row(p: ChangedParameter) -> tuple[str, str, str, str, str, str]:
+def _row(p: ChangedParameter) -> tuple[str, str, str, str, str]:
     digits = rounding(p.change, p.std)
     low, high = p.interval
     return (
-        digits.text(p.before), digits.text(p.after), digits.text(p.change), digits.deviation(p.std),
+        digits.text(p.before), digits.text(p.after), digits.text(p.change),
         f"{digits.text(low)}  {digits.text(high)}", significant(p.least_seen, 2),
     )  # fmt: skip
 
@@ -123,10 +122,11 @@ def _causes(document: ComparisonDocument) -> list[Section]:
         numbers("p of the rest", [f"{c.p_value:.1e}" for c in shown]),
         numbers("BIC", [f"{c.bic:.1f}" for c in shown]),
     ]  # fmt: skip
+    told = "* explains the change" if document.causes else "none explains the change"
+    if len(document.causes) > 1:
+        told += ", and the data cannot tell it from the best"
     blocks: list[Block] = [
-        Table(columns, chosen=list(range(len(document.causes)))),
-        Text("* explains the change, and the data cannot tell it from the best" if document.causes else
-             "none explains the change"),
+        Table(columns, chosen=list(range(len(document.causes)))), Text(told),
         note("A cause explains the change where its rest is noise, or a small part of it. BIC: above the best."),
     ]  # fmt: skip
     return [Section("Causes", blocks, anchor="causes", has_title=True, is_brief=True)]

@@ -193,7 +193,13 @@ def _side(place: str, given: Result | Case | Path | str, progress: Callable[[str
         return _Side(Result.load(given), str(result_path(given)))
     case = given if isinstance(given, Case) else load_case(given)
     progress(f"identifying the log {place}: {case.name}")
-    return _Side(identify(case), str(case.path), case)
+    try:
+        return _Side(identify(case), str(case.path), case)
+    except FmuDidimError as error:
+        raise InputError(
+            f"The log {place} gives no values to compare. {error.what}", where=str(case.path), got=error.got,
+            valid=error.valid, next_step=error.next_step,
+        ) from error  # fmt: skip
 
 
 def _answer(place: str, side: _Side) -> Answer:

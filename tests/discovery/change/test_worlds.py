@@ -54,6 +54,7 @@ def codes(document: ComparisonDocument) -> set[str]:
 def test_nothing_has_come_where_nothing_has_changed() -> None:
     found = of(side(1), side(2))
     assert (found.answer, found.verdict) == ("unchanged", "valid")
+    assert any("too small to show" in condition for condition in found.conditions)
     assert not any("not looked for" in remark for remark in found.remarks)
 
 
