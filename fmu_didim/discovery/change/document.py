@@ -5,6 +5,8 @@ from __future__ import annotations
 from datetime import UTC, datetime
 from functools import partial
 
+import numpy as np
+
 from fmu_didim.base.constants import recorded
 from fmu_didim.base.diagnostics import Diagnostic
 from fmu_didim.base.version import __version__
@@ -57,6 +59,12 @@ WITHOUT_MOTION = (
 )
 
 
+SCALED_LOG = (
+    "The gain of the controller and the torque scale of joint {0} are one factor: so acts a torque log of this joint "
+    "that says that much more than the drive gives (a current sensor, a unit), with controller and drive as before."
+)
+ONE_FACTOR = 3.0
+"""[standard deviations] Up to which two gains are taken for one factor."""
 OF_SIGNALS = (
     "Of a model without controller only its values are compared, one by one and in sets: what it lacks in either log "
     "(fmu-didim discover) is not looked for."
@@ -105,6 +113,7 @@ def compared(
         notes.append(WITHOUT_ROBOT)
     elif is_changed and robot is not None and robot.logged is None and robot.parameters.joint_count > 1:
         notes.append(WITHOUT_MOTION)
+    notes += _scaled_logs(result)
     judged = judgement([*known(before, after, left), *_rest(result), *_lacks(result), *residual_diagnostics(residual)])
     change = _answer(result)
     return ComparisonDocument(
@@ -185,6 +194,28 @@ def _rest(result: Contest) -> list[Diagnostic]:
         second = cause_text(result.further)
         text += f" Most of that would be explained by a second one: {second}."
     return [Diagnostic(CHANGE_REST, text, "causes", best.left, float(best.count))]
+
+
+def _scaled_logs(result: Contest) -> list[str]:
+    """Of a gain of a controller and a torque scale of its joint that are one factor: a log that is scaled."""
+    found = []
+    for explanation in result.named:
+        parts = {
+            (form.kind, form.joint): (amounts[0], spread[0])
+            for form, amounts, spread in zip(
+                explanation.forms, explanation.amounts, explanation.deviations, strict=True
+            )
+            if form.kind in ("controller_gain", "drive_gain")
+        }
+        for joint in sorted({joint for _, joint in parts}):
+            pair = [parts.get((kind, joint)) for kind in ("controller_gain", "drive_gain")]
+            if pair[0] is None or pair[1] is None:
+                continue
+            (gain, of_gain), (scale, of_scale) = pair[0], pair[1]
+            apart = min(abs(gain - factor) for factor in (1 + scale, 1 / (1 + scale)))  # new, or gone
+            if apart < ONE_FACTOR * np.hypot(of_gain, of_scale):
+                found.append(SCALED_LOG.format(joint))
+    return found
 
 
 def _visible(found: Difference, answer: Change, logs: tuple[LogFit, LogFit] | None) -> list[str]:

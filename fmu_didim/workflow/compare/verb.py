@@ -244,7 +244,7 @@ def _why_no_effects(model: LoopModel) -> str:
         why = "the case has a low_pass"
     elif model.prior is not None:
         why = "the case has a prior"
-    elif any(p.experiment is not None for p in model.free_parameters):
+    elif any(p.experiment is not None and not p.is_start for p in model.free_parameters):
         why = "single experiments have values of their own"
     elif any(experiment.is_unsigned for experiment in model.experiments.values()):
         why = "the log has no signs"

@@ -18,7 +18,7 @@ from fmu_didim.workflow.output.result import Result
 from tests.discovery.change.pairs import ROBOT, answer, identified, log_of
 
 RATE = 20.0
-FEW = {name: EFFECTS[name] for name in ("log_time_shift", "torque_offset", "asymmetric_coulomb")}
+FEW = {name: EFFECTS[name] for name in ("log_time_shift", "torque_offset", "asymmetric_coulomb", "controller_gain")}
 OFFSET = (0.0, 0.03)
 """[N.m] Of the torque log: five times its noise."""
 
@@ -32,9 +32,12 @@ class Side:
 
 
 @cache
-def side(seed: int, *, late_s: float = 0.0, offset: tuple[float, float] = (0.0, 0.0), loaded: bool = False) -> Side:
+def side(
+    seed: int, *, late_s: float = 0.0, offset: tuple[float, float] = (0.0, 0.0), gain: tuple[float, float] = (1.0, 1.0),
+    loaded: bool = False,
+) -> Side:  # fmt: skip
     mass = (0.3, 0.2, 0.05) if loaded else None
-    found = identified(log_of(RATE, seed, late_s=late_s, offset=offset, mass=mass))
+    found = identified(log_of(RATE, seed, late_s=late_s, offset=offset, gain=gain, mass=mass))
     return Side(found, LogFit.of(found.model, read_robot(ROBOT), FEW))
 
 
@@ -91,6 +94,14 @@ def test_what_both_logs_have_has_grown_by_what_it_has_grown() -> None:
     amount = found.causes[0].parts[0].amounts[0]
     assert amount.std is not None
     assert abs(amount.value - 0.03) < 4 * amount.std
+
+
+@pytest.mark.gate
+def test_a_log_that_is_scaled_is_told_behind_a_gain_and_a_scale_of_one_factor() -> None:
+    """The machine is as it was: what moved is the torque sensor of joint 2."""
+    found = of(side(1), side(8, gain=(1.0, 1.15)))
+    assert titles(found) == [["gain of the controller on joint 2, new", "torque scale of joint 2"]]
+    assert any("joint 2 are one factor" in remark for remark in found.remarks)
 
 
 @pytest.mark.gate
