@@ -117,7 +117,7 @@ def _causes(document: ComparisonDocument) -> list[Section]:
     columns = [
         words("cause", [" and ".join(part.title for part in c.parts) for c in shown], shrinks=True,
               marks=[" *" if c in document.causes else "" for c in shown]),
-        words("how much", ["; ".join(_amounts(part) for part in c.parts) for c in shown], limit=40),
+        words("how much", ["; ".join(_amounts(part) for part in c.parts) for c in shown], limit=28),
         numbers("explains %", [f"{100 * c.share:.1f}" for c in shown]),
         numbers("p of the rest", [f"{c.p_value:.1e}" for c in shown]),
         numbers("BIC", [f"{c.bic:.1f}" for c in shown]),
