@@ -9,6 +9,7 @@ import numpy as np
 
 from fmu_didim.base.constants import recorded
 from fmu_didim.base.diagnostics import Diagnostic
+from fmu_didim.base.errors import FmuDidimError
 from fmu_didim.base.version import __version__
 from fmu_didim.checks.judgement import judgement
 from fmu_didim.discovery.change import answers, contest, difference, worlds
@@ -100,7 +101,10 @@ def compared(
     if logs is not None:
         values = (_known(before, found), _known(after, found))
         covered = frozenset((form.kind, form.joint) for form in forms(every[0]))
-        every += worlds_of(*logs, found, values, progress or Progress(), covered=covered)
+        try:
+            every += worlds_of(*logs, found, values, progress or Progress(), covered=covered)
+        except FmuDidimError as error:  # a loop that fails with an effect in it: values can still be compared
+            logs, why_no_logs = None, f"{error.what.rstrip('.')} ({error.got})"
     result = contest.contest(every, forms)
     is_changed = result.is_changed
     residual = residual_changes(before, after, result.named[0].world.residual if result.named else None)
@@ -144,13 +148,18 @@ def _answer(result: Contest) -> Change:
 def _text(answer: Change, found: Difference, result: Contest) -> str:
     """The answer in words."""
     chance = f"chi-square {found.total:.4g} of {len(found.names)} values, p = {found.p_value:.1e}"
-    if answer == "unchanged":
-        return f"the values differ by no more than noise ({chance})"
-    if found.p_value >= CHANGED:
-        which = "the values of the model as it is differ by no more than noise"
-        return f"{'; or '.join(cause_text(e) for e in result.named)}; {which} ({chance})"
     moved = [name for name, is_moved in zip(found.names, found.moved, strict=True) if is_moved]
     which = f"{', '.join(moved)} moved" if moved else "no value by itself moved, but all together have"
+    if found.p_value >= CHANGED:
+        which = "the values differ by no more than noise"
+    if result.lacks or any(e.world.fixed for e in result.named[:1]):
+        which = f"in the model as it is, {which}"
+    if answer == "unchanged" and result.lacks:
+        return (
+            f"beside {result.lacks}, which both logs show, the values differ by no more than noise; {which} ({chance})"
+        )
+    if answer == "unchanged":
+        return f"{which} ({chance})"
     if answer == "unknown":
         return f"{which} ({chance}); no cause that was tried explains that, alone or with a second one"
     causes = "; or ".join(cause_text(e) for e in result.named)

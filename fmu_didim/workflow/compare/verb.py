@@ -231,7 +231,12 @@ def _logs(sides: Mapping[str, _Side], effects: bool | None) -> tuple[tuple[LogFi
             )  # fmt: skip
         if why:
             return None, f"{place}, {why}"
-    first, second = (_log(side) for side in sides.values())
+    try:
+        first, second = (_log(side) for side in sides.values())
+    except FmuDidimError as error:
+        if effects:
+            raise
+        return None, f"{error.what.rstrip('.')} ({error.got})"
     return (first, second), ""
 
 

@@ -7,8 +7,10 @@ from functools import cache
 
 import pytest
 
-from fmu_didim import read_robot
+from fmu_didim import SimulationError, read_robot
+from fmu_didim.discovery.change import document
 from fmu_didim.discovery.change.answers import difference
+from fmu_didim.discovery.change.contest import World
 from fmu_didim.discovery.change.document import compared
 from fmu_didim.discovery.change.worlds import Known, LogFit, worlds_of
 from fmu_didim.discovery.progress import Progress
@@ -45,12 +47,12 @@ def of(before: Side, after: Side) -> ComparisonDocument:
     return compared(answer("before", before.result), answer("after", after.result), (before.log, after.log))
 
 
-def titles(document: ComparisonDocument) -> list[list[str]]:
-    return [[part.title for part in cause.parts] for cause in document.causes]
+def titles(found: ComparisonDocument) -> list[list[str]]:
+    return [[part.title for part in cause.parts] for cause in found.causes]
 
 
-def codes(document: ComparisonDocument) -> set[str]:
-    return {reason.code for reason in document.reasons}
+def codes(found: ComparisonDocument) -> set[str]:
+    return {reason.code for reason in found.reasons}
 
 
 @pytest.mark.gate
@@ -78,7 +80,10 @@ def test_a_clock_that_has_become_late_is_new_and_the_other_way_round_gone() -> N
 @pytest.mark.gate
 def test_what_both_logs_have_is_told_and_is_no_change() -> None:
     found = of(side(4, offset=OFFSET), side(5, offset=OFFSET))
-    assert found.answer == "unchanged"
+    assert (found.answer, found.text.partition(";")[0]) == (
+        "unchanged",
+        "beside torque offset on joint 2, which both logs show, the values differ by no more than noise",
+    )
     assert "change-lacks" in codes(found)
     text = next(reason.text for reason in found.reasons if reason.code == "change-lacks")
     assert "torque offset on joint 2" in text
@@ -94,6 +99,19 @@ def test_what_both_logs_have_has_grown_by_what_it_has_grown() -> None:
     amount = found.causes[0].parts[0].amounts[0]
     assert amount.std is not None
     assert abs(amount.value - 0.03) < 4 * amount.std
+
+
+@pytest.mark.gate
+def test_where_a_loop_fails_with_effects_the_values_are_compared_and_that_is_said(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def fails(*_: object, **__: object) -> list[World]:
+        raise SimulationError("The loop diverges.", got="inf", next_step="Try others.")
+
+    monkeypatch.setattr(document, "worlds_of", fails)
+    found = of(side(1), side(9, loaded=True))
+    assert titles(found) == [["payload on the last link"]]
+    assert any("not looked for: The loop diverges (inf)." in remark for remark in found.remarks)
 
 
 @pytest.mark.gate
