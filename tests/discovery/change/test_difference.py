@@ -12,7 +12,7 @@ from fmu_didim.discovery.change.contest import contest as contest_in
 from fmu_didim.discovery.change.difference import CHANGED, SEEN, Difference
 
 NAMES = ("a", "b", "c", "d", "e")
-DRAWS = 4000
+DRAWS = 2000
 
 
 def covariance() -> Array:
