@@ -5,6 +5,7 @@ The verbs take a case, as a path, as a mapping or loaded by :func:`load_case`:
 * :func:`check` says what is wrong with it before any long work;
 * :func:`identify` gives parameters with their standard deviations, an :class:`Result`;
 * :func:`discover` names and adds what the model lacks, a :class:`Discovered`;
+* :func:`compare` says what has changed between two results, a :class:`Compared`;
 * :func:`simulate` runs its loop, a :class:`Trajectory`;
 * :func:`export_ssp` writes its loop for other tools, :func:`export_robot` its robot.
 

@@ -37,6 +37,7 @@ from .export import build_fmu as build_fmu
 from .fit.estimate import Estimate as Estimate
 from .model.experiment import Experiment as Experiment
 from .model.loop_model import LoopModel as LoopModel
+from .results.comparison import ComparisonDocument as ComparisonDocument
 from .results.findings import FindingsDocument as FindingsDocument
 from .results.findings import load_findings as load_findings
 from .results.result import ResultDocument as ResultDocument
@@ -44,6 +45,8 @@ from .ssp import read_ssp as read_ssp
 from .ssp import write_ssp as write_ssp
 from .workflow.check import Checked as Checked
 from .workflow.check import check as check
+from .workflow.compare import Compared as Compared
+from .workflow.compare import compare as compare
 from .workflow.discover import discover as discover
 from .workflow.export import export_ssp as export_ssp
 from .workflow.export_robot import ExportedRobot as ExportedRobot

@@ -22,6 +22,7 @@ from fmu_didim.base.imports import NO_CODE
 from fmu_didim.base.terminal import json_shown, printable, quoted, unforeseen
 from fmu_didim.base.version import __version__
 from fmu_didim.cli.campaign import add_campaign
+from fmu_didim.cli.compare import add_compare, compare_results
 from fmu_didim.cli.console import CurrentStderr, Display, begin, is_terminal, show, since_start
 from fmu_didim.cli.numbers import at_least_one, at_least_two, not_negative, positive
 from fmu_didim.cli.prepare import add_prepare_verbs
@@ -36,7 +37,8 @@ FIGURES = "write the charts of the page as PNG and SVG, too, for a paper"
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Entry point of ``fmu-didim``: 0 success, 1 error or refusal, 2 wrong usage, 3 not settled, 4 doubtful."""
+    """Entry point of ``fmu-didim``: 0 success, 1 error or refusal, 2 wrong usage, 3 not settled, 4 doubtful, 5
+    changed."""
     begin()
     with kept_apart() as last_lines, printable():
         typed = sys.argv[1:] if arguments is None else arguments
@@ -142,6 +144,7 @@ def command_parser() -> argparse.ArgumentParser:
     for verb in add_prepare_verbs(commands, parser=parser):
         _add_common(verb, code=True)
     _add_case_verbs(commands)
+    add_compare(_verb(commands, "compare", compare_results, "say what has changed between two logs"))
     _add_export(commands)
     _add_fmu(commands)
     _add_cache(commands)
@@ -264,6 +267,11 @@ EXAMPLES: Mapping[str, Sequence[str]] = {
         "fmu-didim discover examples/arm2r/discover.yaml",
         "fmu-didim discover case.yaml --forbid backlash --time-limit 60",
         "fmu-didim discover case.yaml --effect my_module:Grease",
+    ),
+    "compare": (
+        "fmu-didim compare results/spring results/autumn",
+        "fmu-didim compare spring.yaml autumn.yaml --out results/compared",
+        "fmu-didim compare results/spring results/autumn --json | jq .causes",
     ),
     "export": (
         "fmu-didim export robot.yaml --out fmus",

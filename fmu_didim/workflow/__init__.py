@@ -1,6 +1,7 @@
-"""The verbs of the Python API, one module each: check, identify, discover, simulate, export; and what they return."""
+"""The verbs of the Python API, one module each, and what they return."""
 
 from fmu_didim.workflow.check import Checked, check
+from fmu_didim.workflow.compare import Compared, compare
 from fmu_didim.workflow.discover import discover
 from fmu_didim.workflow.export import export_ssp
 from fmu_didim.workflow.identify import identify
@@ -8,4 +9,6 @@ from fmu_didim.workflow.output.discovered import Discovered
 from fmu_didim.workflow.output.result import Result
 from fmu_didim.workflow.simulate import simulate
 
-__all__ = ["Checked", "Discovered", "Result", "check", "discover", "export_ssp", "identify", "simulate"]
+__all__ = [
+    "Checked", "Compared", "Discovered", "Result", "check", "compare", "discover", "export_ssp", "identify", "simulate",
+]  # fmt: skip

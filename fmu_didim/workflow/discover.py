@@ -104,7 +104,7 @@ def discover(
     model, of_data = without_outliers(model, refuse_problems(case_diagnostics(case, causes=False)))
     request = Request(
         name=case.name,
-        description=_description(case),
+        description=described_plant(case),
         effects=catalogue,
         options=Options(forbid=frozenset(forbidden), prefer=tuple(preferred), rounds=rounds, seed=seed),
         progress=search,
@@ -183,7 +183,7 @@ def _check_can_discover(case: Case) -> None:
         )  # fmt: skip
 
 
-def _description(case: Case) -> RobotDescription | None:
+def described_plant(case: Case) -> RobotDescription | None:
     """The robot, if the plant is built from it; effects can only be added around any other plant."""
     source = case.document.plant_source
     if source is not None and not source.endswith((".yaml", ".yml")):

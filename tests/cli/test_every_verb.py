@@ -25,6 +25,7 @@ VERBS: Mapping[str, Callable[[Path], list[str]]] = {
     "simulate": lambda file: [str(file), "--out", "loop.csv"],
     "discover": lambda file: [str(file), "--out", "found", "--time-limit", TIME_LIMIT],
     "export": lambda file: [str(file), "--out", "built"],
+    "compare": lambda file: [str(file), str(file), "--out", "compared"],
     "export --ssp": lambda file: ["loop.ssp", str(file)],
     "campaign run": lambda file: [str(file), "--dry-run", "--out", "runs"],
     **{

@@ -34,7 +34,8 @@ from fmu_didim.estimators import Didim
 from fmu_didim.estimators.starts.start import start_values
 from fmu_didim.results.findings import FindingsDocument
 from fmu_didim.results.result import ResultDocument
-from fmu_didim.workflow import discover, identify
+from fmu_didim.workflow.discover import discover
+from fmu_didim.workflow.identify import identify
 
 PREPARED = 4
 """[cases] Loaded cases that a worker caches; runs of one case follow each other."""

@@ -1,0 +1,1 @@
+"""A saved comparison of two results as a report."""

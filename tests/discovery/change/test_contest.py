@@ -1,0 +1,107 @@
+"""Which cause explains a change where an effect may have come, gone or grown: worlds of made-up values."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from fmu_didim.data.signals import Array
+from fmu_didim.discovery.change.contest import Contest, Form, World, contest
+from fmu_didim.discovery.change.difference import Difference
+
+NAMES = ("a", "b", "c", "d")
+NONE = np.zeros((4, 0))
+NEW = Form("play", 1, "play, new", ("gap",), ("rad",), lambda x: NONE)
+SEED = 3
+
+
+def difference(*change: float) -> Difference:
+    """Of values with a deviation of 1, and noise."""
+    noise = np.random.default_rng(SEED).normal(size=4)
+    return Difference(NAMES, ("N.m",) * 4, np.zeros(4), noise + change, np.eye(4), np.inf, 1000)
+
+
+def single(k: int) -> Form:
+    table = np.eye(4)[:, [k]]
+    return Form("parameter", 0, f"{NAMES[k]} alone", (NAMES[k],), ("N.m",), lambda x: table)
+
+
+def with_play(found: Difference, gain: float) -> World:
+    return World(found, (NEW,), (np.array([0.01]),), (np.array([0.001]),), gain, cost=1)
+
+
+def answer(*worlds: World) -> Contest:
+    return contest(worlds, lambda world: [single(k) for k in range(4)])
+
+
+def titles(found: Contest) -> list[list[str]]:
+    return [[form.title for form in e.forms] for e in found.named]
+
+
+STILL = (0.0, 0.0, 0.0, 0.0)
+FAR = (30.0, -20.0, 25.0, 40.0)
+"""What play that the model lacks does to the values."""
+
+
+def test_an_effect_that_explains_both_log_and_values_is_named_alone() -> None:
+    found = answer(World(difference(*FAR)), with_play(difference(*STILL), 500.0))
+    assert titles(found) == [["play, new"]]
+    assert found.named[0].amounts == (np.array([0.01]),)
+
+
+def test_an_effect_shows_where_no_value_has_moved() -> None:
+    found = answer(World(difference(*STILL)), with_play(difference(*STILL), 60.0))
+    assert titles(found) == [["play, new"]]
+
+
+@pytest.mark.parametrize("gain", [0.0, 10.0, 16.0])
+def test_an_effect_that_gains_no_more_than_its_cost_and_the_margin_is_not_named(gain: float) -> None:
+    found = answer(World(difference(*STILL)), with_play(difference(*STILL), gain))
+    assert not found.is_changed
+    assert found.named == ()
+
+
+def test_an_effect_and_a_value_that_moved_beside_it_are_named_together() -> None:
+    found = answer(World(difference(30, -20, 25, 100)), with_play(difference(0, 0, 0, 60), 500.0))
+    assert titles(found) == [["play, new", "d alone"]]
+
+
+def test_a_value_that_moves_little_beside_an_effect_is_not_named_with_it() -> None:
+    """It would lower the criterion by less than the margin: 3.2² less its cost, and what noise adds."""
+    rest = np.array([0.0, 0.0, 0.0, 3.2])
+    quiet = Difference(NAMES, ("N.m",) * 4, np.zeros(4), rest, np.eye(4), np.inf, 1000)
+    found = answer(World(difference(*FAR)), with_play(quiet, 500.0))
+    assert titles(found) == [["play, new"]]
+
+
+def test_a_value_that_explains_it_all_is_not_beaten_by_an_effect_that_explains_less() -> None:
+    moved = difference(0, 20, 0, 0)
+    assert titles(answer(World(moved), with_play(difference(9, 9, 9, 9), 60.0))) == [["b alone"]]
+
+
+def test_both_are_told_where_the_data_cannot_tell_them_apart() -> None:
+    """A value alone leaves 4.7 and costs one more, the effect 11.2 less what it gains."""
+    moved = difference(0, 20, 0, 0)
+    found = titles(answer(World(moved), with_play(difference(*STILL), 6.5)))
+    assert {tuple(names) for names in found} == {("b alone",), ("play, new",)}
+
+
+def test_what_both_logs_have_is_no_change() -> None:
+    both = World(difference(*STILL), gain=400.0, cost=1, lacks="play on joint 1")
+    found = answer(World(difference(*FAR)), both, with_play(difference(9, 9, 9, 9), 200.0))
+    assert not found.is_changed
+    assert found.lacks == "play on joint 1"
+    moved = replace(both, difference=difference(0, 0, 40, 0))
+    found = answer(World(difference(*FAR)), moved, with_play(difference(9, 9, 9, 9), 200.0))
+    assert titles(found) == [["c alone"]]
+    assert found.lacks == "play on joint 1"
+
+
+def test_values_alone_are_not_named_where_all_together_have_not_changed() -> None:
+    """The information criterion by itself would: 14 of one value of four, p = 0.007."""
+    change: Array = np.array([0, np.sqrt(14), 0, 0])
+    quiet = Difference(NAMES, ("N.m",) * 4, np.zeros(4), change, np.eye(4), np.inf, 10)
+    far = with_play(difference(9, 9, 9, 9), 0.0)
+    assert not answer(World(quiet), far).is_changed

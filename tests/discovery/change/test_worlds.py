@@ -1,0 +1,137 @@
+"""Effects that have come, gone or grown between two logs, with a few effects to choose from."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+
+import pytest
+
+from fmu_didim import SimulationError, read_robot
+from fmu_didim.discovery.change import document
+from fmu_didim.discovery.change.answers import difference
+from fmu_didim.discovery.change.contest import World
+from fmu_didim.discovery.change.document import compared
+from fmu_didim.discovery.change.worlds import Known, LogFit, worlds_of
+from fmu_didim.discovery.progress import Progress
+from fmu_didim.dynamics.effects import EFFECTS
+from fmu_didim.results.comparison import ComparisonDocument
+from fmu_didim.workflow.output.result import Result
+from tests.discovery.change.pairs import ROBOT, answer, identified, log_of
+
+RATE = 20.0
+FEW = {name: EFFECTS[name] for name in ("log_time_shift", "torque_offset", "asymmetric_coulomb", "controller_gain")}
+OFFSET = (0.0, 0.03)
+"""[N.m] Of the torque log: five times its noise."""
+
+
+@dataclass(frozen=True)
+class Side:
+    """A result and its log with its loop."""
+
+    result: Result
+    log: LogFit
+
+
+@cache
+def side(
+    seed: int, *, late_s: float = 0.0, offset: tuple[float, float] = (0.0, 0.0), gain: tuple[float, float] = (1.0, 1.0),
+    loaded: bool = False,
+) -> Side:  # fmt: skip
+    mass = (0.3, 0.2, 0.05) if loaded else None
+    found = identified(log_of(RATE, seed, late_s=late_s, offset=offset, gain=gain, mass=mass))
+    return Side(found, LogFit.of(found.model, read_robot(ROBOT), FEW))
+
+
+def of(before: Side, after: Side) -> ComparisonDocument:
+    return compared(answer("before", before.result), answer("after", after.result), (before.log, after.log))
+
+
+def titles(found: ComparisonDocument) -> list[list[str]]:
+    return [[part.title for part in cause.parts] for cause in found.causes]
+
+
+def codes(found: ComparisonDocument) -> set[str]:
+    return {reason.code for reason in found.reasons}
+
+
+@pytest.mark.gate
+def test_nothing_has_come_where_nothing_has_changed() -> None:
+    found = of(side(1), side(2))
+    assert (found.answer, found.verdict) == ("unchanged", "valid")
+    assert any("too small to show" in condition for condition in found.conditions)
+    assert not any("not looked for" in remark for remark in found.remarks)
+
+
+@pytest.mark.gate
+def test_a_clock_that_has_become_late_is_new_and_the_other_way_round_gone() -> None:
+    new, gone = of(side(1), side(3, late_s=0.01)), of(side(3, late_s=0.01), side(1))
+    assert (titles(new), titles(gone)) == (
+        [["time shift of the torque log, new"]],
+        [["time shift of the torque log, gone"]],
+    )
+    for found in (new, gone):
+        amount = found.causes[0].parts[0].amounts[0]
+        assert amount.std is not None
+        assert abs(amount.value - 0.01) < 4 * amount.std
+        assert found.p_value > 0.001  # the values alone do not show it
+
+
+@pytest.mark.gate
+def test_what_both_logs_have_is_told_and_is_no_change() -> None:
+    found = of(side(4, offset=OFFSET), side(5, offset=OFFSET))
+    assert (found.answer, found.text.partition(";")[0]) == (
+        "unchanged",
+        "beside torque offset on joint 2, which both logs show, the values differ by no more than noise",
+    )
+    assert "change-lacks" in codes(found)
+    text = next(reason.text for reason in found.reasons if reason.code == "change-lacks")
+    assert "torque offset on joint 2" in text
+    loaded = of(side(4, offset=OFFSET), side(6, offset=OFFSET, loaded=True))
+    assert titles(loaded) == [["payload on the last link"]]
+    assert "change-lacks" in codes(loaded)
+
+
+@pytest.mark.gate
+def test_what_both_logs_have_has_grown_by_what_it_has_grown() -> None:
+    found = of(side(4, offset=OFFSET), side(7, offset=(0.0, 0.06)))
+    assert titles(found)[0] == ["torque offset on joint 2, changed"]
+    amount = found.causes[0].parts[0].amounts[0]
+    assert amount.std is not None
+    assert abs(amount.value - 0.03) < 4 * amount.std
+
+
+@pytest.mark.gate
+def test_where_a_loop_fails_with_effects_the_values_are_compared_and_that_is_said(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def fails(*_: object, **__: object) -> list[World]:
+        raise SimulationError("The loop diverges.", got="inf", next_step="Try others.")
+
+    monkeypatch.setattr(document, "worlds_of", fails)
+    found = of(side(1), side(9, loaded=True))
+    assert titles(found) == [["payload on the last link"]]
+    assert any("not looked for: The loop diverges (inf)." in remark for remark in found.remarks)
+
+
+@pytest.mark.gate
+def test_a_log_that_is_scaled_is_told_behind_a_gain_and_a_scale_of_one_factor() -> None:
+    """The machine is as it was: what moved is the torque sensor of joint 2."""
+    found = of(side(1), side(8, gain=(1.0, 1.15)))
+    assert titles(found) == [["gain of the controller on joint 2, new", "torque scale of joint 2"]]
+    assert any("joint 2 are one factor" in remark for remark in found.remarks)
+
+
+@pytest.mark.gate
+def test_effects_for_which_a_cause_of_the_values_stands_are_not_looked_for_again() -> None:
+    before, after = side(1), side(3, late_s=0.01)
+    first, second = answer("before", before.result), answer("after", after.result)
+    between, _ = difference(first, second)
+    known = tuple(Known(between.names, *one.values_of(between.names)) for one in (first, second))
+
+    def kinds(covered: frozenset[tuple[str, int]]) -> set[str]:
+        worlds = worlds_of(before.log, after.log, between, (known[0], known[1]), Progress(), covered=covered)
+        return {form.kind for world in worlds for form in world.fixed}
+
+    assert "log_time_shift" in kinds(frozenset())
+    assert "log_time_shift" not in kinds(frozenset({("log_time_shift", 1)}))
