@@ -38,8 +38,8 @@ ALIKE = (
 )
 """What to do about the timing of a log, beside its own advice."""
 FOLLOWS = (
-    "Run fmu-didim discover CASE.yaml, which names what is missing; check clocks and sampling of torque and positions, "
-    "the control rate, and whether another bandwidth_hz leaves less."
+    "Check clocks and sampling of torque and positions, the control rate, and whether another bandwidth_hz leaves "
+    "less; else add an effect to the robot description. discover needs the real controller."
 )
 """What to do where the residual follows the motion,"""
 SCALE = "Check unit, gear ratio and torque constant of the log; noise of positions that is let in looks alike."

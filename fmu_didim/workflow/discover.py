@@ -164,7 +164,13 @@ def _on_signals(
 
 
 def _check_can_discover(case: Case) -> None:
-    """Raise InputError where nothing can be found: in an open loop."""
+    """Raise InputError where nothing can be found: in an open loop, or beside a virtual controller."""
+    if case.tracking is not None:
+        raise InputError(
+            "Beside a virtual controller nothing is discovered: the noise of the positions that it follows is in the "
+            "motion, and what it leaves of the torque would be named as an effect.", where="controller: tracking",
+            next_step="Give the real controller. fmu-didim identify says where the residual follows the motion.",
+        )  # fmt: skip
     if case.document.model is not None:
         return
     model = case.model

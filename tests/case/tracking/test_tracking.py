@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fmu_didim import Result, identify, load_case
+from fmu_didim import Result, discover, identify, load_case
 from fmu_didim.base.errors import InputError
 from fmu_didim.checks.data.linear_fit import motion_with_regressor
 from tests.case.tracking.hidden import SCARA, case_of, content_of, errors_of, machine, truth
@@ -163,6 +163,11 @@ def test_the_classical_method_takes_positions_without_a_controller() -> None:
     assert found.estimate.choices is None
     assert found.verdict != "valid" or "half a control period" in " ".join(found.document.conditions)
     assert np.abs(errors_of(found)).max() < 8  # noise of positions biases it
+
+
+def test_nothing_is_discovered_beside_a_virtual_controller() -> None:
+    with pytest.raises(InputError, match="nothing is discovered"):
+        discover(case_of(0))
 
 
 def test_a_known_controller_is_replaced_as_a_whole() -> None:
