@@ -202,6 +202,8 @@ def test_a_residual_that_grew_is_told_though_no_value_moved(before: Result) -> N
     assert found.exit_code == 4
     assert codes(found.document) == {"change-residual"}
     assert [r.changed for r in found.document.residual] == [True, True]
+    assert "but the residual of joint 1, joint 2 is not as large as before" in found.document.text
+    assert "VALUES UNCHANGED, BUT NOT THE RESIDUAL, WITH DOUBTS" in found.summary()
 
 
 def test_another_motion_is_a_condition(before: Result, again: Result) -> None:

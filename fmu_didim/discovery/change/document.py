@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from datetime import UTC, datetime
 from functools import partial
 
@@ -38,6 +39,7 @@ from fmu_didim.results.comparison import (
     ComparedResult,
     ComparisonDocument,
     ParameterSet,
+    ResidualChange,
 )
 
 DECIDING = (
@@ -122,7 +124,8 @@ def compared(
     change = _answer(result)
     return ComparisonDocument(
         name=f"{before.document.name} → {after.document.name}",
-        answer=change, text=_text(change, found, result), verdict=judged.verdict, reasons=judged.saved(),
+        answer=change, text=_text(change, found, result) + _beside(change, residual),
+        verdict=judged.verdict, reasons=judged.saved(),
         conditions=[*_visible(found, change, logs), *judged.conditions] if judged.verdict == "valid" else [],
         before=_side(before), after=_side(after),
         parameters=_parameters(found, before, after), left_out=left,
@@ -166,6 +169,16 @@ def _text(answer: Change, found: Difference, result: Contest) -> str:
     if answer == "named":
         return f"{causes}; {which} ({chance})"
     return f"one of {len(result.named)}: {causes}; {which} ({chance})"
+
+
+def _beside(answer: Change, residual: Sequence[ResidualChange]) -> str:
+    """What has changed though no value and no effect says so."""
+    labels = [r.label for r in residual if r.changed]
+    if answer != "unchanged" or not labels:
+        return ""
+    return (
+        f"; but the residual of {', '.join(labels)} is not as large as before, and nothing that was tried explains that"
+    )
 
 
 def cause_text(found: Explanation) -> str:

@@ -53,6 +53,8 @@ def verdict_of(document: ComparisonDocument) -> Banner:
     """The verdict in sentences."""
     grade = "good" if document.answer == "unchanged" else "doubtful"
     head = HEADS[document.answer]
+    if document.answer == "unchanged" and any(r.changed for r in document.residual):
+        head = "VALUES UNCHANGED, BUT NOT THE RESIDUAL"
     if document.verdict != "valid":
         grade, head = "doubtful", f"{head}, WITH DOUBTS"
     lines = [f"{capitalised(document.text)}."]
