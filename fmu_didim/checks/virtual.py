@@ -76,6 +76,7 @@ def of_one_set(found: Sequence[Diagnostic], model: LoopModel) -> list[Diagnostic
         return list(found)
     advice: dict[Code, str] = dict.fromkeys((CLOCK_LATE, CLOCK_EARLY, SAMPLING_KIND), f"{{own}} {ALIKE}")
     advice |= {DEPENDS_ON_MOTION: FOLLOWS, TORQUE_SCALE: SCALE}
+    advice |= {d.code: FOLLOWS for d in found if "fmu-didim discover" in d.advice}  # which refuses such a case
     return [
         replace(d, next_step=advice[d.code].replace("{own}", d.advice)) if d.code in advice else d for d in found
     ]  # fmt: skip

@@ -9,8 +9,10 @@ import numpy as np
 import pytest
 
 from fmu_didim import Result, discover, identify, load_case
+from fmu_didim.base.diagnostics import CATALOGUE, Diagnostic
 from fmu_didim.base.errors import InputError
 from fmu_didim.checks.data.linear_fit import motion_with_regressor
+from fmu_didim.checks.virtual import of_one_set
 from tests.case.tracking.hidden import SCARA, case_of, content_of, errors_of, machine, truth
 
 
@@ -124,6 +126,14 @@ def test_a_bandwidth_that_lets_noise_in_is_doubted() -> None:
     assert found.verdict == "doubtful"
     told = {reason.code: reason for reason in found.reasons}
     assert "tracking-choice" in told and "bandwidth" in told["tracking-choice"].text
+
+
+def test_nobody_is_sent_to_what_refuses_the_case() -> None:
+    """Every code whose advice is to run discover has another one beside a virtual controller."""
+    model = case_of(0).model
+    every = [Diagnostic(code, "text", "joint 1") for code in CATALOGUE if "fmu-didim discover" in code.next_step]
+    assert len(every) > 5
+    assert not [d.code.name for d in of_one_set(every, model) if "fmu-didim discover" in d.advice]
 
 
 @pytest.mark.gate
