@@ -6,6 +6,7 @@ The verbs take a case, as a path, as a mapping or loaded by :func:`load_case`:
 * :func:`identify` gives parameters with their standard deviations, an :class:`Result`;
 * :func:`discover` names and adds what the model lacks, a :class:`Discovered`;
 * :func:`simulate` runs its loop, a :class:`Trajectory`;
+* :func:`excite` designs the motion that tells most, an :class:`Excited`;
 * :func:`export_ssp` writes its loop for other tools, :func:`export_robot` its robot.
 
 Many cases at once are a :func:`campaign` or a :func:`study`, whose runs give :class:`Results`.

@@ -45,6 +45,8 @@ from .ssp import write_ssp as write_ssp
 from .workflow.check import Checked as Checked
 from .workflow.check import check as check
 from .workflow.discover import discover as discover
+from .workflow.excitation.excite import excite as excite
+from .workflow.excitation.excited import Excited as Excited
 from .workflow.export import export_ssp as export_ssp
 from .workflow.export_robot import ExportedRobot as ExportedRobot
 from .workflow.export_robot import export_robot as export_robot

@@ -1,11 +1,15 @@
-"""The verbs of the Python API, one module each: check, identify, discover, simulate, export; and what they return."""
+"""The verbs of the Python API: check, identify, discover, simulate, excite, export; and what they return."""
 
 from fmu_didim.workflow.check import Checked, check
 from fmu_didim.workflow.discover import discover
+from fmu_didim.workflow.excitation.excite import excite
+from fmu_didim.workflow.excitation.excited import Excited
 from fmu_didim.workflow.export import export_ssp
 from fmu_didim.workflow.identify import identify
 from fmu_didim.workflow.output.discovered import Discovered
 from fmu_didim.workflow.output.result import Result
 from fmu_didim.workflow.simulate import simulate
 
-__all__ = ["Checked", "Discovered", "Result", "check", "discover", "export_ssp", "identify", "simulate"]
+__all__ = [
+    "Checked", "Discovered", "Excited", "Result", "check", "discover", "excite", "export_ssp", "identify", "simulate",
+]  # fmt: skip

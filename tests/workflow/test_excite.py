@@ -1,0 +1,157 @@
+"""The motion that tells most: it keeps its limits, tells more than random ones, and what may mislead is said."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+
+from fmu_didim import InputError, check, excite, load_case
+from fmu_didim.cli.main import main
+from fmu_didim.discovery.excitation.optimum import Problem
+from fmu_didim.discovery.excitation.series import Basis, Bounds
+from fmu_didim.discovery.next_experiment.motions import Limits
+from fmu_didim.model.parameters import RobotParameters
+from fmu_didim.workflow.excitation.excited import Excited
+from fmu_didim.workflow.excitation.planned import Peaks
+from tests.helpers import ROOT
+
+SCARA = ROOT / "examples/scara/identify.yaml"
+NOISE = (0.17, 0.0065)
+LIMITS = {
+    "position": [[-1.0, 1.2], [-1.3, 1.0]], "velocity": [1.5, 2.5], "acceleration": [3.0, 5.0], "torque": [15.0, 1.2],
+}  # fmt: skip
+QUICK: dict[str, Any] = {"limits": LIMITS, "torque_std": NOISE, "starts": 1, "period_s": 5.0, "periods": 1}
+
+
+@pytest.fixture(scope="module")
+def made() -> Excited:
+    return excite(SCARA, **QUICK)
+
+
+def problem(basis: Basis) -> Problem:
+    own = load_case(SCARA, require_torque=False).parameters
+    assert isinstance(own, RobotParameters)
+    instants = np.arange(50) / 10
+    return Problem(own.model, own.base, own.nominal(), np.array(NOISE), basis, instants, range(own.count))
+
+
+def bounds(start: list[float] | None = None) -> Bounds:
+    low, high = np.array(LIMITS["position"]).T
+    limits = Limits(low, high, np.array(LIMITS["velocity"]), np.array(LIMITS["acceleration"]))
+    return Bounds(limits, np.array(LIMITS["torque"]), None if start is None else np.array(start))
+
+
+def test_reference_begins_and_ends_at_rest_within_limits(made: Excited) -> None:
+    n, peaks = 2, Peaks.of(made.reference, 2)
+    for name in ("dq", "ddq"):
+        table = made.reference.select([f"{name}{j + 1}" for j in range(n)])
+        np.testing.assert_allclose(table[[0, -1]], 0.0, atol=1e-9)
+    q = made.reference.select(["q1", "q2"])
+    np.testing.assert_allclose(q[0], q[-1], atol=1e-9)
+    low, high = np.array(LIMITS["position"]).T
+    assert (peaks.low >= low).all() and (peaks.high <= high).all()
+    assert (peaks.speed <= LIMITS["velocity"]).all() and (peaks.acceleration <= LIMITS["acceleration"]).all()
+    loop = Peaks.of(made.prediction.loop, n)
+    assert loop.excess(made.bounds) <= 1e-3 and made.ok  # the simulated loop keeps position, speed and torque
+
+
+def test_prediction_is_that_of_check_on_a_log_of_the_motion(made: Excited, tmp_path: Path) -> None:
+    """The reference that is written goes into a case, whose simulated log is what ``check`` predicts from."""
+    made.save(tmp_path)
+    written = yaml.safe_load((tmp_path / "reference.yaml").read_text(encoding="utf-8"))
+    torque = made.prediction.loop.select(["tau1", "tau2"])[::20][:-1]
+    log = "t,tau1,tau2\n" + "\n".join(f"{k / 10!r},{a!r},{b!r}" for k, (a, b) in enumerate(torque.tolist()))
+    (tmp_path / "log.csv").write_text(log + "\n", encoding="utf-8")
+    case = load_case(SCARA, require_torque=False).with_(
+        train={**written, "torque": {"file": str(tmp_path / "log.csv")}}, validation=None, torque_std=list(NOISE),
+        estimator={"kind": "didim", "start": "description"},
+    )  # fmt: skip
+    found, own = check(case).prospect, made.prediction.prospect
+    assert found is not None and own is not None
+    assert found.names == own.names
+    np.testing.assert_allclose(found.deviation, own.deviation, rtol=0.02)
+
+
+def test_optimum_tells_more_than_random_motions() -> None:
+    basis = Basis(0.2, 5, 1, 2)
+    one, limits = problem(basis), bounds()
+    drawn = [one.random(np.random.default_rng([7, i]), limits) for i in range(20)]
+    assert all(one._broken(z, limits) <= 0 for z in drawn)
+    best = max(map(one.criterion, drawn))
+    found = one.solved(drawn[0], limits)
+    # Eight parameters: a determinant larger by e^8 is a variance smaller by e on average.
+    assert found.is_settled and found.criterion > best + 1.0
+    assert one._broken(found.coefficients, limits) <= 1e-6
+
+
+def test_criterion_of_some_parameters_is_the_inverse_of_their_covariance() -> None:
+    basis = Basis(0.2, 5, 1, 2)
+    own = problem(basis)
+    some = Problem(own.model, own.base, own.theta, np.array(NOISE), basis, np.arange(50) / 10, (3, 4))
+    z = own.random(np.random.default_rng(1), bounds())
+    table = own.rows(z)
+    covariance = np.linalg.inv(table @ table.T)[np.ix_((3, 4), (3, 4))]
+    assert some.criterion(z) == pytest.approx(-np.linalg.slogdet(covariance)[1], abs=1e-6)
+
+
+def test_motion_begins_where_it_is_asked_to() -> None:
+    basis = Basis(0.2, 4, 1, 2, np.array([0.3, -0.2]))
+    one, limits = problem(basis), bounds([0.3, -0.2])
+    found = one.solved(one.random(np.random.default_rng(2), limits), limits)
+    q = basis.fourier(found.coefficients).trajectory(200).select(["q1", "q2"])
+    np.testing.assert_allclose(q[[0, -1]], [[0.3, -0.2]] * 2, atol=1e-9)
+    with pytest.raises(InputError, match="begin outside the limits"):
+        bounds([0.3, -2.0])
+
+
+@pytest.mark.parametrize(
+    ("changes", "text"),
+    [
+        ({"torque_std": None}, "noise of the torque log is not known"),
+        ({"torque_std": [0.1]}, "positive value for each joint"),
+        ({"limits": {"velocity": [1.0]}}, "One entry is needed for each joint"),
+        ({"limits": {"velocity": [1.0, -1.0]}}, "velocity"),
+        ({"limits": {**LIMITS, "torque": [0.001, 1.2]}}, "Even a motion that hardly moves"),
+        ({"limits": {**LIMITS, "start": [0.0, 2.0]}}, "begin outside the limits"),
+        ({"limits": {**LIMITS, "position": [[1.0, -1.0], [-1.0, 1.0]]}}, "leave no room"),
+        ({"only": ["ZZ9"]}, "ZZ9"),
+        ({"harmonics": 1}, "needs two harmonics"),
+        ({"rate_hz": 400.0}, "faster than the controller"),
+        ({"period_s": 0.05}, "cannot show that many harmonics"),
+    ],
+)
+def test_what_cannot_be_is_refused(changes: dict[str, Any], text: str) -> None:
+    with pytest.raises(InputError, match=text):
+        excite(SCARA, **{**QUICK, **changes})
+
+
+def test_case_without_robot_is_refused() -> None:
+    with pytest.raises(InputError, match="equations of a robot"):
+        excite(ROOT / "examples/house/identify.yaml", **QUICK)
+
+
+@pytest.mark.gate
+def test_command_writes_the_reference_and_says_what_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    limits = tmp_path / "limits.yaml"
+    limits.write_text(yaml.safe_dump(LIMITS), encoding="utf-8")
+    out = tmp_path / "out"
+    # The highest harmonic, at 1 Hz, is above what 1.8 Hz show.
+    arguments = ["--torque-std", "0.17,0.0065", "--limits", str(limits), "--period", "5", "--rate", "1.8"]
+    arguments += ["--periods", "2", "--starts", "1", "--out", str(out)]
+    assert main(["excite", str(SCARA), *arguments]) == 4
+    printed = capsys.readouterr().out
+    assert "DOUBT excitation-above-log" in printed and "highest harmonic is at 1 Hz" in printed
+    found = json.loads((out / "excite.json").read_text(encoding="utf-8"))
+    assert found["ready"] and found["limits"]["from"] == dict.fromkeys(found["limits"]["from"], "given")
+    assert found["provenance"]["files"] and found["starts"][0]["status"] == "Solve_Succeeded"
+    case = load_case(SCARA, require_torque=False)
+    source = yaml.safe_load((out / "reference.yaml").read_text(encoding="utf-8"))["reference"]
+    np.testing.assert_allclose(
+        case.with_(train={"reference": source}).reference("estimation").select(["q1", "q2"]),
+        np.loadtxt(out / "reference.csv", delimiter=",", skiprows=1)[:, [1, 4]], atol=1e-9,
+    )  # fmt: skip
