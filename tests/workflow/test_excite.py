@@ -12,9 +12,9 @@ import yaml
 
 from fmu_didim import InputError, check, excite, load_case
 from fmu_didim.cli.main import main
+from fmu_didim.discovery.excitation.limits import Limits
 from fmu_didim.discovery.excitation.optimum import Problem
 from fmu_didim.discovery.excitation.series import Basis, Bounds
-from fmu_didim.discovery.next_experiment.motions import Limits
 from fmu_didim.model.parameters import RobotParameters
 from fmu_didim.workflow.excitation.excited import Excited
 from fmu_didim.workflow.excitation.planned import Peaks

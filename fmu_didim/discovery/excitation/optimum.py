@@ -22,18 +22,22 @@ import numpy as np
 
 from fmu_didim.base.errors import InputError
 from fmu_didim.data.signals import Array
-from fmu_didim.discovery.excitation.series import GRID, Basis, Bounds
+from fmu_didim.discovery.excitation.series import FINE, GRID, Basis, Bounds
 from fmu_didim.dynamics.base_parameters import BaseParameters
 from fmu_didim.dynamics.robot import RobotModel
 
 MOST_INSTANTS = 240
 """[samples] Of a period that stand for all of a faster log: many more than there are coefficients."""
+DIGITS = 9
+"""[decimals] Of an instant within a period, s, so that those of all periods are the same."""
 ITERATIONS = 200
 """[iterations] Of IPOPT from one start."""
 SETTLED = 1e-4
 """[1] Accuracy of the optimum, in the mean logarithm of the information on a parameter: far below what shows."""
 ACCEPTED = 5
-"""[iterations] In a row at ten times that accuracy, after which no more is gained."""
+"""[iterations] In a row with the accuracy NEARLY, after which no more is gained;"""
+NEARLY = 1e-3
+"""[1] ten times that of the optimum."""
 RIDGE = 1e-10
 """[1] Added to the scaled information: what no motion excites then stays finite."""
 IDLE = 1e-9
@@ -179,7 +183,7 @@ class Problem:
         options = {
             "print_time": False,
             "ipopt": {
-                "print_level": 0, "sb": "yes", "max_iter": iterations, "tol": SETTLED, "acceptable_tol": 10 * SETTLED,
+                "print_level": 0, "sb": "yes", "max_iter": iterations, "tol": SETTLED, "acceptable_tol": NEARLY,
                 "acceptable_iter": ACCEPTED, "acceptable_obj_change_tol": SETTLED,
                 "hessian_approximation": "limited-memory", "mu_strategy": "adaptive",
             },
@@ -245,9 +249,8 @@ class Problem:
         return ca.vertcat(*(ca.vec(part) for part in parts)), -bound, bound
 
     def _broken(self, z: Array, bounds: Bounds) -> float:
-        """By how much of its size the worst limit is broken, on a grid four times as fine."""
-        count = 4 * GRID * self.basis.harmonics
-        time = np.arange(count) / (count * self.basis.fundamental_hz)
+        """By how much of its size the worst limit is broken, on a fine grid."""
+        time = self.basis.grid(FINE)
         q, dq, ddq = self._motion(time, z)
         limits = bounds.limits
         middle, half = (limits.high + limits.low) / 2, (limits.high - limits.low) / 2
@@ -264,7 +267,7 @@ def representative(instants: Array, basis: Basis) -> Array:
     """Instants of the log, or some of them spread evenly where there are very many."""
     if instants.size <= MOST_INSTANTS:
         return instants
-    one = np.unique(np.round(np.mod(instants, 1 / basis.fundamental_hz), 9))
+    one = np.unique(np.round(np.mod(instants, 1 / basis.fundamental_hz), DIGITS))
     rows = np.linspace(0, one.size - 1, min(one.size, MOST_INSTANTS)).astype(int)
     return np.asarray(one[rows], dtype=float)
 

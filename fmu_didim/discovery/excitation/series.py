@@ -16,11 +16,15 @@ import numpy as np
 from fmu_didim.base.errors import InputError
 from fmu_didim.data.excitation import Fourier, FourierJoint
 from fmu_didim.data.signals import Array
-from fmu_didim.discovery.next_experiment.motions import WITHIN, Limits
+from fmu_didim.discovery.excitation.limits import WITHIN, Limits
 
 GRID = 20
 """[1] Instants of a period for each harmonic, at which limits are asked for: between them a series of H harmonics
 exceeds its largest value there by a factor of at most 1 / cos(pi / 20), 1.3 % (Ehlich and Zeller 1964)."""
+FINE = 400
+"""[1] The same where a motion is made as large as its limits allow: WITHIN covers what lies between."""
+NOTHING = 1e-12
+"""[SI] Size by which is divided where there is none."""
 
 
 @dataclass(frozen=True)
@@ -58,9 +62,9 @@ class Bounds:
             own,
             low=own.low + np.maximum(own.low - low, 0.0),
             high=own.high - np.maximum(high - own.high, 0.0),
-            speed=own.speed * np.minimum(1.0, own.speed / np.maximum(speed, 1e-12)),
+            speed=own.speed * np.minimum(1.0, own.speed / np.maximum(speed, NOTHING)),
         )
-        size = self.torque * np.minimum(1.0, self.torque / np.maximum(torque, 1e-12))
+        size = self.torque * np.minimum(1.0, self.torque / np.maximum(torque, NOTHING))
         return Bounds(limits, np.where(np.isfinite(self.torque), size, np.inf), self.start)
 
 
@@ -115,9 +119,9 @@ class Basis:
         """(n,) position beside that of the coefficients."""
         return np.zeros(self.joints) if self.start is None else self.start
 
-    def grid(self) -> Array:
-        """Instants of one period at which limits are asked for, s."""
-        count = GRID * self.harmonics
+    def grid(self, density: int = GRID) -> Array:
+        """Instants of one period, s, so many a harmonic: by default those at which limits are asked for."""
+        count = density * self.harmonics
         return np.arange(count) / (count * self.fundamental_hz)
 
     def fourier(self, z: Array) -> Fourier:
@@ -136,27 +140,28 @@ class Basis:
         """(d, n) random coefficients, smaller for higher harmonics, each joint as large as its limits allow and its
         range anywhere inside."""
         k = np.arange(1, self.harmonics + 1)
-        raw = rng.normal(size=(2, self.harmonics, self.joints)) / k[None, :, None]
+        cosine, sine = rng.normal(size=(2, self.joints, self.harmonics)) / k
         centre = rng.uniform(0.0, 1.0, size=self.joints)
-        cosine, sine = self.free
-        inner = np.vstack([cosine.T @ raw[0], sine.T @ raw[1]])
-        return self.scaled(inner, limits, centre)
+        return self.scaled(self.projected(cosine, sine), limits, centre)
+
+    def projected(self, cosine: Array, sine: Array) -> Array:
+        """(2H-2, n) free coefficients of the series at rest that is nearest to coefficients (n, H)."""
+        of_cosine, of_sine = self.free
+        return np.vstack([of_cosine.T @ cosine.T, of_sine.T @ sine.T])
 
     def scaled(self, inner: Array, limits: Limits, centre: Array) -> Array:
         """(d, n) coefficients without offset (2H-2, n) made as large as the limits allow; ``centre``: (n,) from 0 to 1,
         where in the room that is left."""
         skip = 0 if self.start is not None else 1
-        q, dq, ddq = (table[:, skip:] @ inner for table in self.tables(self.grid()))
+        q, dq, ddq = (table[:, skip:] @ inner for table in self.tables(self.grid(FINE)))
         speed = (limits.speed / np.abs(dq).max(axis=0), limits.acceleration / np.abs(ddq).max(axis=0))
         if self.start is not None:
-            up, down = np.maximum(q.max(axis=0), 1e-12), np.maximum(-q.min(axis=0), 1e-12)
+            up, down = np.maximum(q.max(axis=0), NOTHING), np.maximum(-q.min(axis=0), NOTHING)
             room = np.minimum((limits.high - self.start) / up, (self.start - limits.low) / down)
         else:
             room = (limits.high - limits.low) / np.ptp(q, axis=0)
-        factor = WITHIN * np.cos(np.pi / GRID) * np.minimum.reduce([room, *speed])
+        factor = WITHIN * np.minimum.reduce([room, *speed])
         if self.start is not None:
             return np.asarray(factor * inner)
         low, high = limits.low - factor * q.min(axis=0), limits.high - factor * q.max(axis=0)
-        # Keep as far from both ends as the series may exceed its grid.
-        low, high = low + (high - low) * 0.01, high - (high - low) * 0.01
         return np.vstack([low + (high - low) * centre, factor * inner])
