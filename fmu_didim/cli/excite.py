@@ -24,6 +24,8 @@ def add_excite_options(verb: argparse.ArgumentParser) -> None:
     verb.add_argument("--rate", type=positive, metavar="HZ", help="of the torque log (that of the case)")
     help_ = "parameters that matter, such as ZZ1R,Fc1; the others are unknown, too (all)"
     verb.add_argument("--only", type=_names, default=(), metavar="LIST", help=help_)
+    help_ = "what is made best: the determinant of their information, or the mean of their %%σ (determinant)"
+    verb.add_argument("--criterion", choices=("determinant", "mean"), default="determinant", help=help_)
     verb.add_argument("--harmonics", type=at_least_two, default=5, metavar="N", help="of the Fourier series (5)")
     verb.add_argument("--period", type=positive, metavar="SECONDS", help="of the motion (that of the case's reference)")
     verb.add_argument("--periods", type=at_least_one, metavar="N", help="number of them (those of that reference)")
@@ -48,7 +50,8 @@ def run_excite(options: argparse.Namespace, stem: Callable[[Path], str]) -> int:
 
         check_writable(out)
         found = excite(
-            options.case, limits=options.limits, only=options.only, harmonics=options.harmonics,
+            options.case, limits=options.limits, only=options.only, criterion=options.criterion,
+            harmonics=options.harmonics,
             period_s=options.period, periods=options.periods, rate_hz=options.rate, torque_std=options.torque_std,
             starts=options.starts, seed=options.seed, experiment=options.experiment, progress=display.say,
         )  # fmt: skip

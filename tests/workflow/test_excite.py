@@ -77,6 +77,7 @@ def test_prediction_is_that_of_check_on_a_log_of_the_motion(made: Excited, tmp_p
     np.testing.assert_allclose(found.deviation, own.deviation, rtol=0.02)
 
 
+@pytest.mark.gate
 def test_optimum_tells_more_than_random_motions() -> None:
     basis = Basis(0.2, 5, 1, 2)
     one, limits = problem(basis), bounds()
@@ -97,6 +98,19 @@ def test_criterion_of_some_parameters_is_the_inverse_of_their_covariance() -> No
     table = own.rows(z)
     covariance = np.linalg.inv(table @ table.T)[np.ix_((3, 4), (3, 4))]
     assert some.criterion(z) == pytest.approx(-np.linalg.slogdet(covariance)[1], abs=1e-6)
+
+
+@pytest.mark.gate
+def test_mean_deviation_is_made_smaller_than_by_the_determinant() -> None:
+    basis = Basis(0.2, 4, 1, 2)
+    own, limits = problem(basis), bounds()
+    mean = Problem(own.model, own.base, own.theta, np.array(NOISE), basis, np.arange(50) / 10, range(8), "mean")
+    start = own.random(np.random.default_rng(3), limits)
+    table = own.rows(start)
+    deviation = np.sqrt(np.diag(np.linalg.inv(table @ table.T)))
+    assert mean.criterion(start) == pytest.approx(-np.log(np.mean(deviation / own.theta)), abs=1e-9)
+    found = mean.solved(own.solved(start, limits).coefficients, limits)
+    assert found.criterion > found.begun > mean.criterion(start)
 
 
 def test_motion_begins_where_it_is_asked_to() -> None:

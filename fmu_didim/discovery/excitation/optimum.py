@@ -1,6 +1,7 @@
-"""The D-optimal Fourier series: the largest determinant of the information on the parameters asked for, within limits.
+"""The best Fourier series within limits: of all information on the parameters asked for, or of their mean deviation.
 
-    maximise  log det (sum_i W_i' S^-2 W_i) - log det of the same of the other parameters
+    determinant:  maximise  log det (sum_i W_i' S^-2 W_i) - log det of the same of the other parameters
+    mean:         minimise  mean of sigma_j / |theta_j|,  sigma_j^2 the diagonal of (sum_i W_i' S^-2 W_i)^-1
 
 W_i (n, b) is the regressor at the instants of the log along the reference, S the standard deviations of the noise. The
 second term makes it the information on some parameters while the others are unknown, too (D_s-optimality). Positions,
@@ -16,6 +17,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Literal
 
 import casadi as ca
 import numpy as np
@@ -25,7 +27,10 @@ from fmu_didim.data.signals import Array
 from fmu_didim.discovery.excitation.series import FINE, GRID, Basis, Bounds
 from fmu_didim.dynamics.base_parameters import BaseParameters
 from fmu_didim.dynamics.robot import RobotModel
+from fmu_didim.fit.statistics import covariance_white
 
+Criterion = Literal["determinant", "mean"]
+"""What is made best."""
 MOST_INSTANTS = 240
 """[samples] Of a period that stand for all of a faster log: many more than there are coefficients."""
 DIGITS = 9
@@ -57,7 +62,8 @@ class Solution:
     """The end of IPOPT from one start.
 
     Attributes:
-        coefficients: (d, n); criterion: log det of the information, that of the start in ``begun``.
+        coefficients: (d, n); criterion: log det of the information, or minus the logarithm of the mean relative
+            standard deviation; that of the start in ``begun``.
         status: of IPOPT; is_settled: whether it is an optimum; iterations: it took.
     """
 
@@ -75,7 +81,7 @@ class Problem:
     Args:
         model, base: the robot and its base parameters; theta: (b,) their values, for the limits of the torque.
         deviation: (n,) of the noise of the torque; instants: (N,) of the log within the motion, s.
-        asked: places of the parameters asked for among the base parameters.
+        asked: places of the parameters asked for among the base parameters; kind: what is made best.
 
     Attributes:
         idle: places of base parameters on which the torque does not depend along any motion of this model without
@@ -84,10 +90,10 @@ class Problem:
 
     def __init__(
         self, model: RobotModel, base: BaseParameters, theta: Array, deviation: Array, basis: Basis, instants: Array,
-        asked: Sequence[int],
+        asked: Sequence[int], kind: Criterion = "determinant",
     ) -> None:  # fmt: skip
         self.model, self.base, self.basis, self.theta = model, base, basis, theta
-        self._deviation, self._asked = deviation, tuple(asked)
+        self._deviation, self._asked, self._kind = deviation, tuple(asked), kind
         self._instants = representative(instants, basis)
         self._observed = [v.start for v in model.observed]
         self._extra = [ca.DM([v.start for v in model.extra])] if model.extra else []
@@ -142,9 +148,17 @@ class Problem:
         return seen, tuple(i for i in seen if i not in self._asked)
 
     def criterion(self, z: Array) -> float:
-        """log det of the information on the parameters asked for; minus infinity where there is none."""
+        """log det of the information on the parameters asked for, or minus the logarithm of their mean relative
+        standard deviation; minus infinity where there is none."""
         table = self.rows(z)
         seen, others = self.shown
+        if self._kind == "mean":
+            part = table[list(seen)].T
+            if (np.linalg.norm(part, axis=0) == 0).any():
+                return -np.inf
+            places, weights = self._weights
+            deviation = np.sqrt(np.diag(covariance_white(part)))
+            return float(-np.log(weights @ deviation[list(places)]))
 
         def of(places: Sequence[int]) -> float:
             part = table[list(places)]
@@ -155,6 +169,19 @@ class Problem:
             return float(value + 2 * np.log(length).sum()) if sign > 0 else -np.inf
 
         return of(seen) - (of(others) if others else 0.0)
+
+    @cached_property
+    def _weights(self) -> tuple[tuple[int, ...], Array]:
+        """Places among those that are looked at of the parameters asked for that are not zero, and by what their
+        deviations are multiplied for the mean of the relative ones."""
+        seen, others = self.shown
+        kept = [i for i in seen if i not in others and self.theta[i] != 0]
+        if not kept:
+            raise InputError(
+                "The parameters asked for are all zero: they have no relative deviation.", where="criterion: mean",
+                next_step="Ask for the determinant, or give values by parameters.",
+            )  # fmt: skip
+        return tuple(seen.index(i) for i in kept), 1.0 / (len(kept) * np.abs(self.theta[kept]))
 
     def random(self, rng: np.random.Generator, bounds: Bounds) -> Array:
         """(d, n) coefficients of a random motion as large as the limits allow; raises InputError where none keeps the
@@ -219,6 +246,11 @@ class Problem:
         scale = 1.0 / np.where(length > 0, length, 1.0)
         table = ca.DM(scale[list(seen)]) * table[list(seen), :]
         information = ca.mtimes(table, table.T)
+        if self._kind == "mean":
+            chosen, weights = self._weights
+            rows = scale[[seen[i] for i in chosen]]
+            deviation = _deviations(len(seen), chosen)(information) * ca.DM(rows * weights)
+            return ca.log(ca.sum1(deviation))
         value = _log_det(len(seen))(information)
         if others:
             places = [seen.index(i) for i in others]
@@ -270,6 +302,14 @@ def representative(instants: Array, basis: Basis) -> Array:
     one = np.unique(np.round(np.mod(instants, 1 / basis.fundamental_hz), DIGITS))
     rows = np.linspace(0, one.size - 1, min(one.size, MOST_INSTANTS)).astype(int)
     return np.asarray(one[rows], dtype=float)
+
+
+def _deviations(count: int, places: Sequence[int]) -> ca.Function:
+    """(count, count) symmetric, positive definite M -> square roots of some of the diagonal of M^-1: the lengths of
+    rows of R^-1, M = R'R."""
+    matrix = ca.SX.sym("m", count, count)
+    inverse = ca.inv(ca.chol(matrix + RIDGE * ca.SX.eye(count)))
+    return ca.Function("deviations", [matrix], [ca.sqrt(ca.sum2(inverse[list(places), :] ** 2))])
 
 
 def _log_det(count: int) -> ca.Function:

@@ -18,15 +18,15 @@ from fmu_didim.case import Case, CaseParts, case_of, with_objects
 from fmu_didim.case.torque_log import read_torque_log
 from fmu_didim.data.excitation import Fourier
 from fmu_didim.data.signals import Array, Trajectory
-from fmu_didim.discovery.excitation.optimum import Problem, Solution
+from fmu_didim.discovery.excitation.optimum import Criterion, Problem, Solution
 from fmu_didim.discovery.excitation.series import Basis, Bounds
 from fmu_didim.fit.solver.admissible import mass_matrix_problem
 from fmu_didim.model.parameters import RobotParameters
 from fmu_didim.workflow.case_files import case_files
-from fmu_didim.workflow.excitation.excited import Excited, Trial, mean_percent
+from fmu_didim.workflow.excitation.excited import Excited, Trial
 from fmu_didim.workflow.excitation.findings import findings
 from fmu_didim.workflow.excitation.limits import MotionLimits, bounds_of, limits_document
-from fmu_didim.workflow.excitation.planned import BEYOND, Peaks, Plan, Prediction, predict
+from fmu_didim.workflow.excitation.planned import BEYOND, Peaks, Plan, Prediction, mean_percent, predict
 from fmu_didim.workflow.simulate import model_without_data, named_values
 
 STARTS = 6
@@ -47,6 +47,7 @@ def excite(
     *,
     limits: MotionLimits | Mapping[str, Any] | Path | str | None = None,
     only: Sequence[str] = (),
+    criterion: Criterion = "determinant",
     harmonics: int = HARMONICS,
     period_s: float | None = None,
     periods: int | None = None,
@@ -69,6 +70,7 @@ def excite(
         limits: a YAML file or a mapping with ``position``, ``velocity``, ``acceleration``, ``torque`` and ``start``; by
             default the range of the robot description, and else what the reference of the case uses.
         only: parameters to be known best, the others being unknown, too; all by default.
+        criterion: ``determinant`` of their information, or ``mean`` of their relative standard deviations.
         harmonics: of the series; period_s, periods: of the motion; by default those of the case's reference.
         rate_hz: of the torque log; by default that of the case. torque_std: (n,) standard deviations of its noise; by
             default those of the case.
@@ -100,18 +102,18 @@ def excite(
             raise UnknownNameError("parameter that is identified", name, model.names, where="only")
     asked = tuple(only) or model.names
     basis = _basis(case, label, reference, bounds, harmonics, period_s, periods)
-    now = _predicted(plan, reference, asked)
+    now = _predicted(plan, reference, asked, criterion)
     shown = [robot.names.index(name) for name in asked if name in robot.names]
     instants = plan.times(_trajectory(basis, case, np.zeros_like(_blank(basis))))
-    problem = Problem(robot.model, robot.base, model.theta(values), plan.deviation, basis, instants, shown)
+    problem = Problem(robot.model, robot.base, model.theta(values), plan.deviation, basis, instants, shown, criterion)
     trials, solutions = _solved(problem, bounds, starts, seed, progress)
-    best, settled = _best(plan, problem, bounds, solutions, asked, progress)
+    best, settled = _best(plan, problem, bounds, solutions, asked, criterion, progress)
     told = findings(
         plan, basis, bounds, best[1], now, failed=sum(t.criterion is None for t in trials), starts=starts,
         settled=settled,
     )  # fmt: skip
     made = Excited(
-        case.name, best[0], best[1], now, bounds, found.origin, tuple(trials), tuple(by_weight(told)), asked,
+        case.name, best[0], best[1], now, bounds, found.origin, tuple(trials), tuple(by_weight(told)), asked, criterion,
         tuple(name for name in model.names if name not in robot.names or robot.names.index(name) in problem.idle),
         plan.rate_hz, plan.deviation, seed, _provenance(case),
     )  # fmt: skip
@@ -202,10 +204,10 @@ def _trajectory(basis: Basis, case: Case, z: Array) -> Trajectory:
     return basis.fourier(z).trajectory(1 / case.step_size)
 
 
-def _predicted(plan: Plan, reference: Trajectory, asked: Sequence[str]) -> Prediction | None:
+def _predicted(plan: Plan, reference: Trajectory, asked: Sequence[str], kind: Criterion) -> Prediction | None:
     """What the log of the reference that the case has would tell; None where it cannot be simulated or logged."""
     try:
-        return predict(plan, reference, asked)
+        return predict(plan, reference, asked, kind)
     except (InputError, SimulationError):
         return None
 
@@ -225,7 +227,9 @@ def _solved(
             continue
         trials.append(Trial(i, found.status, _finite(found.begun), _finite(found.criterion)))
         solutions.append(found)
-        progress(f"start {i} of {starts}: log det {found.begun:.4g} to {found.criterion:.4g}, {found.iterations} steps")
+        progress(
+            f"start {i} of {starts}: criterion {found.begun:.4g} to {found.criterion:.4g}, {found.iterations} steps"
+        )
     if not solutions:
         raise InputError(
             "The optimisation failed from each start.", where="excite", got="; ".join(t.status for t in trials),
@@ -240,7 +244,7 @@ def _finite(value: float) -> float | None:
 
 def _best(
     plan: Plan, problem: Problem, bounds: Bounds, solutions: Sequence[Solution], asked: Sequence[str],
-    progress: Callable[[str], None],
+    kind: Criterion, progress: Callable[[str], None],
 ) -> tuple[tuple[Fourier, Prediction], bool]:  # fmt: skip
     """The motion whose log tells most in the simulated loop, whose limits it keeps as far as possible."""
     found: list[tuple[Fourier, Prediction, bool]] = []
@@ -248,7 +252,7 @@ def _best(
     for solution in solutions[:SIMULATED]:
         progress(f"simulating motion {len(found) + 1} of {min(SIMULATED, len(solutions))}")
         try:
-            found.append(_within(plan, problem, bounds, solution, asked))
+            found.append(_within(plan, problem, bounds, solution, asked, kind))
         except SimulationError as error:
             failure = error
     if not found:
@@ -258,18 +262,18 @@ def _best(
     series, prediction, settled = max(
         found, key=lambda one: (Peaks.of(one[1].loop, n).excess(bounds) <= BEYOND, one[1].criterion)
     )
-    progress(f"best motion: {mean_percent(prediction, tuple(asked)):.3g} % on average")
+    progress(f"best motion: {mean_percent(prediction.prospect, asked):.3g} % on average")
     return (series, prediction), settled
 
 
 def _within(
-    plan: Plan, problem: Problem, bounds: Bounds, solution: Solution, asked: Sequence[str]
+    plan: Plan, problem: Problem, bounds: Bounds, solution: Solution, asked: Sequence[str], kind: Criterion
 ) -> tuple[Fourier, Prediction, bool]:
     """A solution in the simulated loop; where that exceeds limits, solved again with tighter ones."""
     n, own = plan.deviation.size, bounds
     for remaining in reversed(range(ROUNDS)):
         series = problem.basis.fourier(solution.coefficients)
-        prediction = predict(plan, series.trajectory(1 / plan.case.step_size), asked)
+        prediction = predict(plan, series.trajectory(1 / plan.case.step_size), asked, kind)
         peaks = Peaks.of(prediction.loop, n)
         if peaks.excess(bounds) <= BEYOND or not remaining:
             break

@@ -16,11 +16,12 @@ from fmu_didim.base.diagnostics import DOUBT, PROBLEM, Diagnostic
 from fmu_didim.checks.judgement import diagnostic_result
 from fmu_didim.data.excitation import Fourier
 from fmu_didim.data.signals import Array, Trajectory, write_csv
+from fmu_didim.discovery.excitation.optimum import Criterion
 from fmu_didim.discovery.excitation.series import Bounds
 from fmu_didim.report.numbers import percent_std, pretty_unit, significant
 from fmu_didim.report.sections import Table, numbers, words
 from fmu_didim.report.terminal import table_lines, wrapped
-from fmu_didim.workflow.excitation.planned import Peaks, Prediction
+from fmu_didim.workflow.excitation.planned import Peaks, Prediction, mean_percent
 from fmu_didim.workflow.output.exit_codes import EXIT_CODES
 from fmu_didim.workflow.output.result_folder import check_writable, write_whole
 
@@ -34,8 +35,9 @@ class Trial:
     """The end of the optimisation from one start.
 
     Attributes:
-        start: its number; status: of IPOPT, or why it was skipped; begun, criterion: log det of the information on the
-            parameters asked for along the reference, before and after; None where it was skipped.
+        start: its number; status: of IPOPT, or why it was skipped.
+        begun, criterion: along the reference, before and after: log det of the information on the parameters asked for,
+            or minus the logarithm of their mean relative deviation; None where it was skipped.
     """
 
     start: int
@@ -53,7 +55,8 @@ class Excited:
         prediction, now: what its log would tell, and one of the reference that the case has; None if that cannot run.
         bounds, origin: the limits, and where each kind of them comes from.
         trials: of all starts; diagnostics: the most important first.
-        asked: parameters whose information was made largest; unseen: those that the design did not look at.
+        asked: parameters that were to be known best; criterion: ``determinant`` or ``mean``.
+        unseen: parameters that the design did not look at.
         rate_hz, deviation: of the log that is planned; seed: of the starts; provenance: versions and files.
     """
 
@@ -66,6 +69,7 @@ class Excited:
     trials: tuple[Trial, ...]
     diagnostics: tuple[Diagnostic, ...]
     asked: tuple[str, ...]
+    criterion: Criterion
     unseen: tuple[str, ...]
     rate_hz: float
     deviation: Array
@@ -91,7 +95,7 @@ class Excited:
     @property
     def mean_percent(self) -> float:
         """Mean of the predicted relative standard deviations of the parameters asked for, percent; NaN if unknown."""
-        return mean_percent(self.prediction, self.asked)
+        return mean_percent(self.prediction.prospect, self.asked)
 
     def __repr__(self) -> str:
         return f"Excited({self.name!r}, {self.mean_percent:.3g} % on average, {len(self.trials)} starts)"
@@ -127,12 +131,13 @@ class Excited:
             "reference": self.excitation.model_dump(mode="json"),
             "torque_rate_hz": self.rate_hz,
             "torque_std": _listed(self.deviation),
+            "criterion": self.criterion,
             "asked": list(self.asked),
             "not_looked_at": list(self.unseen),
             "parameters": _parameters(self.prediction),
             "parameters_now": _parameters(self.now),
             "mean_percent": _number(self.mean_percent),
-            "mean_percent_now": _number(mean_percent(self.now, self.asked)),
+            "mean_percent_now": _number(mean_percent(None if self.now is None else self.now.prospect, self.asked)),
             "condition_number": _number(self.prediction.condition),
             "limits": {
                 "position": [_listed(pair) for pair in np.column_stack([limits.low, limits.high])],
@@ -222,17 +227,6 @@ class Excited:
             numbers("limit", [significant(row[3]) if np.isfinite(row[3]) else "none" for row in made]),
         ]
         return table_lines(Table(columns), width=None)
-
-
-def mean_percent(found: Prediction | None, asked: tuple[str, ...]) -> float:
-    """Mean relative standard deviation of some parameters that are not zero, percent."""
-    if found is None or found.prospect is None:
-        return float("nan")
-    own = found.prospect
-    known = [
-        100 * d / abs(v) for name, v, d in zip(own.names, own.values, own.deviation, strict=True) if name in asked and v
-    ]
-    return float(np.mean(known)) if known else float("nan")
 
 
 def _parameters(found: Prediction | None) -> dict[str, Any] | None:

@@ -12,6 +12,7 @@ from fmu_didim.case import Case
 from fmu_didim.checks.data.expected_accuracy import ExpectedAccuracy, predicted
 from fmu_didim.cosim.sampling import decimated_times, sample_operator
 from fmu_didim.data.signals import Array, Trajectory
+from fmu_didim.discovery.excitation.optimum import Criterion
 from fmu_didim.discovery.excitation.series import Bounds
 from fmu_didim.fit.confounding import confounded
 from fmu_didim.fit.derivatives.sensitivity import sensitivity
@@ -112,7 +113,8 @@ class Prediction:
         prospect: predicted standard deviations; None where the log cannot determine all parameters.
         unexcited: parameters that do nothing to the log; alike: those that it cannot tell apart.
         condition: condition number of the whitened sensitivity with columns of length one.
-        criterion: log det of the information on the parameters asked for, in the simulated loop.
+        criterion: log det of the information on the parameters asked for, in the simulated loop, or minus the logarithm
+            of the mean of their relative standard deviations.
     """
 
     reference: Trajectory
@@ -133,7 +135,16 @@ class Prediction:
         return np.asarray(error / np.maximum(wanted.std(axis=0), 1e-12))
 
 
-def predict(plan: Plan, reference: Trajectory, asked: Sequence[str]) -> Prediction:
+def mean_percent(prospect: ExpectedAccuracy | None, asked: Sequence[str]) -> float:
+    """Mean relative standard deviation of those of some parameters that are not zero, percent; NaN without any."""
+    if prospect is None:
+        return float("nan")
+    rows = zip(prospect.names, prospect.values, prospect.deviation, strict=True)
+    known = [100 * deviation / abs(value) for name, value, deviation in rows if name in asked and value]
+    return float(np.mean(known)) if known else float("nan")
+
+
+def predict(plan: Plan, reference: Trajectory, asked: Sequence[str], kind: Criterion = "determinant") -> Prediction:
     """What the log of a motion would tell, by the sensitivities of the simulated loop.
 
     Raises:
@@ -157,10 +168,9 @@ def predict(plan: Plan, reference: Trajectory, asked: Sequence[str]) -> Predicti
     condition = float(singular[0] / singular[-1]) if singular[-1] > 0 else np.inf
     alike = confounded(columns, plan.values, model.names, torque=size)
     places = [model.names.index(name) for name in asked]
-    return Prediction(
-        reference, loop, predicted(model, plan.values, model.beside_prior(columns)), (), alike, condition,
-        information(columns, places),
-    )  # fmt: skip
+    prospect = predicted(model, plan.values, model.beside_prior(columns))
+    reached = information(columns, places) if kind == "determinant" else -float(np.log(mean_percent(prospect, asked)))
+    return Prediction(reference, loop, prospect, (), alike, condition, reached if np.isfinite(reached) else -np.inf)
 
 
 def information(columns: Array, places: Sequence[int]) -> float:
