@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,12 +12,14 @@ import pytest
 import yaml
 
 from fmu_didim import InputError, check, excite, load_case
+from fmu_didim.base.diagnostics import Diagnostic
 from fmu_didim.cli.main import main
 from fmu_didim.discovery.excitation.limits import Limits
 from fmu_didim.discovery.excitation.optimum import Problem
 from fmu_didim.discovery.excitation.series import Basis, Bounds
 from fmu_didim.model.parameters import RobotParameters
 from fmu_didim.workflow.excitation.excited import Excited
+from fmu_didim.workflow.excitation.findings import BEYOND_LIMITS
 from fmu_didim.workflow.excitation.planned import Peaks
 from tests.helpers import ROOT
 
@@ -88,6 +91,31 @@ def test_optimum_tells_more_than_random_motions() -> None:
     # Eight parameters: a determinant larger by e^8 is a variance smaller by e on average.
     assert found.is_settled and found.criterion > best + 1.0
     assert one._broken(found.coefficients, limits) <= 1e-6
+
+
+@pytest.mark.gate
+def test_loop_that_does_not_follow_is_told_and_no_reference_beyond_limits_is_written(tmp_path: Path) -> None:
+    weak = yaml.safe_load((ROOT / "controllers/scara_pd.yaml").read_text(encoding="utf-8"))
+    (tmp_path / "weak.yaml").write_text(yaml.safe_dump({**weak, "Kp": [40, 0.6], "Kd": [10, 0.15]}), encoding="utf-8")
+    case = load_case(SCARA, require_torque=False)
+    case = case.with_(controller={"kind": "model", "source": str(tmp_path / "weak.yaml")})
+    found = excite(case, tmp_path / "out", **QUICK)
+    codes = {d.code.name for d in found.diagnostics}
+    assert "excitation-not-followed" in codes
+    is_beyond = Peaks.of(found.prediction.loop, 2).excess(found.bounds) > 1e-3
+    assert is_beyond == ("excitation-beyond-limits" in codes) == (found.exit_code == 1)
+    assert (tmp_path / "out" / "reference.yaml").exists() == (not is_beyond)
+    beyond = replace(found, bounds=found.bounds, diagnostics=(Diagnostic(BEYOND_LIMITS, "Too far."),))
+    beyond.save(tmp_path / "out")
+    assert [path.name for path in (tmp_path / "out").iterdir()] == ["excite.json"]
+
+
+def test_motions_of_other_lengths_are_compared_in_the_same_time(made: Excited) -> None:
+    twice = made.prediction.criterion_in(2 * made.prediction.length_s, 8)
+    assert twice == pytest.approx(made.prediction.criterion + 8 * np.log(2))  # twice the information on each of eight
+    mean = replace(made.prediction, kind="mean").criterion_in(4 * made.prediction.length_s, 8)
+    assert mean == pytest.approx(made.prediction.criterion + np.log(2))  # half of the deviation
+    assert "The reference of the case lasts 10 s." in made.summary()
 
 
 def test_criterion_of_some_parameters_is_the_inverse_of_their_covariance() -> None:

@@ -187,11 +187,11 @@ class Problem:
         """(d, n) coefficients of a random motion as large as the limits allow; raises InputError where none keeps the
         torque."""
         z = self.basis.drawn(rng, bounds.limits)
-        fine, first = self.basis.grid(), 0 if self.basis.start is not None else 1
+        fine = self.basis.grid()
         for _ in range(SHRINKS):
             if (np.abs(self.torque(z, fine)).max(axis=0) <= TORQUE_WITHIN * bounds.torque).all():
                 return z
-            z = np.vstack([z[:first], SHRINK * z[first:]])
+            z = self.smaller(z, SHRINK)
         peak = np.abs(self.torque(z, fine)).max(axis=0)
         joint = int(np.argmax(peak / bounds.torque))
         raise InputError(
@@ -199,6 +199,11 @@ class Problem:
             where=f"limits.torque, joint {joint + 1}", got=f"{peak[joint]:.4g} against {bounds.torque[joint]:.4g}",
             next_step="Gravity and friction need that torque there: allow more, or other positions.",
         )  # fmt: skip
+
+    def smaller(self, z: Array, factor: float) -> Array:
+        """The motion of coefficients (d, n), smaller by a factor about its middle or start."""
+        first = 0 if self.basis.start is not None else 1
+        return np.vstack([z[:first], factor * z[first:]])
 
     def solved(self, start: Array, bounds: Bounds, *, iterations: int = ITERATIONS) -> Solution:
         """The best coefficients near a start (d, n); raises RuntimeError where IPOPT fails."""

@@ -36,7 +36,11 @@ HARMONICS = 5
 SIMULATED = 3
 """[motions] The best along the reference, which are simulated in the loop and ranked anew."""
 ROUNDS = 3
-"""[1] Of tightening limits until the simulated loop keeps them."""
+"""[1] Of tightening limits until the simulated loop keeps them;"""
+SHRINKS = 4
+"""[1] of making the motion smaller by what it exceeds them, after these;"""
+LEAST_SHRINK = 0.005
+"""[1] at least by so much."""
 PACKAGES = ("fmu_didim", "casadi", "numpy", "scipy")
 
 
@@ -109,7 +113,7 @@ def excite(
     trials, solutions = _solved(problem, bounds, starts, seed, progress)
     best, settled = _best(plan, problem, bounds, solutions, asked, criterion, progress)
     told = findings(
-        plan, basis, bounds, best[1], now, failed=sum(t.criterion is None for t in trials), starts=starts,
+        plan, basis, bounds, best[1], now, asked, failed=sum(t.criterion is None for t in trials), starts=starts,
         settled=settled,
     )  # fmt: skip
     made = Excited(
@@ -271,17 +275,21 @@ def _within(
 ) -> tuple[Fourier, Prediction, bool]:
     """A solution in the simulated loop; where that exceeds limits, solved again with tighter ones."""
     n, own = plan.deviation.size, bounds
-    for remaining in reversed(range(ROUNDS)):
+    for remaining in reversed(range(ROUNDS + SHRINKS)):
         series = problem.basis.fourier(solution.coefficients)
         prediction = predict(plan, series.trajectory(1 / plan.case.step_size), asked, kind)
         peaks = Peaks.of(prediction.loop, n)
         if peaks.excess(bounds) <= BEYOND or not remaining:
             break
-        own = _tighter(own, bounds, peaks)
+        smaller = problem.smaller(solution.coefficients, 1 / (1 + max(peaks.excess(bounds), LEAST_SHRINK)))
+        solution = replace(solution, coefficients=smaller, is_settled=remaining >= SHRINKS and solution.is_settled)
+        if remaining < SHRINKS:
+            continue
         try:
-            solution = problem.solved(solution.coefficients, own)
+            own = _tighter(own, bounds, peaks)
+            solution = problem.solved(smaller, own)
         except (RuntimeError, InputError):
-            break
+            solution = replace(solution, is_settled=False)  # the smaller motion is tried
     return series, prediction, solution.is_settled
 
 

@@ -27,6 +27,11 @@ from fmu_didim.workflow.output.result_folder import check_writable, write_whole
 
 REFERENCE_FILE, TABLE_FILE, EXCITE_FILE = "reference.yaml", "reference.csv", "excite.json"
 
+KINDS = {
+    "low": "lowest position", "high": "highest position", "speed": "velocity", "acceleration": "acceleration",
+    "torque": "torque",
+}  # fmt: skip
+"""Attribute of the largest of a motion -> its words."""
 COLLISIONS = "Collisions of links with each other or with the surroundings are not looked at: watch the first run."
 
 
@@ -137,6 +142,7 @@ class Excited:
             "parameters": _parameters(self.prediction),
             "parameters_now": _parameters(self.now),
             "mean_percent": _number(self.mean_percent),
+            "duration_now_s": None if self.now is None else self.now.length_s,
             "mean_percent_now": _number(mean_percent(None if self.now is None else self.now.prospect, self.asked)),
             "condition_number": _number(self.prediction.condition),
             "limits": {
@@ -177,8 +183,11 @@ class Excited:
         ]
         if self.prediction.prospect is not None:
             lines += ["Predicted for the simulated loop with these values and white noise:"]
-            lines += [*self._parameter_lines(), ""]
-        lines += ["Largest of the simulated loop, beside limits:", *self._peak_lines(), ""]
+            lines += self._parameter_lines()
+            if self.now is not None and not np.isclose(self.now.length_s, self.prediction.length_s):
+                lines += wrapped(f"The reference of the case lasts {self.now.length_s:.4g} s.")
+            lines.append("")
+        lines += ["Largest of the motion (limits of acceleration are those of the reference):", *self._peak_lines(), ""]
         lines += wrapped("Limits: " + ", ".join(f"{name}: {place}" for name, place in self.origin.items()))
         lines += wrapped(f"Condition number {significant(self.prediction.condition)}")
         if self.unseen:
@@ -213,18 +222,19 @@ class Excited:
 
     def _peak_lines(self) -> list[str]:
         n, limits = self.deviation.size, self.bounds.limits
-        peaks = Peaks.of(self.prediction.loop, n)
-        rows = [
-            ("lowest position", peaks.low, limits.low), ("highest position", peaks.high, limits.high),
-            ("velocity", peaks.speed, limits.speed), ("acceleration", peaks.acceleration, limits.acceleration),
-            ("torque", peaks.torque, self.bounds.torque),
-        ]  # fmt: skip
-        made = [(f"{j + 1}", head, values[j], bound[j]) for j in range(n) for head, values, bound in rows]
+        given, loop = Peaks.of(self.reference, n), Peaks.of(self.prediction.loop, n)
+        bounds = Peaks(limits.low, limits.high, limits.speed, limits.acceleration, self.bounds.torque)
+        made = [
+            (f"{j + 1}", head, *(getattr(of, name)[j] for of in (given, loop, bounds)))
+            for j in range(n)
+            for name, head in KINDS.items()
+        ]
         columns = [
             words("joint", [row[0] for row in made]),
             words("", [row[1] for row in made]),
-            numbers("largest", [significant(row[2]) for row in made]),
-            numbers("limit", [significant(row[3]) if np.isfinite(row[3]) else "none" for row in made]),
+            numbers("reference", [significant(row[2]) for row in made]),
+            numbers("simulated", [significant(row[3]) for row in made]),
+            numbers("limit", [significant(row[4]) if np.isfinite(row[4]) else "none" for row in made]),
         ]
         return table_lines(Table(columns), width=None)
 

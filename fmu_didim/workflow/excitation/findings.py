@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from fmu_didim.base.diagnostics import CATALOGUE, DOUBT, PROBLEM, REMARK, Diagnostic
@@ -62,8 +64,8 @@ NO_BETTER = CATALOGUE(
 
 
 def findings(
-    plan: Plan, basis: Basis, bounds: Bounds, found: Prediction, now: Prediction | None, *, failed: int, starts: int,
-    settled: bool,
+    plan: Plan, basis: Basis, bounds: Bounds, found: Prediction, now: Prediction | None, asked: Sequence[str], *,
+    failed: int, starts: int, settled: bool,
 ) -> list[Diagnostic]:  # fmt: skip
     """All that a user must know before the motion is run."""
     n = plan.case.parameters.joint_count
@@ -85,8 +87,9 @@ def findings(
         told.append(Diagnostic(NOT_SETTLED, "The optimisation of this motion had not settled."))
     if not np.isfinite(bounds.torque).all():
         told.append(Diagnostic(NO_TORQUE_LIMIT, "The torque has no limit."))
-    if now is not None and now.criterion >= found.criterion:
-        told.append(Diagnostic(NO_BETTER, "The reference of the case tells as much of the parameters asked for."))
+    if now is not None and now.criterion_in(found.length_s, len(asked)) >= found.criterion:
+        text = f"In {found.length_s:g} s the reference of the case would tell as much of the parameters asked for."
+        told.append(Diagnostic(NO_BETTER, text))
     return told + (accuracy_diagnostics(found.prospect) if found.prospect is not None else [])
 
 

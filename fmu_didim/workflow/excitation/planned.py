@@ -114,7 +114,7 @@ class Prediction:
         unexcited: parameters that do nothing to the log; alike: those that it cannot tell apart.
         condition: condition number of the whitened sensitivity with columns of length one.
         criterion: log det of the information on the parameters asked for, in the simulated loop, or minus the logarithm
-            of the mean of their relative standard deviations.
+            of the mean of their relative standard deviations; kind: which of the two.
     """
 
     reference: Trajectory
@@ -124,6 +124,17 @@ class Prediction:
     alike: tuple[str, ...]
     condition: float
     criterion: float
+    kind: Criterion = "determinant"
+
+    @property
+    def length_s(self) -> float:
+        """Duration of the motion, s."""
+        return float(np.ptp(self.reference.time))
+
+    def criterion_in(self, length_s: float, asked: int) -> float:
+        """The criterion if the motion were repeated for that long: information grows with the duration."""
+        grown = float(np.log(length_s / self.length_s))
+        return self.criterion + (asked * grown if self.kind == "determinant" else grown / 2)
 
     def lag(self, n: int) -> Array:
         """(n,) deviation of the simulated from the reference velocity, relative to that; NaN where it is not known."""
@@ -163,14 +174,16 @@ def predict(plan: Plan, reference: Trajectory, asked: Sequence[str], kind: Crite
     loop = simulated_table(model.simulation(plan.values), motion=("q", "dq", "ddq"))
     unexcited = tuple(name for name, one in zip(model.names, length, strict=True) if one == 0)
     if unexcited:
-        return Prediction(reference, loop, None, unexcited, (), np.inf, -np.inf)
+        return Prediction(reference, loop, None, unexcited, (), np.inf, -np.inf, kind)
     singular = np.linalg.svd(np.linalg.qr(columns / length)[1], compute_uv=False)
     condition = float(singular[0] / singular[-1]) if singular[-1] > 0 else np.inf
     alike = confounded(columns, plan.values, model.names, torque=size)
     places = [model.names.index(name) for name in asked]
     prospect = predicted(model, plan.values, model.beside_prior(columns))
     reached = information(columns, places) if kind == "determinant" else -float(np.log(mean_percent(prospect, asked)))
-    return Prediction(reference, loop, prospect, (), alike, condition, reached if np.isfinite(reached) else -np.inf)
+    return Prediction(
+        reference, loop, prospect, (), alike, condition, reached if np.isfinite(reached) else -np.inf, kind
+    )
 
 
 def information(columns: Array, places: Sequence[int]) -> float:
