@@ -27,7 +27,7 @@ class Limits:
         tables = [self.high - self.low, self.speed, self.acceleration]
         if not all(np.isfinite(t).all() and (t > 0).all() for t in tables):
             raise InputError(
-                "The limits of a motion leave no room.", where="splitting experiment",
+                "The limits of a motion leave no room.", where="limits",
                 got=f"range {tables[0]}, speed {tables[1]}, acceleration {tables[2]}", valid="finite and > 0",
                 next_step="Give the limits of the joints, or a reference in which every joint moves.",
             )  # fmt: skip
