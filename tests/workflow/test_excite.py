@@ -19,8 +19,8 @@ from fmu_didim.discovery.excitation.optimum import Problem
 from fmu_didim.discovery.excitation.series import Basis, Bounds
 from fmu_didim.model.parameters import RobotParameters
 from fmu_didim.workflow.excitation.excited import Excited
-from fmu_didim.workflow.excitation.findings import BEYOND_LIMITS
-from fmu_didim.workflow.excitation.planned import Peaks
+from fmu_didim.workflow.excitation.findings import BEYOND_LIMITS, findings
+from fmu_didim.workflow.excitation.planned import Peaks, Plan
 from tests.helpers import ROOT
 
 SCARA = ROOT / "examples/scara/identify.yaml"
@@ -108,6 +108,40 @@ def test_loop_that_does_not_follow_is_told_and_no_reference_beyond_limits_is_wri
     beyond = replace(found, bounds=found.bounds, diagnostics=(Diagnostic(BEYOND_LIMITS, "Too far."),))
     beyond.save(tmp_path / "out")
     assert [path.name for path in (tmp_path / "out").iterdir()] == ["excite.json"]
+
+
+def test_parameters_that_are_not_excited_are_named_and_no_reference_is_written(made: Excited, tmp_path: Path) -> None:
+    plan = Plan(load_case(SCARA, require_torque=False), "estimation", 10.0, np.array(NOISE), np.zeros(8))
+    none = replace(made.prediction, prospect=None, unexcited=("MX1", "MY1"), condition=np.inf)
+    told = findings(
+        plan, Basis(0.2, 5, 1, 2), made.bounds, none, None, made.asked, failed=1, starts=3, settled=False
+    )  # fmt: skip
+    texts = {d.code.name: d.text for d in told}
+    assert texts["excitation-unexcited"] == "The motion does not excite MX1, MY1."
+    assert texts["excitation-starts-failed"] == "From 1 of 3 starts the optimisation failed."
+    assert "excitation-not-settled" in texts
+    refused = replace(made, prediction=none, diagnostics=tuple(told))
+    assert not refused.ok and refused.exit_code == 1 and "PROBLEM excitation-unexcited" in refused.summary()
+    assert [path.name for path in refused.save(tmp_path)] == ["excite.json"]
+    assert json.loads((tmp_path / "excite.json").read_text(encoding="utf-8"))["parameters"] is None
+
+
+def test_start_from_which_ipopt_fails_is_skipped_and_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    solved, calls = Problem.solved, []
+
+    def failing(self: Problem, start: Any, limits: Bounds, **options: Any) -> Any:
+        calls.append(start)
+        if len(calls) == 1:
+            raise RuntimeError("Restoration_Failed")
+        return solved(self, start, limits, **options)
+
+    monkeypatch.setattr(Problem, "solved", failing)
+    found = excite(SCARA, **{**QUICK, "starts": 2})
+    assert found.trials[0].status == "skipped: Restoration_Failed" and found.trials[1].criterion is not None
+    assert "excitation-starts-failed" in {d.code.name for d in found.diagnostics}
+    calls.clear()
+    with pytest.raises(InputError, match="failed from each start"):
+        excite(SCARA, **QUICK)
 
 
 def test_motions_of_other_lengths_are_compared_in_the_same_time(made: Excited) -> None:
