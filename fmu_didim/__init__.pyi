@@ -48,6 +48,8 @@ from .workflow.check import check as check
 from .workflow.compare import Compared as Compared
 from .workflow.compare import compare as compare
 from .workflow.discover import discover as discover
+from .workflow.excitation.excite import excite as excite
+from .workflow.excitation.excited import Excited as Excited
 from .workflow.export import export_ssp as export_ssp
 from .workflow.export_robot import ExportedRobot as ExportedRobot
 from .workflow.export_robot import export_robot as export_robot

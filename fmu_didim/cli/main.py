@@ -24,6 +24,7 @@ from fmu_didim.base.version import __version__
 from fmu_didim.cli.campaign import add_campaign
 from fmu_didim.cli.compare import add_compare, compare_results
 from fmu_didim.cli.console import CurrentStderr, Display, begin, is_terminal, show, since_start
+from fmu_didim.cli.excite import add_excite_options, run_excite
 from fmu_didim.cli.numbers import at_least_one, at_least_two, not_negative, positive
 from fmu_didim.cli.prepare import add_prepare_verbs
 from fmu_didim.cli.printed_by_fmus import LastLines, kept_apart
@@ -195,6 +196,8 @@ def _add_case_verbs(commands: _Commands) -> None:
         "--set", action="append", default=[], metavar="NAME=VALUE", help="value of a parameter that is identified"
     )
     two.add_argument("--experiment", metavar="LABEL", help="whose reference or inputs: estimation (the first), ...")
+    help_ = "design the motion that tells most of the parameters, before anyone measures"
+    add_excite_options(_case_verb(commands, "excite", _excite, help_))
     help_ = "find, name and add the physical effects that the model lacks"
     found = _case_verb(commands, "discover", _discover, help_, case="the case file; its validation is held out")
     found.add_argument("--out", type=Path, metavar="DIR", help="folder for findings.json and all else (results/<case>)")
@@ -262,6 +265,10 @@ EXAMPLES: Mapping[str, Sequence[str]] = {
     "simulate": (
         "fmu-didim simulate case.yaml --out loop.csv",
         "fmu-didim simulate case.yaml --set Fc1=0.5 --set Fv1=0 --experiment validation",
+    ),
+    "excite": (
+        "fmu-didim excite case.yaml --torque-std 0.2,0.05",
+        "fmu-didim excite case.yaml --limits limits.yaml --period 5 --periods 2 --only ZZ2,MX2",
     ),
     "discover": (
         "fmu-didim discover examples/arm2r/discover.yaml",
@@ -434,6 +441,13 @@ def _simulate(options: argparse.Namespace) -> int:
     write_whole(out, partial(write_csv, table))
     print(f"{table.time.size} rows, columns t, {', '.join(table.names)}: {out}")
     return 0
+
+
+def _excite(options: argparse.Namespace) -> int:
+    return run_excite(options, _stem)
+
+
+_excite.__doc__ = run_excite.__doc__
 
 
 def _export(options: argparse.Namespace) -> int:

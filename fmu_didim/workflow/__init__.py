@@ -3,6 +3,8 @@
 from fmu_didim.workflow.check import Checked, check
 from fmu_didim.workflow.compare import Compared, compare
 from fmu_didim.workflow.discover import discover
+from fmu_didim.workflow.excitation.excite import excite
+from fmu_didim.workflow.excitation.excited import Excited
 from fmu_didim.workflow.export import export_ssp
 from fmu_didim.workflow.identify import identify
 from fmu_didim.workflow.output.discovered import Discovered
@@ -10,5 +12,6 @@ from fmu_didim.workflow.output.result import Result
 from fmu_didim.workflow.simulate import simulate
 
 __all__ = [
-    "Checked", "Compared", "Discovered", "Result", "check", "compare", "discover", "export_ssp", "identify", "simulate",
+    "Checked", "Compared", "Discovered", "Excited", "Result", "check", "compare", "discover", "excite", "export_ssp",
+    "identify", "simulate",
 ]  # fmt: skip

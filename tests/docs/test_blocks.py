@@ -34,6 +34,7 @@ from fmu_didim.case.sources import ComponentSource, ExperimentSource
 from fmu_didim.cli.main import command_parser
 from fmu_didim.controllers import LAWS
 from fmu_didim.dynamics.robot import RobotDescription
+from fmu_didim.workflow.excitation.limits import MotionLimits
 from tests.conftest import ROOT
 from tests.workflow import test_init
 
@@ -63,7 +64,9 @@ GENERATED = "reference"
 """Folder of the pages that ``docs/make_reference.py`` writes: their blocks are signatures, usages and equations."""
 DIRECTIVES = ("{toctree}",)
 """Blocks that are for Sphinx, whose build is tested in test_build.py."""
-PARTS: tuple[type[BaseModel], ...] = (CaseDocument, ExperimentSource, RobotDescription, ComponentSource)
+PARTS: tuple[type[BaseModel], ...] = (
+    CaseDocument, ExperimentSource, RobotDescription, ComponentSource, MotionLimits,
+)  # fmt: skip
 
 
 @dataclass(frozen=True)

@@ -16,6 +16,7 @@ import pytest
 import yaml
 
 from fmu_didim.campaigns.planning.document import CampaignDocument, Span
+from fmu_didim.workflow.excitation.limits import MotionLimits
 from fmu_didim.workflow.reference.schema import SCHEMAS
 from tests.docs.test_blocks import BLOCK, GENERATED, PAGES
 
@@ -38,7 +39,7 @@ def loose(node: Any) -> Any:
 def parts() -> tuple[dict[str, Any], ...]:
     """Schemas of all objects that a user may write."""
     found = []
-    of_campaigns = [model.model_json_schema() for model in (CampaignDocument, Span)]
+    of_campaigns = [model.model_json_schema() for model in (CampaignDocument, Span, MotionLimits)]
     for whole in (*(SCHEMAS[kind]() for kind in ("case", "robot", "controller")), *of_campaigns):
         schema = loose(whole)
         shared = schema.get("$defs", {})

@@ -132,6 +132,15 @@ def discover(made: Made, printed: Say) -> None:
     assert (folder / "out" / "discovery.html").is_file()
 
 
+def excite(made: Made, printed: Say) -> None:
+    limits = made.folder / "limits.yaml"
+    limits.write_text("{velocity: [1.5, 2.5], acceleration: [3, 5], torque: [15, 1.2]}\n", encoding="utf-8")
+    motion = ("--period", 5, "--periods", 1, "--starts", 1, "--out", made.folder / "motion")
+    made.run("excite", SCARA, "--torque-std", "0.17,0.0065", "--limits", limits, *motion)
+    assert "Predicted for the simulated loop" in printed()
+    assert (made.folder / "motion" / "reference.yaml").is_file()
+
+
 def export(made: Made, printed: Say) -> None:
     assert made.fmu.is_file()
     made.run("export", "controllers/scara_cascade.yaml", "--fmi", "3.0", "--out", made.folder)
@@ -193,6 +202,7 @@ VERBS = {
     "example": example, "init": init, "validate": validate, "effects": effects, "schema": schema, "robot": robot,
     "completion": completion,
     "identify": identify, "check": check, "simulate": simulate, "discover": discover, "export": export,
+    "excite": excite,
     "fmu info": fmu_info, "fmu check": fmu_check, "cache show": cache_show, "cache clear": cache_clear,
     "campaign run": campaign_run, "campaign status": campaign_status, "campaign report": campaign_report,
     "campaign retry": campaign_retry, "campaign show": campaign_show,

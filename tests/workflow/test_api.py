@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 import fmu_didim
-from fmu_didim import Didim, InputError, check, discover, identify, load_case, simulate, trajectory
+from fmu_didim import Didim, InputError, check, discover, excite, identify, load_case, simulate, trajectory
 from fmu_didim.case.changes import CaseChanges
 from fmu_didim.case.document import CaseDocument
 from fmu_didim.cli.main import main
@@ -49,7 +49,7 @@ def test_package_says_that_it_is_typed() -> None:
 
 
 @pytest.mark.parametrize(
-    "name", ["check", "discover", "export_ssp", "identify", "load_case", "simulate", "validate_on"]
+    "name", ["check", "discover", "excite", "export_ssp", "identify", "load_case", "simulate", "validate_on"]
 )
 def test_verbs_show_their_options(name: str) -> None:
     verb = getattr(fmu_didim, name)
@@ -58,7 +58,7 @@ def test_verbs_show_their_options(name: str) -> None:
     assert inspect.getdoc(verb)
 
 
-@pytest.mark.parametrize("verb", [check, identify, discover, simulate])
+@pytest.mark.parametrize("verb", [check, identify, discover, simulate, excite])
 def test_options_that_a_verb_does_not_have_are_refused(verb: Any) -> None:
     with pytest.raises(TypeError, match="unexpected keyword argument 'torque'"):
         verb(CASE, torque=[1.0])

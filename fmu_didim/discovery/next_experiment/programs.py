@@ -11,9 +11,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fmu_didim.data.excitation import Fourier, FourierJoint
+from fmu_didim.data.excitation import Fourier
 from fmu_didim.data.signals import Array, Trajectory
-from fmu_didim.discovery.next_experiment.motions import WITHIN, Leg, Space, sampled, straight
+from fmu_didim.discovery.excitation.limits import WITHIN
+from fmu_didim.discovery.excitation.series import Basis
+from fmu_didim.discovery.next_experiment.motions import Leg, Space, sampled, straight
 
 DRAWS = 3
 """[motions] Fourier series among the first candidates."""
@@ -52,29 +54,9 @@ def _fourier(space: Space, rng: np.random.Generator, *, pace: float) -> Candidat
 
     def build(u: Design) -> Fourier:
         weight = 10 ** (2 * (u[:HARMONICS] - 0.5)) / np.arange(1, HARMONICS + 1)
-        k = np.arange(1, HARMONICS + 1)
-        a, b = cosine * weight, sine * weight
-        # At rest and without acceleration at the beginning: sum k b_k = 0 and sum k^2 a_k = 0.
-        a, b = a - (a @ k**2)[:, None] * k**2 / (k**2 @ k**2), b - (b @ k)[:, None] * k / (k @ k)
         periods = max(round(space.duration_s * (0.05 + 0.45 * u[HARMONICS])), 1)
-        base = periods / space.duration_s
-        joints = []
-        for j in range(n):
-            series = Fourier(
-                fundamental_hz=base, duration_s=space.duration_s,
-                joints=(FourierJoint(cosine=tuple(a[j]), sine=tuple(b[j])),),
-            )  # fmt: skip
-            # Bounds on a fine grid of one period; WITHIN covers what lies between its points.
-            q, dq, ddq = series.motion(np.linspace(0, 1 / base, 400 * HARMONICS))
-            room = limits.high[j] - limits.low[j]
-            factor = WITHIN * min(
-                room / np.ptp(q), limits.speed[j] / np.abs(dq).max(), limits.acceleration[j] / np.abs(ddq).max()
-            )
-            low, high = limits.low[j] - factor * q.min(), limits.high[j] - factor * q.max()
-            offset = low + (high - low) * centre[j]
-            cosines, sines = (tuple((factor * amplitudes[j]).tolist()) for amplitudes in (a, b))
-            joints.append(FourierJoint(offset=float(offset), cosine=cosines, sine=sines))
-        return Fourier(fundamental_hz=base, duration_s=space.duration_s, joints=tuple(joints))
+        basis = Basis(periods / space.duration_s, HARMONICS, periods, n)
+        return basis.fourier(basis.scaled(basis.projected(cosine * weight, sine * weight), limits, centre))
 
     return Candidate(f"a Fourier series of {HARMONICS} harmonics", build, np.array([0.5] * HARMONICS + [pace]))
 

@@ -9,8 +9,9 @@ import numpy as np
 
 from fmu_didim.data.excitation import Fourier
 from fmu_didim.data.signals import Array, Trajectory
+from fmu_didim.discovery.excitation.limits import Limits, limits_of
 from fmu_didim.discovery.next_experiment.members import AmbiguousEffect, DesignContext, Follow, ProjectedMotion
-from fmu_didim.discovery.next_experiment.motions import Limits, Space, limits_of
+from fmu_didim.discovery.next_experiment.motions import Space
 from fmu_didim.discovery.next_experiment.programs import DRAWS, Candidate, candidates
 from fmu_didim.discovery.next_experiment.separation import Pair, Table, amplitudes, separations
 from fmu_didim.dynamics.robot import RobotModel

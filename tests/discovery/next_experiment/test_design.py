@@ -24,9 +24,10 @@ from fmu_didim.data.signals import Array, Trajectory
 from fmu_didim.discovery.augmentation.builder import LoopModelBuilder
 from fmu_didim.discovery.augmentation.places import Proposal
 from fmu_didim.discovery.base_model import with_nuisances
+from fmu_didim.discovery.excitation.limits import Limits, limits_of
 from fmu_didim.discovery.next_experiment.design import SplittingExperiment, design_experiment
 from fmu_didim.discovery.next_experiment.members import AmbiguousEffect, DesignContext, ProjectedMotion
-from fmu_didim.discovery.next_experiment.motions import Limits, Space, limits_of
+from fmu_didim.discovery.next_experiment.motions import Space
 from fmu_didim.discovery.next_experiment.programs import candidates
 from fmu_didim.discovery.next_experiment.search import Search
 from fmu_didim.discovery.next_experiment.separation import amplitudes, separations

@@ -1,0 +1,83 @@
+"""The verb ``excite`` on the command line: its options and what it prints."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+from collections.abc import Callable
+from pathlib import Path
+
+from fmu_didim.base.terminal import json_shown, quoted
+from fmu_didim.cli.console import Display, show, since_start
+from fmu_didim.cli.numbers import at_least_one, at_least_two, not_negative, positive
+
+
+def add_excite_options(verb: argparse.ArgumentParser) -> None:
+    """Add the options of the verb."""
+    help_ = "folder for reference.yaml, reference.csv and excite.json (results/<case>_excite)"
+    verb.add_argument("--out", type=Path, metavar="DIR", help=help_)
+    help_ = "position, velocity, acceleration, torque, start (as the robot and the case's reference have them)"
+    verb.add_argument("--limits", type=Path, metavar="LIMITS.yaml", help=help_)
+    help_ = "standard deviation of the torque noise of each joint, such as 0.2,0.05 (torque_std of the case)"
+    verb.add_argument("--torque-std", type=_several, metavar="LIST", help=help_)
+    verb.add_argument("--rate", type=positive, metavar="HZ", help="of the torque log (that of the case)")
+    help_ = "parameters that matter, such as ZZ1R,Fc1; the others are unknown, too (all)"
+    verb.add_argument("--only", type=_names, default=(), metavar="LIST", help=help_)
+    help_ = "what is made best: the determinant of their information, or the mean of their %%σ (determinant)"
+    verb.add_argument("--criterion", choices=("determinant", "mean"), default="determinant", help=help_)
+    verb.add_argument("--harmonics", type=at_least_two, default=5, metavar="N", help="of the Fourier series (5)")
+    verb.add_argument("--period", type=positive, metavar="SECONDS", help="of the motion (that of the case's reference)")
+    verb.add_argument("--periods", type=at_least_one, metavar="N", help="number of them (those of that reference)")
+    verb.add_argument("--starts", type=at_least_one, default=6, metavar="N", help="random motions to begin from (6)")
+    verb.add_argument("--seed", type=not_negative, default=0, metavar="N", help="of them (0)")
+    verb.add_argument("--experiment", metavar="LABEL", help="whose loop and log are meant (the first one)")
+    shown = verb.add_mutually_exclusive_group()
+    shown.add_argument("--quiet", action="store_true", help="print the tables only")
+    shown.add_argument("--json", action="store_true", help="print excite.json and nothing else")
+
+
+def run_excite(options: argparse.Namespace, stem: Callable[[Path], str]) -> int:
+    """Design the motion on which the torque log of a case will tell most of the parameters, and predict how much.
+
+    The exit code is 0, 4 with doubts, 1 where something stands against running it.
+    """
+    out = options.out or Path("results") / f"{stem(options.case)}_excite"
+    with Display(quiet=options.quiet or options.json) as display:
+        display.say(f"reading {options.case}")
+        from fmu_didim.workflow import excite
+        from fmu_didim.workflow.output.result_folder import check_writable
+
+        check_writable(out)
+        found = excite(
+            options.case, limits=options.limits, only=options.only, criterion=options.criterion,
+            harmonics=options.harmonics,
+            period_s=options.period, periods=options.periods, rate_hz=options.rate, torque_std=options.torque_std,
+            starts=options.starts, seed=options.seed, experiment=options.experiment, progress=display.say,
+        )  # fmt: skip
+        display.close()
+        if not options.json:
+            show(f"\n{found.summary()}")
+        written = found.save(out)
+    if options.json:
+        print(json_shown(json.dumps(found.saved(), indent=1, ensure_ascii=False)))
+        return found.exit_code
+    print("\n".join(str(path) for path in written))
+    if found.ok:
+        print(f"Run it, and name it in the case as {quoted(written[0])} has it.   ({since_start():.1f} s)")
+    return found.exit_code
+
+
+def _several(text: str) -> tuple[float, ...]:
+    """Numbers above 0 between commas; raises ArgumentTypeError."""
+    try:
+        values = tuple(float(part) for part in text.split(","))
+    except ValueError:
+        values = ()
+    if not values or not all(math.isfinite(value) and value > 0 for value in values):
+        raise argparse.ArgumentTypeError(f"it takes numbers above 0 between commas, not '{text}'")
+    return values
+
+
+def _names(text: str) -> tuple[str, ...]:
+    return tuple(part.strip() for part in text.split(",") if part.strip())

@@ -1,0 +1,1 @@
+"""The periodic motion on which the parameters of a model are known best."""

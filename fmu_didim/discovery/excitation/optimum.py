@@ -1,0 +1,324 @@
+"""The best Fourier series within limits: of all information on the parameters asked for, or of their mean deviation.
+
+    determinant:  maximise  log det (sum_i W_i' S^-2 W_i) - log det of the same of the other parameters
+    mean:         minimise  mean of sigma_j / |theta_j|,  sigma_j^2 the diagonal of (sum_i W_i' S^-2 W_i)^-1
+
+W_i (n, b) is the regressor at the instants of the log along the reference, S the standard deviations of the noise. The
+second term makes it the information on some parameters while the others are unknown, too (D_s-optimality). Positions,
+velocities and accelerations are linear in the coefficients; the torque is that of the inverse model. Solved by IPOPT
+with derivatives by CasADi.
+
+Source: Swevers, Ganseman, Tuekel, De Schutter, Van Brussel, "Optimal robot excitation and identification", IEEE
+Transactions on Robotics and Automation 13(5), 1997; Atkinson, Donev, "Optimum Experimental Designs", 1992.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal
+
+import casadi as ca
+import numpy as np
+
+from fmu_didim.base.errors import InputError
+from fmu_didim.data.signals import Array
+from fmu_didim.discovery.excitation.series import FINE, GRID, Basis, Bounds
+from fmu_didim.dynamics.base_parameters import BaseParameters
+from fmu_didim.dynamics.robot import RobotModel
+from fmu_didim.fit.statistics import covariance_white
+
+Criterion = Literal["determinant", "mean"]
+"""What is made best."""
+MOST_INSTANTS = 240
+"""[samples] Of a period that stand for all of a faster log: many more than there are coefficients."""
+DIGITS = 9
+"""[decimals] Of an instant within a period, s, so that those of all periods are the same."""
+ITERATIONS = 200
+"""[iterations] Of IPOPT from one start."""
+SETTLED = 1e-4
+"""[1] Accuracy of the optimum, in the mean logarithm of the information on a parameter: far below what shows."""
+ACCEPTED = 5
+"""[iterations] In a row with the accuracy NEARLY, after which no more is gained;"""
+NEARLY = 1e-3
+"""[1] ten times that of the optimum."""
+RIDGE = 1e-10
+"""[1] Added to the scaled information: what no motion excites then stays finite."""
+IDLE = 1e-9
+"""[1] Length of a column of the regressor, relative to the torque at its value, that is rounding."""
+TORQUE_WITHIN = 0.99
+"""[1] Of the limit of the torque, asked for at the instants of the grid: more than it grows between them."""
+KEPT = 1e-6
+"""[1] By which a solution may break a limit, of its size: the accuracy of IPOPT's constraints."""
+SHRINK = 0.9
+"""[1] Factor by which a motion beyond the torque is made smaller, again and again;"""
+SHRINKS = 60
+"""[1] so often, to a five-hundredth."""
+
+
+@dataclass(frozen=True)
+class Solution:
+    """The end of IPOPT from one start.
+
+    Attributes:
+        coefficients: (d, n); criterion: log det of the information, or minus the logarithm of the mean relative
+            standard deviation; that of the start in ``begun``.
+        status: of IPOPT; is_settled: whether it is an optimum; iterations: it took.
+    """
+
+    coefficients: Array
+    criterion: float
+    begun: float
+    status: str
+    is_settled: bool
+    iterations: int
+
+
+class Problem:
+    """The optimisation of the coefficients of a :class:`Basis`.
+
+    Args:
+        model, base: the robot and its base parameters; theta: (b,) their values, for the limits of the torque.
+        deviation: (n,) of the noise of the torque; instants: (N,) of the log within the motion, s.
+        asked: places of the parameters asked for among the base parameters; kind: what is made best.
+
+    Attributes:
+        idle: places of base parameters on which the torque does not depend along any motion of this model without
+            states of effects; the design does not look at them.
+    """
+
+    def __init__(
+        self, model: RobotModel, base: BaseParameters, theta: Array, deviation: Array, basis: Basis, instants: Array,
+        asked: Sequence[int], kind: Criterion = "determinant",
+    ) -> None:  # fmt: skip
+        self.model, self.base, self.basis, self.theta = model, base, basis, theta
+        self._deviation, self._asked, self._kind = deviation, tuple(asked), kind
+        self._instants = representative(instants, basis)
+        self._observed = [v.start for v in model.observed]
+        self._extra = [ca.DM([v.start for v in model.extra])] if model.extra else []
+
+    @cached_property
+    def _rows(self) -> ca.Function:
+        """(q, dq, ddq) -> vec of the whitened regressor's transpose, (b n,)."""
+        n = self.model.joint_count
+        q, dq, ddq = (ca.SX.sym(name, n) for name in ("q", "dq", "ddq"))
+        observed = [ca.DM(self._observed)] if self._observed else []
+        w = self.model.regressor(q, dq, ddq, ca.DM(self.model.shape_values), *observed)
+        w = w[:, self.base.index.tolist()] / ca.repmat(ca.DM(self._deviation), 1, self.base.count)
+        return ca.Function("rows", [q, dq, ddq], [ca.densify(ca.vec(w.T))])
+
+    @cached_property
+    def _torque(self) -> ca.Function:
+        """(q, dq, ddq) -> torque of the inverse model at the values, (n,)."""
+        n = self.model.joint_count
+        q, dq, ddq = (ca.SX.sym(name, n) for name in ("q", "dq", "ddq"))
+        chi, s = ca.DM(self.base.expand(self.theta)), ca.DM(self.model.shape_values)
+        return ca.Function("torque", [q, dq, ddq], [self.model.inverse(q, dq, ddq, chi, s, *self._extra)])
+
+    def _motion(self, time: Array, z: Array) -> tuple[Array, Array, Array]:
+        """q, dq, ddq (n, N)."""
+        q, dq, ddq = ((table @ z).T for table in self.basis.tables(time))
+        return q + self.basis.constant()[:, None], dq, ddq
+
+    def torque(self, z: Array, time: Array) -> Array:
+        """(N, n) of the inverse model along the reference."""
+        return np.asarray(self._torque.map(time.size)(*self._motion(time, z)).full().T)
+
+    def rows(self, z: Array) -> Array:
+        """(b, N n) whitened regressor, transposed, at the instants of the log."""
+        flat = self._rows.map(self._instants.size)(*self._motion(self._instants, z)).full()
+        return np.asarray(flat.reshape(self.base.count, -1, order="F"))
+
+    @cached_property
+    def idle(self) -> tuple[int, ...]:
+        """See the class."""
+        rng = np.random.default_rng(0)
+        # Half a turn, and rates of a turn a second: every term of a rigid model that there is shows somewhere there.
+        size = np.array([np.pi, 2 * np.pi, (2 * np.pi) ** 2])[:, None, None]
+        motion = rng.uniform(-1.0, 1.0, size=(3, self.model.joint_count, MOST_INSTANTS)) * size
+        table = self._rows.map(MOST_INSTANTS)(*motion).full().reshape(self.base.count, -1, order="F")
+        length = np.linalg.norm(table, axis=1)
+        return tuple(int(i) for i in np.flatnonzero(length <= IDLE * length.max()))
+
+    @cached_property
+    def shown(self) -> tuple[tuple[int, ...], tuple[int, ...]]:
+        """Places of all parameters that the design looks at, and of those of them that were not asked for."""
+        seen = tuple(i for i in range(self.base.count) if i not in self.idle)
+        return seen, tuple(i for i in seen if i not in self._asked)
+
+    def criterion(self, z: Array) -> float:
+        """log det of the information on the parameters asked for, or minus the logarithm of their mean relative
+        standard deviation; minus infinity where there is none."""
+        table = self.rows(z)
+        seen, others = self.shown
+        if self._kind == "mean":
+            part = table[list(seen)].T
+            if (np.linalg.norm(part, axis=0) == 0).any():
+                return -np.inf
+            places, weights = self._weights
+            deviation = np.sqrt(np.diag(covariance_white(part)))
+            return float(-np.log(weights @ deviation[list(places)]))
+
+        def of(places: Sequence[int]) -> float:
+            part = table[list(places)]
+            length = np.linalg.norm(part, axis=1)
+            if (length == 0).any():
+                return -np.inf
+            sign, value = np.linalg.slogdet(part @ part.T / np.outer(length, length))
+            return float(value + 2 * np.log(length).sum()) if sign > 0 else -np.inf
+
+        return of(seen) - (of(others) if others else 0.0)
+
+    @cached_property
+    def _weights(self) -> tuple[tuple[int, ...], Array]:
+        """Places among those that are looked at of the parameters asked for that are not zero, and by what their
+        deviations are multiplied for the mean of the relative ones."""
+        seen, others = self.shown
+        kept = [i for i in seen if i not in others and self.theta[i] != 0]
+        if not kept:
+            raise InputError(
+                "The parameters asked for are all zero: they have no relative deviation.", where="criterion: mean",
+                next_step="Ask for the determinant, or give values by parameters.",
+            )  # fmt: skip
+        return tuple(seen.index(i) for i in kept), 1.0 / (len(kept) * np.abs(self.theta[kept]))
+
+    def random(self, rng: np.random.Generator, bounds: Bounds) -> Array:
+        """(d, n) coefficients of a random motion as large as the limits allow; raises InputError where none keeps the
+        torque."""
+        z = self.basis.drawn(rng, bounds.limits)
+        fine = self.basis.grid()
+        for _ in range(SHRINKS):
+            if (np.abs(self.torque(z, fine)).max(axis=0) <= TORQUE_WITHIN * bounds.torque).all():
+                return z
+            z = self.smaller(z, SHRINK)
+        peak = np.abs(self.torque(z, fine)).max(axis=0)
+        joint = int(np.argmax(peak / bounds.torque))
+        raise InputError(
+            "Even a motion that hardly moves needs more torque than the limit.",
+            where=f"limits.torque, joint {joint + 1}", got=f"{peak[joint]:.4g} against {bounds.torque[joint]:.4g}",
+            next_step="Gravity and friction need that torque there: allow more, or other positions.",
+        )  # fmt: skip
+
+    def smaller(self, z: Array, factor: float) -> Array:
+        """The motion of coefficients (d, n), smaller by a factor about its middle or start."""
+        first = 0 if self.basis.start is not None else 1
+        return np.vstack([z[:first], factor * z[first:]])
+
+    def solved(self, start: Array, bounds: Bounds, *, iterations: int = ITERATIONS) -> Solution:
+        """The best coefficients near a start (d, n); raises RuntimeError where IPOPT fails."""
+        size = self._sizes(bounds)
+        z = ca.MX.sym("z", *start.shape)
+        scaled = z * ca.DM(size)
+        objective = self._objective(scaled, start)
+        rows, low, high = self._constraints(scaled, bounds)
+        options = {
+            "print_time": False,
+            "ipopt": {
+                "print_level": 0, "sb": "yes", "max_iter": iterations, "tol": SETTLED, "acceptable_tol": NEARLY,
+                "acceptable_iter": ACCEPTED, "acceptable_obj_change_tol": SETTLED,
+                "hessian_approximation": "limited-memory", "mu_strategy": "adaptive",
+            },
+        }  # fmt: skip
+        problem = {"x": ca.vec(z), "f": objective, "g": rows}
+        solver = ca.nlpsol("excitation", "ipopt", problem, options)
+        found = solver(x0=(start / size).ravel(order="F"), lbg=low, ubg=high)
+        stats = solver.stats()
+        best = found["x"].full().reshape(start.shape, order="F") * size
+        status = str(stats["return_status"])
+        if not np.isfinite(best).all():
+            raise RuntimeError(status)
+        broken = self._broken(best, bounds)
+        if broken > KEPT:
+            raise RuntimeError(f"{status}, limits broken by {broken:.2g}")
+        settled = status in ("Solve_Succeeded", "Solved_To_Acceptable_Level")
+        return Solution(
+            best, self.criterion(best), self.criterion(start), status, settled, int(stats.get("iter_count", 0))
+        )
+
+    def _sizes(self, bounds: Bounds) -> Array:
+        """(d, n) of the coefficients, by which IPOPT's variables are about one."""
+        half = (bounds.limits.high - bounds.limits.low) / 2
+        count = 2 * (self.basis.harmonics - 1) + (self.basis.start is None)
+        return np.tile(half, (count, 1))
+
+    def _objective(self, z: ca.MX, start: Array) -> ca.MX:
+        """Minus the criterion for each parameter, up to a constant."""
+        q, dq, ddq = self._symbolic(self._instants, z)
+        seen, others = self.shown
+        table = ca.reshape(self._rows.map(self._instants.size)(q, dq, ddq), self.base.count, -1)
+        length = np.linalg.norm(self.rows(start), axis=1)
+        scale = 1.0 / np.where(length > 0, length, 1.0)
+        table = ca.DM(scale[list(seen)]) * table[list(seen), :]
+        information = ca.mtimes(table, table.T)
+        if self._kind == "mean":
+            chosen, weights = self._weights
+            rows = scale[[seen[i] for i in chosen]]
+            deviation = _deviations(len(seen), chosen)(information) * ca.DM(rows * weights)
+            return ca.log(ca.sum1(deviation))
+        value = _log_det(len(seen))(information)
+        if others:
+            places = [seen.index(i) for i in others]
+            value = value - _log_det(len(others))(information[places, places])
+        return -value / (len(seen) - len(others))
+
+    def _symbolic(self, time: Array, z: ca.MX) -> tuple[ca.MX, ca.MX, ca.MX]:
+        q, dq, ddq = (ca.mtimes(ca.DM(table), z).T for table in self.basis.tables(time))
+        return q + ca.repmat(ca.DM(self.basis.constant()), 1, time.size), dq, ddq
+
+    def _constraints(self, z: ca.MX, bounds: Bounds) -> tuple[ca.MX, Array, Array]:
+        """Rows g and their limits, each divided by its size."""
+        limits, time, room = bounds.limits, self.basis.grid(), np.cos(np.pi / GRID)
+        middle, half = (limits.high + limits.low) / 2, (limits.high - limits.low) / 2
+        q, dq, ddq = self._symbolic(time, z)
+        parts = [
+            (q - ca.repmat(ca.DM(middle), 1, time.size)) / ca.repmat(ca.DM(half), 1, time.size),
+            dq / ca.repmat(ca.DM(limits.speed), 1, time.size),
+            ddq / ca.repmat(ca.DM(limits.acceleration), 1, time.size),
+        ]
+        sizes = [room] * 3
+        limited = np.flatnonzero(np.isfinite(bounds.torque)).tolist()
+        if limited:
+            torque = self._torque.map(time.size)(q, dq, ddq)[limited, :]
+            parts.append(torque / ca.repmat(ca.DM(bounds.torque[limited]), 1, time.size))
+            sizes.append(TORQUE_WITHIN)
+        bound = np.concatenate([np.full(part.numel(), size) for part, size in zip(parts, sizes, strict=True)])
+        return ca.vertcat(*(ca.vec(part) for part in parts)), -bound, bound
+
+    def _broken(self, z: Array, bounds: Bounds) -> float:
+        """By how much of its size the worst limit is broken, on a fine grid."""
+        time = self.basis.grid(FINE)
+        q, dq, ddq = self._motion(time, z)
+        limits = bounds.limits
+        middle, half = (limits.high + limits.low) / 2, (limits.high - limits.low) / 2
+        ratios: list[Array] = [
+            np.abs(q.T - middle).max(axis=0) / half,
+            np.abs(dq).max(axis=1) / limits.speed,
+            np.abs(ddq).max(axis=1) / limits.acceleration,
+            np.abs(self.torque(z, time)).max(axis=0) / bounds.torque,
+        ]
+        return float(np.max(ratios) - 1.0)
+
+
+def representative(instants: Array, basis: Basis) -> Array:
+    """Instants of the log, or some of them spread evenly where there are very many."""
+    if instants.size <= MOST_INSTANTS:
+        return instants
+    one = np.unique(np.round(np.mod(instants, 1 / basis.fundamental_hz), DIGITS))
+    rows = np.linspace(0, one.size - 1, min(one.size, MOST_INSTANTS)).astype(int)
+    return np.asarray(one[rows], dtype=float)
+
+
+def _deviations(count: int, places: Sequence[int]) -> ca.Function:
+    """(count, count) symmetric, positive definite M -> square roots of some of the diagonal of M^-1: the lengths of
+    rows of R^-1, M = R'R."""
+    matrix = ca.SX.sym("m", count, count)
+    inverse = ca.inv(ca.chol(matrix + RIDGE * ca.SX.eye(count)))
+    return ca.Function("deviations", [matrix], [ca.sqrt(ca.sum2(inverse[list(places), :] ** 2))])
+
+
+def _log_det(count: int) -> ca.Function:
+    """(count, count) symmetric, positive definite -> log det, by Cholesky's factorisation."""
+    matrix = ca.SX.sym("m", count, count)
+    factor = ca.chol(matrix + RIDGE * ca.SX.eye(count))
+    return ca.Function("log_det", [matrix], [2 * ca.sum1(ca.log(ca.diag(factor)))])

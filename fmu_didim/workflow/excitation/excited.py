@@ -1,0 +1,262 @@
+"""What ``excite`` returns and writes."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from fmu_didim.base.diagnostics import DOUBT, PROBLEM, Diagnostic
+from fmu_didim.checks.judgement import diagnostic_result
+from fmu_didim.data.excitation import Fourier
+from fmu_didim.data.signals import Array, Trajectory, write_csv
+from fmu_didim.discovery.excitation.optimum import Criterion
+from fmu_didim.discovery.excitation.series import Bounds
+from fmu_didim.report.numbers import percent_std, pretty_unit, significant
+from fmu_didim.report.sections import Table, numbers, words
+from fmu_didim.report.terminal import table_lines, wrapped
+from fmu_didim.workflow.excitation.planned import Peaks, Prediction, mean_percent
+from fmu_didim.workflow.output.exit_codes import EXIT_CODES
+from fmu_didim.workflow.output.result_folder import check_writable, write_whole
+
+REFERENCE_FILE, TABLE_FILE, EXCITE_FILE = "reference.yaml", "reference.csv", "excite.json"
+
+KINDS = {
+    "low": "lowest position", "high": "highest position", "speed": "velocity", "acceleration": "acceleration",
+    "torque": "torque",
+}  # fmt: skip
+"""Attribute of the largest of a motion -> its words."""
+COLLISIONS = "Collisions of links with each other or with the surroundings are not looked at: watch the first run."
+
+
+@dataclass(frozen=True)
+class Trial:
+    """The end of the optimisation from one start.
+
+    Attributes:
+        start: its number; status: of IPOPT, or why it was skipped.
+        begun, criterion: along the reference, before and after: log det of the information on the parameters asked for,
+            or minus the logarithm of their mean relative deviation; None where it was skipped.
+    """
+
+    start: int
+    status: str
+    begun: float | None = None
+    criterion: float | None = None
+
+
+@dataclass(frozen=True, repr=False)
+class Excited:
+    """A designed motion, and what a log of it will tell.
+
+    Attributes:
+        name: of the case; excitation: the motion, as a case takes it; reference: the same, a row a control period.
+        prediction, now: what its log would tell, and one of the reference that the case has; None if that cannot run.
+        bounds, origin: the limits, and where each kind of them comes from.
+        trials: of all starts; diagnostics: the most important first.
+        asked: parameters that were to be known best; criterion: ``determinant`` or ``mean``.
+        unseen: parameters that the design did not look at.
+        rate_hz, deviation: of the log that is planned; seed: of the starts; provenance: versions and files.
+    """
+
+    name: str
+    excitation: Fourier
+    prediction: Prediction
+    now: Prediction | None
+    bounds: Bounds
+    origin: Mapping[str, str]
+    trials: tuple[Trial, ...]
+    diagnostics: tuple[Diagnostic, ...]
+    asked: tuple[str, ...]
+    criterion: Criterion
+    unseen: tuple[str, ...]
+    rate_hz: float
+    deviation: Array
+    seed: int
+    provenance: Mapping[str, Any]
+
+    @property
+    def reference(self) -> Trajectory:
+        """The motion, a row a control period."""
+        return self.prediction.reference
+
+    @property
+    def ok(self) -> bool:
+        """Whether nothing stands against running it."""
+        return not any(d.code.severity is PROBLEM for d in self.diagnostics)
+
+    @property
+    def exit_code(self) -> int:
+        """0; 4 with doubts, 1 with problems."""
+        doubtful = any(d.code.severity is DOUBT for d in self.diagnostics)
+        return EXIT_CODES["refused" if not self.ok else "doubtful" if doubtful else "valid"]
+
+    @property
+    def mean_percent(self) -> float:
+        """Mean of the predicted relative standard deviations of the parameters asked for, percent; NaN if unknown."""
+        return mean_percent(self.prediction.prospect, self.asked)
+
+    def __repr__(self) -> str:
+        return f"Excited({self.name!r}, {self.mean_percent:.3g} % on average, {len(self.trials)} starts)"
+
+    def save(self, folder: Path | str) -> list[Path]:
+        """Write ``excite.json`` and, where nothing stands against running it, ``reference.yaml``, the key ``reference``
+        of a case, and ``reference.csv``, the same as a table; returns what was written. A reference of an earlier run
+        is removed where there is none now.
+
+        Raises:
+            InputError: a file cannot be written.
+        """
+        folder = Path(folder)
+        check_writable(folder)
+        found = json.dumps(self.saved(), indent=1, allow_nan=False) + "\n"
+        written = [folder / EXCITE_FILE]
+        text = yaml.safe_dump({"reference": self.excitation.model_dump(mode="json")}, sort_keys=False)
+        for name in (REFERENCE_FILE, TABLE_FILE):
+            (folder / name).unlink(missing_ok=True)
+        if self.ok:
+            write_whole(folder / TABLE_FILE, partial(write_csv, self.reference))
+            write_whole(folder / REFERENCE_FILE, lambda path: path.write_text(text, encoding="utf-8"))
+            written = [folder / REFERENCE_FILE, folder / TABLE_FILE, *written]
+        write_whole(folder / EXCITE_FILE, lambda path: path.write_text(found, encoding="utf-8"))
+        return written
+
+    def saved(self) -> dict[str, Any]:
+        """The content of ``excite.json``."""
+        limits, n = self.bounds.limits, self.deviation.size
+        return {
+            "case": self.name,
+            "ready": self.ok,
+            "reference": self.excitation.model_dump(mode="json"),
+            "torque_rate_hz": self.rate_hz,
+            "torque_std": _listed(self.deviation),
+            "criterion": self.criterion,
+            "asked": list(self.asked),
+            "not_looked_at": list(self.unseen),
+            "parameters": _parameters(self.prediction),
+            "parameters_now": _parameters(self.now),
+            "mean_percent": _number(self.mean_percent),
+            "duration_now_s": None if self.now is None else self.now.length_s,
+            "mean_percent_now": _number(mean_percent(None if self.now is None else self.now.prospect, self.asked)),
+            "condition_number": _number(self.prediction.condition),
+            "limits": {
+                "position": [_listed(pair) for pair in np.column_stack([limits.low, limits.high])],
+                "velocity": _listed(limits.speed),
+                "acceleration": _listed(limits.acceleration),
+                "torque": _listed(self.bounds.torque),
+                "start": None if self.bounds.start is None else _listed(self.bounds.start),
+                "from": dict(self.origin),
+            },
+            "peaks": {
+                "reference": _peaks(Peaks.of(self.reference, n)),
+                "loop": _peaks(Peaks.of(self.prediction.loop, n)),
+            },
+            "starts": [
+                {"start": t.start, "status": t.status, "begun": t.begun, "criterion": t.criterion} for t in self.trials
+            ],
+            "diagnostics": [
+                {"severity": d.code.severity.value, **diagnostic_result(d, "").model_dump(mode="json")}
+                for d in self.diagnostics
+            ],
+            "seed": self.seed,
+            "provenance": dict(self.provenance),
+        }
+
+    def summary(self) -> str:
+        """The tables and what must be known, at most 100 columns wide."""
+        series = self.excitation
+        lines = [
+            *wrapped(self.name),
+            "",
+            *wrapped(
+                f"Motion: Fourier series of {len(series.joints[0].cosine)} harmonics, fundamental "
+                f"{series.fundamental_hz:.4g} Hz, {series.duration_s:.4g} s, torque logged at {self.rate_hz:.6g} Hz"
+            ),
+            *wrapped(f"Best of {sum(t.criterion is not None for t in self.trials)} of {len(self.trials)} starts"),
+            "",
+        ]
+        if self.prediction.prospect is not None:
+            lines += ["Predicted for the simulated loop with these values and white noise:"]
+            lines += self._parameter_lines()
+            if self.now is not None and not np.isclose(self.now.length_s, self.prediction.length_s):
+                lines += wrapped(f"The reference of the case lasts {self.now.length_s:.4g} s.")
+            lines.append("")
+        lines += ["Largest of the motion (limits of acceleration are those of the reference):", *self._peak_lines(), ""]
+        lines += wrapped("Limits: " + ", ".join(f"{name}: {place}" for name, place in self.origin.items()))
+        lines += wrapped(f"Condition number {significant(self.prediction.condition)}")
+        if self.unseen:
+            lines += wrapped(
+                f"Not looked at by the design, but predicted: {', '.join(self.unseen)}", hanging="  "
+            )  # fmt: skip
+        lines.append("")
+        for d in self.diagnostics:
+            lines += wrapped(f"{d.code.severity.value.upper()} {d.code.name}: {d}", "", "  ")
+            lines += wrapped(d.advice, "  Next: ", "    ") if d.advice else []
+        lines += wrapped(COLLISIONS)
+        return "\n".join(lines) + "\n"
+
+    def _parameter_lines(self) -> list[str]:
+        found = self.prediction.prospect
+        assert found is not None
+        percent = [100 * d / abs(v) if v else None for v, d in zip(found.values, found.deviation, strict=True)]
+        columns = [
+            words("parameter", found.names, marks=["" if name in self.asked else " *" for name in found.names]),
+            numbers("value", [significant(value) for value in found.values]),
+            numbers("σ", [significant(deviation, 2) for deviation in found.deviation]),
+            numbers("%σ", [percent_std(value) for value in percent]),
+            words("unit", [pretty_unit(unit) for unit in found.units]),
+        ]
+        own = None if self.now is None else self.now.prospect
+        if own is not None:
+            known = dict(zip(own.names, own.deviation, strict=True))
+            before = [100 * known[n] / abs(v) if v else None for n, v in zip(found.names, found.values, strict=True)]
+            columns.insert(4, numbers("%σ of the case's", [percent_std(value) for value in before]))
+        last = ["* not asked for"] if set(found.names) != set(self.asked) else []
+        return [*table_lines(Table(columns), width=None), *last]
+
+    def _peak_lines(self) -> list[str]:
+        n, limits = self.deviation.size, self.bounds.limits
+        given, loop = Peaks.of(self.reference, n), Peaks.of(self.prediction.loop, n)
+        bounds = Peaks(limits.low, limits.high, limits.speed, limits.acceleration, self.bounds.torque)
+        made = [
+            (f"{j + 1}", head, *(getattr(of, name)[j] for of in (given, loop, bounds)))
+            for j in range(n)
+            for name, head in KINDS.items()
+        ]
+        columns = [
+            words("joint", [row[0] for row in made]),
+            words("", [row[1] for row in made]),
+            numbers("reference", [significant(row[2]) for row in made]),
+            numbers("simulated", [significant(row[3]) for row in made]),
+            numbers("limit", [significant(row[4]) if np.isfinite(row[4]) else "none" for row in made]),
+        ]
+        return table_lines(Table(columns), width=None)
+
+
+def _parameters(found: Prediction | None) -> dict[str, Any] | None:
+    if found is None or found.prospect is None:
+        return None
+    own = found.prospect
+    return {
+        name: {"value": float(value), "deviation": float(deviation), "unit": unit}
+        for name, value, deviation, unit in zip(own.names, own.values, own.deviation, own.units, strict=True)
+    }
+
+
+def _peaks(found: Peaks) -> dict[str, list[float | None]]:
+    names = ("low", "high", "speed", "acceleration", "torque")
+    return {name: _listed(getattr(found, name)) for name in names}
+
+
+def _number(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None
+
+
+def _listed(values: Array) -> list[float | None]:
+    return [_number(float(value)) for value in values]

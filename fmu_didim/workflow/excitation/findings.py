@@ -1,0 +1,106 @@
+"""What is said of a designed motion: where it may mislead."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from fmu_didim.base.diagnostics import CATALOGUE, DOUBT, PROBLEM, REMARK, Diagnostic
+from fmu_didim.checks.data.expected_accuracy import accuracy_diagnostics
+from fmu_didim.discovery.excitation.series import Basis, Bounds
+from fmu_didim.workflow.excitation.planned import BEYOND, FOLLOWED, Peaks, Plan, Prediction
+
+UNEXCITED = CATALOGUE(
+    "excitation-unexcited", PROBLEM, rank=42,
+    meaning="Some parameters do nothing to the torque along the designed motion, or along any motion of this robot, as "
+    "the gravity torque of an axis that is vertical; or they are held at a limit.",
+    next_step="Leave them out of what is identified, or mount the robot so that they act.",
+)  # fmt: skip
+ALIKE = CATALOGUE(
+    "excitation-confounded", PROBLEM, rank=43,
+    meaning="Even on the designed motion the log does not tell some parameters apart.",
+    next_step="Leave one of them out, widen the limits, or log something else, too.",
+)  # fmt: skip
+BEYOND_LIMITS = CATALOGUE(
+    "excitation-beyond-limits", PROBLEM, rank=44,
+    meaning="The reference keeps the limits, but the simulated loop does not: it overshoots, or its torque is larger "
+    "than that of the inverse model. No reference is written.",
+    next_step="Widen the limit if the machine allows it, or ask for a slower motion (--period, --harmonics).",
+)  # fmt: skip
+ABOVE_LOG = CATALOGUE(
+    "excitation-above-log", DOUBT, rank=45,
+    meaning="The highest harmonic of the motion lies above half the rate of the log, which shows it at another one.",
+    next_step="Ask for fewer harmonics or a longer period, or log faster.",
+)  # fmt: skip
+NOT_FOLLOWED = CATALOGUE(
+    "excitation-not-followed", DOUBT, rank=46,
+    meaning="The simulated loop does not follow the designed reference: its highest harmonics lie beyond the bandwidth "
+    "of the controller. The design assumes that it follows; the predicted deviations hold for the simulated motion.",
+    next_step="Ask for fewer harmonics or a longer period.",
+)  # fmt: skip
+STARTS_FAILED = CATALOGUE(
+    "excitation-starts-failed", REMARK, rank=70,
+    meaning="From some random starts the optimisation failed, and they were left out.",
+    next_step="Nothing, where others have settled; else more --starts, or wider limits.",
+)  # fmt: skip
+NOT_SETTLED = CATALOGUE(
+    "excitation-not-settled", REMARK, rank=71,
+    meaning="The optimisation of the best motion was ended before it had settled: the motion keeps its limits, and a "
+    "better one may exist near it.",
+    next_step="Ask for more --starts.",
+)  # fmt: skip
+NO_TORQUE_LIMIT = CATALOGUE(
+    "excitation-no-torque-limit", REMARK, rank=72,
+    meaning="No limit of the torque was given, so that the motion may ask for more than the drives have.",
+    next_step="Compare the largest torques of the table with the drives, and give limits: torque.",
+)  # fmt: skip
+NO_BETTER = CATALOGUE(
+    "excitation-no-better", REMARK, rank=73,
+    meaning="The reference that the case has tells as much of the parameters as the designed motion, or more; it may "
+    "break limits that the designed one keeps.",
+    next_step="Compare both columns of the table; more --starts may find a better motion.",
+)  # fmt: skip
+
+
+def findings(
+    plan: Plan, basis: Basis, bounds: Bounds, found: Prediction, now: Prediction | None, asked: Sequence[str], *,
+    failed: int, starts: int, settled: bool,
+) -> list[Diagnostic]:  # fmt: skip
+    """All that a user must know before the motion is run."""
+    n = plan.case.parameters.joint_count
+    told = []
+    if found.unexcited:
+        text = f"The motion does not excite {', '.join(found.unexcited)}."
+        told.append(Diagnostic(UNEXCITED, text, value=float(len(found.unexcited)), unit="parameters"))
+    if found.alike:
+        told.append(Diagnostic(ALIKE, f"The log will not tell {', '.join(found.alike)} apart."))
+    told += _of_loop(bounds, found, n)
+    highest, half = basis.harmonics * basis.fundamental_hz, plan.rate_hz / 2
+    if highest > half:
+        text = f"The highest harmonic is at {highest:.4g} Hz; the log shows motions up to {half:.4g} Hz."
+        told.append(Diagnostic(ABOVE_LOG, text, value=highest, bound=half, unit="Hz"))
+    if failed:
+        text = f"From {failed} of {starts} starts the optimisation failed."
+        told.append(Diagnostic(STARTS_FAILED, text, value=float(failed), unit="starts"))
+    if not settled:
+        told.append(Diagnostic(NOT_SETTLED, "The optimisation of this motion had not settled."))
+    if not np.isfinite(bounds.torque).all():
+        told.append(Diagnostic(NO_TORQUE_LIMIT, "The torque has no limit."))
+    if now is not None and now.criterion_in(found.length_s, len(asked)) >= found.criterion:
+        text = f"In {found.length_s:g} s the reference of the case would tell as much of the parameters asked for."
+        told.append(Diagnostic(NO_BETTER, text))
+    return told + (accuracy_diagnostics(found.prospect) if found.prospect is not None else [])
+
+
+def _of_loop(bounds: Bounds, found: Prediction, n: int) -> list[Diagnostic]:
+    told = []
+    excess = Peaks.of(found.loop, n).excess(bounds)
+    if excess > BEYOND:
+        text = f"The simulated loop exceeds a limit by {100 * excess:.2g} % of its size."
+        told.append(Diagnostic(BEYOND_LIMITS, text, value=100 * excess, bound=100 * BEYOND, unit="%"))
+    for j, lag in enumerate(found.lag(n)):
+        if lag > FOLLOWED:
+            text = f"The velocity deviates by {100 * lag:.2g} % from that of the reference."
+            told.append(Diagnostic(NOT_FOLLOWED, text, f"joint {j + 1}", 100 * lag, 100 * FOLLOWED, "%"))
+    return told
