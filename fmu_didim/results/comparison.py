@@ -78,8 +78,8 @@ class CausePart(Saved):
 
     Attributes:
         kind: stable name: friction (of one joint), friction_everywhere (of all by one factor), friction_of_each,
-            payload, drive_gain, torque_scale or parameter; the name of an effect that is new or gone; grown: what both
-            logs have and the model lacks.
+            payload, joint_torque_scale, torque_scale or parameter; the name of an effect that is new or gone; grown:
+            what both logs have and the model lacks.
         joint: whose, from 1; 0: of none.
         title: in words; amounts: how much.
         same_as: name of a parameter whose change alone is the same; empty without.

@@ -16,8 +16,11 @@ import yaml
 
 from fmu_didim import __version__
 from fmu_didim.base.cache import KINDS
+from fmu_didim.case import load_case
 from fmu_didim.cli.main import command_parser, main
 from fmu_didim.data.tables import read_trajectory
+from fmu_didim.workflow import identify as identify_case
+from fmu_didim.workflow.output.exit_codes import CHANGED_EXIT
 from tests.discovery.helpers import arm_case
 from tests.helpers import ROOT
 
@@ -35,8 +38,8 @@ class Made:
 
     folder: Path
 
-    def run(self, *arguments: object) -> None:
-        assert main([str(argument) for argument in arguments]) == 0
+    def run(self, *arguments: object, code: int = 0) -> None:
+        assert main([str(argument) for argument in arguments]) == code
 
     @cached_property
     def result(self) -> Path:
@@ -132,6 +135,18 @@ def discover(made: Made, printed: Say) -> None:
     assert (folder / "out" / "discovery.html").is_file()
 
 
+def compare(made: Made, printed: Say) -> None:
+    """The logs of the example without and with a payload."""
+    case = load_case(SCARA)
+    for name, reference in (("empty", case.content["train"]), ("payload", case.content["validation"])):
+        log = {"reference": reference["reference"], "torque": {"file": f"{name}_50hz.csv"}}
+        identify_case(case.with_(train=log, validation=None), out=made.folder / name)
+    found = (made.folder / "empty", made.folder / "payload")
+    made.run("compare", *found, "--out", made.folder / "compared", code=CHANGED_EXIT)
+    assert "ayload on the last link" in printed()
+    assert (made.folder / "compared" / "compare.html").is_file()
+
+
 def excite(made: Made, printed: Say) -> None:
     limits = made.folder / "limits.yaml"
     limits.write_text("{velocity: [1.5, 2.5], acceleration: [3, 5], torque: [15, 1.2]}\n", encoding="utf-8")
@@ -202,7 +217,7 @@ VERBS = {
     "example": example, "init": init, "validate": validate, "effects": effects, "schema": schema, "robot": robot,
     "completion": completion,
     "identify": identify, "check": check, "simulate": simulate, "discover": discover, "export": export,
-    "excite": excite,
+    "excite": excite, "compare": compare,
     "fmu info": fmu_info, "fmu check": fmu_check, "cache show": cache_show, "cache clear": cache_clear,
     "campaign run": campaign_run, "campaign status": campaign_status, "campaign report": campaign_report,
     "campaign retry": campaign_retry, "campaign show": campaign_show,

@@ -34,6 +34,8 @@ STEP = 1e-4
 """[1] Of that length, over which slopes are taken there: moments are polynomials of the place."""
 RANK = 1e-8
 """[1] Of the largest singular value, below which a direction is none."""
+JOINT_TORQUE_SCALE = "joint_torque_scale"
+"""Kind of the cause that the log of one joint has another scale."""
 REACHES = (0.3, -0.3, 1.0)
 """[1] Of the length of the robot, at which the search for the place of a payload begins."""
 
@@ -250,7 +252,7 @@ def _gains(machine: Machine) -> Iterator[Form]:
     n = parameters.joint_count
     if (logged := machine.logged) is None:
         if n == 1 and not parameters.base.known.any():
-            yield Form("drive_gain", 1, "torque scale of joint 1", ("gain",), ("1",), _constant(value[:, None]))
+            yield Form(JOINT_TORQUE_SCALE, 1, "torque scale of joint 1", ("gain",), ("1",), _constant(value[:, None]))
         return
     weight = 1 / np.maximum(logged.noise, np.finfo(float).tiny)
     table = (logged.regressor * weight[:, None]).reshape(-1, value.size)
@@ -260,7 +262,7 @@ def _gains(machine: Machine) -> Iterator[Form]:
         right = np.where(np.arange(n) == j, torque, 0.0).ravel()
         moved = np.linalg.lstsq(table / size, right, rcond=None)[0] / size
         yield Form(
-            "drive_gain", j + 1, f"torque scale of joint {j + 1}", ("gain",), ("1",), _constant(moved[:, None])
+            JOINT_TORQUE_SCALE, j + 1, f"torque scale of joint {j + 1}", ("gain",), ("1",), _constant(moved[:, None])
         )  # fmt: skip
     if n > 1:
         moved = np.linalg.lstsq(table / size, torque.ravel(), rcond=None)[0] / size

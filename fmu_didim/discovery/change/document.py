@@ -25,11 +25,14 @@ from fmu_didim.discovery.change.answers import (
     residual_changes,
     residual_diagnostics,
 )
+from fmu_didim.discovery.change.causes import JOINT_TORQUE_SCALE
 from fmu_didim.discovery.change.contest import Contest, Explanation, World
 from fmu_didim.discovery.change.difference import CHANGED, SEEN, Difference
 from fmu_didim.discovery.change.worlds import Known, LogFit, forms_in, worlds_of
 from fmu_didim.discovery.progress import Progress
 from fmu_didim.discovery.selection import decide
+from fmu_didim.dynamics.effects import EFFECTS
+from fmu_didim.dynamics.effects.inserted import InsertedEffect
 from fmu_didim.results.comparison import (
     AmountResult,
     CausePart,
@@ -227,17 +230,25 @@ def _scaled_logs(result: Contest) -> list[str]:
             for form, amounts, spread in zip(
                 explanation.forms, explanation.amounts, explanation.deviations, strict=True
             )
-            if form.kind in ("controller_gain", "drive_gain")
+            if form.kind == JOINT_TORQUE_SCALE or _is_gain_of_controller(form.kind)
         }
         for joint in sorted({joint for _, joint in parts}):
-            pair = [parts.get((kind, joint)) for kind in ("controller_gain", "drive_gain")]
-            if pair[0] is None or pair[1] is None:
+            scaled = parts.get((JOINT_TORQUE_SCALE, joint))
+            gains = [parts[kind, place] for kind, place in parts if place == joint and _is_gain_of_controller(kind)]
+            if scaled is None or not gains:
                 continue
-            (gain, of_gain), (scale, of_scale) = pair[0], pair[1]
+            (gain, of_gain), (scale, of_scale) = gains[0], scaled
             apart = min(abs(gain - factor) for factor in (1 + scale, 1 / (1 + scale)))  # new, or gone
             if apart < ONE_FACTOR * np.hypot(of_gain, of_scale):
                 found.append(SCALED_LOG.format(joint))
     return found
+
+
+def _is_gain_of_controller(kind: str) -> bool:
+    """Whether an effect is one factor before what the log shows."""
+    effect = EFFECTS.get(kind)
+    is_before = isinstance(effect, InsertedEffect) and effect.logged == "after"
+    return is_before and [p.unit for p in effect.own_parameters] == ["1"]  # type: ignore[union-attr]
 
 
 def _visible(found: Difference, answer: Change, logs: tuple[LogFit, LogFit] | None) -> list[str]:

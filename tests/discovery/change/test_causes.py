@@ -70,7 +70,7 @@ def test_a_torque_scale_of_one_joint_moves_what_least_squares_makes_of_it() -> N
     regressor, known = one.parameters.regressor(q, dq, ddq)
     noise = np.array([0.2, 0.01])
     own = Machine(one.parameters, one.value, Logged(regressor, known, noise))
-    second = next(form for form in forms(own, "drive_gain") if form.joint == 2)
+    second = next(form for form in forms(own, "joint_torque_scale") if form.joint == 2)
     torque = (regressor @ one.value + known) * [1.0, 1.1]
     weight = 1 / noise
     fitted = np.linalg.lstsq(
@@ -82,8 +82,8 @@ def test_a_torque_scale_of_one_joint_moves_what_least_squares_makes_of_it() -> N
 
 
 def test_without_the_motion_no_share_of_a_joint_is_looked_for() -> None:
-    assert not forms(machine(ROBOT), "drive_gain")
-    one = forms(machine("fmus/emps/robot.yaml"), "drive_gain")
+    assert not forms(machine(ROBOT), "joint_torque_scale")
+    one = forms(machine("fmus/emps/robot.yaml"), "joint_torque_scale")
     np.testing.assert_allclose(one[0].columns(np.zeros(0))[:, 0], machine("fmus/emps/robot.yaml").value)
 
 
