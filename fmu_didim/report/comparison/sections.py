@@ -97,9 +97,14 @@ def _parameters(document: ComparisonDocument) -> Section:
         "the change of this parameter alone that the test of all would have seen with 95 %."
     ))  # fmt: skip
     expected = {name: Expectation(p.after, p.std, p.before) for name, p in found.items()}
-    forest = forest_chart("forest", "Values after beside those before", "the value before", {"after": expected})
+    forest = forest_chart(
+        "forest", "Values after beside those before", "the value before", {"after": expected}, in_deviations=True
+    )
     if forest is not None:
-        blocks += [note("Change of each value, with its own 95 % interval."), Charts([forest])]
+        blocks += [
+            note("Change of each value in its standard deviations, with its own 95 % interval."),
+            Charts([forest]),
+        ]
     return Section("Parameters", blocks, anchor="parameters", is_brief=True)
 
 
