@@ -70,7 +70,7 @@ class Inventory:
         if self.robot is not None:
             return len(self.robot[1].joints)
         found = [g for d in self.data for g in d.guesses if g.role in ("q", *TORQUES)]
-        lists = Counter(g.name.rpartition(".")[0] for g in found if g.joint is None and "." in g.name)
+        lists = Counter(g.list_name for g in found if g.joint is None and g.list_name)
         return max([g.joint or 1 for g in found] + list(lists.values()), default=1)
 
 

@@ -7,6 +7,7 @@ two columns may be meant, none is taken.
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
@@ -51,6 +52,13 @@ class Guess:
     joint: int | None
     side: Side
 
+    @property
+    def list_name(self) -> str:
+        """The list that it is an element of, such as ``/joint_states.position``, whose name says what its elements are;
+        empty where it is none: ``log.q1`` and ``log.tau1`` stand in a struct."""
+        prefix = self.name.rpartition(".")[0]
+        return prefix if self.role == _role_of(prefix.lower()) != "other" else ""
+
 
 def guesses(table: SignalTable, joints: Sequence[str] = ()) -> list[Guess]:
     """The guess for each column but the time.
@@ -67,17 +75,14 @@ def guesses(table: SignalTable, joints: Sequence[str] = ()) -> list[Guess]:
 def _numbered(found: Sequence[Guess], joints: Sequence[str]) -> list[Guess]:
     """The same with the joints that the robot calls so; without numbers in a list of which not each name has its own:
     ``wrist_1`` beside ``elbow`` is not the first joint."""
-    lists: dict[str, list[Guess]] = {}
-    for one in found:
-        prefix, _, last = one.name.rpartition(".")
-        named = replace(one, joint=joints.index(last.lower()) + 1) if last.lower() in joints else one
-        lists.setdefault(prefix, []).append(named)
-    for prefix, members in lists.items():
-        numbers = [one.joint for one in members]
-        if prefix and (None in numbers or len(set(numbers)) < len(numbers)):
-            lists[prefix] = [replace(one, joint=None) for one in members]
-    places = {one.name: one for members in lists.values() for one in members}
-    return [places[one.name] for one in found]
+    last = [one.name.rpartition(".")[2].lower() for one in found]
+    named = [
+        replace(one, joint=joints.index(name) + 1) if name in joints else one
+        for one, name in zip(found, last, strict=True)
+    ]
+    taken = Counter((one.list_name, one.joint) for one in named)
+    unclear = {name for (name, joint), count in taken.items() if joint is None or count > 1} - {""}
+    return [replace(one, joint=None) if one.list_name in unclear else one for one in named]
 
 
 def time_column(table: SignalTable, names: Sequence[str] = ()) -> str | None:
@@ -97,10 +102,14 @@ def guess(name: str, unit: str, *, bare: str | None = None) -> Guess:
     bare = (name if bare is None else bare).lower()
     known = known_unit(unit) if unit else None
     by_unit = next((role for powers, role in _BY_POWERS if known is not None and known.powers == powers), None)
-    by_name: Role = next((role for pattern, role in _BY_NAME if re.search(pattern, bare)), "other")
     last = re.findall(r"\d+", bare)
     side: Side = "reference" if re.search(_REFERENCE, bare) else "measured" if re.search(_MEASURED, bare) else ""
-    return Guess(name, unit, by_unit or by_name, int(last[-1]) if last else None, side)
+    return Guess(name, unit, by_unit or _role_of(bare), int(last[-1]) if last else None, side)
+
+
+def _role_of(bare: str) -> Role:
+    """By a name in small letters."""
+    return next((role for pattern, role in _BY_NAME if re.search(pattern, bare)), "other")
 
 
 def chosen(found: Sequence[Guess], roles: Sequence[Role], joint: int, *, single: bool, prefer: Side) -> list[Guess]:
