@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence, Set
 from dataclasses import replace
 
 import numpy as np
 
-from fmu_didim.base.diagnostics import Diagnostic, by_weight
+from fmu_didim.base.diagnostics import Code, Diagnostic, by_weight
 from fmu_didim.base.errors import SimulationError
 from fmu_didim.checks.data.expected import Expected, expected
 from fmu_didim.checks.data.linear_fit import FittedMotion, fitted_motion, motion_with_regressor
@@ -48,6 +48,8 @@ SUBSTEPS = 4
 SHORTEST_S = 2.5e-4
 """[s] Steps of a plant are not made shorter for checks, unless for stability: those of a TX40 at 5 kHz give the torque
 to 1e-5."""
+OF_TIMING, OF_ROBOT = frozenset({COMMAND_DELAY, SAMPLING_KIND}), frozenset({TORQUE_SCALE, LINK_LENGTH})
+"""Codes that are asked again along the motion of a fit, by what explains them."""
 LogCheck = Callable[[Simulation, Expected], Iterable[Diagnostic]]
 """From an experiment with the start values and its measured and expected torque to what is found."""
 LOG_CHECKS: tuple[LogCheck, ...] = (
@@ -157,18 +159,19 @@ def confirmed(model: LoopModel, found: Iterable[Diagnostic]) -> list[Diagnostic]
         model: with the values of the fit; found: before it.
     """
     found = _without_transients(model, list(found))
-    doubted = [d for d in found if d.code in (TORQUE_SCALE, LINK_LENGTH, COMMAND_DELAY, SAMPLING_KIND)]
+    doubted = [d for d in found if d.code in OF_TIMING | OF_ROBOT]
     if not doubted or not model.parameters.has_regressor or model.linear_count < len(model.free_parameters):
         return found
     try:
         motions = [motion_with_regressor(model.on(label).simulation(model.start)) for label in model.estimation_labels]
     except SimulationError:  # nothing is cleared up
         return found
-    codes = {d.code for one in motions for d in _explained(one)}
+    asked = {d.code for d in doubted}
+    codes = {d.code for one in motions for d in _still_explained(one, asked)}
     if codes & {CLOCK_LATE, CLOCK_EARLY, SAMPLING_KIND}:
         codes |= {COMMAND_DELAY}  # hardly told apart
-    if not all(kind_is_clear(one) for one in motions):  # a fit may have absorbed what the kind explained before
-        codes |= {SAMPLING_KIND}
+    if SAMPLING_KIND in asked - codes and not all(kind_is_clear(one) for one in motions):
+        codes |= {SAMPLING_KIND}  # a fit may have absorbed what the kind explained before
     return [d for d in found if d not in doubted or d.code in codes]
 
 
@@ -188,6 +191,14 @@ def _explained(fitted: FittedMotion, *, held_out: bool = False) -> list[Diagnost
     if not held_out:
         offered += another_robot(fitted)
     return fitted.best(offered)
+
+
+def _still_explained(fitted: FittedMotion, asked: Set[Code]) -> list[Diagnostic]:
+    """What explains a log better along the motion of a fit; the other kinds of explanations are computed only where one
+    of a kind that is asked for explains something."""
+    kinds = [found for found, codes in ((timing, OF_TIMING), (another_robot, OF_ROBOT)) if codes & asked]
+    offered = [one for kind in kinds for one in kind(fitted)]
+    return _explained(fitted) if fitted.best(offered) else []
 
 
 def drive_gains(model: LoopModel) -> Array:

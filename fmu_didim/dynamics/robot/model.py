@@ -200,7 +200,7 @@ class RobotModel:
         flat = self.at_points("regressor", q.T, dq.T, ddq.T, s, *([given.T] if self.observed else []))
         return np.ascontiguousarray(flat.reshape(count, len(self.parameters), n).transpose(0, 2, 1))
 
-    def at_points(self, name: Literal["inverse", "regressor", "transmitted"], *arguments: Array) -> Array:
+    def at_points(self, name: Literal["inverse", "regressor", "transmitted", "mass_matrix"], *arguments: Array) -> Array:
         """(N, m) of one of these functions at N points, its columns one after the other.
 
         Args:
@@ -220,16 +220,10 @@ class RobotModel:
     def inertia_along(self, q: Array, chi: Array) -> Array:
         """(N,) smallest eigenvalues of D^-1/2 M(q) D^-1/2, D = diag|M|, at positions (N, n): > 0 means positive
         definite. A negative or zero diagonal element gives a value <= 0."""
-        if not self._mass_changes:
-            return scaled_eigenvalues((self._inertia_columns.at(q) @ chi).reshape(-1, *self._square))
         # Before and after all that changes with time.
-        found = []
-        for time in (-LONG, LONG):
-            own = (chi, self.shape_values, self._extra_at(time))
-            columns = [np.repeat(v[:, None], q.shape[0], axis=1) for v in own]
-            mass = self.mass_matrix(q.T, *columns).full().T.reshape(-1, *self._square)
-            found.append(scaled_eigenvalues(mass))
-        return np.minimum(*found)
+        ends = [(self.shape_values, self._extra_at(time)) for time in (-LONG, LONG)] if self._mass_changes else [()]
+        found = [self.at_points("mass_matrix", q.T, chi, *own).reshape(-1, *self._square) for own in ends]
+        return np.min([scaled_eigenvalues(mass) for mass in found], axis=0)
 
     def _extra_at(self, time: float) -> Array:
         """States beyond the motion, at a time."""
