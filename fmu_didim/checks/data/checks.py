@@ -10,7 +10,7 @@ import numpy as np
 from fmu_didim.base.diagnostics import Code, Diagnostic, by_weight
 from fmu_didim.base.errors import SimulationError
 from fmu_didim.checks.data.expected import Expected, expected
-from fmu_didim.checks.data.linear_fit import FittedMotion, fitted_motion, motion_with_regressor
+from fmu_didim.checks.data.linear_fit import Explanation, FittedMotion, fitted_motion, motion_with_regressor
 from fmu_didim.checks.data.log import (
     FAR_FROM_NOISE,
     FEW_OUTLIERS,
@@ -196,8 +196,11 @@ def _explained(fitted: FittedMotion, *, held_out: bool = False) -> list[Diagnost
 def _still_explained(fitted: FittedMotion, asked: Set[Code]) -> list[Diagnostic]:
     """What explains a log better along the motion of a fit; the other kinds of explanations are computed only where one
     of a kind that is asked for explains something."""
-    kinds = [found for found, codes in ((timing, OF_TIMING), (another_robot, OF_ROBOT)) if codes & asked]
-    offered = [one for kind in kinds for one in kind(fitted)]
+    offered = list[Explanation]()
+    if asked & OF_TIMING:
+        offered += timing(fitted)
+    if asked & OF_ROBOT:
+        offered += another_robot(fitted)
     return _explained(fitted) if fitted.best(offered) else []
 
 

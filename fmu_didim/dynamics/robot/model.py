@@ -200,7 +200,9 @@ class RobotModel:
         flat = self.at_points("regressor", q.T, dq.T, ddq.T, s, *([given.T] if self.observed else []))
         return np.ascontiguousarray(flat.reshape(count, len(self.parameters), n).transpose(0, 2, 1))
 
-    def at_points(self, name: Literal["inverse", "regressor", "transmitted", "mass_matrix"], *arguments: Array) -> Array:
+    def at_points(
+        self, name: Literal["inverse", "regressor", "transmitted", "mass_matrix"], *arguments: Array
+    ) -> Array:
         """(N, m) of one of these functions at N points, its columns one after the other.
 
         Args:
@@ -223,7 +225,7 @@ class RobotModel:
         # Before and after all that changes with time.
         ends = [(self.shape_values, self._extra_at(time)) for time in (-LONG, LONG)] if self._mass_changes else [()]
         found = [self.at_points("mass_matrix", q.T, chi, *own).reshape(-1, *self._square) for own in ends]
-        return np.min([scaled_eigenvalues(mass) for mass in found], axis=0)
+        return np.asarray(np.min([scaled_eigenvalues(mass) for mass in found], axis=0))
 
     def _extra_at(self, time: float) -> Array:
         """States beyond the motion, at a time."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,7 +24,7 @@ def test_a_scale_stays_only_if_it_explains_something_there(
     again: list[Diagnostic], left: list[Diagnostic], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(checks, "motion_with_regressor", lambda run: run)
-    monkeypatch.setattr(checks, "_explained", lambda fitted: again)
+    monkeypatch.setattr(checks, "_still_explained", lambda fitted, asked: again)
     monkeypatch.setattr(checks, "kind_is_clear", lambda fitted: True)
     assert checks.confirmed(loaded("scara"), [SCALE, CLOCK]) == left
 
@@ -36,7 +37,7 @@ def test_a_delay_stays_where_another_timing_explains_something_there(
 ) -> None:
     """Of a TX40 at 20 Hz a start that was far off looked like a delay, in one of 20 right models."""
     monkeypatch.setattr(checks, "motion_with_regressor", lambda run: run)
-    monkeypatch.setattr(checks, "_explained", lambda fitted: again)
+    monkeypatch.setattr(checks, "_still_explained", lambda fitted, asked: again)
     monkeypatch.setattr(checks, "kind_is_clear", lambda fitted: True)
     assert checks.confirmed(loaded("scara"), [DELAY]) == left
 
@@ -49,9 +50,38 @@ def test_a_kind_of_sampling_goes_only_where_the_case_explains_the_log_clearly_be
 ) -> None:
     """A TX40 at 1 kHz that started far off looked like averages; after the fit those left 1.8 times the residual."""
     monkeypatch.setattr(checks, "motion_with_regressor", lambda run: run)
-    monkeypatch.setattr(checks, "_explained", lambda fitted: again)
+    monkeypatch.setattr(checks, "_still_explained", lambda fitted, asked: again)
     monkeypatch.setattr(checks, "kind_is_clear", lambda fitted: clear)
     assert checks.confirmed(loaded("scara"), [KIND]) == left
+
+
+@dataclass(frozen=True)
+class Offering:
+    """A motion along which only what is offered under these codes explains anything."""
+
+    explains: frozenset[str]
+
+    def best(self, offered: Iterable[Diagnostic]) -> list[Diagnostic]:
+        return [one for one in offered if one.code.name in self.explains]
+
+
+@pytest.mark.parametrize(
+    ("asked", "explains", "found", "computed"),
+    [
+        (KIND, set(), [], ["timing"]), (SCALE, set(), [], ["robot"]), (KIND, {"torque-scale"}, [], ["timing"]),
+        (KIND, {"sampling-kind", "torque-scale"}, [KIND, SCALE], ["timing", "timing", "robot"]),
+        (SCALE, {"torque-scale"}, [SCALE], ["robot", "timing", "robot"]),
+    ],
+)  # fmt: skip
+def test_other_kinds_of_explanations_are_computed_only_as_rivals(
+    asked: Diagnostic, explains: set[str], found: list[Diagnostic], computed: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    of_timing, of_robot, order = [KIND], [SCALE], list[str]()
+    monkeypatch.setattr(checks, "timing", lambda fitted, clock_alone=False: order.append("timing") or of_timing)
+    monkeypatch.setattr(checks, "another_robot", lambda fitted: order.append("robot") or of_robot)
+    motion = Offering(frozenset(explains))
+    assert checks._still_explained(motion, {asked.code}) == found  # type: ignore[arg-type]
+    assert order == computed
 
 
 @dataclass(frozen=True)
