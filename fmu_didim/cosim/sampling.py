@@ -24,6 +24,10 @@ Kind = Literal["point", "average"]
 Window = Literal["preceding", "centred", "following"]
 JITTER = 0.01
 """[1] Fraction of a control period by which the stamp of an instant may lie before its tick: clocks are rounded."""
+NO_WINDOW = 1e-6
+"""[1] Fraction of a control period below which a window holds nothing."""
+ROUNDING = 1e-9
+"""[1] Of the ends of a window, in control periods: a period of which so little lies inside is not in it."""
 MOST_SAMPLES = 5_000_000
 """[1] Samples of a log at another rate at most: an hour at 1 kHz, which fits into memory."""
 _SHIFT = {"preceding": -1.0, "centred": -0.5, "following": 0.0}
@@ -238,23 +242,20 @@ def _average(
     position: Array, last: int, window: Window, length: float, instants: Instants | None
 ) -> tuple[Indices, Indices, Array]:
     """Overlap of each window with each control period; windows are cut where the data begin or end."""
-    rows: list[Indices] = []
-    columns: list[Indices] = []
-    weights: list[Array] = []
     begin, end = (position + shift * length for shift in (_SHIFT[window], 1 + _SHIFT[window]))
     if instants is not None:
         begin, end = (instants.earlier(position, -shift * length) for shift in (_SHIFT[window], 1 + _SHIFT[window]))
-    for i, at in enumerate(position):
-        low, high = max(begin[i], 0.0), min(end[i], float(last))
-        if high - low < 1e-6:  # nothing before the first sample: the command that acts there
-            low, high = min(max(at, 0.0), last - 1.0), min(max(at, 0.0), last - 1.0) + 1e-6
-        ticks = np.arange(int(np.floor(low + 1e-9)), min(int(np.ceil(high - 1e-9)), last))
-        overlap = np.minimum(ticks + 1.0, high) - np.maximum(ticks, low)
-        overlap = overlap if instants is None else overlap * instants.periods[ticks]
-        rows.append(np.full(ticks.size, i))
-        columns.append(ticks)
-        weights.append(overlap / overlap.sum())
-    return np.concatenate(rows), np.concatenate(columns), np.concatenate(weights)
+    low, high = np.maximum(begin, 0.0), np.minimum(end, float(last))
+    empty = high - low < NO_WINDOW  # nothing before the first sample: the command that acts there
+    low = np.where(empty, np.clip(position, 0.0, last - 1.0), low)
+    high = np.where(empty, low + NO_WINDOW, high)
+    first = np.floor(low + ROUNDING).astype(np.int64)
+    counts = np.minimum(np.ceil(high - ROUNDING).astype(np.int64), last) - first
+    rows, before = np.repeat(np.arange(position.size), counts), np.cumsum(counts) - counts
+    columns = np.arange(rows.size) - before[rows] + first[rows]
+    overlap = np.minimum(columns + 1.0, high[rows]) - np.maximum(columns, low[rows])
+    overlap = overlap if instants is None else overlap * instants.periods[columns]
+    return rows, columns, overlap / np.add.reduceat(overlap, before)[rows]
 
 
 def grid_places(times: Array) -> Indices:

@@ -51,6 +51,11 @@ class LoadInTime(ExternalTorque):
 
     course: tuple[float, ...] = ()
 
+    @classmethod
+    def of(cls, joint: int, time: Array, course: Array) -> LoadInTime:
+        """On a joint, from 1, its mean (K,) over the control periods that begin at these instants (K,)."""
+        return cls(joint, float(time[0]), float(time[-1]), 1.0, course=tuple(course.tolist()))
+
     def along(self, time: Array) -> Array:
         """(K,) it, over all control periods."""
         return np.array(self.course)
@@ -100,10 +105,7 @@ class LoadResponse:
         courses = [np.interp(time, time[self.ticks], column) for column in -size * load.T]
         for course in courses:
             course[:-1] = 0.5 * (course[:-1] + course[1:])
-        external = [
-            LoadInTime(j + 1, float(time[0]), float(time[-1]), 1.0, course=tuple(course.tolist()))
-            for j, course in enumerate(courses) if course.any()
-        ]  # fmt: skip
+        external = [LoadInTime.of(j, time, course) for j, course in enumerate(courses, start=1) if course.any()]
         run = self.run.on(replace(experiment, external_torques=(*experiment.external_torques, *external)))
         return np.asarray((run.outputs() - self.run.outputs()) / size)
 
@@ -134,7 +136,7 @@ def load_response(run: Simulation, *, seed: int = 0) -> LoadResponse:
     try:
         still = _signals(run, ())
         joints = range(1, model.joint_count + 1)
-        tasks = [_answer(run, still, switched, time[ticks], j) for j in joints]
+        tasks = [_answer(run, still, switched, every, j) for j in joints]
         answers = side_by_side(tasks, model.allowed_workers(run.values))
         taps = -np.stack([normal @ answer[ticks] for answer in answers], axis=2)
     except SimulationError:
@@ -153,19 +155,15 @@ def _telegraph(count: int, step: float, rng: np.random.Generator) -> Array:
     return signal
 
 
-def _answer(run: Simulation, still: Array, switched: Array, time: Array, joint: int) -> Callable[[], Array]:
-    """A function that simulates the change (ticks, m) of the outputs by the two-level torque on a joint of size one."""
+def _answer(run: Simulation, still: Array, switched: Array, every: int, joint: int) -> Callable[[], Array]:
+    """A function that simulates the change (ticks, m) of the outputs by the two-level torque on a joint of size one,
+    which may switch after so many control periods."""
 
     def simulated() -> Array:
         size = SIZE * float(np.sqrt(np.mean(run.model.experiments.measured_in(run.label)[:, joint - 1] ** 2)))
-        edges = np.flatnonzero(np.diff(switched, prepend=0.0))
-        ends = np.append(time[edges[1:]], time[-1] + (time[1] - time[0]))
-        levels = size * switched[edges]
-        external_torques = [
-            ExternalTorque(joint, float(a), float(b), float(level))
-            for a, b, level in zip(time[edges], ends, levels, strict=True)
-        ]
-        return (_signals(run, external_torques) - still) / size
+        course = size * np.repeat(switched, every)[: run.experiment.reference.time.size]
+        loaded = LoadInTime.of(joint, run.experiment.reference.time, course)
+        return (_signals(run, [loaded]) - still) / size
 
     return simulated
 
