@@ -205,8 +205,8 @@ class JointResidual:
     def beside(self, names: Sequence[str], signatures: Array, left: Array, shows: NDArray[np.bool_]) -> JointResidual:
         """With the signatures (N, s) of misfits beside the functions, as far as they show (s,) and no two functions
         follow them; ``left``: (N, s) what the sensitivities leave of them."""
-        functions = rest_of(self.motion, self.basis)
-        new = [int(k) for k in np.flatnonzero(shows) if followed(left[:, k], functions) < FOLLOWED]
+        places = np.flatnonzero(shows)
+        new = places[followed(left[:, places], rest_of(self.motion, self.basis)) < FOLLOWED].tolist()
         return replace(
             self, motion=np.column_stack([self.motion, signatures[:, new]]),
             names=[*self.names, *(SIGNATURE + names[k] for k in new)],
@@ -504,19 +504,33 @@ def told(step: Step, tried: int, names: Sequence[str], joint: int) -> Dependence
     )  # fmt: skip
 
 
-def followed(signature: Array, functions: Array) -> float:
-    """Part of the squares of a signature (N,) that functions (N, m) explain: that which explains most, and it with the
-    one that then explains most, as the test takes them."""
-    power, size = np.sum(functions**2, axis=0), float(np.sum(signature**2))
-    rest, chosen = signature, list[int]()
-    for _ in range(min(FUNCTIONS, functions.shape[1])):
-        basis = orthonormal(functions[:, chosen])
-        rest, own = rest_of(signature, basis), rest_of(functions, basis)
-        left = np.sum(own**2, axis=0)
-        left = np.where(left > OWN_PART * np.maximum(power, TINY), left, 0.0)
-        chosen.append(int(np.argmax(_squares(own.T @ rest, left))))
-    rest = rest_of(signature, orthonormal(independent(functions[:, chosen])))
-    return 1 - float(np.sum(rest**2)) / max(size, TINY)
+def followed(signatures: Array, functions: Array) -> Array:
+    """(s,) part of the squares of signatures (N, s) that functions (N, m) explain: that which explains most, and it
+    with the one that then explains most, as the test takes them."""
+    products, along = functions.T @ functions, functions.T @ signatures
+    explained = [sum(squares for _, squares in most_one_by_one(products, one, OWN_PART)) for one in along.T]
+    return np.asarray(np.array(explained) / np.maximum(np.sum(signatures**2, axis=0), TINY))
+
+
+def most_one_by_one(products: Array, along: Array, part: float) -> list[tuple[int, float]]:
+    """The place of the function that explains most of a signal, of that which then explains most beside it, and so on,
+    with the squares that each adds; up to ``FUNCTIONS``.
+
+    Args:
+        products: (m, m) of the functions with each other; along: (m,) with the signal.
+        part: of the squares of a function, that those before it must leave of it.
+    """
+    table, found, least = products, list[tuple[int, float]](), part * np.maximum(np.diag(products), TINY)
+    for _ in range(min(FUNCTIONS, along.size)):
+        left = np.diag(table)
+        squares = _squares(along, np.where(left > least, left, 0.0))
+        best = int(np.argmax(squares))
+        if not squares[best] > 0:
+            break
+        found.append((best, float(squares[best])))
+        beside = table[:, best] / left[best]
+        along, table = along - beside * along[best], table - np.outer(beside, table[best])
+    return found
 
 
 def independent(columns: Array) -> Array:

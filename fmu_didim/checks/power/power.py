@@ -33,7 +33,6 @@ import numpy as np
 from fmu_didim.base.distributions import f_isf, f_power
 from fmu_didim.checks.motion.colour import Columns, Logs, orthonormal, rest_of
 from fmu_didim.checks.motion.dependence import (
-    FUNCTIONS,
     LARGEST_GAIN,
     MOTION_CHANCE,
     OWN_PART,
@@ -41,6 +40,7 @@ from fmu_didim.checks.motion.dependence import (
     JointResidual,
     OwnColours,
     independent,
+    most_one_by_one,
 )
 from fmu_didim.data.signals import Array
 from fmu_didim.fit.noise.noise import TINY
@@ -220,21 +220,9 @@ class JointTest:
     def steps(self, misfit: int) -> list[Functions]:
         """The steps of the test that a misfit, by its place, alone would lead to: with the function that explains most,
         and with it and the one that then explains most."""
-        count = len(self.functions)
-        table, product = self._products
-        product, own, found, chosen = product[:, misfit], np.array(np.diag(table)), list[Functions](), list[int]()
-        for _ in range(min(FUNCTIONS, count)):
-            free = own > OWN_PART**2 * np.diag(self._products[0])
-            gain = np.divide(product**2, own, out=np.zeros(count), where=free)
-            best = int(np.argmax(gain))
-            if not gain[best] > 0:
-                break
-            chosen.append(best)
-            found.append(self._together(tuple(chosen)))
-            beside = table[:, best] / own[best]
-            product, table = product - beside * product[best], table - np.outer(beside, table[best])
-            own = np.diag(table).copy()
-        return found
+        products, along = self._products
+        chosen = [place for place, _ in most_one_by_one(products, along[:, misfit], OWN_PART**2)]
+        return [self._together(tuple(chosen[: count + 1])) for count in range(len(chosen))]
 
     @cached_property
     def _products(self) -> tuple[Array, Array]:
