@@ -32,6 +32,7 @@ NONE = "\0"
 MOST_LINES_BEFORE = 500
 _COMMA = re.compile(r"[+-]?(\d+(,\d+)?|,\d+)([eE][+-]?\d+)?|[+-]?(nan|inf)", re.IGNORECASE)
 _DELIMITERS = frozenset(WORDS) - {" "}
+"""Between which no cell is lost when two stand side by side."""
 _NO_UNIT = ("", "-", "--")
 LIMIT = 2**27
 """Longest field of a CSV file that is read, in characters."""
@@ -131,6 +132,7 @@ def _parsed(lines: list[str], delimiter: str, decimal: str, skipped: int) -> _Pa
     """The table by one layout; None where it holds no rows of numbers."""
     before: list[tuple[int, list[str]]] = []
     data: list[list[float]] = []
+    rest: Array | None = None
     count = 0
     calendar = Calendar()
     for number, cells in _rows(lines, delimiter):
@@ -149,13 +151,31 @@ def _parsed(lines: list[str], delimiter: str, decimal: str, skipped: int) -> _Pa
         if numbers is None or len(numbers) != count:
             raise _MisfitError(number + skipped, cells, count, delimiter, decimal)
         data.append(numbers)
+        if len(data) == 1 and not calendar.columns and delimiter in _DELIMITERS and decimal == ".":
+            rest = _plain(lines[number:], delimiter, count)
+            if rest is not None:
+                break
     if not data or (delimiter == NONE) != (count == 1):
         return None
     if delimiter == NONE and any(_DELIMITERS & set(cells[0]) for _, cells in before):
         return None
     names, units = _header(before, count, delimiter, decimal)
     used = bool(names) + bool(units)
-    return _Parsed(delimiter, decimal, names, units, np.array(data), len(before) - used, calendar)
+    table = np.array(data) if rest is None else np.vstack([data, rest])
+    return _Parsed(delimiter, decimal, names, units, table, len(before) - used, calendar)
+
+
+def _plain(lines: list[str], delimiter: str, count: int) -> Array | None:
+    """(N, count) of lines that hold so many numbers each and nothing else, read at once; None where any does not."""
+    while lines and not lines[-1].strip():
+        lines = lines[:-1]
+    if not lines:
+        return np.zeros((0, count))
+    try:
+        rows = np.loadtxt(lines, delimiter=delimiter, comments=None, ndmin=2)
+    except ValueError:
+        return None
+    return rows if rows.shape == (len(lines), count) else None
 
 
 def _rows(lines: list[str], delimiter: str) -> Iterator[tuple[int, list[str]]]:
