@@ -84,7 +84,7 @@ def read_csv(path: Path, layout: CsvLayout | None = None) -> SignalTable:
     text, encoding = _text(path)
     lines = text.splitlines()[layout.skip_lines :]
     found, misfits = list[_Parsed](), list[_MisfitError]()
-    for delimiter, decimal in _layouts(layout):
+    for delimiter, decimal in _layouts(layout, text):
         try:
             parsed = _parsed(lines, delimiter, decimal, layout.skip_lines)
         except _MisfitError as misfit:
@@ -121,8 +121,9 @@ def _text(path: Path) -> tuple[str, str]:
         return raw.decode("cp1252"), "Windows-1252, because it is not UTF-8"
 
 
-def _layouts(layout: CsvLayout) -> Iterator[tuple[str, str]]:
-    for delimiter in (layout.delimiter,) if layout.delimiter else (*WORDS, NONE):
+def _layouts(layout: CsvLayout, text: str) -> Iterator[tuple[str, str]]:
+    """Delimiters and decimal signs that are tried: those that are stated, else every delimiter that the text has."""
+    for delimiter in (layout.delimiter,) if layout.delimiter else (*(d for d in WORDS if d in text), NONE):
         for decimal in (layout.decimal,) if layout.decimal else (".", ","):
             if decimal != delimiter:
                 yield delimiter, decimal
