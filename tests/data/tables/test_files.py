@@ -119,7 +119,7 @@ def test_a_layout_that_does_not_fit_is_left_early(tmp_path: Path, monkeypatch: p
 
     reader = csv_module.reader
     monkeypatch.setattr(csv_module, "reader", Counting)
-    text = "t;a;b\n" + "".join(f"{k};{k}.5;\n" for k in range(rows))
+    text = "axis 1|2, as\tit ran\nt;a;b\n" + "".join(f"{k};{k}.5;\n" for k in range(rows))
     assert read_table(csv(tmp_path / "a.csv", text)).columns["a"].size == rows
     assert read.pop(";") < 3 * rows
     assert max(read.values()) < rows // 4  # 500 lines without numbers, with either decimal sign
