@@ -41,6 +41,7 @@ _EFFECTS = """examples:
 _ROBOT = """examples:
   fmu-didim robot robot.yaml                      frames, masses, base parameters
   fmu-didim robot ur10e.urdf --out robot.yaml     a URDF, as a description to which effects can be added
+  fmu-didim robot ur10e.urdf --page ur10e.html    the robot drawn: turn it, move its joints, see its masses
   fmu-didim robot panda.urdf --tip panda_link8    an arm whose gripper does not move"""
 _COMPLETION = """examples:
   eval "$(fmu-didim completion bash)"             in this shell; in ~/.bashrc for all
@@ -72,6 +73,7 @@ def add_prepare_verbs(commands: Commands, *, parser: argparse.ArgumentParser) ->
     robot.add_argument("file", type=Path, metavar="FILE", help="robot description, .yaml or .urdf")
     robot.add_argument("--tip", default="", metavar="LINK", help="the link of a URDF at which the robot ends")
     robot.add_argument("--out", type=Path, metavar="FILE.yaml", help="write the description there")
+    robot.add_argument("--page", type=Path, metavar="FILE.html", help="write a page with the robot drawn there")
     robot.set_defaults(run=_robot)
     shell = _verb(commands, "completion", "print the completion of commands and options for a shell", _COMPLETION)
     shell.add_argument("shell", choices=SHELLS, help=", ".join(SHELLS))
@@ -210,13 +212,15 @@ def _schema(options: argparse.Namespace) -> int:
 
 
 def _robot(options: argparse.Namespace) -> int:
-    from fmu_didim.workflow.robot_file import robot_lines, robot_of, write_as_yaml
+    from fmu_didim.workflow.robot_file import robot_lines, robot_of, write_as_yaml, write_picture
 
     robot = robot_of(options.file, options.tip)
     print("\n".join(robot_lines(robot)))
     if options.out is not None:
         write_as_yaml(robot, options.out)
         print(f"\nWritten: {options.out}")
+    if options.page is not None:
+        print(f"\nPage: {write_picture(robot, options.page)}")
     return 0
 
 

@@ -16,7 +16,7 @@ from fmu_didim.report.verdict import reason_text
 
 def write_page(report: Report, path: Path) -> Path:
     """Write the page of a report and return its path; all texts are escaped."""
-    template = _environment().get_template("page.html.j2")
+    template = environment().get_template("page.html.j2")
     points = points_per_trace(report.charts)
     path.write_text(template.render(report=report, sections=report.on("page"), points=points), encoding="utf-8")
     return path
@@ -24,12 +24,12 @@ def write_page(report: Report, path: Path) -> Path:
 
 def notebook_html(report: Report) -> str:
     """Verdict and brief sections of a report, without scripts."""
-    template = _environment().get_template("notebook.html.j2")
+    template = environment().get_template("notebook.html.j2")
     return template.render(report=report, sections=report.on("terminal"))
 
 
 @cache
-def _environment() -> Environment:
+def environment() -> Environment:
     environment = Environment(
         loader=PackageLoader("fmu_didim.report.html", "."), autoescape=True, undefined=StrictUndefined,
         trim_blocks=True, lstrip_blocks=True,

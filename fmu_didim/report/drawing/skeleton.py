@@ -10,7 +10,7 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from markupsafe import Markup
@@ -28,6 +28,21 @@ FLAT = 1e-6
 """[1] Of the largest extent, below which a direction has none."""
 TURNED, RAISED = np.radians(35.0), np.radians(25.0)
 """[rad] Direction from which a motion in space is seen, about the vertical axis and above the horizontal plane."""
+
+
+class Link(Protocol):
+    """A joint in modified Denavit-Hartenberg convention, rad and m, ``revolute`` or ``prismatic``."""
+
+    @property
+    def type(self) -> str: ...
+    @property
+    def alpha(self) -> float: ...
+    @property
+    def a(self) -> float: ...
+    @property
+    def theta(self) -> float: ...
+    @property
+    def d(self) -> float: ...
 
 
 @dataclass(frozen=True)
@@ -77,7 +92,7 @@ def skeleton(
     return Skeleton(name, title, time[chosen], flat[chosen], flat[along, -1], level)
 
 
-def joint_points(links: Sequence[LinkResult], q: Array) -> Array:
+def joint_points(links: Sequence[Link], q: Array) -> Array:
     """(N, n + 2, 3) origins of the base and of all frames, and the end of the last link, in the base frame, in m.
 
     Args:
