@@ -10,13 +10,13 @@ import uuid
 import zipfile
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from importlib.metadata import version
+from functools import cache
 from importlib.resources import files
 from pathlib import Path
 
 from fmu_didim.base.cache import cached_folder
 from fmu_didim.base.files import file_name, whole_file
-from fmu_didim.base.version import __version__
+from fmu_didim.base.version import __version__, release_of
 from fmu_didim.dynamics.block import Block
 from fmu_didim.export.build import Compiler, compile_shared_library, find_compiler, wrapper_source
 from fmu_didim.export.c_code import CONFIG_FILE, EQUATIONS_FILE, check_exportable, generate_c, generate_config
@@ -95,11 +95,19 @@ def _content_digest(block: Block, fmi: WrittenVersion) -> str:
 
     The source of the exporter itself is part of it, so that a changed exporter takes no file of the old one.
     """
-    state = hashlib.sha256(f"{__version__} casadi {version('casadi')} FMI {fmi.name}".encode())
+    state = hashlib.sha256(f"{__version__} casadi {release_of('casadi')} FMI {fmi.name}".encode())
     state.update(block.digest().encode())
     state.update(block.description.encode())
     state.update(generate_config(block, guid="").encode())  # holds the constants of the substep rule
-    for name in (*_WRAPPER, fmi.main):
+    state.update(_exporter_digest(fmi.main).encode())
+    return state.hexdigest()
+
+
+@cache
+def _exporter_digest(main: str) -> str:
+    """SHA-256 of the sources of the exporter, which this process has already imported."""
+    state = hashlib.sha256()
+    for name in (*_WRAPPER, main):
         state.update(wrapper_source(name).encode())
     for package in ("fmu_didim.export", "fmu_didim.export.versions"):
         for source in sorted(files(package).iterdir(), key=lambda entry: entry.name):

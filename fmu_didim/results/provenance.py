@@ -5,10 +5,10 @@ from __future__ import annotations
 import platform
 from collections.abc import Mapping
 from datetime import UTC, datetime
-from importlib.metadata import version
 from typing import Any
 
 from fmu_didim.base.constants import Deciding, recorded
+from fmu_didim.base.version import release_of
 from fmu_didim.checks import (
     channels,
     held_out,
@@ -122,7 +122,7 @@ def provenance(
         deciding = OF_OUTPUTS
     found = {
         "made": datetime.now(UTC).isoformat(timespec="seconds"),
-        "versions": {"python": platform.python_version(), **{name: version(name) for name in PACKAGES}},
+        "versions": {"python": platform.python_version(), **{name: release_of(name) for name in PACKAGES}},
         "platform": f"{platform.system()} {platform.machine()}",
         "estimator": dict(estimator),
         "joint_weights": model.joint_weights,
