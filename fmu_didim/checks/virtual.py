@@ -49,10 +49,7 @@ RESTS = (
     "delay of the drive, of which a virtual controller knows nothing"
 )
 """What nobody can tell without the real controller."""
-HARDLY_CHANGES = (
-    "and that it hardly changes in half a control period, by which differences of positions are ahead of a torque that "
-    "is held"
-)
+HELD = "and that a torque is held for one control period of the case, in the middle of which it counts"
 """The same of an estimator that simulates no loop."""
 
 
@@ -63,7 +60,7 @@ def virtual_diagnostics(estimate: Estimate) -> list[Diagnostic]:
     choices = estimate.choices
     if choices is None:  # of the measured motion alone
         text = "No controller was simulated: the values come from the measured motion."
-        return [Diagnostic(VIRTUAL_CONTROLLER, text, "controller", condition=f"{RESTS}, {HARDLY_CHANGES}")]
+        return [Diagnostic(VIRTUAL_CONTROLLER, text, "controller", condition=f"{RESTS}, {HELD}")]
     text = f"The loop has a virtual controller ({choices.chosen}); the intervals contain that choice."
     told = [Diagnostic(VIRTUAL_CONTROLLER, text, "controller", condition=RESTS)]
     return [*told, *_moved(choices, estimate), *_failed(choices)]

@@ -5,8 +5,7 @@
 Least squares on measured motion (:mod:`fmu_didim.estimators.idim_ls`) is biased: W holds the noise of the positions,
 twice differentiated, and is correlated with what it leaves. The simulated motion knows the reference, the controller
 and chi_k, but no noise. The answer stays right where the controller is not quite the real one, as long as both motions
-are alike. Only noise of the positions is made up for: not a delay, such as half a control period by which differences
-of positions are ahead of a command that is held.
+are alike. Only noise of the positions is made up for, no delay that the case does not state.
 
 Source: Janot, Vandanjon, Gautier, A generic instrumental variable approach for industrial robot identification, IEEE
 TCST 22(1), 2014. The strength of instruments: Cragg, Donald, Econometric Theory 9(2), 1993.

@@ -3,7 +3,9 @@
     q -> zero-phase Butterworth low-pass -> dq, ddq by central differences
     Y = W(q, dq, ddq) chi + rho, rows of Y and columns of W decimated in parallel (zero-phase Chebyshev)
 
-Needs positions measured at the rate of the torque.
+Needs positions measured at the rate of the torque. A command is held: what a sample shows of it acts, on average, in
+the middle of its control period, or of the window of an average, and later where the loop has a delay. There W is
+taken, on cubic splines through the motion at the samples. (EMPS, 1 kHz: that leaves 3.77 % of the torque, not 4.04 %.)
 """
 
 from __future__ import annotations
@@ -12,11 +14,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 
 from fmu_didim.base.documents import Count, NotNegative, Positive
 from fmu_didim.base.errors import InputError
 from fmu_didim.data.filters import LowPass, thinned
-from fmu_didim.data.signals import Array
+from fmu_didim.data.signals import Array, periods
 from fmu_didim.estimators.base import Estimator, Progress, no_progress
 from fmu_didim.estimators.starts.reference_start import observed_on
 from fmu_didim.fit.estimate import Estimate, RefusedError, Stage, Status
@@ -58,8 +61,9 @@ class IdimLs(Estimator):
         cutoff_hz: cut-off of the Butterworth filter of the positions, applied forward and backward.
         order: its order.
         decimation: one of this many filtered samples is used; 1 uses all and filters nothing.
-        sharp_coulomb: take sign(dq) for the smoothed step tanh(dq/v0); smoothing serves the integration of
-            the direct model, which is not needed here.
+        sharp_coulomb: take sign(dq) for the smoothed step tanh(dq/v0) of the description, as publications do.
+        held: take W where the torque that a sample shows acts; otherwise at the instant of the sample, as publications
+            do, half a control period before.
         skip: samples dropped at both ends, where filter and differences see the border.
     """
 
@@ -70,7 +74,8 @@ class IdimLs(Estimator):
     order: Count = 4
     decimation: Count = 10
     skip: NotNegative = 50
-    sharp_coulomb: bool = True
+    sharp_coulomb: bool = False
+    held: bool = True
 
     def estimate(self, model: LoopModel, *, progress: Progress = no_progress) -> Estimate:
         rows = self.rows(model)
@@ -154,16 +159,24 @@ class IdimLs(Estimator):
         q, rate = self._positions(model, label)
         q = LowPass(self.cutoff_hz, self.order).apply(q, rate)
         dq = np.gradient(q, 1 / rate, axis=0)
-        motion = q, dq, np.gradient(dq, 1 / rate, axis=0)
+        time, motion = experiment.time, (q, dq, np.gradient(dq, 1 / rate, axis=0))
+        if self.held:
+            time = acting_instants(model, label)
+            motion = moved_to(time, experiment.time, motion)
 
         def rows(observed: Array) -> tuple[Array, Array]:
             columns, known = model.parameters.regressor(*motion, sharp=self.sharp_coulomb, observed=observed)
             return model.free_parameters.spread(columns, label), known
 
-        columns, known = rows(observed_on(model.parameters, experiment.time, motion, experiment.torque, rows))
-        time, kept = experiment.time, self.inner
+        columns, known = rows(observed_on(model.parameters, time, motion, experiment.torque, rows))
+        kept = self.inner
         target = self.decimated((experiment.torque - known)[kept])
-        return time[kept][:: self.decimation], self.decimated(columns[kept]), target, self.decimated(known[kept])
+        return (
+            experiment.time[kept][:: self.decimation],
+            self.decimated(columns[kept]),
+            target,
+            self.decimated(known[kept]),
+        )
 
     def _positions(self, model: LoopModel, label: str) -> tuple[Array, float]:
         positions = self.positions(model, label)
@@ -192,3 +205,19 @@ class IdimLs(Estimator):
     def decimated(self, values: Array) -> Array:
         """One of so many rows (N, ...), all of one log, filtered before."""
         return values if self.decimation == 1 else thinned(values, self.decimation)
+
+
+def acting_instants(model: LoopModel, label: str) -> Array:
+    """(N,) s, when what each sample of a log shows acts on the plant, on average: a command that is given at a tick t
+    acts from t + d to t + d + h, with the delay d of the loop and the control period h."""
+    experiment, system = model.experiments[label], model.loop.systems[label]
+    instants, operator = experiment.reference.time, experiment.operator
+    middle = (instants + periods(instants) / 2)[operator.ticks]
+    return operator.apply(middle) + system.delays.get(model.loop.plant_name, 0.0) * system.step_size
+
+
+def moved_to(wanted: Array, time: Array, motion: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
+    """Position, velocity and acceleration (N, n) each at other instants (N,), by cubic splines through those at the
+    samples; before the first and behind the last one by its ends."""
+    q, dq, ddq = (np.asarray(CubicSpline(time, signal)(wanted)) for signal in motion)
+    return q, dq, ddq

@@ -13,12 +13,13 @@ ROUNDING = 1e-6
 """[1] Of a step by which an instant of a recording may lie beside that of its inputs."""
 
 
-def simulated_table(run: Simulation, *, motion: Sequence[str] = ("q", "dq")) -> Trajectory:
+def simulated_table(run: Simulation, *, motion: Sequence[str] = ("q", "dq"), sampled: bool = False) -> Trajectory:
     """Torque ``tau<j>`` (N.m or N) and motion of an experiment, a row a control period; of a model alone its outputs
     that were measured together, and its inputs.
 
     Args:
         motion: of ``q``, ``dq``, ``ddq`` (rad or m, per s, per s2); those that the plant does not give are left out.
+        sampled: give it at the ticks, as a logger shows it, not where the torque of a delayed loop acts.
 
     Raises:
         SimulationError: the loop cannot be simulated.
@@ -38,7 +39,7 @@ def simulated_table(run: Simulation, *, motion: Sequence[str] = ("q", "dq")) -> 
     variables = [Variable(f"tau{j}") for j in joints]
     for name in motion:
         if set(model.loop.joint_signals(name)) <= set(recording.applied):
-            columns.append(recording.table(model.loop.joint_signals(name)))
+            columns.append(recording.table(model.loop.joint_signals(name), sampled=sampled))
             variables += [Variable(f"{name}{j}") for j in joints]
     return Trajectory(recording.time, np.column_stack(columns), tuple(variables))
 

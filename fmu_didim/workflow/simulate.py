@@ -54,7 +54,7 @@ def simulate(
             f"These parameters cannot be simulated: {reason}.", where="parameters", got=dict(parameters or {}),
             next_step="Give values for which every mass and inertia is positive.",
         )  # fmt: skip
-    return simulated_table(model.simulation(values), motion=("q", "dq", "ddq"))
+    return simulated_table(model.simulation(values), motion=("q", "dq", "ddq"), sampled=True)
 
 
 def model_without_data(case: Case, label: str | None) -> LoopModel:

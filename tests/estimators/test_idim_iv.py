@@ -14,6 +14,7 @@ from fmu_didim import Case, Result, identify, load_case, simulate, trajectory
 from fmu_didim.base.errors import InputError
 from fmu_didim.data.signals import Array, Trajectory
 from fmu_didim.estimators.idim_iv import WEAK, IdimIv, cragg_donald
+from fmu_didim.estimators.idim_ls import acting_instants
 from fmu_didim.fit.estimate import RefusedError
 from tests.helpers import ROOT
 
@@ -26,9 +27,11 @@ POSITION_STD = 2e-4
 
 
 @cache
-def motion() -> Trajectory:
-    """What the loop does at its control rate, with the values of the description."""
-    return simulate(load_case(SCARA).with_(plant={"kind": "model"}, controller={"kind": "model"}))
+def motion(delay: float = 0.0) -> Trajectory:
+    """What a logger shows of the loop at its control rate, with the values of the description, and a delay in control
+    periods: the command, which acts that much later, and the positions at the same instants."""
+    loop = {"loop": {"delay_samples": delay}} if delay else {}
+    return simulate(load_case(SCARA).with_(plant={"kind": "model"}, controller={"kind": "model"}, **loop))
 
 
 @cache
@@ -37,13 +40,14 @@ def truth() -> dict[str, float]:
     return dict(zip(model.names, map(float, model.start), strict=True))
 
 
-def case_of(kind: str, seed: int, **changes: Any) -> Case:
+def case_of(kind: str, seed: int, position_std: float = POSITION_STD, delay: float = 0.0, **changes: Any) -> Case:
     """A case with noisy torques and positions at the control rate."""
     rng, names = np.random.default_rng(seed), ("q1", "q2", "tau1", "tau2")
-    std = np.array((POSITION_STD, POSITION_STD, *TORQUE_STD))
-    table = motion().select(names)
+    std = np.array((position_std, position_std, *TORQUE_STD))
+    table = motion(delay).select(names)
     table = table + std * rng.normal(size=table.shape)
-    log = trajectory(motion().time, dict(zip(names, table.T, strict=True)))
+    log = trajectory(motion(delay).time, dict(zip(names, table.T, strict=True)))
+    changes = ({"loop": {"delay_samples": delay}} if delay else {}) | changes
     content = dict(load_case(SCARA).content)
     content["train"] = content["train"] | {"torque": {"file": "log"}, "positions": {"file": "log"}}
     content |= {"plant": {"kind": "model"}, "controller": {**content["controller"], "kind": "model"}}
@@ -71,6 +75,31 @@ def test_noise_of_positions_biases_least_squares_and_not_instruments(draws: int)
     assert inside.mean() >= 0.92  # intervals are wide where noise is twice differentiated, not narrow
 
 
+@pytest.mark.gate
+@pytest.mark.parametrize("delay", [0.0, 0.5, pytest.param(1.0, marks=pytest.mark.slow)])
+def test_torque_counts_where_it_acts_and_friction_as_the_description_has_it(delay: float) -> None:
+    """Positions without noise leave least squares no bias; at the instants of the samples, and with a sharp
+    friction, as publications have it, it is many standard deviations."""
+    as_published = {"estimator": {"kind": "idim_ls", **OPTIONS, "held": False, "sharp_coulomb": True}}
+    cases = {"own": dict[str, Any](), "published": as_published}
+    errors = {
+        name: np.mean(
+            [errors_of(identify(case_of("idim_ls", seed, 1e-6, delay, **changes))) for seed in range(8)], axis=0
+        )
+        for name, changes in cases.items()
+    }
+    assert np.abs(errors["own"]).max() < 1.4  # the mean of eight draws has a deviation of 0.35
+    assert np.abs(errors["published"]).max() > 4
+
+
+def test_instants_at_which_a_sample_acts() -> None:
+    """In the middle of its control period of 5 ms, a delay later."""
+    for delay in (0.0, 0.5, 2.0):
+        model = case_of("idim_ls", 1, delay=delay).model
+        late = acting_instants(model, model.first) - model.experiments[model.first].time
+        assert late == pytest.approx(np.full(late.size, 0.005 * (0.5 + delay)), abs=1e-12)
+
+
 def test_gains_that_are_far_off_hardly_change_the_answer(tmp_path: Path) -> None:
     """The motion still follows the reference, and is no less correlated with the measured one."""
     law = yaml.safe_load((ROOT / "controllers/scara_pd.yaml").read_text(encoding="utf-8"))
@@ -78,8 +107,8 @@ def test_gains_that_are_far_off_hardly_change_the_answer(tmp_path: Path) -> None
     (tmp_path / "soft.yaml").write_text(yaml.safe_dump(law), encoding="utf-8")
     right = identify(case_of("idim_iv", 1))
     off = identify(case_of("idim_iv", 1, controller={"kind": "model", "source": str(tmp_path / "soft.yaml")}))
-    assert np.abs(errors_of(off)).max() < 4
-    assert np.abs(errors_of(right) - errors_of(off)).max() < 0.3
+    assert np.abs(errors_of(off)).max() < 2
+    assert np.abs(errors_of(right) - errors_of(off)).max() < 0.5
 
 
 def test_stages_show_what_instruments_change() -> None:

@@ -171,7 +171,7 @@ def test_a_control_rate_that_is_not_stated_is_one_more_choice() -> None:
 def test_the_classical_method_takes_positions_without_a_controller() -> None:
     found = identify(case_of(0, estimator={"kind": "idim_ls", "cutoff_hz": 40, "decimation": 4}))
     assert found.estimate.choices is None
-    assert found.verdict != "valid" or "half a control period" in " ".join(found.document.conditions)
+    assert found.verdict != "valid" or "held for one control period" in " ".join(found.document.conditions)
     assert np.abs(errors_of(found)).max() < 8  # noise of positions biases it
 
 
