@@ -9,10 +9,11 @@ from dataclasses import replace
 from pathlib import Path
 
 from fmu_didim.base.errors import InputError, UnknownNameError
-from fmu_didim.case.document import CaseDocument
+from fmu_didim.case.document import DRIVE, CaseDocument
 from fmu_didim.case.sources import IdentifiedParameter, RelativeStd
 from fmu_didim.cosim import System
 from fmu_didim.dynamics.effects.drive_gain import DriveGain
+from fmu_didim.dynamics.load import Load, load_of
 from fmu_didim.dynamics.physical_set import FRICTION, MOTOR_INERTIA
 from fmu_didim.dynamics.prior import Prior, prior_of
 from fmu_didim.dynamics.robot import RobotDescription, read_robot
@@ -24,6 +25,7 @@ from fmu_didim.model.free_parameter import (
     FreeParameters,
     base_free_parameters,
     delay_parameter,
+    load_parameters,
     log_shift_parameter,
     of_experiment,
 )
@@ -31,8 +33,6 @@ from fmu_didim.model.parameters import Parameters, RobotParameters
 
 SAME_GEOMETRY = ("type", "alpha", "a", "theta", "d")
 """What two descriptions of one robot have in common at each joint, so that their values mean the same."""
-DRIVE = "drive"
-"""Owner, in a case, of the gain of a drive."""
 
 
 def beside_the_plant(document: CaseDocument) -> Mapping[str, IdentifiedParameter]:
@@ -56,7 +56,46 @@ def free_parameters(document: CaseDocument, parameters: Parameters, system: Syst
                 raise UnknownNameError("free parameter", name, valid, where=f"experiments.{label}.own")
     base = {label: [name for name in names if name in parameters.names] for label, names in own.items()}
     others = [of_experiment(further[name], label) for label, names in own.items() for name in names if name in further]
-    return FreeParameters((*base_free_parameters(parameters, base), *further.values(), *others))
+    carried = _loads(document, parameters)
+    return FreeParameters((*base_free_parameters(parameters, base), *carried, *further.values(), *others))
+
+
+def _loads(document: CaseDocument, parameters: Parameters) -> list[FreeParameter]:
+    """The parameters of the loads that runs carry."""
+    return [
+        free for label, load in loads_of(document, parameters).items()
+        for free in load_parameters(load, label, _alike(document, label))
+    ]  # fmt: skip
+
+
+def loads_of(document: CaseDocument, parameters: Parameters) -> dict[str, Load]:
+    """Label of each experiment that describes a load -> that load.
+
+    Raises:
+        InputError: the plant has no robot description, or no base parameter moves with a load.
+    """
+    found = {}
+    for label, run in document.runs.items():
+        if run.load is None or run.load.same_as is not None:
+            continue
+        if not isinstance(parameters, RobotParameters):
+            raise InputError(
+                "A load hangs on the last link of a robot description.", where=f"{label}: load", got="no robot:",
+                next_step="Give robot: in the case.",
+            )  # fmt: skip
+        found[label] = load_of(parameters.model, parameters.base, run.load.known)
+    return found
+
+
+def carried_loads(document: CaseDocument, parameters: Parameters) -> dict[str, Load]:
+    """Label of each experiment that carries a load -> that load."""
+    found = loads_of(document, parameters)
+    return found | {other: load for label, load in found.items() for other in _alike(document, label)}
+
+
+def _alike(document: CaseDocument, label: str) -> list[str]:
+    """Labels of the other experiments that carry the same load."""
+    return [other for other, run in document.runs.items() if run.load is not None and run.load.same_as == label]
 
 
 def _check_each_once(further: Mapping[str, FreeParameter], parameters: Parameters) -> None:

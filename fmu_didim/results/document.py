@@ -217,7 +217,7 @@ def _parameters(estimate: Estimate) -> dict[str, ParameterResult]:
             rel_std_percent=float(estimate.relative_deviation_percent[i]),
             interval=(float(intervals[i, 0]), float(intervals[i, 1])),
             unit=estimate.units[i],
-            standard=standard[parameter.key] if parameter.owner == BASE else "",
+            standard=standard.get(parameter.key, "") if parameter.owner == BASE else "",
             of=model.loop.whole if parameter.owner in (BASE, PLANT) else parameter.owner,
             experiment=parameter.experiment,
             described=described.get(parameter.key) if parameter.owner == BASE else None,

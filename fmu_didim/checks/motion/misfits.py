@@ -261,7 +261,7 @@ def _columns_of_fit(motions: FittedMotions) -> tuple[dict[str, Array], list[int]
     places (b,) of these among all; of a plant without inverse model none."""
     fit = motions.fit
     parameters, free = fit.model.parameters, fit.model.free_parameters
-    shared = [k for k, p in enumerate(free) if p.owner == BASE and [q.key for q in free].count(p.key) == 1]
+    shared = [k for k, p in enumerate(free) if p.owner == BASE and not p.is_load and [q.key for q in free].count(p.key) == 1]
     if not isinstance(parameters, RobotParameters):
         return {label: np.zeros((*m.q.shape, 0)) for label, m in motions.motions.items()}, []
     own, theta = [parameters.names.index(free[k].key) for k in shared], fit.model.theta(fit.values)
