@@ -62,7 +62,9 @@ def case_of(
         for one in experiments.values():
             one["reference"] = reference
     experiments["loaded"]["load"] = load or {}
-    controller = {"kind": "tracking"} if tracking else {"kind": "model", "source": "../../controllers/scara_cascade.yaml"}
+    controller = (
+        {"kind": "tracking"} if tracking else {"kind": "model", "source": "../../controllers/scara_cascade.yaml"}
+    )
     content |= {
         "plant": {"kind": "model"}, "controller": controller, "experiments": experiments,
         "estimator": {"kind": "didim"},

@@ -84,7 +84,8 @@ def _check_loads(runs: Mapping[str, ExperimentSource]) -> None:
             raise ValueError(f"{label}: load: same_as: {load.same_as} describes no load; those that do: {valid}")
     if carried and not any(run.role == "estimation" and run.load is None for run in runs.values()):
         raise ValueError(
-            "load: all fitted runs carry one, so that it is a part of the robot: add a run without it, or take load: out"
+            "load: all fitted runs carry one, so that it is a part of the robot: add a run without it, or take load: "
+            "out"
         )
 
 

@@ -71,9 +71,7 @@ class Load:
     @property
     def alone(self) -> tuple[str, ...]:
         """Those that are seen by themselves, with nothing regrouped into them."""
-        return tuple(
-            stem for stem, row in zip(self.stems, self.regrouping, strict=True) if np.count_nonzero(row) == 1
-        )
+        return tuple(stem for stem, row in zip(self.stems, self.regrouping, strict=True) if np.count_nonzero(row) == 1)
 
     @property
     def unseen(self) -> tuple[str, ...]:
@@ -143,22 +141,16 @@ def load_of(model: RobotModel, base: BaseParameters, known: Mapping[str, float] 
     return Load(tuple(STEMS[k] for k in kept), regrouping, table[:, kept], dict(known), shift, scale)
 
 
-@dataclass(frozen=True)
-class Body:
-    """A load in the terms of the one who hangs it there.
-
-    Attributes:
-        values: name (``mass``, ``cx``, ``Ixx``, ...) -> value and standard deviation, kg, m, kg.m2; inertia about the
-            centre of mass, axes as those of the last link. Those alone that are known or that the data show.
-    """
-
-    values: Mapping[str, tuple[float, float]]
+def unit_of_body(name: str) -> str:
+    """FMI unit string of a quantity of :func:`body_of`."""
+    return {"m": "kg", "c": "m", "I": "kg.m2"}[name[0]]
 
 
-def body_of(load: Load, values: Array, covariance: Array) -> Body:
-    """Mass, centre and inertia from values (r,) with covariance (r, r), to first order.
+def body_of(load: Load, values: Array, covariance: Array) -> dict[str, tuple[float, float]]:
+    """``mass``, centre ``cx``, ..., and inertia ``Ixx``, ... about it from values (r,) with covariance (r, r): value
+    and standard deviation of each, to first order; kg, m, kg.m2.
 
-    A quantity is given where all that it is made of is seen by itself.
+    A quantity is given where all that it is made of is known or seen by itself.
     """
     seen = {stem: i for i, stem in enumerate(load.stems) if stem in load.alone}
     value_of = dict(load.known) | {stem: float(values[i]) for stem, i in seen.items()}
@@ -172,11 +164,11 @@ def body_of(load: Load, values: Array, covariance: Array) -> Body:
         found[name] = (value, float(np.sqrt(max(float(row @ covariance @ row), 0.0))))
 
     if "M" not in value_of:
-        return Body(found)
+        return found
     mass = value_of["M"]
     told("mass", mass, {"M": 1.0})
     if mass <= 0:
-        return Body(found)
+        return found
     first = {axis: value_of[f"M{axis}"] for axis in "XYZ" if f"M{axis}" in value_of}
     for axis, h in first.items():
         told(f"c{axis.lower()}", h / mass, {f"M{axis}": 1 / mass, "M": -h / mass**2})
@@ -194,4 +186,4 @@ def body_of(load: Load, values: Array, covariance: Array) -> Body:
             value = value_of[stem] + h * k / mass
             slopes = {stem: 1.0, f"M{a}": k / mass, f"M{b}": h / mass, "M": -h * k / mass**2}
         told(f"I{stem.lower()}", value, slopes)
-    return Body(found)
+    return found

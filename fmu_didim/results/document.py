@@ -16,6 +16,7 @@ from fmu_didim.checks.judgement import diagnostic_result
 from fmu_didim.checks.plant.consistency import Consistency
 from fmu_didim.checks.validation import Validation
 from fmu_didim.data.signals import Array
+from fmu_didim.dynamics.load import body_of, unit_of_body
 from fmu_didim.fit.estimate import Estimate, RefusedError, Status
 from fmu_didim.fit.iteration import Iteration
 from fmu_didim.fit.statistics import correlation, error_percent
@@ -36,9 +37,11 @@ from fmu_didim.results.result import (
     IterationResult,
     JointResult,
     LinkResult,
+    LoadResult,
     ParameterResult,
     PriorParameterResult,
     PriorResult,
+    QuantityResult,
     ResultDocument,
     StageResult,
     UnconstrainedResult,
@@ -108,6 +111,7 @@ def result_document(
         joint=_joint(estimate),
         prior=_prior(estimate),
         choices=_choices(estimate),
+        loads=_loads(estimate),
         search=search_result(estimate),
         profiles=profile_results(estimate),
         sensitivity=local_result(estimate),
@@ -190,6 +194,24 @@ def _choices(estimate: Estimate) -> ChoicesResult | None:
         shifts={words: _by_name(estimate.names, shift) for words, shift in found.shifts.items()},
         failed=dict(found.failed),
     )
+
+
+def _loads(estimate: Estimate) -> dict[str, LoadResult]:
+    """What each experiment carried, a load that several have under the label of the first."""
+    free, found, seen = estimate.model.free_parameters, dict[str, LoadResult](), dict[int, str]()
+    for label, load in estimate.model.loads.items():
+        if id(load) in seen:
+            found[seen[id(load)]].also.append(label)
+            continue
+        seen[id(load)] = label
+        places = [i for i, _ in free.loads(label)]
+        body = body_of(load, estimate.value[places], estimate.covariance[np.ix_(places, places)])
+        found[label] = LoadResult(
+            body={name: QuantityResult(value=v, std=s, unit=unit_of_body(name)) for name, (v, s) in body.items()},
+            unseen=list(load.unseen),
+            also=[],
+        )
+    return found
 
 
 def _prior(estimate: Estimate) -> PriorResult | None:
