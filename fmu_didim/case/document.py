@@ -72,8 +72,9 @@ def _check_labels(labels: tuple[str, ...]) -> None:
         raise ValueError(f"experiments: {', '.join(alike)} differ only in capitals, as their files would")
 
 
-def _check_loads(runs: Mapping[str, ExperimentSource]) -> None:
-    """Raise ValueError where a load is not described by a fitted run, or where all fitted runs carry one."""
+def _check_loads(runs: Mapping[str, ExperimentSource], *, is_known: bool) -> None:
+    """Raise ValueError where a load is not described by a fitted run, or where all fitted runs carry one of a robot
+    that is not known from an earlier result."""
     carried = {label: run.load for label, run in runs.items() if run.load is not None}
     for label, load in carried.items():
         if load.same_as is None:
@@ -82,10 +83,10 @@ def _check_loads(runs: Mapping[str, ExperimentSource]) -> None:
         elif (other := carried.get(load.same_as)) is None or other.same_as is not None:
             valid = ", ".join(k for k, one in carried.items() if one.same_as is None) or "none"
             raise ValueError(f"{label}: load: same_as: {load.same_as} describes no load; those that do: {valid}")
-    if carried and not any(run.role == "estimation" and run.load is None for run in runs.values()):
+    if carried and not is_known and not any(run.role == "estimation" and run.load is None for run in runs.values()):
         raise ValueError(
-            "load: all fitted runs carry one, so that it is a part of the robot: add a run without it, or take load: "
-            "out"
+            "load: all fitted runs carry one, so that it is a part of the robot: add a run without it, or give "
+            "the robot without it, prior: {result: ...}"
         )
 
 
@@ -226,6 +227,16 @@ class CaseDocument(Strict):
         return self
 
     @model_validator(mode="after")
+    def _one_scale(self) -> CaseDocument:
+        drives = [name for name, entry in (self.identify or {}).items() if entry.of == DRIVE]
+        if drives and self.prior is not None and self.prior.result is not None:
+            raise ValueError(
+                f"identify: {', '.join(drives)}: beside prior: {{result: ...}} the gains of drives would be those of "
+                "that result, which took its torques for true; give the runs without load as experiments instead"
+            )
+        return self
+
+    @model_validator(mode="after")
     def _which_is_the_plant(self) -> CaseDocument:
         if self.components is None:
             return self
@@ -320,7 +331,7 @@ class CaseDocument(Strict):
                 if self.model is not None
                 else "give train: (reference and torque), or experiments: with one whose role is estimation"
             )
-        _check_loads(runs)
+        _check_loads(runs, is_known=self.prior is not None and self.prior.result is not None)
         if others := [label for label, run in runs.items() if run.own and run.role != "estimation"]:
             raise ValueError(f"own: is for experiments with the role estimation, not for {', '.join(others)}")
         everywhere = set.intersection(*(set(runs[label].own) for label in fitted))

@@ -4,18 +4,24 @@ what is known of the base parameters before.
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+
+from fmu_didim.base.cache import file_digest
 from fmu_didim.base.errors import InputError, UnknownNameError
 from fmu_didim.case.document import DRIVE, CaseDocument
+from fmu_didim.case.files import resolve
 from fmu_didim.case.sources import IdentifiedParameter, RelativeStd
 from fmu_didim.cosim import System
 from fmu_didim.dynamics.effects.drive_gain import DriveGain
 from fmu_didim.dynamics.load import Load, load_of
 from fmu_didim.dynamics.physical_set import FRICTION, MOTOR_INERTIA
-from fmu_didim.dynamics.prior import Prior, prior_of
+from fmu_didim.dynamics.prior import Prior, prior_of, prior_of_values, with_known
 from fmu_didim.dynamics.robot import RobotDescription, read_robot
 from fmu_didim.model.free_parameter import (
     DELAY,
@@ -146,6 +152,38 @@ def prior(document: CaseDocument, parameters: Parameters, folder: Path) -> Prior
         InputError: the plant has no robot description, the other one is of another robot, or its values cannot be
             those of a robot.
     """
+    known = _known_masses(document, parameters)
+    own = _stated_prior(document, parameters, folder)
+    if not known:
+        return own
+    free = [k.name for k in (*base_free_parameters(parameters), *_loads(document, parameters))]
+    words = "what is said of the load" + ("s" if len(known) > 1 else "")
+    return with_known(own, len(free), {free.index(name): value for name, value in known.items()}, words)
+
+
+def _known_masses(document: CaseDocument, parameters: Parameters) -> dict[str, tuple[float, float]]:
+    """Free parameter -> stated mass of a load and its standard deviation.
+
+    Raises:
+        InputError: torques of the robot do not show the mass by itself.
+    """
+    found = {}
+    for label, load in loads_of(document, parameters).items():
+        source = document.runs[label].load
+        if source is None or source.mass is None or source.mass_std is None:
+            continue
+        if "M" not in load.alone:
+            raise InputError(
+                "The torques of this robot do not show the mass of a load by itself.", where=f"{label}: load.mass_std",
+                next_step="Leave mass_std: out, and give centre: and inertia: if they are known.",
+            )  # fmt: skip
+        name = load_parameters(load, label)[load.stems.index("M")].name
+        found[name] = (source.mass, source.mass_std)
+    return found
+
+
+def _stated_prior(document: CaseDocument, parameters: Parameters, folder: Path) -> Prior | None:
+    """What prior: of a case says."""
     source = document.prior
     if source is None:
         return None
@@ -155,6 +193,8 @@ def prior(document: CaseDocument, parameters: Parameters, folder: Path) -> Prior
             next_step="Give robot: in the case, or limits of the parameters under identify:.",
         )  # fmt: skip
     model, base = parameters.model, parameters.base
+    if source.result is not None:
+        return _of_earlier(folder / str(source.file), document, folder, parameters)
     other = model.description if source.file is None else read_robot(folder / source.file)
     _check_same_joints(model.description, other, source.towards)
     nominal = {v.name: v.start for v in other.standard_parameters()}
@@ -167,6 +207,53 @@ def prior(document: CaseDocument, parameters: Parameters, folder: Path) -> Prior
             single |= {name: relative * v for name, v in found.items() if v > 0 and name in base.standard_names}
     where = "the robot description" if source.file is None else source.file
     return prior_of(model, base, nominal, links=links, single=single, source=where)
+
+
+def _of_earlier(path: Path, document: CaseDocument, folder: Path, parameters: RobotParameters) -> Prior:
+    """The base parameters of an earlier result with their covariance.
+
+    Raises:
+        InputError: it is missing or damaged, has no values, is of another robot, or is from a log that is fitted again.
+    """
+    base, names = parameters.base, parameters.base.names
+    where = f"prior: {path.name}"
+    try:
+        found = json.loads(path.read_text(encoding="utf-8"))
+        values, covariance = found["parameters"], np.array(found["covariance"], dtype=float)
+        order, verdict = list(values), str(found["verdict"])
+        links, digests = found["geometry"]["links"], set(found["provenance"]["files"].values())
+        reasons = [str(reason["code"]) for reason in found["reasons"]]
+    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+        raise InputError(
+            "This is no result of an identification of a robot.", where=where, got=str(error),
+            next_step="Give result.json of fmu-didim identify, or its folder.",
+        ) from error  # fmt: skip
+    own = [{key: getattr(joint, key) for key in SAME_GEOMETRY} for joint in parameters.model.description.joints]
+    theirs = [{key: link[key] for key in SAME_GEOMETRY} for link in links]
+    absent = [name for name in names if name not in values]
+    if not values or own != theirs or absent or covariance.shape != (len(order), len(order)):
+        raise InputError(
+            "The result that prior: names is of another robot." if values else "The result holds no values.",
+            where=where, got=f"without {', '.join(absent)}" if absent and values else verdict,
+            next_step="Identify the robot of this case, with the same description, from runs without the load.",
+        )  # fmt: skip
+    fitted = [run.torque for run in document.runs.values() if run.role == "estimation" and run.torque is not None]
+    again = list[str]()
+    for file in fitted:
+        with suppress(InputError):  # signals in memory
+            again += [file.file] if file_digest(resolve(file, folder)) in digests else []
+    if again:
+        raise InputError(
+            "A log that is fitted is that of the result, too: it would count twice.", where=where,
+            got=", ".join(again), next_step="Fit other runs, or take prior: out.",
+        )  # fmt: skip
+    places = [order.index(name) for name in names]
+    mean = np.array([float(values[name]["value"]) for name in names])
+    doubted = "" if verdict == "valid" else (
+        f"The result of the prior is {verdict.replace('_', ' ')}: {', '.join(reasons) or 'no reason saved'}."
+    )  # fmt: skip
+    assert base.count == mean.size
+    return prior_of_values(mean, covariance[np.ix_(places, places)], f"the earlier result {path.name}", doubted)
 
 
 def _by_joint(given: RelativeStd | None, count: int, key: str) -> dict[int, float]:

@@ -584,24 +584,34 @@ class PriorSource(Strict):
     Attributes:
         towards: ``description``, the values of the robot description of the case; or another description of the
             same joints (``cad.yaml``), which gives the values alone.
+        result: instead, the ``result.json`` of an earlier identification of this robot, or its folder: its base
+            parameters with their covariance, such as those of the robot without a load; ``relative_std`` and the like
+            are then left out.
         relative_std: of the pseudo-inertia of each link: of its mass and of its second moment along any axis.
         motor_inertia, friction: of motor inertias, and of viscous and Coulomb friction; a value of zero is not stated.
     """
 
     towards: str = "description"
+    result: str | None = None
     relative_std: RelativeStd | None = None
     motor_inertia: RelativeStd | None = None
     friction: RelativeStd | None = None
 
     @model_validator(mode="after")
     def _something(self) -> PriorSource:
+        if self.result is not None:
+            if other := sorted(self.model_fields_set - {"result"}):
+                raise ValueError(f"result: stands alone, not beside {', '.join(other)}: it has standard deviations")
+            return self
         if self.relative_std is None and self.motor_inertia is None and self.friction is None:
             raise ValueError("give relative_std: (of the links), motor_inertia: or friction:, such as 0.2 for 20 %")
         return self
 
     @property
     def file(self) -> str | None:
-        """The other description, if there is one."""
+        """The other description, or the earlier result, if there is one."""
+        if self.result is not None:
+            return self.result if self.result.endswith(".json") else f"{self.result.rstrip('/')}/result.json"
         return None if self.towards == "description" else self.towards
 
 

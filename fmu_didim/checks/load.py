@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import dataclass
+
 import numpy as np
 
 from fmu_didim.base.diagnostics import CATALOGUE, DOUBT, REMARK, Diagnostic
 from fmu_didim.data.signals import Array
-from fmu_didim.dynamics.load import Load
+from fmu_didim.dynamics.load import Load, body_of, unit_of_body
 from fmu_didim.estimators.starts.gains import free_gains
 from fmu_didim.fit.estimate import Estimate
 
@@ -43,6 +46,34 @@ GAIN_UNKNOWN = CATALOGUE(
 )  # fmt: skip
 
 
+@dataclass(frozen=True)
+class Carried:
+    """What an experiment carried.
+
+    Attributes:
+        body: name of a quantity -> value, standard deviation, unit; see :func:`~fmu_didim.dynamics.load.body_of`.
+        unseen: parameters of the load that move no torque; also: other experiments with the same load.
+    """
+
+    body: Mapping[str, tuple[float, float, str]]
+    unseen: tuple[str, ...]
+    also: tuple[str, ...]
+
+
+def carried(estimate: Estimate) -> dict[str, Carried]:
+    """Label of an experiment -> what it carried; a load that several carry under the first of them."""
+    model, found = estimate.model, dict[str, Carried]()
+    for label, load in model.loads.items():
+        alike = [other for other, one in model.loads.items() if one is load]
+        if label != alike[0]:
+            continue
+        places = [i for i, _ in model.free_parameters.loads(label)]
+        body = body_of(load, estimate.value[places], estimate.covariance[np.ix_(places, places)])
+        quantities = {name: (*both, unit_of_body(name)) for name, both in body.items()}
+        found[label] = Carried(quantities, load.unseen, tuple(alike[1:]))
+    return found
+
+
 def load_diagnostics(estimate: Estimate) -> list[Diagnostic]:
     """What is to be said of loads; nothing where no run carries one."""
     model = estimate.model
@@ -55,18 +86,6 @@ def load_diagnostics(estimate: Estimate) -> list[Diagnostic]:
         text = "Loads are what these runs carry more than the others; a tool mounted in all runs is part of the robot."
         found.append(Diagnostic(LOAD_TOLD, text, ", ".join(model.loads), condition="the other runs carry no load"))
     return found + (_of_gains(estimate) if model.loads else [])
-
-
-def masses(estimate: Estimate) -> dict[str, tuple[float, float]]:
-    """Label of each experiment with a load -> its mass and the standard deviation of that, kg, where it is seen."""
-    found = {}
-    for label, load in estimate.model.loads.items():
-        if "M" in load.known:
-            found[label] = (load.known["M"], 0.0)
-        elif "M" in load.alone:
-            i = estimate.model.free_parameters.loads(label)[load.stems.index("M")][0]
-            found[label] = (float(estimate.value[i]), float(estimate.standard_deviation[i]))
-    return found
 
 
 def _of_load(estimate: Estimate, label: str, load: Load) -> list[Diagnostic]:
@@ -96,9 +115,9 @@ def _of_gains(estimate: Estimate) -> list[Diagnostic]:
                 f"({100 * relative:.0f} %): what is known of the load hardly loads this joint."
             )
             found.append(Diagnostic(GAIN_UNKNOWN, text, f"joint {joint + 1}", relative, GAIN_KNOWN, "1"))
-    stated = {label: mass for label, mass in masses(estimate).items() if label in estimate.model.loads}
+    masses = {label: one.body["mass"] for label, one in carried(estimate).items() if "mass" in one.body}
     words = ", ".join(
-        f"{mass:.4g}{f' ± {sigma:.2g}' if sigma else ''} kg ({label})" for label, (mass, sigma) in stated.items()
+        f"{mass:.4g}{f' ± {sigma:.2g}' if sigma else ''} kg ({label})" for label, (mass, sigma, _) in masses.items()
     )
     text = (
         f"Gains of drives rest on the mass of the load, {words}: {100 * ONE_PERCENT:.0f} % more of it is as much more "

@@ -76,7 +76,7 @@ class Load:
     @property
     def unseen(self) -> tuple[str, ...]:
         """Those that move no torque whatever the motion is."""
-        shown = self.regrouping.any(axis=0)
+        shown = (self.regrouping != 0).sum(axis=0)
         return tuple(stem for k, stem in enumerate(STEMS) if not shown[k] and stem not in self.known)
 
     @property
@@ -126,13 +126,15 @@ def load_of(model: RobotModel, base: BaseParameters, known: Mapping[str, float] 
     is_known = np.array([stem in known for stem in STEMS])
     shift, table = table @ np.array([known.get(stem, 0.0) for stem in STEMS]), np.where(is_known, 0.0, table)
     size, kept = np.linalg.norm(table, axis=0), list[int]()
-    for k in np.flatnonzero(size):
+    for k in map(int, np.flatnonzero(size)):
         others = table[:, kept] / size[kept]
         column = table[:, k] / size[k]
         left = column - others @ np.linalg.lstsq(others, column, rcond=None)[0] if kept else column
         if np.linalg.norm(left) > SAME:
-            kept.append(int(k))
-    regrouping = np.linalg.lstsq(table[:, kept], table, rcond=None)[0] if kept else np.zeros((0, len(STEMS)))
+            kept.append(k)
+    regrouping = np.zeros((len(kept), len(STEMS)))
+    if kept:
+        regrouping[:] = np.linalg.lstsq(table[:, kept], table, rcond=None)[0]
     regrouping[np.abs(regrouping) < SAME] = 0.0
     lengths = [abs(length) for one in model.description.joints for length in (one.a, one.d) if length]
     length = float(np.median(lengths)) if lengths else 1.0

@@ -139,9 +139,9 @@ class Region:
             friction = machine.place[list(machine.physical.friction)]
             low[friction] = np.maximum(low[friction], 0.0)
             machines.append(machine)
-        for label in dict.fromkeys(k.experiment for k in model.free_parameters if k.is_load):
-            assert label is not None
-            machines.append(_load(model, label, [i for i, _ in model.free_parameters.loads(label)]))
+        for first in dict.fromkeys(k.experiment for k in model.free_parameters if k.is_load):
+            assert first is not None
+            machines.append(_load(model, first, [i for i, _ in model.free_parameters.loads(first)]))
         return Region(low, high, tuple(machines), np.arange(low.size) < model.linear_count)
 
     def of_base(self, count: int) -> Region:

@@ -13,10 +13,10 @@ from fmu_didim.base.errors import FmuDidimError
 from fmu_didim.checks.agreement import AgreementResult
 from fmu_didim.checks.identification import Checks
 from fmu_didim.checks.judgement import diagnostic_result
+from fmu_didim.checks.load import carried
 from fmu_didim.checks.plant.consistency import Consistency
 from fmu_didim.checks.validation import Validation
 from fmu_didim.data.signals import Array
-from fmu_didim.dynamics.load import body_of, unit_of_body
 from fmu_didim.fit.estimate import Estimate, RefusedError, Status
 from fmu_didim.fit.iteration import Iteration
 from fmu_didim.fit.statistics import correlation, error_percent
@@ -197,21 +197,14 @@ def _choices(estimate: Estimate) -> ChoicesResult | None:
 
 
 def _loads(estimate: Estimate) -> dict[str, LoadResult]:
-    """What each experiment carried, a load that several have under the label of the first."""
-    free, found, seen = estimate.model.free_parameters, dict[str, LoadResult](), dict[int, str]()
-    for label, load in estimate.model.loads.items():
-        if id(load) in seen:
-            found[seen[id(load)]].also.append(label)
-            continue
-        seen[id(load)] = label
-        places = [i for i, _ in free.loads(label)]
-        body = body_of(load, estimate.value[places], estimate.covariance[np.ix_(places, places)])
-        found[label] = LoadResult(
-            body={name: QuantityResult(value=v, std=s, unit=unit_of_body(name)) for name, (v, s) in body.items()},
-            unseen=list(load.unseen),
-            also=[],
+    """What each experiment carried."""
+    return {
+        label: LoadResult(
+            body={name: QuantityResult(value=v, std=s, unit=unit) for name, (v, s, unit) in found.body.items()},
+            unseen=list(found.unseen), also=list(found.also),
         )
-    return found
+        for label, found in carried(estimate).items()
+    }  # fmt: skip
 
 
 def _prior(estimate: Estimate) -> PriorResult | None:
