@@ -22,11 +22,17 @@ POSITION_STD = 2e-5
 
 
 @cache
-def run(label: str, load: tuple[tuple[str, float], ...] = tuple(LOAD.items()), friction: float = 0.0) -> Trajectory:
-    """What the SCARA does at its control rate, without or with this load, and with so much more Coulomb friction on
-    joint 1."""
+def run(
+    label: str, load: tuple[tuple[str, float], ...] = tuple(LOAD.items()), friction: float = 0.0,
+    gains: tuple[float, float] = (1.0, 1.0),
+) -> Trajectory:  # fmt: skip
+    """What the SCARA does at its control rate, without or with this load, with so much more Coulomb friction on joint
+    1, and with drives that give so many times the torque that the log shows."""
     law = {"kind": "model", "source": "../../controllers/scara_cascade.yaml"}
     case = load_case(SCARA).with_(plant={"kind": "model"}, controller=law)
+    if gains != (1.0, 1.0):
+        free = {f"gain{j}": {"of": "drive", "joint": j, "start": g} for j, g in enumerate(gains, start=1)}
+        case = case.with_(identify=free)
     if label == "loaded":
         robot, last = read_robot(ROOT / "fmus/scara/robot.yaml"), {f"{k}2": v for k, v in load}
         own = {v.name: v.start for v in robot.standard_parameters()}
@@ -39,17 +45,18 @@ def case_of(
     seed: int = 0, *, gains: tuple[float, float] = (1.0, 1.0), load: dict[str, Any] | None = None,
     carried: dict[str, float] = LOAD, tracking: bool = True, friction: float = 0.0, **changes: Any,
 ) -> Case:  # fmt: skip
-    """A case of two runs, with noise: torques over these gains, so that true gains are those times the logged ones.
+    """A case of two runs, with noise; torques are over these gains, behind the loop or, its controller known, in it.
 
     Args:
         load: what the case says of it, ``{}`` by default.
     """
     signals, experiments, n = dict[str, Trajectory](), dict[str, Any](), 2
     for place, label in enumerate(("empty", "loaded")):
-        rng, told = np.random.default_rng((seed, place)), run(label, tuple(carried.items()), friction)
+        of_loop = (1.0, 1.0) if tracking else gains
+        rng, told = np.random.default_rng((seed, place)), run(label, tuple(carried.items()), friction, of_loop)
         torque = told.select([f"tau{j}" for j in (1, 2)]) + np.array(TORQUE_STD) * rng.normal(size=(told.time.size, n))
         q = told.select([f"q{j}" for j in (1, 2)]) + POSITION_STD * rng.normal(size=(told.time.size, n))
-        torque = torque / np.array(gains)
+        torque = torque / np.array(gains if tracking else (1.0, 1.0))
         signals[f"log {label}"] = trajectory(told.time, {f"tau{j + 1}": torque[:, j] for j in range(n)})
         signals[f"positions {label}"] = trajectory(told.time, {f"q{j + 1}": q[:, j] for j in range(n)})
         experiments[label] = {"torque": {"file": f"log {label}"}}
@@ -71,8 +78,6 @@ def case_of(
     }  # fmt: skip
     if tracking:
         content["loop"] = {"rate_hz": 200}
-    elif gains != (1.0, 1.0):
-        content["loop"] = {"drive_gains": [1.0, 1.0]}
     return load_case(content | changes, folder=SCARA.parent, signals=signals)
 
 
