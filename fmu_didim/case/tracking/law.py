@@ -116,7 +116,7 @@ def virtual_law(
     Raises:
         InputError: torque and positions are of no machine.
     """
-    values = _values(parameters, list(runs.values()), step)
+    values = _values(parameters, [run for k, run in runs.items() if k not in loads] or list(runs.values()), step)
     own = {label: _values(parameters, [runs[of]], step) for label, of in loads.items() if of in runs}
     posture = np.concatenate([run.motion.at(run.time)[0] for run in runs.values()]).mean(axis=0)
     inertia = _inertia(parameters, values, posture)
