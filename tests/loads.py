@@ -17,7 +17,7 @@ LOAD = {"M": 2.0, "MX": 2.0 * 0.12, "MY": 2.0 * -0.03, "ZZ": 2.0 * (0.12**2 + 0.
 """A weight of 2 kg at (0.12, -0.03) m in the frame of the last link, with 0.004 kg.m2 about its centre."""
 TORQUE_STD = (0.17, 0.02)
 """[N.m] Of white noise."""
-POSITION_STD = 2e-5
+POSITION_STD = 1e-5
 """[rad] Of an encoder."""
 
 
