@@ -10,6 +10,7 @@ import numpy as np
 from fmu_didim.base.errors import UnknownNameError
 from fmu_didim.cosim import Indices
 from fmu_didim.data.signals import Array
+from fmu_didim.dynamics.effects.drive_gain import DriveGain
 from fmu_didim.dynamics.load import STEMS, Load, unit_of
 from fmu_didim.model.parameters import Parameters
 
@@ -135,6 +136,11 @@ class FreeParameters(tuple[FreeParameter, ...]):
     def loads(self, label: str) -> list[tuple[int, Array]]:
         """Place among all of each parameter of the load that an experiment carries, and (b,) along which it acts."""
         return [(i, np.array(k.along)) for i, k in enumerate(self) if k.is_load and k.acts_in(label)]
+
+    def gains_of_drives(self, joints: int) -> dict[int, int]:
+        """Joint, from 0, of so many -> place among all of the gain of its drive, where that is free."""
+        owners = {f"{DriveGain.name}{j + 1}": j for j in range(joints)}
+        return {owners[k.owner]: i for i, k in enumerate(self) if k.owner in owners}
 
     def map_to_base(self, label: str) -> Array:
         """(b, p) matrix that takes the values to the base parameters that act in an experiment."""

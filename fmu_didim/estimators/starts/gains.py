@@ -23,7 +23,6 @@ from scipy.optimize import least_squares
 
 from fmu_didim.base.errors import IdentificationError
 from fmu_didim.data.signals import Array
-from fmu_didim.dynamics.effects.drive_gain import DriveGain
 from fmu_didim.fit.noise.noise import TINY
 from fmu_didim.model.loop_model import LoopModel
 
@@ -41,8 +40,7 @@ SIGNIFICANT = 3.0
 
 def free_gains(model: LoopModel) -> dict[int, int]:
     """Joint, from 0 -> place among the free parameters of the gain of its drive, where that is free."""
-    owners = {f"{DriveGain.name}{j + 1}": j for j in range(model.joint_count)}
-    return {owners[k.owner]: i for i, k in enumerate(model.free_parameters) if k.owner in owners}
+    return model.free_parameters.gains_of_drives(model.joint_count)
 
 
 def with_first_gains(model: LoopModel, columns: Array, target: Array, measured: Array) -> LoopModel:
