@@ -273,7 +273,12 @@ class ChoicesResult(Saved):
 
 
 class QuantityResult(Saved):
-    """A value with its standard deviation, both in ``unit``; zero where the case states it."""
+    """A quantity of a load.
+
+    Attributes:
+        value: in the unit; std: its standard deviation, zero where the case states the quantity.
+        unit: FMI unit string.
+    """
 
     value: float
     std: float
