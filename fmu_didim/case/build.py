@@ -24,7 +24,7 @@ from fmu_didim.case.calibration.model import model_component
 from fmu_didim.case.changes import CaseChanges, CaseParts, changes_by, merged
 from fmu_didim.case.document import MODEL, CaseDocument, make_estimator, read_case
 from fmu_didim.case.experiment import read_experiment
-from fmu_didim.case.free import free_parameters, prior
+from fmu_didim.case.free import carried_loads, free_parameters, prior
 from fmu_didim.case.in_memory import Memory, check_at_hand, named
 from fmu_didim.case.instants import read_motion
 from fmu_didim.case.loop import (
@@ -258,6 +258,7 @@ class Case:
             torque_deviation=self._stated_deviation(experiments),
             joint_weights=document.joint_weights,
             prior=prior(document, self.parameters, self.folder),
+            loads=carried_loads(document, self.parameters),
         )
 
     def _stated_deviation(self, experiments: Mapping[str, Experiment]) -> Array | None:

@@ -46,14 +46,16 @@ BESIDE_A_MODEL = frozenset({
 OF_A_ROBOT = ("reference", "torque", "positions", "instants")
 """Entries of an experiment that one of a ``model:`` does not have."""
 
-OF_THE_CONTROLLER = ("controller", DELAY, "drive")
+DRIVE = "drive"
+"""Owner, in a case, of the gain of a drive."""
+OF_THE_CONTROLLER = ("controller", DELAY)
 """Owners of what a virtual controller knows nothing of."""
 NEEDS_THE_CONTROLLER = ("idim_iv", "output_error")
 """Estimators that rest on a simulated motion that the measured one has not made."""
 OF_A_SYSTEM = ("component", "inputs", "outputs", "parameter_names", "parameters")
 """Entries of the plant beside ``system`` or ``components``; all else is settled there."""
 
-RESERVED = (REFERENCE, DELAY, LOG, BASE, "drive")
+RESERVED = (REFERENCE, DELAY, LOG, BASE, DRIVE)
 """Names that mean something else in a case."""
 
 
@@ -68,6 +70,24 @@ def _check_labels(labels: tuple[str, ...]) -> None:
     folded = [label.casefold() for label in labels]
     if alike := [label for label in labels if folded.count(label.casefold()) > 1]:
         raise ValueError(f"experiments: {', '.join(alike)} differ only in capitals, as their files would")
+
+
+def _check_loads(runs: Mapping[str, ExperimentSource], *, is_known: bool) -> None:
+    """Raise ValueError where a load is not described by a fitted run, or where all fitted runs carry one of a robot
+    that is not known from an earlier result."""
+    carried = {label: run.load for label, run in runs.items() if run.load is not None}
+    for label, load in carried.items():
+        if load.same_as is None:
+            if runs[label].role != "estimation":
+                raise ValueError(f"{label}: load: of a held-out run is that of a fitted one: load: {{same_as: label}}")
+        elif (other := carried.get(load.same_as)) is None or other.same_as is not None:
+            valid = ", ".join(k for k, one in carried.items() if one.same_as is None) or "none"
+            raise ValueError(f"{label}: load: same_as: {load.same_as} describes no load; those that do: {valid}")
+    if carried and not is_known and not any(run.role == "estimation" and run.load is None for run in runs.values()):
+        raise ValueError(
+            "load: all fitted runs carry one, so that it is a part of the robot: add a run without it, or give "
+            "the robot without it, prior: {result: ...}"
+        )
 
 
 class CaseDocument(Strict):
@@ -195,8 +215,24 @@ class CaseDocument(Strict):
         own = [name for name, entry in (self.identify or {}).items() if entry.of in OF_THE_CONTROLLER]
         if own:
             raise ValueError(
-                f"identify: {', '.join(own)}: a virtual controller tells nothing of the gains, drives and delays of "
-                "the real one; take them out"
+                f"identify: {', '.join(own)}: a virtual controller tells nothing of the gains and delays of the real "
+                "one; take them out"
+            )
+        drives = [name for name, entry in (self.identify or {}).items() if entry.of == DRIVE]
+        if drives and not any(run.load is not None and run.load.mass is not None for run in self.runs.values()):
+            raise ValueError(
+                f"identify: {', '.join(drives)}: beside controller: {{kind: tracking}} the gain of a drive shows only "
+                "where a run carries a load of known mass: load: {mass: ...} in an experiment"
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _one_scale(self) -> CaseDocument:
+        drives = [name for name, entry in (self.identify or {}).items() if entry.of == DRIVE]
+        if drives and self.prior is not None and self.prior.result is not None:
+            raise ValueError(
+                f"identify: {', '.join(drives)}: beside prior: {{result: ...}} the gains of drives would be those of "
+                "that result, which took its torques for true; give the runs without load as experiments instead"
             )
         return self
 
@@ -295,6 +331,7 @@ class CaseDocument(Strict):
                 if self.model is not None
                 else "give train: (reference and torque), or experiments: with one whose role is estimation"
             )
+        _check_loads(runs, is_known=self.prior is not None and self.prior.result is not None)
         if others := [label for label, run in runs.items() if run.own and run.role != "estimation"]:
             raise ValueError(f"own: is for experiments with the role estimation, not for {', '.join(others)}")
         everywhere = set.intersection(*(set(runs[label].own) for label in fitted))

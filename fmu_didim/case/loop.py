@@ -9,8 +9,8 @@ from dataclasses import replace
 from pathlib import Path
 
 from fmu_didim.base.errors import InputError, UnknownNameError
-from fmu_didim.case.document import CaseDocument
-from fmu_didim.case.free import DRIVE, beside_the_plant
+from fmu_didim.case.document import DRIVE, CaseDocument
+from fmu_didim.case.free import beside_the_plant
 from fmu_didim.components import Component, FmuComponent, rename
 from fmu_didim.components.inserted import InsertedComponent
 from fmu_didim.components.parameter_names import name_parameters

@@ -375,6 +375,58 @@ def one_or_several(value: Any, handler: Any) -> Any:
     return handler(value)
 
 
+class LoadSource(Strict):
+    """What the last link carries in a run beside the robot, such as a weight or a tool, and what is known of it.
+
+    Its mass, centre and inertia are identified with the robot as far as torques show them; what is stated is taken for
+    true. A tool that is mounted in all runs is a part of the robot. Runs with the same load: one of them describes it,
+    the others have ``same_as``.
+
+    Attributes:
+        mass: as weighed, kg; mass_std: its standard deviation, kg; exact by default.
+        centre: of mass, m, in the frame of the last link of the robot description (of a URDF in that of its DH
+            parameters, which ``result.json`` has).
+        inertia: about the centre, axes as those frames: Ixx, Iyy, Izz, Ixy, Ixz, Iyz, kg.m2, products as in the matrix.
+        same_as: label of the experiment that carries the same load.
+    """
+
+    mass: Positive | None = None
+    mass_std: Positive | None = None
+    centre: tuple[float, float, float] | None = None
+    inertia: tuple[float, float, float, float, float, float] | None = None
+    same_as: str | None = None
+
+    @model_validator(mode="after")
+    def _of_something_known(self) -> LoadSource:
+        if self.same_as is not None and len(self.model_fields_set) > 1:
+            raise ValueError("same_as: stands alone; the other experiment says what is known of the load")
+        if self.mass is None and (other := [k for k in ("mass_std", "centre", "inertia") if getattr(self, k)]):
+            raise ValueError(f"{', '.join(other)}: needs mass: beside it")
+        if self.inertia is not None and self.centre is None:
+            raise ValueError("inertia: is about the centre of mass, so give centre:, too")
+        if self.mass_std is not None and self.centre is not None:
+            raise ValueError("mass_std: is for a load of which the mass alone is known; leave out centre:")
+        return self
+
+    @property
+    def known(self) -> dict[str, float]:
+        """Inertial parameters (``M``, ``MX``, ...) in the frame of the last link that are known without error."""
+        if self.mass is None or self.mass_std is not None:
+            return {}
+        found, m = {"M": self.mass}, self.mass
+        if self.centre is None:
+            return found
+        x, y, z = self.centre
+        found |= {"MX": m * x, "MY": m * y, "MZ": m * z}
+        if self.inertia is not None:
+            a, b, c, d, e, f = self.inertia
+            found |= {
+                "XX": a + m * (y * y + z * z), "YY": b + m * (x * x + z * z), "ZZ": c + m * (x * x + y * y),
+                "XY": d - m * x * y, "XZ": e - m * x * z, "YZ": f - m * y * z,
+            }  # fmt: skip
+        return found
+
+
 class ExperimentSource(Strict):
     """Reference, torque and what else was measured of one run.
 
@@ -398,6 +450,8 @@ class ExperimentSource(Strict):
             held-out experiment the first part then gives the start and the rest is judged.
         own: names of parameters that have values of their own in this experiment, such as those of a link with another
             payload; the others are shared by all experiments.
+        load: what the last link carries in this run, which is identified with the robot: ``{}``, or what is known of
+            it.
     """
 
     reference: AnyExcitation | ReferenceFile | None = None
@@ -412,6 +466,7 @@ class ExperimentSource(Strict):
     to_s: float | None = None
     initial_state: Literal["detected", "free", "reference"] | Mapping[str, float] = "detected"
     own: tuple[str, ...] = ()
+    load: LoadSource | None = None
 
     @property
     def measured_files(self) -> tuple[MeasuredFile, ...]:
@@ -529,24 +584,34 @@ class PriorSource(Strict):
     Attributes:
         towards: ``description``, the values of the robot description of the case; or another description of the
             same joints (``cad.yaml``), which gives the values alone.
+        result: instead, the ``result.json`` of an earlier identification of this robot, or its folder: its base
+            parameters with their covariance, such as those of the robot without a load; ``relative_std`` and the like
+            are then left out.
         relative_std: of the pseudo-inertia of each link: of its mass and of its second moment along any axis.
         motor_inertia, friction: of motor inertias, and of viscous and Coulomb friction; a value of zero is not stated.
     """
 
     towards: str = "description"
+    result: str | None = None
     relative_std: RelativeStd | None = None
     motor_inertia: RelativeStd | None = None
     friction: RelativeStd | None = None
 
     @model_validator(mode="after")
     def _something(self) -> PriorSource:
+        if self.result is not None:
+            if other := sorted(self.model_fields_set - {"result"}):
+                raise ValueError(f"result: stands alone, not beside {', '.join(other)}: it has standard deviations")
+            return self
         if self.relative_std is None and self.motor_inertia is None and self.friction is None:
             raise ValueError("give relative_std: (of the links), motor_inertia: or friction:, such as 0.2 for 20 %")
         return self
 
     @property
     def file(self) -> str | None:
-        """The other description, if there is one."""
+        """The other description, or the earlier result, if there is one."""
+        if self.result is not None:
+            return self.result if self.result.endswith(".json") else f"{self.result.rstrip('/')}/result.json"
         return None if self.towards == "description" else self.towards
 
 

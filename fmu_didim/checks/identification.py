@@ -19,6 +19,7 @@ from fmu_didim.checks.exploration.search import search_diagnostics
 from fmu_didim.checks.held_out import WORSE_HELD_OUT, Residual, held_out_diagnostics, not_simulated
 from fmu_didim.checks.held_out_channels import held_out_channel_diagnostics
 from fmu_didim.checks.judgement import Judgement, judgement
+from fmu_didim.checks.load import load_diagnostics
 from fmu_didim.checks.motion.dependence import DEPENDS_ON_MOTION, dependence_of_fit, motion_diagnostics
 from fmu_didim.checks.motion.misfits import Misfits
 from fmu_didim.checks.motion.periods import repetition_diagnostics, repetition_of_fit
@@ -229,7 +230,7 @@ def of_any_output(estimate: Estimate) -> list[Diagnostic]:
     found = [*physical_diagnostics(asked, estimate.covariance), *coarse_diagnostics(estimate)]
     return [*found, *roughness_diagnostics(estimate.roughness, model), *channel_diagnostics(estimate),
             *prior_diagnostics(estimate), *virtual_diagnostics(estimate), *search_diagnostics(estimate),
-            *profile_diagnostics(estimate)]  # fmt: skip
+            *profile_diagnostics(estimate), *load_diagnostics(estimate)]  # fmt: skip
 
 
 def coarse_diagnostics(estimate: Estimate) -> list[Diagnostic]:

@@ -62,8 +62,8 @@ def physical_diagnostics(model: LoopModel, covariance: Array) -> list[Diagnostic
     found: dict[tuple[str, str], Diagnostic] = {}
     has_own = any(map(model.free_parameters.has_own_base, model.experiments))
     for label in model.experiments if has_own else (model.first,):
-        place = model.theta(np.arange(values.size, dtype=float), label).astype(np.int64)  # of what acts there
-        theta, part = values[place], covariance[np.ix_(place, place)]
+        acting = model.free_parameters.map_to_base(label)
+        theta, part = model.theta(values, label), acting @ covariance @ acting.T
         of_experiment = [*negative_friction(base, theta, part), *far_from_physical(robot, base, theta, part)]
         for diagnostic in (*of_experiment, *indefinite(model.parameters, theta, part, low, high)):
             found.setdefault((diagnostic.code.name, diagnostic.text), diagnostic)

@@ -42,12 +42,22 @@ PRIOR_OPEN = CATALOGUE(
 )  # fmt: skip
 
 
+PRIOR_DOUBTFUL = CATALOGUE(
+    "prior-doubtful", DOUBT, rank=42,
+    meaning="The earlier result that a prior comes from is doubtful: its values and standard deviations are taken for "
+    "true, and what is wrong with them is now in the load or in other values.",
+    next_step="Settle the doubts of that result first.",
+)  # fmt: skip
+
+
 def prior_diagnostics(estimate: Estimate) -> list[Diagnostic]:
     """What is to be said of a prior; nothing without one."""
     prior = estimate.prior
     if prior is None:
         return []
-    return [*_disagreement(prior, estimate), *_decided(prior, estimate), *_open(prior)]
+    source = estimate.model.prior
+    told = [] if source is None or not source.doubted else [Diagnostic(PRIOR_DOUBTFUL, source.doubted, "prior")]
+    return [*told, *_disagreement(prior, estimate), *_decided(prior, estimate), *_open(prior)]
 
 
 def _disagreement(prior: PriorFit, estimate: Estimate) -> list[Diagnostic]:

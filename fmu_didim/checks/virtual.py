@@ -11,6 +11,7 @@ from fmu_didim.base.diagnostics import CATALOGUE, DOUBT, REMARK, Code, Diagnosti
 from fmu_didim.checks.data.robot import TORQUE_SCALE
 from fmu_didim.checks.data.timing import CLOCK_EARLY, CLOCK_LATE, SAMPLING_KIND
 from fmu_didim.checks.motion.dependence import DEPENDS_ON_MOTION
+from fmu_didim.estimators.starts.gains import free_gains
 from fmu_didim.fit.estimate import Estimate
 from fmu_didim.fit.exploration.choices import Choices
 from fmu_didim.model.loop_model import LoopModel
@@ -45,10 +46,12 @@ FOLLOWS = (
 SCALE = "Check unit, gear ratio and torque constant of the log; noise of positions that is let in looks alike."
 """and where a torque seems to have another scale."""
 RESTS = (
-    "the log shows the torque at the joints in its right scale, on the clock of the positions and without a lag or a "
-    "delay of the drive, of which a virtual controller knows nothing"
+    "the log shows the torque at the joints{scale}, on the clock of the positions and without a lag or a delay of the "
+    "drive, of which a virtual controller knows nothing"
 )
-"""What nobody can tell without the real controller."""
+"""What nobody can tell without the real controller,"""
+SCALE_KNOWN = " in its right scale"
+"""and what a load of known mass tells."""
 HELD = "and that a torque is held for one control period of the case, in the middle of which it counts"
 """The same of an estimator that simulates no loop."""
 
@@ -57,12 +60,13 @@ def virtual_diagnostics(estimate: Estimate) -> list[Diagnostic]:
     """What the virtual controller costs; nothing of a loop with the real one."""
     if not estimate.model.loop.is_virtual:
         return []
-    choices = estimate.choices
+    choices, model = estimate.choices, estimate.model
+    rests = RESTS.format(scale="" if model.loads and len(free_gains(model)) == model.joint_count else SCALE_KNOWN)
     if choices is None:  # of the measured motion alone
         text = "No controller was simulated: the values come from the measured motion."
-        return [Diagnostic(VIRTUAL_CONTROLLER, text, "controller", condition=f"{RESTS}, {HELD}")]
+        return [Diagnostic(VIRTUAL_CONTROLLER, text, "controller", condition=f"{rests}, {HELD}")]
     text = f"The loop has a virtual controller ({choices.chosen}); the intervals contain that choice."
-    told = [Diagnostic(VIRTUAL_CONTROLLER, text, "controller", condition=RESTS)]
+    told = [Diagnostic(VIRTUAL_CONTROLLER, text, "controller", condition=rests)]
     return [*told, *_moved(choices, estimate), *_failed(choices)]
 
 

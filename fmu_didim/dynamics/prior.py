@@ -20,7 +20,7 @@ Robotics 36(2), 2020, whose metric is half of this one.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,6 +49,7 @@ class Prior:
         mean: (b,); deviation: (b,), infinite for those that have no prior.
         source: where it comes from, in words.
         open: base parameter -> those of its parts that have no prior, because of which it has none.
+        doubted: why what it comes from is doubtful, in words; empty where it is not.
     """
 
     rows: Array
@@ -57,6 +58,7 @@ class Prior:
     deviation: Array
     source: str
     open: Mapping[str, tuple[str, ...]]
+    doubted: str = ""
 
     def padded(self, count: int) -> Array:
         """(r, p) rows for ``count`` values, the first of which are the base parameters."""
@@ -146,6 +148,38 @@ def prior_of(
         mean[place[name]], covariance[place[name], place[name]] = nominal[name], deviation**2
         stated[place[name]] = True
     return _of_base(base, mean, covariance, stated, source)
+
+
+def prior_of_values(mean: Array, covariance: Array, source: str, doubted: str = "") -> Prior:
+    """The prior of base parameters (b,) with a covariance (b, b), such as those of an earlier result."""
+    size = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    scale = np.where(size > 0, size, 1.0)
+    values, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
+    kept = values > NOTHING * float(values.max(initial=0.0))
+    rows = (vectors[:, kept] / np.sqrt(values[kept])).T / scale
+    return Prior(rows, rows @ mean, mean, np.where(size > 0, size, np.inf), source, {}, doubted)
+
+
+def with_known(prior: Prior | None, count: int, known: Mapping[int, tuple[float, float]], source: str) -> Prior:
+    """A prior, or none, with what is known of further values.
+
+    Args:
+        count: p of all values; known: place among them -> mean and standard deviation.
+    """
+    own = Prior(np.zeros((0, count)), np.zeros(0), np.full(count, np.nan), np.full(count, np.inf), "", {})
+    if prior is not None:
+        missing = count - prior.mean.size
+        own = replace(
+            prior, rows=prior.padded(count), mean=np.pad(prior.mean, (0, missing), constant_values=np.nan),
+            deviation=np.pad(prior.deviation, (0, missing), constant_values=np.inf),
+        )  # fmt: skip
+    mean, deviation, rows, target = own.mean.copy(), own.deviation.copy(), [own.rows], [own.target]
+    for place, (value, sigma) in known.items():
+        mean[place], deviation[place] = value, sigma
+        rows.append(np.eye(count)[[place]] / sigma)
+        target.append(np.array([value / sigma]))
+    words = " and ".join(part for part in (own.source, source) if part)
+    return Prior(np.vstack(rows), np.concatenate(target), mean, deviation, words, own.open, own.doubted)
 
 
 def _given(mean: Array, covariance: Array, known: Array) -> tuple[Array, Array]:

@@ -30,6 +30,7 @@ from fmu_didim.fit.solver.admissible import physical_problem
 from fmu_didim.fit.statistics import covariance_white, influence_efficient, noise_deviation, relative_error_percent
 from fmu_didim.fit.uncertainty import Uncertainty, stretches, uncertainty
 from fmu_didim.model.loop_model import LoopModel
+from fmu_didim.model.prediction import of_all
 
 
 @dataclass(frozen=True)
@@ -167,7 +168,7 @@ class IdimLs(Estimator):
 
         def rows(observed: Array) -> tuple[Array, Array]:
             columns, known = model.parameters.regressor(*motion, sharp=self.sharp_coulomb, observed=observed)
-            return model.free_parameters.spread(columns, label), known
+            return of_all(model, label, columns, known)
 
         columns, known = rows(observed_on(model.parameters, time, motion, experiment.torque, rows))
         kept = self.inner

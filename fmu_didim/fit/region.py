@@ -2,7 +2,7 @@
 
     min  |T v - y|^2     low <= v <= high,   v_k = K_k x_k,   c_k + A_k x_k >= 0,   M(q, v_k) - e diag M(q, v_k) >= 0
 
-with the base parameters v_k of each experiment, the inequalities of
+with the base parameters v_k of each experiment and the values of each load, the inequalities of
 :class:`~fmu_didim.dynamics.physical_set.PhysicalSet` and, for values that are to be simulated, the inertia matrix
 at some positions, whose scaled eigenvalues are to be e at least: a semidefinite program, solved by
 Clarabel (P. J. Goulart, Y. Chen, "Clarabel: An interior-point solver for conic programs with quadratic objectives",
@@ -102,7 +102,7 @@ class Machine:
         slack = physical.fixed + physical.table @ moved
         if (slack[: len(physical.motors)] < 0).any() or np.linalg.eigvalsh(physical.matrices(slack)).min() < margin:
             return False
-        return bool(scaled_eigenvalues(self.columns @ values + self.known).min() >= smallest)
+        return not self.known.size or bool(scaled_eigenvalues(self.columns @ values + self.known).min() >= smallest)
 
 
 @dataclass(frozen=True)
@@ -131,15 +131,17 @@ class Region:
         if not isinstance(model.parameters, RobotParameters):
             return Region(low, high)
         low, machines = low.copy(), []
-        numbers = np.arange(low.size, dtype=float)
         labels: dict[tuple[int, ...], list[str]] = {}
         for label in model.experiments:
-            labels.setdefault(tuple(model.theta(numbers, label).astype(np.int64)), []).append(label)
+            labels.setdefault(tuple(model.free_parameters.places(label).tolist()), []).append(label)
         for place, together in labels.items():
             machine = _machine(model, place, together)
             friction = machine.place[list(machine.physical.friction)]
             low[friction] = np.maximum(low[friction], 0.0)
             machines.append(machine)
+        for first in dict.fromkeys(k.experiment for k in model.free_parameters if k.is_load):
+            assert first is not None
+            machines.append(_load(model, first, [i for i, _ in model.free_parameters.loads(first)]))
         return Region(low, high, tuple(machines), np.arange(low.size) < model.linear_count)
 
     def of_base(self, count: int) -> Region:
@@ -291,6 +293,13 @@ def _machine_along(parameters: SameObject, place: tuple[int, ...], positions: by
     size[size == 0] = 1.0
     scale = 1 / np.outer(size, size)
     return Machine(np.array(place), physical, columns * scale[..., None], (matrices @ base.known) * scale)
+
+
+def _load(model: LoopModel, label: str, places: Sequence[int]) -> Machine:
+    """What a load on the last link can be, whose values have these places among all: a body of positive mass. With it,
+    what a robot is that can exist can exist, too."""
+    physical, n = model.loads[label].physical, model.joint_count
+    return Machine(np.array(places), physical, np.zeros((0, n, n, len(places))), np.zeros((0, n, n)))
 
 
 def positions_along(model: LoopModel, label: str, count: int) -> Array:

@@ -8,7 +8,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fmu_didim.base.errors import UnknownNameError
+from fmu_didim.cosim import Indices
 from fmu_didim.data.signals import Array
+from fmu_didim.dynamics.effects.drive_gain import DriveGain
+from fmu_didim.dynamics.load import STEMS, Load, unit_of
 from fmu_didim.model.parameters import Parameters
 
 BASE, PLANT, DELAY, LOG = "base", "plant", "delay", "log"
@@ -35,6 +38,8 @@ class FreeParameter:
         is_shape: whether it enters nonlinearly.
         experiment: label of the experiment to which it belongs alone; None: shared by all.
         is_start: whether it is where the motion of that experiment, or a state of a controller, starts.
+        along: of a load that one experiment carries: (b,) by how much one unit of it moves each base parameter there;
+            empty for all others. also: labels of further experiments with the same load.
     """
 
     name: str
@@ -49,6 +54,13 @@ class FreeParameter:
     is_shape: bool = False
     experiment: str | None = None
     is_start: bool = False
+    along: tuple[float, ...] = ()
+    also: tuple[str, ...] = ()
+
+    @property
+    def is_load(self) -> bool:
+        """Whether it belongs to a load, which adds to the base parameters of its experiment."""
+        return bool(self.along)
 
     @property
     def is_held(self) -> bool:
@@ -57,13 +69,14 @@ class FreeParameter:
 
     def acts_in(self, label: str) -> bool:
         """Whether it acts in the experiment of this label."""
-        return self.experiment is None or self.experiment == label
+        return self.experiment is None or label in (self.experiment, *self.also)
 
 
 class FreeParameters(tuple[FreeParameter, ...]):
     """The free parameters: base parameters first, those that belong to one experiment next, then all others.
 
-    Values (p,) are in their order. A parameter of one experiment acts there instead of the shared one.
+    Values (p,) are in their order. A parameter of one experiment acts there instead of the shared one; one of a load
+    adds to them: theta = theta_shared or own + sum of along * value.
     """
 
     __slots__ = ()
@@ -107,11 +120,36 @@ class FreeParameters(tuple[FreeParameter, ...]):
         return np.asarray(np.clip(values, *self.limits))
 
     def theta(self, values: Array, label: str) -> Array:
-        """(b,) base parameters that act in an experiment."""
-        theta = values[: len(self.shared_base)].copy()
-        for place, i in self._own_base(label):
-            theta[place] = values[i]
+        """(b,) base parameters that act in an experiment, with what it carries."""
+        theta = np.asarray(values[self.places(label)]).copy()
+        for i, direction in self.loads(label):
+            theta = theta + direction * values[i]
         return theta
+
+    def places(self, label: str) -> Indices:
+        """(b,) places among all of the base parameters of the robot alone, without a load, in an experiment."""
+        found = np.arange(len(self.shared_base))
+        for place, i in self._own_base(label):
+            found[place] = i
+        return found
+
+    def loads(self, label: str) -> list[tuple[int, Array]]:
+        """Place among all of each parameter of the load that an experiment carries, and (b,) along which it acts."""
+        return [(i, np.array(k.along)) for i, k in enumerate(self) if k.is_load and k.acts_in(label)]
+
+    def gains_of_drives(self, joints: int) -> dict[int, int]:
+        """Joint, from 0, of so many -> place among all of the gain of its drive, where that is free."""
+        owners = {f"{DriveGain.name}{j + 1}": j for j in range(joints)}
+        return {owners[k.owner]: i for i, k in enumerate(self) if k.owner in owners}
+
+    def map_to_base(self, label: str) -> Array:
+        """(b, p) matrix that takes the values to the base parameters that act in an experiment."""
+        places = self.places(label)
+        found = np.zeros((places.size, len(self)))
+        found[np.arange(places.size), places] = 1.0
+        for i, direction in self.loads(label):
+            found[:, i] += direction
+        return found
 
     def others(self, values: Array, label: str) -> dict[str, dict[str, float]]:
         """Values of all but the base parameters in an experiment: owner -> name there -> value."""
@@ -128,24 +166,40 @@ class FreeParameters(tuple[FreeParameter, ...]):
         result[:, :, : columns.shape[2]] = columns
         for place, i in self._own_base(label):
             result[:, :, i], result[:, :, place] = columns[:, :, place], 0.0
+        for i, direction in self.loads(label):
+            result[:, :, i] = columns @ direction
         return result
 
     def has_own_base(self, label: str) -> bool:
-        """Whether an experiment has values of its own for some base parameters."""
-        return bool(self._own_base(label))
+        """Whether an experiment has base parameters of its own: values for some of them, or a load."""
+        return bool(self._own_base(label) or self.loads(label))
 
     def _own_base(self, label: str) -> list[tuple[int, int]]:
         """Base parameters of one experiment: place among the shared ones, place among all."""
         places = {k.key: place for place, k in enumerate(self.shared_base)}
-        own = ((i, k) for i, k in enumerate(self) if k.owner == BASE and k.experiment == label)
+        own = ((i, k) for i, k in enumerate(self) if k.owner == BASE and k.experiment == label and not k.is_load)
         return [(places[k.key], i) for i, k in own]
 
     def acts(self, i: int, label: str) -> bool:
         """Whether a free parameter acts in an experiment, which may have its own instead."""
         one = self[i]
         if one.experiment is not None:
-            return one.experiment == label
+            return one.acts_in(label)
         return all((k.owner, k.key, k.experiment) != (one.owner, one.key, label) for k in self)
+
+
+def load_parameters(load: Load, label: str, also: Sequence[str] = ()) -> tuple[FreeParameter, ...]:
+    """The parameters of a load that an experiment carries, as far as they are not known, from zero.
+
+    Args:
+        also: labels of other experiments with this load.
+    """
+    found = []
+    for k, (name, stem) in enumerate(zip(load.names, load.stems, strict=True)):
+        free = FreeParameter(name, unit_of(stem), BASE, name, 0.0, float(load.scale[STEMS.index(stem)]))
+        along = tuple(map(float, load.directions[:, k]))
+        found.append(replace(of_experiment(free, label), along=along, also=tuple(also)))
+    return tuple(found)
 
 
 def joint_parameter(name: str, joint: int, *, is_shape: bool) -> str:

@@ -12,7 +12,7 @@ drives and sensors, the delay, the clock of the log, and amplitudes and shapes o
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -37,6 +37,7 @@ from fmu_didim.cosim import (
 from fmu_didim.cosim.system import OF_INPUTS
 from fmu_didim.data.filters import LowPass
 from fmu_didim.data.signals import Array
+from fmu_didim.dynamics.load import Load
 from fmu_didim.dynamics.prior import Prior
 from fmu_didim.model.experiment import Experiment
 from fmu_didim.model.experiments import Experiments
@@ -74,6 +75,7 @@ class LoopModel:
         torque_deviation: (n,) known standard deviation of the torque noise; estimated when None.
         joint_weights: ``estimated`` divides each joint by its noise, ``equal`` treats them alike.
         prior: what is known of the shared base parameters before, if that is to count.
+        loads: label of an experiment -> what its last link carries, of which the free part is among the parameters.
         pool: instances that run again; recordings: of the last runs, for those who ask for the same again. Both are
             shared with all models made from this one.
         workers: simulations side by side, where compiled code runs the loop.
@@ -86,6 +88,7 @@ class LoopModel:
     torque_deviation: Array | None = None
     joint_weights: str = "estimated"
     prior: Prior | None = None
+    loads: Mapping[str, Load] = field(default_factory=dict)
     pool: InstancePool = field(default_factory=InstancePool, compare=False, repr=False)
     recordings: KeptRecordings = field(default_factory=KeptRecordings, compare=False, repr=False)
     workers: int = field(default_factory=default_workers, compare=False)
@@ -212,8 +215,12 @@ class LoopModel:
     # ---- values in it
 
     def theta(self, values: Array, label: str | None = None) -> Array:
-        """(b,) base parameters that act in an experiment, by default the first one, as in ``parameters``."""
-        return self.free_parameters.theta(values, label or self.first)
+        """(b,) base parameters that act in an experiment; by default those of the first one without its load, as in
+        ``parameters``."""
+        if label is None:
+            return np.asarray(values[self.free_parameters.places(self.first)])
+        theta = self.free_parameters.theta(values, label)
+        return theta + self.loads[label].shift if label in self.loads else theta
 
     def system(self, values: Array, label: str | None = None) -> System:
         """The loop of an experiment, by default the first one, with these values; all else stays untouched."""

@@ -95,7 +95,7 @@ def _by_probing(run: Simulation) -> _Found:
     recording = run.record(observe=probe)
     torque = run.sampled_torque(recording)
     rest = run.logged_torque(recording) - probe.columns @ run.theta
-    columns, known = run.model.free_parameters.spread(run.sampled(probe.columns), run.label), run.sampled(rest)
+    columns, known = of_all(run.model, run.label, run.sampled(probe.columns), run.sampled(rest))
     return torque, recording, lambda: (columns, known)
 
 
@@ -145,4 +145,12 @@ def sampled_regressor(
         observed: (K, no) what the regressor depends on beyond the motion.
     """
     columns, known = run.model.parameters.regressor(*motion, observed=observed)
-    return run.model.free_parameters.spread(run.sampled(columns), run.label), run.sampled(known)
+    return of_all(run.model, run.label, run.sampled(columns), run.sampled(known))
+
+
+def of_all(model: LoopModel, label: str, columns: Array, known: Array) -> tuple[Array, Array]:
+    """Columns (N, n, b) of the base parameters that act in an experiment over all that are free, (N, n, linear_count),
+    and the torque (N, n) of what is known, with that of its load."""
+    if label in model.loads:
+        known = known + columns @ model.loads[label].shift
+    return model.free_parameters.spread(columns, label), known

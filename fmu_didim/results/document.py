@@ -13,6 +13,7 @@ from fmu_didim.base.errors import FmuDidimError
 from fmu_didim.checks.agreement import AgreementResult
 from fmu_didim.checks.identification import Checks
 from fmu_didim.checks.judgement import diagnostic_result
+from fmu_didim.checks.load import carried
 from fmu_didim.checks.plant.consistency import Consistency
 from fmu_didim.checks.validation import Validation
 from fmu_didim.data.signals import Array
@@ -36,9 +37,11 @@ from fmu_didim.results.result import (
     IterationResult,
     JointResult,
     LinkResult,
+    LoadResult,
     ParameterResult,
     PriorParameterResult,
     PriorResult,
+    QuantityResult,
     ResultDocument,
     StageResult,
     UnconstrainedResult,
@@ -108,6 +111,7 @@ def result_document(
         joint=_joint(estimate),
         prior=_prior(estimate),
         choices=_choices(estimate),
+        loads=_loads(estimate),
         search=search_result(estimate),
         profiles=profile_results(estimate),
         sensitivity=local_result(estimate),
@@ -192,6 +196,17 @@ def _choices(estimate: Estimate) -> ChoicesResult | None:
     )
 
 
+def _loads(estimate: Estimate) -> dict[str, LoadResult]:
+    """What each experiment carried."""
+    return {
+        label: LoadResult(
+            body={name: QuantityResult(value=v, std=s, unit=unit) for name, (v, s, unit) in found.body.items()},
+            unseen=list(found.unseen), also=list(found.also),
+        )
+        for label, found in carried(estimate).items()
+    }  # fmt: skip
+
+
 def _prior(estimate: Estimate) -> PriorResult | None:
     """What of the values comes from a prior."""
     found = estimate.prior
@@ -217,7 +232,7 @@ def _parameters(estimate: Estimate) -> dict[str, ParameterResult]:
             rel_std_percent=float(estimate.relative_deviation_percent[i]),
             interval=(float(intervals[i, 0]), float(intervals[i, 1])),
             unit=estimate.units[i],
-            standard=standard[parameter.key] if parameter.owner == BASE else "",
+            standard=standard.get(parameter.key, "") if parameter.owner == BASE else "",
             of=model.loop.whole if parameter.owner in (BASE, PLANT) else parameter.owner,
             experiment=parameter.experiment,
             described=described.get(parameter.key) if parameter.owner == BASE else None,

@@ -272,6 +272,34 @@ class ChoicesResult(Saved):
     failed: dict[str, str]
 
 
+class QuantityResult(Saved):
+    """A quantity of a load.
+
+    Attributes:
+        value: in the unit; std: its standard deviation, zero where the case states the quantity.
+        unit: FMI unit string.
+    """
+
+    value: float
+    std: float
+    unit: str
+
+
+class LoadResult(Saved):
+    """What the last link carried in an experiment.
+
+    Attributes:
+        body: ``mass``, centre of mass ``cx``, ``cy``, ``cz`` in the frame of the last link, and the inertia about that
+            centre, ``Ixx``, ..., axes as those of that frame: all that is known or that the data show.
+        unseen: inertial parameters that move no torque of this robot, whatever its motion.
+        also: labels of other experiments with this load.
+    """
+
+    body: dict[str, QuantityResult]
+    unseen: list[str]
+    also: list[str]
+
+
 class LinkResult(Saved):
     """A link of the robot, in modified Denavit-Hartenberg convention."""
 
@@ -329,6 +357,7 @@ class ResultDocument(Saved):
     choices: ChoicesResult | None = Field(
         default=None, description="of a virtual controller; null where the controller is that of the machine"
     )
+    loads: dict[str, LoadResult] = Field(default={}, description="label of an experiment -> what it carried")
     search: SearchResult | None = Field(default=None, description="other minima; null where there was one start")
     profiles: dict[str, ProfileResult] = Field(default={}, description="of the parameters for which they were asked")
     sensitivity: LocalSensitivityResult | None = Field(

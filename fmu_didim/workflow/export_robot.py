@@ -266,7 +266,7 @@ def _covariance(model: LoopModel, parameters: RobotParameters, document: ResultD
     found = np.zeros((count, count))
     if document is None or not document.covariance:
         return found
-    numbers = model.theta(np.arange(len(model.names), dtype=float))[:count].astype(int)
+    numbers = model.free_parameters.places(model.first)[:count]
     order = list(document.parameters)
     rows = [(i, order.index(model.names[k])) for i, k in enumerate(numbers) if model.names[k] in order]
     ours, theirs = [i for i, _ in rows], [k for _, k in rows]

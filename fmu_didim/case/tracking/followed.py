@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from fmu_didim.base.errors import InputError
 from fmu_didim.case.document import CaseDocument
 from fmu_didim.case.sources import ExperimentSource
 from fmu_didim.case.torque_log import read_torque_log
-from fmu_didim.case.tracking.law import Measured, VirtualLaw, virtual_law
+from fmu_didim.case.tracking.law import NO_LOADS, Measured, VirtualLaw, virtual_law
 from fmu_didim.case.tracking.positions import (
     HIGHEST,
     HIGHEST_STATED,
@@ -44,6 +44,7 @@ class Tracking:
     Attributes:
         law: gains and feedforward; controller: the component; bandwidth_hz: up to which positions are followed.
         runs: label -> measured positions; logs: label -> torque of each fitted one, with the motion that it belongs to.
+        loads: label of a run with a load -> label of the run that describes it.
         compared_hz: to which both torques are filtered before they are compared; None where the log is too slow for it.
         border_hz: bandwidth by which the borders of the runs are left out; states_rate: whether the case says at which
             rate the real controller runs.
@@ -57,17 +58,18 @@ class Tracking:
     border_hz: float
     states_rate: bool
     compared_hz: float | None = None
+    loads: Mapping[str, str] = field(default_factory=dict)
 
     @classmethod
     def of(
         cls, parameters: RobotParameters, runs: Mapping[str, Positions], logs: Mapping[str, Measured], *,
-        bandwidth_hz: float, step: float, border_hz: float, states_rate: bool,
+        bandwidth_hz: float, step: float, border_hz: float, states_rate: bool, loads: Mapping[str, str] = NO_LOADS,
     ) -> Tracking:  # fmt: skip
         """The virtual controller for measured positions and torques."""
         logs = {label: replace(log, motion=runs[label].smooth(bandwidth_hz)) for label, log in logs.items()}
-        law = virtual_law(parameters, logs, bandwidth_hz, step)
+        law = virtual_law(parameters, logs, bandwidth_hz, step, loads)
         compared = compared_hz(max(bandwidth_hz, border_hz), min(log.rate_hz for log in logs.values()))
-        return cls(law, law.component(), bandwidth_hz, runs, logs, border_hz, states_rate, compared)
+        return cls(law, law.component(), bandwidth_hz, runs, logs, border_hz, states_rate, compared, loads)
 
     @property
     def chosen(self) -> str:
@@ -93,7 +95,7 @@ class Tracking:
     def _at(self, *, bandwidth_hz: float | None = None, step: float | None = None) -> Tracking:
         return self.of(
             self.law.parameters, self.runs, self.logs, bandwidth_hz=bandwidth_hz or self.bandwidth_hz,
-            step=step or self.step, border_hz=self.border_hz, states_rate=self.states_rate,
+            step=step or self.step, border_hz=self.border_hz, states_rate=self.states_rate, loads=self.loads,
         )  # fmt: skip
 
     @property
@@ -104,7 +106,7 @@ class Tracking:
     def motion(self, label: str) -> Selected:
         """What the loop follows in a run."""
         run = self.runs[label]
-        reference = replace(self.law.reference(run.smooth(self.bandwidth_hz)), source=run.source)
+        reference = replace(self.law.reference(run.smooth(self.bandwidth_hz), label), source=run.source)
         return Selected(reference, run.told)
 
     def inside(self, source: ExperimentSource, label: str) -> ExperimentSource:
@@ -157,6 +159,7 @@ def tracking_of(
     return Tracking.of(
         parameters, runs, measured, bandwidth_hz=bandwidth, step=step, border_hz=bandwidth,
         states_rate=document.loop.rate_hz is not None,
+        loads={k: run.load.same_as or k for k, run in document.runs.items() if run.load is not None},
     )  # fmt: skip
 
 

@@ -13,8 +13,9 @@ controller may be another one as long as the simulated motion follows the measur
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from types import MappingProxyType
 
 import numpy as np
 
@@ -32,6 +33,8 @@ FEEDBACK = 1 / 25
 sampled joint is stable with a quarter of its inertia, too."""
 ROUNDS = 2
 """[fits] Least squares with joints weighted alike, then by what they leave."""
+NO_LOADS: Mapping[str, str] = MappingProxyType({})
+"""No run carries a load."""
 FED_FORWARD = "tracking_torque"
 """Columns of the reference with the torque that is fed forward, one a joint."""
 
@@ -62,6 +65,7 @@ class VirtualLaw:
     Attributes:
         parameters: of the robot; values: (b,) base parameters by least squares; inertia: (n,) diagonal of the inertia
             matrix at the mean posture, kg.m2 or kg; frequency_hz: natural frequency of the feedback.
+        loaded: label of a run with a load -> (b,) those of that run alone, which are fed forward there.
         step: control period, s.
     """
 
@@ -70,6 +74,7 @@ class VirtualLaw:
     inertia: Array
     frequency_hz: float
     step: float
+    loaded: Mapping[str, Array] = field(default_factory=dict)
 
     def component(self) -> Component:
         """The PD law."""
@@ -81,14 +86,15 @@ class VirtualLaw:
         )  # fmt: skip
         return with_compiled_twin(ModelComponent(law.block()))
 
-    def reference(self, motion: Smooth) -> Trajectory:
-        """What the loop follows: the motion at all ticks, and the torque that is fed forward."""
+    def reference(self, motion: Smooth, label: str = "") -> Trajectory:
+        """What the loop follows in a run: the motion at all ticks, and the torque that is fed forward."""
+        values = self.loaded.get(label, self.values)
         count = int((motion.last - motion.first) / self.step + 1e-6) + 1
         time = motion.first + np.arange(count, dtype=np.float64) * self.step
         middle = motion.at(time + self.step / 2)
-        observed = self.parameters.observed_along(time, *middle, self.values)
+        observed = self.parameters.observed_along(time, *middle, values)
         columns, known = self.parameters.regressor(*middle, observed=observed)
-        table = np.hstack([*motion.at(time), columns @ self.values + known])
+        table = np.hstack([*motion.at(time), columns @ values + known])
         joints = range(1, self.inertia.size + 1)
         names = [f"{kind}{j}" for kind in ("q", "dq", "ddq", FED_FORWARD) for j in joints]
         return Trajectory(time, table, tuple(Variable(name) for name in names))
@@ -99,23 +105,19 @@ class VirtualLaw:
 
 
 def virtual_law(
-    parameters: RobotParameters, runs: Mapping[str, Measured], bandwidth_hz: float, step: float
-) -> VirtualLaw:
+    parameters: RobotParameters, runs: Mapping[str, Measured], bandwidth_hz: float, step: float,
+    loads: Mapping[str, str] = NO_LOADS,
+) -> VirtualLaw:  # fmt: skip
     """The virtual controller of runs.
 
     Args:
-        step: control period, s.
+        step: control period, s; loads: label of a run with a load -> label of the fitted run that describes it.
 
     Raises:
         InputError: torque and positions are of no machine.
     """
-    pairs = [_rows(parameters, run, step) for run in runs.values()]
-    columns, target = (np.concatenate([pair[i] for pair in pairs]) for i in (0, 1))
-    deviation = target.std(axis=0) + np.finfo(float).tiny
-    for _ in range(ROUNDS):
-        table = (columns / deviation[:, None]).reshape(-1, columns.shape[2])
-        values = np.linalg.lstsq(table, (target / deviation).reshape(-1), rcond=None)[0]
-        deviation = np.maximum((target - columns @ values).std(axis=0), 1e-9 * deviation)
+    values = _values(parameters, [run for k, run in runs.items() if k not in loads] or list(runs.values()), step)
+    own = {label: _values(parameters, [runs[of]], step) for label, of in loads.items() if of in runs}
     posture = np.concatenate([run.motion.at(run.time)[0] for run in runs.values()]).mean(axis=0)
     inertia = _inertia(parameters, values, posture)
     if (bad := np.flatnonzero(~(inertia > 0))).size:
@@ -125,7 +127,19 @@ def virtual_law(
             next_step="Check signs, units, joints and clocks of torque and positions (fmu-didim data FILE); move the "
             "joint with more acceleration: friction may hide its inertia.",
         )  # fmt: skip
-    return VirtualLaw(parameters, values, inertia, min(bandwidth_hz, FEEDBACK / step), step)
+    return VirtualLaw(parameters, values, inertia, min(bandwidth_hz, FEEDBACK / step), step, own)
+
+
+def _values(parameters: RobotParameters, runs: Sequence[Measured], step: float) -> Array:
+    """(b,) base parameters by least squares of the torque along measured motions."""
+    pairs = [_rows(parameters, run, step) for run in runs]
+    columns, target = (np.concatenate([pair[i] for pair in pairs]) for i in (0, 1))
+    deviation, values = target.std(axis=0) + np.finfo(float).tiny, np.zeros(columns.shape[2])
+    for _ in range(ROUNDS):
+        table = (columns / deviation[:, None]).reshape(-1, columns.shape[2])
+        values = np.linalg.lstsq(table, (target / deviation).reshape(-1), rcond=None)[0]
+        deviation = np.maximum((target - columns @ values).std(axis=0), 1e-9 * deviation)
+    return values
 
 
 def _rows(parameters: RobotParameters, run: Measured, step: float) -> tuple[Array, Array]:

@@ -41,6 +41,7 @@ from fmu_didim.checks.data.unsigned import unsigned_diagnostics
 from fmu_didim.checks.data.wrapped import wrapped_diagnostics
 from fmu_didim.cosim.system import REFERENCE
 from fmu_didim.data.signals import Array
+from fmu_didim.estimators.starts.gains import free_gains
 from fmu_didim.model.loop_model import LoopModel, Simulation
 
 SUBSTEPS = 4
@@ -76,6 +77,7 @@ def data_diagnostics(model: LoopModel, *, without_torque: Sequence[str] = (), ca
     found = [*length_unit_diagnostics(model), *run_diagnostics(model, without_torque)]
     found += plant_diagnostics(model.simulation(model.start, model.first))
     gains, explained = drive_gains(model), list[Diagnostic]()
+    scale_is_free = bool(free_gains(model)) and bool(model.loads)
     for label, experiment in model.experiments.items():
         run = model.simulation(model.start, label)
         if model.loop.torque_is_given:  # the log is no answer to the motion of the reference
@@ -91,7 +93,8 @@ def data_diagnostics(model: LoopModel, *, without_torque: Sequence[str] = (), ca
         clean = given.without(faulty)
         of_units = (unit_diagnostics(run, clean) or gravity_diagnostics(run, clean)) if clean.has_all_joints else []
         of_log = wrapped or unsigned_diagnostics(given, label) or of_units
-        of_log = of_log or ([] if faulty.all() else torque_channel_diagnostics(clean, gains, label))
+        of_log = of_log or ([] if faulty.all() else torque_channel_diagnostics(
+            clean, gains, label, scale_is_free=scale_is_free))  # fmt: skip
         found += [*of_log, *([] if of_units else position_diagnostics(run))]
         held_out = experiment.role == "validation"
         if any(d.code in (PERIOD_CHANGES, LOG_CONSTANT) for d in of_file):  # like another clock, scale or motion

@@ -82,11 +82,14 @@ TORQUE_UNIT = CATALOGUE(
 )  # fmt: skip
 
 
-def torque_channel_diagnostics(given: Expected, gains: Array, label: str) -> list[Diagnostic]:
+def torque_channel_diagnostics(
+    given: Expected, gains: Array, label: str, *, scale_is_free: bool = False
+) -> list[Diagnostic]:
     """The diagnostics of a log against its expected torque, in one experiment.
 
     Args:
         gains: (n,) from the command to the torque of each drive, 1 without one.
+        scale_is_free: whether gains of drives are identified, so that the log may have any scale.
     """
     whole = given.has_all_joints
     if whole and (exchanged := _exchanged(given, label)):
@@ -105,7 +108,7 @@ def torque_channel_diagnostics(given: Expected, gains: Array, label: str) -> lis
                 f"{label}: joint {j + 1}", float(correlation[j]), AGAINST, "1",
             )
         )  # fmt: skip
-    return found or _scale(correlation, ratio, gains, label)
+    return found or ([] if scale_is_free else _scale(correlation, ratio, gains, label))
 
 
 def correlation_and_ratio(measured: Array, expected: Array) -> tuple[Array, Array]:

@@ -144,6 +144,10 @@ class FittedMotions:
         plant = {v.name: v.start for v in fit.model.loop.plant.parameters}
         return cls(fit, robot, responses, motions, {**plant, **parameters.values(theta)})
 
+    def values_in(self, label: str) -> dict[str, float]:
+        """Parameters of the plant in an experiment, with what it carries, by name."""
+        return {**self.values, **self.fit.model.parameters.values(self.fit.model.theta(self.fit.values, label))}
+
     @property
     def description(self) -> RobotDescription | None:
         """Of the robot; None for a black box."""
@@ -261,7 +265,9 @@ def _columns_of_fit(motions: FittedMotions) -> tuple[dict[str, Array], list[int]
     places (b,) of these among all; of a plant without inverse model none."""
     fit = motions.fit
     parameters, free = fit.model.parameters, fit.model.free_parameters
-    shared = [k for k, p in enumerate(free) if p.owner == BASE and [q.key for q in free].count(p.key) == 1]
+    shared = [
+        k for k, p in enumerate(free) if p.owner == BASE and not p.is_load and [q.key for q in free].count(p.key) == 1
+    ]
     if not isinstance(parameters, RobotParameters):
         return {label: np.zeros((*m.q.shape, 0)) for label, m in motions.motions.items()}, []
     own, theta = [parameters.names.index(free[k].key) for k in shared], fit.model.theta(fit.values)
@@ -448,9 +454,9 @@ def _links(
 ) -> dict[str, Array]:
     """(K, n) torque of the links of a robot along the motions; ``at_rest``: by gravity alone; ``shifted``: (n,) by
     which it stands elsewhere."""
-    chi = np.array([motions.values.get(v.name, v.start) for v in robot.parameters])
-    still = 0.0 if at_rest else 1.0
-    return {
-        label: robot.at_points("transmitted", (m.q + shifted).T, still * m.dq.T, still * m.ddq.T, chi)
-        for label, m in motions.motions.items()
-    }
+    still, found = 0.0 if at_rest else 1.0, {}
+    for label, m in motions.motions.items():
+        values = motions.values_in(label)
+        chi = np.array([values.get(v.name, v.start) for v in robot.parameters])
+        found[label] = robot.at_points("transmitted", (m.q + shifted).T, still * m.dq.T, still * m.ddq.T, chi)
+    return found

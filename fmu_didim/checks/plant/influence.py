@@ -91,7 +91,7 @@ def _listed(model: LoopModel, places: list[int]) -> str:
     for i in places:
         parameter = model.free_parameters[i]
         own, owner = parameter.key, parameter.owner
-        if owner == BASE:
+        if owner == BASE and not parameter.is_load:
             own, owner = model.parameters.plant_names[model.parameters.names.index(parameter.key)], model.loop.whole
         found.append(parameter.name if parameter.name == own else f"{parameter.name} ({own} in the {owner})")
     return ", ".join(found)

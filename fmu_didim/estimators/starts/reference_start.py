@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fmu_didim.data.filters import LowPass
 from fmu_didim.data.signals import Array, Trajectory, Variable, derivative, white_noise
@@ -104,8 +105,18 @@ def rows_of(model: LoopModel, motion: Callable[[Simulation], Motion]) -> tuple[A
     runs = [model.simulation(model.start, label) for label in model.estimation_labels]
     pairs = [rows_on(run, motion(run)) for run in runs]
     known = np.concatenate([known for _, known in pairs])
-    settled = np.concatenate([run.experiment.has_settled for run in runs])
-    return np.concatenate([columns for columns, _ in pairs])[settled], (model.measured - known)[settled]
+    columns = np.concatenate([columns for columns, _ in pairs])
+    return columns[_settled(model)], measured_of(model) - known[_settled(model)]
+
+
+def measured_of(model: LoopModel) -> Array:
+    """(N, n) measured torque at the samples of :func:`rows_of`."""
+    return model.measured[_settled(model)]
+
+
+def _settled(model: LoopModel) -> NDArray[np.bool_]:
+    """Which samples of the fitted experiments come after those in which an unknown start acts."""
+    return np.concatenate([model.experiments[label].has_settled for label in model.estimation_labels])
 
 
 def rows_on(run: Simulation, whole: Motion) -> tuple[Array, Array]:

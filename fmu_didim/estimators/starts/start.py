@@ -14,8 +14,9 @@ import numpy as np
 
 from fmu_didim.base.errors import IdentificationError, InputError, UnknownNameError
 from fmu_didim.data.signals import Array
+from fmu_didim.estimators.starts.gains import free_gains, with_first_gains
 from fmu_didim.estimators.starts.inverse_simulation import implied_motion
-from fmu_didim.estimators.starts.reference_start import Motion, rows_of, whole_reference
+from fmu_didim.estimators.starts.reference_start import Motion, measured_of, rows_of, whole_reference
 from fmu_didim.fit.linear_problem import LinearProblem
 from fmu_didim.fit.noise.weighting import weighted_solution, whitened
 from fmu_didim.fit.region import Region
@@ -110,6 +111,11 @@ def _fitted(model: LoopModel, motion: Callable[[Simulation], Motion], *, held: b
         held: whether each is held at its value in the description, which counts as measured.
     """
     columns, target = rows_of(model, motion)
+    if model.loads and free_gains(model):
+        measured = measured_of(model)
+        model = with_first_gains(model, columns, target, measured)
+        for joint, i in free_gains(model).items():
+            target[:, joint] += (model.start[i] - 1) * measured[:, joint]
     count = model.linear_count
     deviation = weighted_solution(model, columns, target)[1]
     table, right = whitened(columns, deviation), (target / deviation).reshape(-1)

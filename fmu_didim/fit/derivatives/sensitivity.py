@@ -126,6 +126,25 @@ def step_size(model: LoopModel, i: int, sizes: Array | None) -> float:
 def by_variation(
     run: Simulation, wanted: Sequence[int], beginning: Beginning | None = None, *, lasting: bool = False
 ) -> Mapping[int, Array]:
+    """As :func:`_by_variation`; columns of a load are sums of those of the base parameters that it adds to."""
+    free = run.model.free_parameters
+    loads = {i: direction for i, direction in free.loads(run.label) if i in wanted}
+    if not loads:
+        return _by_variation(run, wanted, beginning, lasting=lasting)
+    places = free.places(run.label)
+    moved = [int(places[j]) for j in np.flatnonzero(np.any([d != 0 for d in loads.values()], axis=0))]
+    asked = [i for i in wanted if i not in loads]
+    found = dict(_by_variation(run, [*asked, *(i for i in moved if i not in asked)], beginning, lasting=lasting))
+    if not set(moved) <= set(found):
+        return {i: column for i, column in found.items() if i in wanted}
+    for i, direction in loads.items():
+        found[i] = sum((direction[list(places).index(k)] * found[k] for k in moved), np.zeros_like(found[moved[0]]))
+    return {i: found[i] for i in wanted if i in found}
+
+
+def _by_variation(
+    run: Simulation, wanted: Sequence[int], beginning: Beginning | None = None, *, lasting: bool = False
+) -> Mapping[int, Array]:
     """Columns (M, m) of those parameters that one run of the loop with its derivatives gives; none where it cannot.
 
     Args:
@@ -192,7 +211,7 @@ def _lasts(parameter: FreeParameter) -> bool:
 
 def _place(model: LoopModel, parameter: FreeParameter) -> tuple[str, str] | None:
     """Component and parameter by which the loop is differentiated; None for what is no parameter of a component."""
-    if parameter.owner in (DELAY, LOG, EXTERNAL_TORQUE, INPUT, OUTPUT):
+    if parameter.owner in (DELAY, LOG, EXTERNAL_TORQUE, INPUT, OUTPUT) or parameter.is_load:
         return None
     if parameter.owner == BASE:
         return model.loop.plant_name, model.parameters.plant_names[model.parameters.names.index(parameter.key)]

@@ -17,6 +17,7 @@ from fmu_didim.report.identification.charts import saved_charts
 from fmu_didim.report.identification.choices import choice_sections
 from fmu_didim.report.identification.display import shown_value
 from fmu_didim.report.identification.joint import joint_sections
+from fmu_didim.report.identification.loads import load_sections
 from fmu_didim.report.identification.prior import prior_sections, share_text
 from fmu_didim.report.identification.profiles import interval_texts, profile_sections
 from fmu_didim.report.identification.search import search_sections
@@ -121,6 +122,7 @@ def result_report(document: ResultDocument, parts: Sequence[ExperimentCharts] = 
         Section("Notes of the iterations", [Items(notes, shown="terminal")], has_title=True),
         _plant(document),
         *joint_sections(document),
+        *load_sections(document),
         *prior_sections(document),
         *choice_sections(document),
         *search_sections(document),

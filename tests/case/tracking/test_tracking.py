@@ -106,7 +106,7 @@ def test_a_stated_bandwidth_between_motion_and_rate(bandwidth: float, words: str
         ({"controller": {"kind": "model", "source": "x.yaml", "bandwidth_hz": 10}}, "belongs to"),
         ({"plant": {"kind": "tracking"}}, "plant.kind: must be one of"),
         ({"loop": {"rate_hz": 200, "delay_samples": 1}}, "delay_samples"),
-        ({"identify": {"gain": {"of": "drive", "joint": 1}}}, "tells nothing of the gains"),
+        ({"identify": {"gain": {"of": "drive", "joint": 1}}}, "where a run carries a load of known mass"),
         ({"identify": {"d": {"of": "delay"}}}, "tells nothing of the gains"),
         ({"estimator": {"kind": "didim", "estimate_delay": True}}, "needs the real controller"),
         ({"estimator": {"kind": "idim_iv"}}, "needs the real controller"),
