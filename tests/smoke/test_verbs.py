@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
+import numpy as np
 import pytest
 import yaml
 
@@ -147,6 +148,21 @@ def compare(made: Made, printed: Say) -> None:
     assert (made.folder / "compared" / "compare.html").is_file()
 
 
+def watch(made: Made, printed: Say) -> None:
+    """Logs of the example, the last with a payload."""
+    case = load_case(SCARA)
+    logs, torque = made.folder / "logs", np.loadtxt(case.folder / "empty_50hz.csv", delimiter=",", skiprows=1)
+    logs.mkdir()
+    for k in range(5):
+        own = torque.copy()
+        own[:, 1:] += [0.17, 0.0065] * np.random.default_rng(k).normal(size=own[:, 1:].shape)
+        np.savetxt(logs / f"2024-05-{k + 1:02}.csv", own, delimiter=",", header="t,tau1,tau2", comments="")
+    found = ("--case", SCARA, "--reference", 4, "--out", made.folder / "watched")
+    made.run("watch", logs, *found)
+    assert "2024-05-05" in printed()
+    assert (made.folder / "watched" / "watch.html").is_file()
+
+
 def excite(made: Made, printed: Say) -> None:
     limits = made.folder / "limits.yaml"
     limits.write_text("{velocity: [1.5, 2.5], acceleration: [3, 5], torque: [15, 1.2]}\n", encoding="utf-8")
@@ -217,7 +233,7 @@ VERBS = {
     "example": example, "init": init, "validate": validate, "effects": effects, "schema": schema, "robot": robot,
     "completion": completion,
     "identify": identify, "check": check, "simulate": simulate, "discover": discover, "export": export,
-    "excite": excite, "compare": compare,
+    "excite": excite, "compare": compare, "watch": watch,
     "fmu info": fmu_info, "fmu check": fmu_check, "cache show": cache_show, "cache clear": cache_clear,
     "campaign run": campaign_run, "campaign status": campaign_status, "campaign report": campaign_report,
     "campaign retry": campaign_retry, "campaign show": campaign_show,
