@@ -122,22 +122,22 @@ def test_a_machine_that_changes_is_seen_named_and_dated_and_nothing_is_identifie
 ) -> None:
     logs, out = tmp_path / "logs", tmp_path / "out"
     payload = {"mass": (0.4, 0.2, 0.05)}
-    write_logs(logs, 9, {7: payload, 8: payload})
-    broken = logs / f"axis_{FIRST + timedelta(days=9)}.csv"
+    write_logs(logs, 8, {6: payload, 7: payload})
+    broken = logs / f"axis_{FIRST + timedelta(days=8)}.csv"
     broken.write_text("t,tau1,tau2\n0,1,x\n", encoding="utf-8")
-    shutil.copy(logs / "axis_2024-05-09.csv", logs / "axis_2024-05-11.csv")
-    arguments = ["watch", str(logs), "--case", str(case), "--out", str(out), "--until", "2024-05-06"]
+    shutil.copy(logs / "axis_2024-05-08.csv", logs / "axis_2024-05-10.csv")
+    arguments = ["watch", str(logs), "--case", str(case), "--out", str(out), "--until", "2024-05-05"]
     assert main(arguments) == 5
     printed = capsys.readouterr().out
     assert "identifying axis_2024-05-01.csv" in printed
-    assert "a lasting change, first in axis_2024-05-08.csv" in " ".join(printed.split())
+    assert "a lasting change, first in axis_2024-05-07.csv" in " ".join(printed.split())
     assert max(map(len, printed[printed.index("SCARA") :].splitlines()[:20])) <= 100
     saved = load_watch(out)
     states = [log.state for log in saved.logs]
-    assert states == ["reference"] * 6 + ["unchanged"] + ["changed"] * 2 + ["not_judged"] * 2
-    assert [log.causes for log in saved.logs[7:9]] == [["payload on the last link"]] * 2
-    assert "could not be identified" in saved.logs[9].text
-    assert saved.logs[10].text == "it is the same log as axis_2024-05-09.csv"
+    assert states == ["reference"] * 5 + ["unchanged"] + ["changed"] * 2 + ["not_judged"] * 2
+    assert [log.causes for log in saved.logs[6:8]] == [["payload on the last link"]] * 2
+    assert "could not be identified" in saved.logs[8].text
+    assert saved.logs[9].text == "it is the same log as axis_2024-05-08.csv"
     assert {reason.code for reason in saved.reasons} == {"watch-log-not-sure"}
     assert (out / saved.logs[0].result / "report.html").is_file()
     page = (out / "watch.html").read_text(encoding="utf-8")
@@ -149,9 +149,9 @@ def test_a_machine_that_changes_is_seen_named_and_dated_and_nothing_is_identifie
     assert main([*arguments, "--json"]) == 5
     assert identified == []
     *lines, answer = map(json.loads, capsys.readouterr().out.splitlines())
-    assert [line["state"] for line in lines] == states[:9] + states[10:]
+    assert [line["state"] for line in lines] == states[:8] + states[9:]
     assert not any(line["new"] for line in lines)
-    assert (answer["answer"], answer["onset"]["log"]) == ("changed", "axis_2024-05-08.csv")
+    assert (answer["answer"], answer["onset"]["log"]) == ("changed", "axis_2024-05-07.csv")
 
 
 @pytest.mark.parametrize(

@@ -93,7 +93,7 @@ class Period:
     @cached_property
     def noise(self) -> Array:
         """(p, p) mean covariance of a log."""
-        return np.mean([log.covariance for log in self.logs], axis=0)
+        return np.asarray(np.mean([log.covariance for log in self.logs], axis=0))
 
     @cached_property
     def directions(self) -> Array:

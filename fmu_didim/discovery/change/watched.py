@@ -45,6 +45,8 @@ DECIDING = (
     (decide, ("BIC", "NEAR")),
 )
 """Constants on which a history depends, by module."""
+NAMED = 12
+"""[logs] The latest that are changed, whose causes are looked for: seconds each where none explains a change alone."""
 DAY_S = 86400.0
 """[s] Of a day."""
 APART = 1e-8
@@ -106,6 +108,9 @@ def watched(name: str, entries: Sequence[Entry], *, order: str) -> WatchDocument
     entries = _without_repeated(entries)
     reference = _reference(entries)
     lines = [_line(entry, reference) for entry in entries]
+    far = [k for k, line in enumerate(lines) if line.p_value is not None and line.p_value < CHANGED]
+    for k in far[-NAMED:]:
+        lines[k] = _line(entries[k], reference, named=True)
     later = [line for line, entry in zip(lines, entries, strict=True) if not entry.is_reference]
     begun = _began(entries, lines, reference)
     times = _days(reference.entries)
@@ -221,8 +226,8 @@ def _why_no_values(answer: Answer) -> str:
     return ""
 
 
-def _line(entry: Entry, reference: _Reference) -> WatchedLog:
-    """One log, judged."""
+def _line(entry: Entry, reference: _Reference, *, named: bool = False) -> WatchedLog:
+    """One log, judged; named: with the causes of its change."""
     answer = entry.answer
     document = None if answer is None else answer.document
     blank = WatchedLog(
@@ -250,7 +255,7 @@ def _line(entry: Entry, reference: _Reference) -> WatchedLog:
     line = blank.model_copy(update={"values": own, "notes": _notes(answer, reference)})
     if entry.is_reference:
         return line.model_copy(update={"state": "reference", "text": "reference"})
-    return _judged(line, answer, reference)
+    return _judged(line, answer, reference, named=named)
 
 
 def _notes(answer: Answer, reference: _Reference) -> list[str]:
@@ -264,7 +269,7 @@ def _notes(answer: Answer, reference: _Reference) -> list[str]:
     return notes
 
 
-def _judged(line: WatchedLog, answer: Answer, reference: _Reference) -> WatchedLog:
+def _judged(line: WatchedLog, answer: Answer, reference: _Reference, *, named: bool) -> WatchedLog:
     """A log behind the reference, with its state."""
     log = _known(answer, reference.names)
     found = reference.period.distance(log)
@@ -276,7 +281,7 @@ def _judged(line: WatchedLog, answer: Answer, reference: _Reference) -> WatchedL
     if is_changed and OTHER_MOTION in line.notes:
         doubts.append(f"it was recorded {OTHER_MOTION}, which moves values that absorb what the model lacks")
     moved = _moved(found.of_each, reference.names) if is_changed else []
-    causes, told = _causes(log, answer, reference) if is_changed else ([], "")
+    causes, told = _causes(log, answer, reference) if is_changed and named else ([], "")
     which = f"{', '.join(moved)} moved" if moved else "no value by itself moved, but all together have"
     text = f"{told}; {which}" if is_changed and told else which if is_changed else "no more than the reference allows"
     state = "changed" if is_changed and OTHER_MOTION not in line.notes else "doubtful" if doubts else "unchanged"

@@ -104,7 +104,7 @@ def test_the_spread_between_reference_logs_is_allowed_for_and_told(one: Answer) 
     assert found.answer == "unchanged"
     assert any("Logs of the reference differ by more than their noise" in remark for remark in found.remarks)
     assert any("not a change among them" in condition for condition in found.conditions)
-    assert history(one, later).answer == "changed"  # a reference without that spread
+    assert history(one, later[:1]).answer == "changed"  # a reference without that spread
 
 
 def test_a_reference_that_contains_the_change_is_doubted(one: Answer) -> None:
