@@ -50,7 +50,7 @@ DECIDING = (
     (difference, ("CHANGED", "SEEN")),
     (contest, ("LACK", "PAIRED", "LARGEST_SET")),
     (decide, ("BIC", "NEAR")),
-    (worlds, ("FITTED", "PROMISING", "SPURIOUS", "UPDATES")),
+    (worlds, ("FITTED", "PROMISING", "SPURIOUS", "SECOND", "UPDATES")),
     (answers, ("SAME_ROWS", "SAME_VALUE", "FOLLOWS")),
 )
 """Constants on which a comparison depends, by module."""
