@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import yaml
 
 from fmu_didim import InputError, Watched, load_case, watch
 from fmu_didim.case import Log
@@ -103,6 +104,26 @@ def test_cases_whose_log_another_cannot_stand_for_are_refused(case: Path) -> Non
         Place.of(several)
     with pytest.raises(InputError, match="names none, or several"):
         Place.of(one.with_(train={"torque": log_of(RATE, 1)}))
+
+
+@pytest.mark.gate
+def test_logs_of_a_model_hold_inputs_and_measurements(tmp_path: Path) -> None:
+    house = Path("examples/house")
+    with pytest.raises(InputError, match="reads another file of the same run"):
+        Place.of(load_case(house / "identify.yaml", require_torque=False))
+    weather, room = (np.loadtxt(house / f"{name}.csv", delimiter=",", skiprows=1) for name in ("weather", "room"))
+    content = yaml.safe_load((house / "identify.yaml").read_text(encoding="utf-8"))
+    content |= {"model": str((house / "house.fmu").resolve()), "train": {"inputs": "a.csv", "measured": "a.csv"}}
+    del content["validation"]
+    (tmp_path / "logs").mkdir()
+    for seed, name in enumerate(("a.csv", "logs/2024-01-01.csv", "logs/2024-01-02.csv")):
+        noise = 0.1 * np.random.default_rng(seed).normal(size=len(room))
+        table = np.column_stack([weather, room[:, 1] + noise])
+        np.savetxt(tmp_path / name, table, delimiter=",", header="t,T_out,T_beside,T", comments="")
+    (tmp_path / "case.yaml").write_text(yaml.safe_dump(content), encoding="utf-8")
+    found = watch(tmp_path / "logs", tmp_path / "case.yaml", tmp_path / "out", reference=1)
+    assert [log.state for log in found.logs] == ["reference", "unchanged"]
+    assert list(found.document.values) == ["R1", "R2"]
 
 
 def test_what_is_kept_depends_on_log_case_and_program(

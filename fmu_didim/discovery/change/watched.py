@@ -10,6 +10,7 @@ from functools import partial
 import numpy as np
 
 from fmu_didim.base.constants import recorded
+from fmu_didim.base.diagnostics import Diagnostic
 from fmu_didim.base.distributions import normal_isf
 from fmu_didim.base.errors import FmuDidimError, InputError
 from fmu_didim.base.version import __version__
@@ -18,6 +19,7 @@ from fmu_didim.data.signals import Array
 from fmu_didim.discovery.change import contest, difference, period, watch_doubts
 from fmu_didim.discovery.change import onset as onsets
 from fmu_didim.discovery.change.answers import (
+    CHANGE_PRIOR,
     SAME_ROWS,
     Answer,
     experiments_of,
@@ -116,6 +118,7 @@ def watched(name: str, entries: Sequence[Entry], *, order: str) -> WatchDocument
     times = _days(reference.entries)
     found = judgement([
         *of_reference(reference.period, [entry.name for entry in reference.entries], times), *of_logs(lines, later),
+        *_prior(reference.first),
     ])  # fmt: skip
     changed = [line for line in later if line.state == "changed"]
     remarks = [*map(str, found.remarks), _expected(later)]
@@ -129,6 +132,12 @@ def watched(name: str, entries: Sequence[Entry], *, order: str) -> WatchDocument
             "thresholds": recorded(DECIDING),
         },
     )  # fmt: skip
+
+
+def _prior(first: Answer) -> list[Diagnostic]:
+    """That all values are pulled to the same ones."""
+    prior = first.document.prior
+    return [] if prior is None else [Diagnostic(CHANGE_PRIOR, f"The values rest on a prior ({prior.source}).", "case")]
 
 
 def _without_repeated(entries: Sequence[Entry]) -> list[Entry]:
