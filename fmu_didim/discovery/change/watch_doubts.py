@@ -42,7 +42,8 @@ WATCH_LOG = CATALOGUE(
     "watch-log-not-sure", DOUBT, rank=30, at_once=True,
     meaning="A log behind the reference could not be judged, or is doubtful: that nothing has changed is not known of "
     "it.",
-    next_step="See what its line says; fmu-didim check with that log says more.",
+    next_step="See what its line says. A case of its own with that log, beside one with a log of the reference, in "
+    "fmu-didim compare names an effect that has come.",
 )  # fmt: skip
 WATCH_MOTION = CATALOGUE(
     "watch-motion", DOUBT, rank=16, at_once=True,

@@ -53,6 +53,11 @@ DAY_S = 86400.0
 """[s] Of a day."""
 APART = 1e-8
 """[days] Between logs of one date, a millisecond, so that time increases."""
+EFFECTS_NOT_TRIED = (
+    "Effects that have come or gone, such as backlash, another gain of the controller or a late clock, are not among "
+    "these causes: fmu-didim compare BEFORE.yaml AFTER.yaml, with a case of a log of the reference and one of a "
+    "changed log, looks for them, too."
+)
 SAME_RATE = 1e-3
 """[1] Relative difference of two rates, up to which they are one: clocks drift by less."""
 KNOWN_ROWS = 1e4
@@ -121,7 +126,7 @@ def watched(name: str, entries: Sequence[Entry], *, order: str) -> WatchDocument
         *_prior(reference.first),
     ])  # fmt: skip
     changed = [line for line in later if line.state == "changed"]
-    remarks = [*map(str, found.remarks), _expected(later)]
+    remarks = [*map(str, found.remarks), _expected(later), EFFECTS_NOT_TRIED if changed else ""]
     return WatchDocument(
         name=name, answer="changed" if changed else "unchanged", text=_text(later, begun), verdict=found.verdict,
         reasons=found.saved(), conditions=found.conditions, order=order, false_alarms=CHANGED,

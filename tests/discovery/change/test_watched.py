@@ -98,6 +98,14 @@ def test_a_single_log_and_the_last_one_are_told_as_such(one: Answer) -> None:
     assert "no later one tells whether it lasts" in last.text
 
 
+def test_a_drift_is_told_as_a_drift(one: Answer) -> None:
+    found = history(one, [like(one, 200 + k, Fc2=6.0 * (k + 1)) for k in range(12)])
+    assert found.onset is not None
+    assert (found.onset.kind, found.onset.log) == ("drift", "log10")
+    assert "a drift that began with log10" in found.text
+    assert [log.state for log in found.logs[10:]][-6:] == ["changed"] * 6
+
+
 def test_the_spread_between_reference_logs_is_allowed_for_and_told(one: Answer) -> None:
     later = [like(one, 100 + k, between=6.0) for k in range(4)]
     found = history(one, later, between=6.0)
