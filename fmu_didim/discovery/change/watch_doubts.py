@@ -17,8 +17,6 @@ ORDERED = 0.01
 reference in a hundred is, without a reason."""
 FEWEST_ORDERED = 5
 """[logs] Of a reference in which one may be judged by the others: from four on their spread is estimated."""
-ENOUGH = 8
-"""[logs] Of a reference, below which less than tenfold deviations of a value are not sure to show."""
 
 WATCH_FEW = CATALOGUE(
     "watch-few-references", DOUBT, rank=20,

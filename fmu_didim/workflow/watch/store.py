@@ -22,6 +22,7 @@ from fmu_didim.fit.estimate import RefusedError
 from fmu_didim.results.provenance import code_digest, digest
 from fmu_didim.results.result import RESULT_FILE
 from fmu_didim.workflow.case_files import case_files
+from fmu_didim.workflow.compare.answer import answer_of
 from fmu_didim.workflow.identify import identify
 from fmu_didim.workflow.output.result import Result, result_folder
 from fmu_didim.workflow.output.result_folder import reported_unwritable
@@ -187,16 +188,7 @@ def _read(own: Path, key: str) -> Kept | None:
         result = Result.load(own)
     except FmuDidimError:
         return None
-    return Kept(answer_of(result, str(own / RESULT_FILE)), "", own, key)
-
-
-def answer_of(result: Result, source: str, place: str = "") -> Answer:
-    """A result as it is compared."""
-    try:
-        robot = result.robot
-    except FmuDidimError:  # an effect that is not there any more: values can still be compared
-        robot = None
-    return Answer(place or source, source, result.document, result.validations, robot)
+    return Kept(answer_of(result, str(own / RESULT_FILE), own.name), "", own, key)
 
 
 def beside_logs(case: Case) -> Iterable[Path]:
