@@ -149,17 +149,16 @@ def compare(made: Made, printed: Say) -> None:
 
 
 def watch(made: Made, printed: Say) -> None:
-    """Logs of the example, the last with a payload."""
+    """Two logs of the example."""
     case = load_case(SCARA)
     logs, torque = made.folder / "logs", np.loadtxt(case.folder / "empty_50hz.csv", delimiter=",", skiprows=1)
     logs.mkdir()
-    for k in range(5):
+    for day in (1, 2):
         own = torque.copy()
-        own[:, 1:] += [0.17, 0.0065] * np.random.default_rng(k).normal(size=own[:, 1:].shape)
-        np.savetxt(logs / f"2024-05-{k + 1:02}.csv", own, delimiter=",", header="t,tau1,tau2", comments="")
-    found = ("--case", SCARA, "--reference", 4, "--out", made.folder / "watched")
-    made.run("watch", logs, *found)
-    assert "2024-05-05" in printed()
+        own[:, 1:] += [0.17, 0.0065] * np.random.default_rng(day).normal(size=own[:, 1:].shape)
+        np.savetxt(logs / f"2024-05-0{day}.csv", own, delimiter=",", header="t,tau1,tau2", comments="")
+    made.run("watch", logs, "--case", SCARA, "--reference", 1, "--out", made.folder / "watched", code=4)  # too few
+    assert "2024-05-02" in printed()
     assert (made.folder / "watched" / "watch.html").is_file()
 
 
