@@ -32,6 +32,7 @@ from fmu_didim.estimators import ESTIMATORS
 from fmu_didim.results.comparison import ComparisonDocument
 from fmu_didim.results.findings import FindingsDocument
 from fmu_didim.results.result import ResultDocument
+from fmu_didim.results.watch import WatchDocument
 from fmu_didim.workflow.reference.codes import all_codes
 
 FOLDER = Path(__file__).parent / "reference"
@@ -69,6 +70,7 @@ def pages() -> dict[str, str]:
     models = "A key without a default must be given, unless another one stands for it."
     result = "What `identify` writes beside its report. `result_schema()` gives it as JSON Schema."
     findings = "What `discover` writes beside its report. `findings_schema()` gives it as JSON Schema."
+    history = "What `watch` writes beside its page. `watch_schema()` gives it as JSON Schema."
     comparison = "What `compare` writes beside its page. `comparison_schema()` gives it as JSON Schema."
     return {
         "case.md": _page("Keys of a case", models, *_model(CaseDocument)),
@@ -81,6 +83,7 @@ def pages() -> dict[str, str]:
         "result.md": _page("Keys of result.json", result, *_model(ResultDocument)),
         "findings.md": _page("Keys of findings.json", findings, *_model(FindingsDocument)),
         "compare.md": _page("Keys of compare.json", comparison, *_model(ComparisonDocument)),
+        "watch.md": _page("Keys of watch.json", history, *_model(WatchDocument)),
         "commands.md": _page("Commands", *_commands(command_parser())),
         "api.md": _page("Python", *_api()),
         "../examples.md": _examples(),

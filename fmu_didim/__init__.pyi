@@ -41,6 +41,7 @@ from .results.comparison import ComparisonDocument as ComparisonDocument
 from .results.findings import FindingsDocument as FindingsDocument
 from .results.findings import load_findings as load_findings
 from .results.result import ResultDocument as ResultDocument
+from .results.watch import WatchDocument as WatchDocument
 from .ssp import read_ssp as read_ssp
 from .ssp import write_ssp as write_ssp
 from .workflow.check import Checked as Checked
@@ -58,5 +59,7 @@ from .workflow.output.discovered import Discovered as Discovered
 from .workflow.output.result import Result as Result
 from .workflow.output.result import load_result as load_result
 from .workflow.simulate import simulate as simulate
+from .workflow.watch import Watched as Watched
+from .workflow.watch import watch as watch
 
 __version__: str

@@ -16,7 +16,6 @@ from fmu_didim.base.documents import load_yaml, problems_error
 from fmu_didim.base.errors import InputError, UnknownNameError
 from fmu_didim.base.files import file_name
 from fmu_didim.campaigns.planning.fields import plain
-from fmu_didim.campaigns.planning.identity import code_digest
 from fmu_didim.campaigns.planning.plan import Plan, PlannedRun
 from fmu_didim.campaigns.reporting.results import Results
 from fmu_didim.campaigns.reporting.sections import duration
@@ -34,6 +33,7 @@ from fmu_didim.campaigns.running.store import FAILURES, Store
 from fmu_didim.campaigns.validation import case_problems, read_campaign
 from fmu_didim.case import Case
 from fmu_didim.case.in_memory import Memory
+from fmu_didim.results.provenance import code_digest
 from fmu_didim.workflow.output.result_folder import check_writable
 
 _log = logging.getLogger(__name__)

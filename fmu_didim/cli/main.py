@@ -28,6 +28,7 @@ from fmu_didim.cli.excite import add_excite_options, run_excite
 from fmu_didim.cli.numbers import at_least_one, at_least_two, not_negative, positive
 from fmu_didim.cli.prepare import add_prepare_verbs
 from fmu_didim.cli.printed_by_fmus import LastLines, kept_apart
+from fmu_didim.cli.watch import add_watch, run_watch
 
 if TYPE_CHECKING:
     from fmu_didim.workflow import Discovered, Result
@@ -146,6 +147,7 @@ def command_parser() -> argparse.ArgumentParser:
         _add_common(verb, code=True)
     _add_case_verbs(commands)
     add_compare(_verb(commands, "compare", compare_results, "say what has changed between two logs"))
+    add_watch(_verb(commands, "watch", run_watch, "say which logs of a folder show a changed machine, and since when"))
     _add_export(commands)
     _add_fmu(commands)
     _add_cache(commands)
@@ -279,6 +281,11 @@ EXAMPLES: Mapping[str, Sequence[str]] = {
         "fmu-didim compare results/spring results/autumn",
         "fmu-didim compare spring.yaml autumn.yaml --out results/compared",
         "fmu-didim compare results/spring results/autumn --json | jq .causes",
+    ),
+    "watch": (
+        "fmu-didim watch logs --case case.yaml",
+        "fmu-didim watch logs --case case.yaml --until 2024-05-31 --out results/axis1",
+        "fmu-didim watch logs --case case.yaml --json | jq -r 'select(.state == \"changed\") | .name'",
     ),
     "export": (
         "fmu-didim export robot.yaml --out fmus",

@@ -10,8 +10,9 @@ from fmu_didim.workflow.identify import identify
 from fmu_didim.workflow.output.discovered import Discovered
 from fmu_didim.workflow.output.result import Result
 from fmu_didim.workflow.simulate import simulate
+from fmu_didim.workflow.watch import Watched, watch
 
 __all__ = [
-    "Checked", "Compared", "Discovered", "Excited", "Result", "check", "compare", "discover", "excite", "export_ssp",
-    "identify", "simulate",
+    "Checked", "Compared", "Discovered", "Excited", "Result", "Watched", "check", "compare", "discover", "excite",
+    "export_ssp", "identify", "simulate", "watch",
 ]  # fmt: skip

@@ -27,6 +27,7 @@ VERBS: Mapping[str, Callable[[Path], list[str]]] = {
     "discover": lambda file: [str(file), "--out", "found", "--time-limit", TIME_LIMIT],
     "export": lambda file: [str(file), "--out", "built"],
     "compare": lambda file: [str(file), str(file), "--out", "compared"],
+    "watch": lambda file: [str(file.parent), "--case", str(file), "--out", "watched"],
     "export --ssp": lambda file: ["loop.ssp", str(file)],
     "campaign run": lambda file: [str(file), "--dry-run", "--out", "runs"],
     **{

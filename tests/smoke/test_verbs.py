@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
+import numpy as np
 import pytest
 import yaml
 
@@ -147,6 +148,20 @@ def compare(made: Made, printed: Say) -> None:
     assert (made.folder / "compared" / "compare.html").is_file()
 
 
+def watch(made: Made, printed: Say) -> None:
+    """Two logs of the example."""
+    case = load_case(SCARA)
+    logs, torque = made.folder / "logs", np.loadtxt(case.folder / "empty_50hz.csv", delimiter=",", skiprows=1)
+    logs.mkdir()
+    for day in (1, 2):
+        own = torque.copy()
+        own[:, 1:] += [0.17, 0.0065] * np.random.default_rng(day).normal(size=own[:, 1:].shape)
+        np.savetxt(logs / f"2024-05-0{day}.csv", own, delimiter=",", header="t,tau1,tau2", comments="")
+    made.run("watch", logs, "--case", SCARA, "--reference", 1, "--out", made.folder / "watched", code=4)  # too few
+    assert "2024-05-02" in printed()
+    assert (made.folder / "watched" / "watch.html").is_file()
+
+
 def excite(made: Made, printed: Say) -> None:
     limits = made.folder / "limits.yaml"
     limits.write_text("{velocity: [1.5, 2.5], acceleration: [3, 5], torque: [15, 1.2]}\n", encoding="utf-8")
@@ -217,7 +232,7 @@ VERBS = {
     "example": example, "init": init, "validate": validate, "effects": effects, "schema": schema, "robot": robot,
     "completion": completion,
     "identify": identify, "check": check, "simulate": simulate, "discover": discover, "export": export,
-    "excite": excite, "compare": compare,
+    "excite": excite, "compare": compare, "watch": watch,
     "fmu info": fmu_info, "fmu check": fmu_check, "cache show": cache_show, "cache clear": cache_clear,
     "campaign run": campaign_run, "campaign status": campaign_status, "campaign report": campaign_report,
     "campaign retry": campaign_retry, "campaign show": campaign_show,

@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-import hashlib
 import importlib.util
-import json
 import sys
 import sysconfig
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from functools import cache
-from importlib.metadata import version
 from modulefinder import ModuleFinder
 from pathlib import Path
 from typing import Any
@@ -19,29 +15,12 @@ from fmu_didim.base.cache import file_digest
 from fmu_didim.base.documents import load_yaml
 from fmu_didim.base.imports import is_reference, located
 from fmu_didim.case.files import DATA_PREFIX, data_folder, how_to_get
-from fmu_didim.results.provenance import PACKAGES
 
 NAMING = ("file", "source", "robot", "system")
 """Keys under which a case or a description names a file."""
 PACKAGE = Path(__file__).parents[2]
 REMARKS = ("description", "obtain")
 """Keys that change no result."""
-
-
-def digest(value: Any) -> str:
-    """The digest of a canonical value, 16 hexadecimal digits: two of a million collide with probability 3e-8."""
-    text = json.dumps(value, sort_keys=True, separators=(",", ":"), default=str)
-    return hashlib.sha256(text.encode()).hexdigest()[:16]
-
-
-@cache
-def code_digest() -> str:
-    """The digest of the source of this package and of the versions of the packages that it computes with."""
-    state = hashlib.sha256(json.dumps({name: version(name) for name in PACKAGES[1:]}).encode())
-    for path in sorted(PACKAGE.rglob("*")):
-        if path.is_file() and "__pycache__" not in path.parts:
-            state.update(path.relative_to(PACKAGE).as_posix().encode() + b"\0" + path.read_bytes())
-    return state.hexdigest()[:16]
 
 
 class References:

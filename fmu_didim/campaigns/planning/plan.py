@@ -17,10 +17,11 @@ from fmu_didim.base.documents import load_yaml
 from fmu_didim.base.errors import InputError
 from fmu_didim.campaigns.planning.document import Block, CampaignDocument, Span
 from fmu_didim.campaigns.planning.fields import Label, labels, with_value
-from fmu_didim.campaigns.planning.identity import References, code_digest, digest
+from fmu_didim.campaigns.planning.identity import References
 from fmu_didim.campaigns.planning.recorded import written_out
 from fmu_didim.case.changes import merged
 from fmu_didim.data.signals import Array
+from fmu_didim.results.provenance import code_digest, digest
 
 SECTIONS = ("case", "truth", "noise", "options", "label")
 """First words of paths that are not fields of the case."""

@@ -177,7 +177,7 @@ def difference(before: Answer, after: Answer) -> tuple[Difference, dict[str, str
     Raises:
         InputError: the answers are of different models, or nothing is there to compare.
     """
-    _refuse_other_models(before, after)
+    refuse_other_models(before, after)
     left: dict[str, str] = {}
     for answer in (before, after):
         for name, p in answer.document.parameters.items():
@@ -204,7 +204,7 @@ def difference(before: Answer, after: Answer) -> tuple[Difference, dict[str, str
     ), left  # fmt: skip
 
 
-def _refuse_other_models(before: Answer, after: Answer) -> None:
+def refuse_other_models(before: Answer, after: Answer) -> None:
     """Raise InputError where names do not mean the same."""
     first, second = before.document, after.document
     units = {
@@ -230,7 +230,7 @@ def _refuse_other_models(before: Answer, after: Answer) -> None:
 def refuse_same_data(before: Answer, after: Answer) -> None:
     """Raise InputError where both answers come from the same torque: their noise is the same, so that nothing that the
     covariances say of the difference holds."""
-    shares = [s for v in before.fitted for w in after.fitted if (s := _share(v, w)) is not None]
+    shares = [s for v in before.fitted for w in after.fitted if (s := same_rows(v, w)) is not None]
     same = max(shares, default=0.0) >= SAME_ROWS
     if not shares:
         first, second = (_digests(a.document) for a in (before, after))
@@ -243,7 +243,7 @@ def refuse_same_data(before: Answer, after: Answer) -> None:
         )  # fmt: skip
 
 
-def _share(one: Validation, other: Validation) -> float | None:
+def same_rows(one: Validation, other: Validation) -> float | None:
     """Of the samples at the same instants, those with the same torque; None where there are too few."""
     if one.measured.shape[1] != other.measured.shape[1]:
         return None
@@ -263,13 +263,16 @@ def _digests(document: ResultDocument) -> set[str]:
 def _overlap(before: Answer, after: Answer) -> bool:
     """Whether times of fitted experiments overlap."""
     spans = [
-        [(e.get("first_s", -np.inf), e.get("last_s", np.inf)) for e in _experiments(a) if e.get("role") == "estimation"]
+        [
+            (e.get("first_s", -np.inf), e.get("last_s", np.inf)) for e in experiments_of(a)
+            if e.get("role") == "estimation"
+        ]
         for a in (before, after)
     ]  # fmt: skip
     return any(a <= d and c <= b for a, b in spans[0] for c, d in spans[1])
 
 
-def _experiments(answer: Answer) -> list[dict[str, Any]]:
+def experiments_of(answer: Answer) -> list[dict[str, Any]]:
     return list(answer.document.provenance.get("experiments", {}).values())
 
 
@@ -339,7 +342,7 @@ def _loops(before: Answer, after: Answer) -> Iterator[Diagnostic]:
 
 def _motions(before: Answer, after: Answer) -> Iterator[Diagnostic]:
     motions = [
-        {e.get("reference_sha256", e.get("inputs_sha256")) for e in _experiments(a) if e.get("role") == "estimation"}
+        {e.get("reference_sha256", e.get("inputs_sha256")) for e in experiments_of(a) if e.get("role") == "estimation"}
         for a in (before, after)
     ]
     if motions[0] != motions[1]:

@@ -133,9 +133,15 @@ class Explanation:
         """Whether all that another can explain this one can, too."""
         if set(other.causes) <= set(self.causes):
             return True
-        if other.world is not self.world:
+        mine, theirs = ({form.cause for form in e.world.fixed} for e in (self, other))
+        own, difference = self.world.difference, other.world.difference
+        if not theirs <= mine or own.names != difference.names:
             return False
-        outside = other.basis - self.basis @ (self.basis.T @ other.basis)
+        basis = other.basis
+        if other.world is not self.world:  # the same directions of the values, in units of the noise here
+            basis = own.root @ np.linalg.solve(difference.root, basis)
+            basis = basis / np.linalg.norm(basis, axis=0)
+        outside = basis - self.basis @ (self.basis.T @ basis)
         return bool(np.linalg.norm(outside, axis=0).max(initial=0.0) < SAME_SPAN)
 
     @property

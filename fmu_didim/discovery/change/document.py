@@ -28,6 +28,7 @@ from fmu_didim.discovery.change.answers import (
 from fmu_didim.discovery.change.causes import JOINT_TORQUE_SCALE
 from fmu_didim.discovery.change.contest import Contest, Explanation, World
 from fmu_didim.discovery.change.difference import CHANGED, SEEN, Difference
+from fmu_didim.discovery.change.words import cause_text
 from fmu_didim.discovery.change.worlds import Known, LogFit, forms_in, worlds_of
 from fmu_didim.discovery.progress import Progress
 from fmu_didim.discovery.selection import decide
@@ -49,7 +50,7 @@ DECIDING = (
     (difference, ("CHANGED", "SEEN")),
     (contest, ("LACK", "PAIRED", "LARGEST_SET")),
     (decide, ("BIC", "NEAR")),
-    (worlds, ("FITTED", "PROMISING", "SPURIOUS", "UPDATES")),
+    (worlds, ("FITTED", "PROMISING", "SPURIOUS", "SECOND", "UPDATES")),
     (answers, ("SAME_ROWS", "SAME_VALUE", "FOLLOWS")),
 )
 """Constants on which a comparison depends, by module."""
@@ -182,20 +183,6 @@ def _beside(answer: Change, residual: Sequence[ResidualChange]) -> str:
     return (
         f"; but the residual of {', '.join(labels)} is not as large as before, and nothing that was tried explains that"
     )
-
-
-def cause_text(found: Explanation) -> str:
-    """A cause, or two, with how much."""
-    parts = []
-    for form, amounts, spread in zip(found.forms, found.amounts, found.deviations, strict=True):
-        shown = [
-            f"{name} {100 * v:+.3g} ± {100 * s:.2g} %" if unit == "1" else f"{name} {v:+.3g} ± {s:.2g} {unit}".rstrip()
-            for name, unit, v, s in zip(form.names, form.units, amounts, spread, strict=True)
-        ]  # fmt: skip
-        same = f", or {form.same_as} alone, which is the same" if form.same_as else ""
-        listed = "" if form.names[0].startswith("direction") else f" ({', '.join(shown)}{same})"
-        parts.append(form.title + listed)
-    return " and ".join(parts)
 
 
 def _known(answer: Answer, found: Difference) -> Known:

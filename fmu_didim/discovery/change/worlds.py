@@ -7,13 +7,14 @@ With the values v1 and the covariance C1 of the log before, an effect in the log
 over d (p,) and e, with the residual r, the sensitivity S and the signature C of the effect in units of the noise: an
 effect that the values could absorb shows, too, because they have to be those of before. Where the values have changed
 beside it, it shows without the second term. The best of both are fitted in the closed loop of both logs, with all
-values free, and compared by the contest of causes.
+values free, and compared by the contest of causes. What the best one leaves of its log is screened once more in the
+same way: so two that came, or went, together are found.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 
 import numpy as np
@@ -51,6 +52,8 @@ SPURIOUS = 2.0
 that are not there gains about so much by noise."""
 LEFT_OVER = 1e-6
 """[1] Of a signature, below which the values absorb it whole."""
+SECOND = 3
+"""[effects] That promise most of what the best one leaves, which are fitted with it."""
 UPDATES = 3
 """[sensitivities] Taken anew in the fit of an effect: the first ones are those of values that may be far off."""
 BASE_FIT = Stopping(exact=True)
@@ -85,7 +88,8 @@ class LogFit:
         """Effects that the model lacks."""
         names = [name for name, effect in self.builder.effects.items() if effect.is_proposed]
         found = (EffectAtJoint(name, j) for name in names for j in self.builder.joints(name))
-        return [a for a in found if not self.builder.at(a).is_present]
+        added = self.fit.model.added_effects
+        return [a for a in found if not self.builder.at(a).is_present and a not in added]
 
 
 @dataclass(frozen=True)
@@ -123,6 +127,7 @@ def worlds_of(
                 wanted.setdefault(effect_at, proposal)
     penalty = SPURIOUS * float(np.log(max(tried, 1))) / float(np.log(difference.samples))
     promising = [{a for every in own for a, gain, _ in every if gain > 0} for own in promised]
+    alone = _Alone(sides, difference, known, penalty, covered, progress)
     for effect_at, proposal in wanted.items():
         progress.say(f"fitting {effect_at.effect} on joint {effect_at.joint}")
         fits = [
@@ -135,7 +140,8 @@ def worlds_of(
                     found.append(world)
             except (FmuDidimError, np.linalg.LinAlgError):  # values that one log does not determine with it
                 continue
-    return found
+        alone.fitted(effect_at, fits)
+    return [*found, *alone.with_second()]
 
 
 def _fitted(side: LogFit, effect_at: EffectAtJoint, proposal: Proposal) -> Fit | None:
@@ -229,6 +235,72 @@ def _in_one(
     )  # fmt: skip
 
 
+@dataclass
+class _Alone:
+    """Effects of one log alone, of which the best is fitted with a second one.
+
+    Attributes:
+        sides, difference, known, penalty, covered, progress: as of the search for the first one.
+        best: by log, what is gained beyond the cost, the effect and its fit.
+    """
+
+    sides: tuple[LogFit, LogFit]
+    difference: Difference
+    known: tuple[Known, Known]
+    penalty: float
+    covered: frozenset[tuple[str, int]]
+    progress: Progress
+    best: dict[int, tuple[float, EffectAtJoint, Fit]] = field(default_factory=dict)
+
+    def _beyond(self, k: int, found: Fit, effects: Sequence[EffectAtJoint]) -> float:
+        """Chi-square that is gained beyond what so many values cost."""
+        cost = sum(self.sides[k].builder.at(a).cost + self.penalty for a in effects)
+        return _gain(self.sides[k], found) - cost * float(np.log(self.difference.samples))
+
+    def fitted(self, effect_at: EffectAtJoint, fits: Sequence[Fit | None]) -> None:
+        """Take note of an effect that was fitted in each log."""
+        for k, found in enumerate(fits):
+            if found is None:
+                continue
+            gain = self._beyond(k, found, [effect_at])
+            if gain > max(BIC, self.best[k][0] if k in self.best else 0.0):
+                self.best[k] = gain, effect_at, found
+
+    def with_second(self) -> list[World]:
+        """The worlds of the best effect of each log and a second one."""
+        worlds = list[World]()
+        for k, (first_gain, first, fit) in self.best.items():
+            grown = LogFit(fit, self.sides[k].builder)
+            covered = self.covered | {(first.effect, first.joint)}
+            promised = _promised(grown, self.known[1 - k], covered, self.progress)
+            wanted = {a: p for every in promised for a, gain, p in every[:SECOND] if gain > 0}
+            for effect_at, proposal in wanted.items():
+                self.progress.say(f"fitting {effect_at.effect} on joint {effect_at.joint} beside {first.effect}")
+                found = _fitted(grown, effect_at, proposal)
+                if found is None or self._beyond(k, found, [first, effect_at]) - first_gain < BIC:
+                    continue
+                try:
+                    worlds.append(self._world(k, found, (first, effect_at)))
+                except (FmuDidimError, np.linalg.LinAlgError):  # values that the log does not determine with both
+                    continue
+        return worlds
+
+    def _world(self, k: int, found: Fit, effects: tuple[EffectAtJoint, EffectAtJoint]) -> World:
+        """Both effects in one log."""
+        own = _known(found, self.difference.names)
+        pair = (self.known[0], own) if k == 1 else (own, self.known[1])
+        forms, amounts, deviations = zip(
+            *(_form(self.sides[k], found, a, "new" if k == 1 else "gone") for a in effects), strict=True
+        )
+        fits = [side.fit for side in self.sides]
+        fits[k] = found
+        cost = sum(self.sides[k].builder.at(a).cost + self.penalty for a in effects)
+        return World(
+            _difference(self.difference, *pair), forms, amounts, deviations, _gain(self.sides[k], found), cost,
+            residual=_residual(*fits),
+        )  # fmt: skip
+
+
 def _in_both(
     sides: tuple[LogFit, LogFit], fitted: Sequence[Fit | None], effect_at: EffectAtJoint, difference: Difference,
     known: tuple[Known, Known], penalty: float,
@@ -279,7 +351,8 @@ def _difference(base: Difference, first: Known, second: Known, units: Sequence[s
 def _form(side: LogFit, fit: Fit, effect_at: EffectAtJoint, when: str) -> tuple[Form, Array, Array]:
     """The effect as a cause, with its values."""
     effect, deviation = side.builder.effect(effect_at), fit_uncertainty(fit).deviation
-    own = [i for i, p in enumerate(fit.model.free_parameters) if p.effect is not None]
+    index = fit.model.added_effects.index(effect_at)
+    own = [i for i, p in enumerate(fit.model.free_parameters) if p.effect == index]
     names = tuple(plain_name(fit.model.free_parameters[i].key, effect_at.joint) for i in own)
     units = tuple("" if (unit := fit.model.free_parameters[i].unit) == "1" else unit for i in own)
     joint = 0 if effect.is_of_log or effect.acts_on_base else effect_at.joint

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 from fmu_didim.base.errors import FmuDidimError, InputError
 from fmu_didim.case import Case, load_case
 from fmu_didim.checks.judgement import DiagnosticResult, Verdict
-from fmu_didim.discovery.change.answers import Answer
 from fmu_didim.discovery.change.document import compared
 from fmu_didim.discovery.change.worlds import LogFit
 from fmu_didim.discovery.progress import Progress
@@ -19,6 +18,7 @@ from fmu_didim.model.loop_model import LoopModel
 from fmu_didim.model.workers import one_blas_thread
 from fmu_didim.results.comparison import COMPARISON_FILE, Change, ComparisonDocument, save_comparison
 from fmu_didim.results.result import result_path
+from fmu_didim.workflow.compare.answer import answer_of
 from fmu_didim.workflow.discover import described_plant
 from fmu_didim.workflow.identify import identify
 from fmu_didim.workflow.output.exit_codes import CHANGED_EXIT, EXIT_CODES
@@ -157,7 +157,7 @@ def compare(
     given = {"before": before, "after": after}
     sides = {place: _side(place, one, progress) for place, one in given.items()}
     logs, why = _logs(sides, effects)
-    first, second = (_answer(place, side) for place, side in sides.items())
+    first, second = (answer_of(side.result, side.source, place) for place, side in sides.items())
     found = Compared(compared(first, second, logs, progress=Progress(progress), why_no_logs=why))
     if show is not None:
         show(found)
@@ -200,16 +200,6 @@ def _side(place: str, given: Result | Case | Path | str, progress: Callable[[str
             f"The log {place} gives no values to compare. {error.what}", where=str(case.path), got=error.got,
             valid=error.valid, next_step=error.next_step,
         ) from error  # fmt: skip
-
-
-def _answer(place: str, side: _Side) -> Answer:
-    """A result as it is compared."""
-    result = side.result
-    try:
-        robot = result.robot
-    except FmuDidimError:  # an effect that is not there any more: values can still be compared
-        robot = None
-    return Answer(place, side.source, result.document, result.validations, robot)
 
 
 def _logs(sides: Mapping[str, _Side], effects: bool | None) -> tuple[tuple[LogFit, LogFit] | None, str]:

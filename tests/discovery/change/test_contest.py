@@ -105,3 +105,15 @@ def test_values_alone_are_not_named_where_all_together_have_not_changed() -> Non
     quiet = Difference(NAMES, ("N.m",) * 4, np.zeros(4), change, np.eye(4), np.inf, 10)
     far = with_play(difference(9, 9, 9, 9), 0.0)
     assert not answer(World(quiet), far).is_changed
+
+
+def test_an_effect_beside_a_cause_that_holds_the_better_one_is_no_rival_unless_it_explains_more() -> None:
+    both = np.eye(4)[:, :2]
+    wide = Form("frictions", 0, "a and b, each by itself", ("a", "b"), ("N.m",) * 2, lambda x: both)
+
+    def among(gain: float) -> Contest:
+        worlds = (World(difference(60.0, 0, 0, 0)), with_play(difference(60.0, 0, 0, 0), gain))
+        return contest(worlds, lambda world: [*(single(k) for k in range(4)), wide])
+
+    assert titles(among(14.0)) == [["a alone"]]
+    assert ["play, new", "a alone"] in titles(among(200.0))

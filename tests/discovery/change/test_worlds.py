@@ -102,6 +102,17 @@ def test_what_both_logs_have_has_grown_by_what_it_has_grown() -> None:
 
 
 @pytest.mark.gate
+def test_two_effects_that_came_together_are_both_named() -> None:
+    found = of(side(1), side(10, late_s=0.01, offset=OFFSET))
+    assert found.answer == "named"
+    assert set(titles(found)[0]) == {"time shift of the torque log, new", "torque offset on joint 2, new"}
+    amounts = {part.kind: part.amounts[0] for part in found.causes[0].parts}
+    for kind, truth in (("log_time_shift", 0.01), ("torque_offset", OFFSET[1])):
+        assert amounts[kind].std is not None
+        assert abs(amounts[kind].value - truth) < 4 * amounts[kind].std
+
+
+@pytest.mark.gate
 def test_where_a_loop_fails_with_effects_the_values_are_compared_and_that_is_said(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
