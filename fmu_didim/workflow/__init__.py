@@ -7,11 +7,13 @@ from fmu_didim.workflow.excitation.excite import excite
 from fmu_didim.workflow.excitation.excited import Excited
 from fmu_didim.workflow.export import export_ssp
 from fmu_didim.workflow.identify import identify
+from fmu_didim.workflow.naming.named import NamedController
+from fmu_didim.workflow.naming.verb import name_controller
 from fmu_didim.workflow.output.discovered import Discovered
 from fmu_didim.workflow.output.result import Result
 from fmu_didim.workflow.simulate import simulate
 
 __all__ = [
-    "Checked", "Compared", "Discovered", "Excited", "Result", "check", "compare", "discover", "excite", "export_ssp",
-    "identify", "simulate",
+    "Checked", "Compared", "Discovered", "Excited", "NamedController", "Result", "check", "compare", "discover",
+    "excite", "export_ssp", "identify", "name_controller", "simulate",
 ]  # fmt: skip

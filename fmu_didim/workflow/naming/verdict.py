@@ -1,0 +1,212 @@
+"""From a contest of laws to what is said of its winner: ties, gains with deviations, doubts, refusal."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+from scipy.stats import f as f_distribution
+
+from fmu_didim.base.diagnostics import Diagnostic
+from fmu_didim.data.signals import Array
+from fmu_didim.workflow.naming.catalogue import SPECIAL_OF, Candidate
+from fmu_didim.workflow.naming.contest import Contest, Entry
+from fmu_didim.workflow.naming.findings import (
+    CLOCKS_APART,
+    DELAY_OR_CLOCK,
+    INTEGRATOR_UNSEEN,
+    LIMITED,
+    NOT_DETERMINED,
+    RATE_ASSUMED,
+    SAME_IN_EFFECT,
+    SCALED,
+    TIED,
+    UNEXPLAINED,
+)
+from fmu_didim.workflow.naming.logs import Logs
+from fmu_didim.workflow.naming.named import INTERVAL, Gain
+from fmu_didim.workflow.naming.regression import JointFit, JointProblem
+
+NEAR = 6.0
+"""[1] J + 2 (free values) above the least within which a law is not excluded: odds of 20 to 1."""
+BY_CHANCE = 1e-4
+"""[1] Chance with which a right law would be refused at a joint."""
+LEAST_EXCESS = 1.12
+"""[1] Variance over that of the noise, below which what a law leaves is none of its business: small differences between
+a spline and the velocity that a controller measures."""
+WIDE = 1.0
+"""[1] Half of the 95 % interval of a gain over the gain, from which it is not determined."""
+SHIFTS = (-2, -1, 1, 2)
+"""[control periods] By which the torque is moved where no law fits."""
+ALIKE = 3.0
+"""[standard deviations] Within which gains are those of the case times one factor."""
+EQUAL_EFFECT = frozenset({"PID", "P-PI+1"})
+"""Laws that are the same in effect: a PI loop of the velocity with whole feed-forward is a PID law of the position."""
+
+
+def excess(problem: JointProblem, fit: JointFit) -> tuple[float, float]:
+    """Variance that a law leaves at the frequencies of the motion over that of the noise, and the chance of as much.
+
+    The noise is that of the contest, or what is left above the frequencies of the motion, whichever is larger: both are
+    estimates.
+    """
+    freedom = max(fit.samples - fit.count, 1)
+    ratio = fit.cost / freedom
+    if fit.beyond_samples:
+        ratio /= max(fit.beyond / fit.beyond_samples, 1.0)
+    return ratio, float(f_distribution.sf(ratio, freedom, max(fit.beyond_samples, freedom)))
+
+
+def tied(entries: Sequence[Entry]) -> list[Entry]:
+    """The winner, and the laws that the data do not exclude: J + 2 (free values) within ``NEAR`` of the least.
+
+    Left out is what only adds an extra to one that is in, and other ways to a velocity of the same law with the same
+    extras come after the best of them.
+    """
+
+    def score(entry: Entry) -> float:
+        return sum(fit.cost + 2 * fit.count for fit in entry.joints)
+
+    least = min(score(entry) for entry in entries)
+    found = [entries[0]]
+    for entry in sorted(entries[1:], key=score):
+        if score(entry) - least > NEAR:
+            break
+        if not any(_adds(entry.candidate, other.candidate) for other in found):
+            found.append(entry)
+    return found
+
+
+def _adds(candidate: Candidate, other: Candidate) -> bool:
+    """Whether a candidate is another one with more extras, or with gains that the other holds."""
+    same = candidate.rate == other.rate and set(other.extras) <= set(candidate.extras)
+    more = candidate.law is other.law and candidate.extras != other.extras
+    return same and (more or candidate.law.name in SPECIAL_OF[other.law.name])
+
+
+def deviations(problem: JointProblem, fit: JointFit) -> dict[str, float]:
+    """Standard deviation of each value."""
+    variance = np.diag(problem.covariance(fit))
+    return {name: float(np.sqrt(v)) if v > 0 else float("inf") for name, v in zip(fit.values, variance, strict=True)}
+
+
+def of_gains(gains: Sequence[Gain]) -> Iterator[Diagnostic]:
+    """Gains that the log does not determine."""
+    for gain in gains:
+        half = INTERVAL * gain.deviation
+        if half >= WIDE * abs(gain.value):
+            low, high = gain.interval
+            yield Diagnostic(
+                NOT_DETERMINED, f"{gain.name} is {gain.value:.3g}, anything from {low:.3g} to {high:.3g}.",
+                f"joint {gain.joint}", half / max(abs(gain.value), 1e-300), WIDE,
+            )  # fmt: skip
+
+
+def of_the_law(logs: Logs, best: Entry, others: Sequence[Entry], gains: Sequence[Gain]) -> Iterator[Diagnostic]:
+    """What is to be known of a law that fits."""
+    laws = list(dict.fromkeys(entry.candidate.law.name for entry in others))
+    different = [entry.candidate.words for entry in others[1:] if not _same_in_effect(entry, best)]
+    if different:
+        yield Diagnostic(
+            TIED, f"As good as {best.candidate.words}: {'; '.join(different)}.", value=len(different) + 1.0
+        )
+    if set(laws) >= EQUAL_EFFECT:
+        text = (
+            "A PID law is the same in effect as a P-PI cascade with whole feed-forward, whose gains Kv, Kp', Ki' give "
+        )
+        yield Diagnostic(SAME_IN_EFFECT, f"{text}Kp = Kv Kp' + Ki', Ki = Kv Ki', Kd = Kp'.")
+    if best.candidate.law.name == "P-PI+1":
+        for j, fit in enumerate(best.joints, start=1):
+            kv, kp, ki = (fit.values[name] for name in ("Kv", "Kp", "Ki"))
+            text = f"Kv = {ki / kp:.4g}, Ki = {kv * kp:.4g} is the same in effect as Kv = {kv:.4g}, Ki = {ki:.4g}: "
+            text += "with whole feed-forward Kv and Ki/Kp may be exchanged."
+            yield Diagnostic(SAME_IN_EFFECT, text, f"joint {j}")
+    if "delay" in best.candidate.extras:
+        yield Diagnostic(DELAY_OR_CLOCK, "The law has a delay, which a late clock of the torque log would look like.")
+    if "limit" in best.candidate.extras:
+        yield Diagnostic(LIMITED, "The command is limited for some of the time.")
+    if not logs.rate_is_known:
+        yield Diagnostic(
+            RATE_ASSUMED, f"The control rate is taken to be {1 / logs.step:.6g} Hz, that of the log.",
+            value=1 / logs.step, unit="Hz",
+        )  # fmt: skip
+    yield from of_gains(gains)
+
+
+def _same_in_effect(entry: Entry, best: Entry) -> bool:
+    one, other = entry.candidate, best.candidate
+    return {one.law.name, other.law.name} == EQUAL_EFFECT and one.rate == other.rate and one.extras == other.extras
+
+
+def of_integrator(contest: Contest, best: Entry) -> Iterator[Diagnostic]:
+    """How large an integral gain may be that would not have shown."""
+    stronger = {"P": "PID", "PD": "PID", "P-P": "P-PI", "P-P+ff": "P-PI+ff"}.get(best.candidate.law.name)
+    entry = next((e for e in contest.ranked if e.candidate.law.name == stronger), None)
+    if stronger is None or entry is None:
+        return
+    for j, (problem, fit) in enumerate(zip(contest.problems, entry.joints, strict=True), start=1):
+        most = abs(fit.values["Ki"]) + INTERVAL * deviations(problem, fit)["Ki"]
+        outer = fit.values["Kp"]
+        if np.isfinite(most) and outer:
+            yield Diagnostic(
+                INTEGRATOR_UNSEEN, f"An integral gain Ki up to {most:.3g} would not have shown, which acts within "
+                f"{abs(outer) / most:.3g} s and more.", f"joint {j}", most,
+            )  # fmt: skip
+
+
+def refusal(contest: Contest, best: Entry, excesses: Sequence[tuple[float, float]]) -> list[Diagnostic]:
+    """Why no law is named; empty where the best one leaves noise alone."""
+    bad = [
+        (j, ratio) for j, (ratio, chance) in enumerate(excesses, start=1) if chance < BY_CHANCE and ratio > LEAST_EXCESS
+    ]
+    if not bad:
+        return []
+    found = [
+        Diagnostic(
+            UNEXPLAINED, f"The best law ({best.candidate.words}) leaves {np.sqrt(ratio):.3g} times the noise.",
+            f"joint {j}", float(np.sqrt(ratio)), float(np.sqrt(LEAST_EXCESS)),
+        )
+        for j, ratio in bad
+    ]  # fmt: skip
+    shift, left = _shifted(contest, best, bad[0][0] - 1)
+    if left < 0.5 * bad[0][1]:
+        step = contest.problems[0].runs[0].step
+        found.append(Diagnostic(
+            CLOCKS_APART, f"With the torque {abs(shift)} control periods ({1000 * abs(shift) * step:.3g} ms) "
+            f"{'earlier' if shift > 0 else 'later'}, the law leaves {np.sqrt(left):.3g} times the noise.",
+            value=shift * step, unit="s",
+        ))  # fmt: skip
+    return found
+
+
+def _shifted(contest: Contest, best: Entry, j: int) -> tuple[int, float]:
+    """By how many ticks the torque of a joint fits best if it is moved, and what the law then leaves."""
+    problem, found = contest.problems[j], []
+    for shift in SHIFTS:
+        moved = replace(problem, runs=tuple(replace(run, rows=run.rows - shift) for run in problem.runs))
+        fit = moved.fit(best.candidate, [best.joints[j].values])
+        found.append((excess(moved, fit)[0], shift))
+    left, shift = min(found)
+    return shift, left
+
+
+def scale_of(gains: Sequence[Gain], guessed: Mapping[str, float]) -> Iterator[Diagnostic]:
+    """One factor between the gains that were found and those of the case's own controller of the same law."""
+    for j in sorted({gain.joint for gain in gains}):
+        own = [gain for gain in gains if gain.joint == j and gain.unit != "s"]
+        pairs = [(g.value / guessed[f"{g.name}{j}"], g.deviation / abs(guessed[f"{g.name}{j}"]))
+                 for g in own if guessed.get(f"{g.name}{j}")]  # fmt: skip
+        if len(pairs) < 2:
+            continue
+        ratio, deviation = (np.array(column) for column in zip(*pairs, strict=True))
+        factor = _weighted(ratio, deviation)
+        if np.all(np.abs(ratio - factor) < ALIKE * deviation) and abs(factor - 1) > ALIKE * np.min(deviation):
+            yield Diagnostic(
+                SCALED, f"All gains are {factor:.4g} times those of the case's controller.", f"joint {j}", factor
+            )  # fmt: skip
+
+
+def _weighted(values: Array, deviation: Array) -> float:
+    weight = 1 / deviation**2
+    return float(np.sum(weight * values) / np.sum(weight))
