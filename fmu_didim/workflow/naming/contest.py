@@ -40,6 +40,11 @@ class Entry:
         """Bayesian information criterion; the least is the best."""
         return float(sum(fit.cost + fit.count * np.log(fit.samples) for fit in self.joints))
 
+    @property
+    def akaike(self) -> float:
+        """J + 2 (free values)."""
+        return float(sum(fit.cost + 2 * fit.count for fit in self.joints))
+
 
 @dataclass
 class Contest:

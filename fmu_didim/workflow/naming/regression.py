@@ -103,13 +103,14 @@ class JointFit:
     """A law that was fitted at a joint.
 
     Attributes:
-        values: of its parameters.
+        values: of its parameters; ramps: further free values, see ``_compared``.
         cost: J; samples: real numbers that it is of.
         beyond, beyond_samples: the same above the frequencies of the motion, where no law is fitted.
     """
 
     candidate: Candidate
     values: Mapping[str, float]
+    ramps: int
     cost: float
     samples: int
     beyond: float
@@ -118,7 +119,7 @@ class JointFit:
     @property
     def count(self) -> int:
         """Free values."""
-        return len(self.values)
+        return len(self.values) + self.ramps
 
     @property
     def x(self) -> Array:
@@ -209,14 +210,16 @@ class JointProblem:
 
     def residual(self, candidate: Candidate, x: Array) -> Array:
         """Real parts, then imaginary ones, over the roots of their densities, at the frequencies of the motion: J is
-        their sum of squares."""
-        points = zip(self.point(candidate, x), self.moving, strict=True)
-        return _real([(point.transform / np.sqrt(point.density))[:count] for point, count in points])
+        their sum of squares. Of a law with an integrator without a ramp, see ``_compared``."""
+        points = self.point(candidate, x)
+        found = [self._compared(candidate, i, p, p.transform / np.sqrt(p.density)) for i, p in enumerate(points)]
+        return np.concatenate(found)
 
     def jacobian(self, candidate: Candidate, x: Array) -> Array:
         """(N, p) of the residual: exact to gains, differences to times."""
-        points = zip(self.point(candidate, x, slopes=True), self.moving, strict=True)
-        result = _real([p.jacobian[:count] for p, count in points if p.jacobian is not None])
+        points = self.point(candidate, x, slopes=True)
+        found = [self._compared(candidate, i, p, p.jacobian) for i, p in enumerate(points) if p.jacobian is not None]
+        result = np.concatenate(found)
         if candidate.times:
             before = self.residual(candidate, x)
             for name in candidate.times:
@@ -225,6 +228,25 @@ class JointProblem:
                 moved[at] += step
                 result[:, at] = (self.residual(candidate, moved) - before) / step
         return result
+
+    def _compared(self, candidate: Candidate, run: int, point: Point, whitened: Complex) -> Array:
+        """A whitened table (W, ...) of a run at the frequencies of the motion, as real numbers.
+
+        Noise of the positions, once integrated, is a random walk. Its end is not its beginning, which is a ramp in the
+        eyes of the Fourier transform: the size of that is a free value, which is eliminated.
+        """
+        count = self.moving[run]
+        table = _real([whitened[:count]])
+        if not candidate.law.integrates:
+            return table
+        ramp = _real([self.ramps[run][:count] / np.sqrt(point.density[:count])])
+        ramp = ramp / np.linalg.norm(ramp)
+        return np.asarray(table - np.multiply.outer(ramp, ramp @ table))
+
+    @cached_property
+    def ramps(self) -> tuple[Complex, ...]:
+        """Of each run, the spectrum of a ramp."""
+        return tuple(_spectrum(np.linspace(-1.0, 1.0, run.rows.size)) for run in self.runs)
 
     def fit(self, candidate: Candidate, starts: Sequence[Mapping[str, float]]) -> JointFit:
         """The best fit of a law from several starts."""
@@ -248,13 +270,13 @@ class JointProblem:
 
     def fitted(self, candidate: Candidate, x: Array) -> JointFit:
         """A law with certain values."""
-        values, within, beyond = dict(zip(candidate.names, map(float, x), strict=True)), [], []
-        for point, count in zip(self.point(candidate, x), self.moving, strict=True):
-            square = 2 * np.abs(point.transform) ** 2 / point.density
-            within.append(square[:count])
-            beyond.append(square[count:])
-        low, high = np.concatenate(within), np.concatenate(beyond)
-        return JointFit(candidate, values, float(low.sum()), 2 * low.size, float(high.sum()), 2 * high.size)
+        values = dict(zip(candidate.names, map(float, x), strict=True))
+        within, points = self.residual(candidate, x), zip(self.point(candidate, x), self.moving, strict=True)
+        beyond = np.concatenate([2 * np.abs(p.transform[n:]) ** 2 / p.density[n:] for p, n in points])
+        ramps = len(self.runs) if candidate.law.integrates else 0
+        return JointFit(
+            candidate, values, ramps, float(within @ within), within.size, float(beyond.sum()), 2 * beyond.size
+        )  # fmt: skip
 
     def is_limited(self, fit: JointFit) -> bool:
         """Whether a law with a limit asks for clearly more than that for some samples."""
@@ -286,9 +308,13 @@ class JointProblem:
     def _position(self) -> float:
         return self.noise.position or 1.0
 
-    def covariance(self, fit: JointFit) -> Array:
-        """(p, p) of all free values, by the sandwich of the second derivative of J and of its gradients, frequency by
-        frequency, which holds for coloured noise, too."""
+    def deviations(self, fit: JointFit) -> Array:
+        """(p,) standard deviations of all free values, inf where one is not determined at all.
+
+        The larger of two: by the second derivative of J and the slopes of the residual, whose variance is one; and by
+        the gradients frequency by frequency, which holds for coloured noise, too, but not where few frequencies tell
+        most. In both, what the levels of the noise are not known by.
+        """
         x, candidate = fit.x, fit.candidate
         step = 1e-4 * np.abs(x) + 1e-8 * np.max(np.abs(x))
         for name in candidate.times:
@@ -304,17 +330,17 @@ class JointProblem:
         scale[~(scale > 0)] = 1.0
         inverse = np.linalg.pinv((hessian + hessian.T) / 2 / np.outer(scale, scale), rcond=1e-12, hermitian=True)
         inverse = inverse / np.outer(scale, scale)
-        here = gradients(x)
-        result = inverse @ (here.T @ here) @ inverse
+        here, slopes = gradients(x), 2 * self.jacobian(candidate, x)
+        ratio = max(fit.cost / max(fit.samples - fit.count, 1), 1.0)
+        variance = np.maximum(*(np.diag(inverse @ (g.T @ g) @ inverse) for g in (here, np.sqrt(ratio) * slopes)))
         for key, deviation in (("torque", self.noise.of_torque), ("position", self.noise.of_position)):
             level = getattr(self.noise, key)
             more, less = (
                 replace(self, noise=replace(self.noise, **{key: level * (1 + sign * SMALL)})) for sign in (1, -1)
             )
             slope = (more.gradient(candidate, x) - less.gradient(candidate, x)) / (2 * SMALL)
-            moved = inverse @ slope * deviation
-            result = result + np.outer(moved, moved)
-        return np.asarray(result)
+            variance = variance + (inverse @ slope * deviation) ** 2
+        return np.where(variance > 0, np.sqrt(np.maximum(variance, 0.0)), np.inf)
 
     def gradient(self, candidate: Candidate, x: Array) -> Array:
         """(p,) slope of J."""
@@ -350,7 +376,7 @@ def typical(found: Sequence[tuple[float, float]]) -> tuple[float, float]:
 
 
 def _combined(noise: NoiseLevels, power: Array, gain: Array) -> NoiseLevels:
-    """The levels, that of the positions also from what a law leaves where there is no motion: |R|^2 (W,) and |C_q|^2."""
+    """The levels, that of the positions also by |R|^2 (W,) that a law leaves where no motion is, and its |C_q|^2."""
     if noise.position == 0 or not np.mean(gain) > 0:
         return noise
     left = float(np.mean(power)) - noise.torque

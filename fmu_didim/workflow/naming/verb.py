@@ -9,7 +9,7 @@ case -> logs: reference, positions, torque at the control ticks
 from __future__ import annotations
 
 import platform
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
@@ -23,9 +23,11 @@ from fmu_didim.case import Case
 from fmu_didim.checks.judgement import judgement
 from fmu_didim.model.workers import one_blas_thread
 from fmu_didim.workflow.case_files import case_files
+from fmu_didim.workflow.naming.catalogue import Candidate
 from fmu_didim.workflow.naming.contest import Contest, Entry
+from fmu_didim.workflow.naming.in_loop import LoopContest, LoopEntry
 from fmu_didim.workflow.naming.logs import Logs, logs_of
-from fmu_didim.workflow.naming.named import NamedController, Ranked, gains_of
+from fmu_didim.workflow.naming.named import Gain, NamedController, Ranked, gains_of
 from fmu_didim.workflow.naming.regression import JointProblem
 from fmu_didim.workflow.naming.verdict import (
     deviations,
@@ -33,6 +35,7 @@ from fmu_didim.workflow.naming.verdict import (
     of_integrator,
     of_the_law,
     refusal,
+    refusal_in_loop,
     scale_of,
     tied,
 )
@@ -56,61 +59,107 @@ def name_controller(
         progress: told of each step.
 
     Raises:
-        InputError: the case is wrong, or its logs are too slow or uneven.
+        InputError: the case is wrong, positions are missing, or logs are uneven.
     """
     logs = logs_of(case)
-    if not logs.joints or not logs.every_tick:
+    if not logs.joints:
         raise InputError(
-            "The law of a controller is named from positions that were logged at each of its ticks.",
-            where=", ".join(logs.labels), got=f"positions at {logs.positions_hz:g} Hz, control at {1 / logs.step:g} Hz"
-            if logs.positions_hz else "no positions",
-            next_step="Log positions at the control rate, and give them under positions: of the run.",
+            "The law of a controller is named from measured positions, and a run has none.",
+            where=", ".join(logs.labels),
+            next_step="Log the positions, too, and give them under positions: of the run. Of a law that is known, gains "
+            "can be identified from the torque alone (identify: {Kp1: {of: controller}}).",
         )  # fmt: skip
+    found = _at_ticks(logs, progress) if logs.every_tick else _in_loop(logs, progress)
+    if out is not None:
+        found.save(out)
+    return found
+
+
+def _at_ticks(logs: Logs, progress: Callable[[str], None]) -> NamedController:
+    """By regression: positions show what the controller saw."""
     stated = logs.case.document.torque_std
     problems = [
         JointProblem.of(runs, None if stated is None else stated[j]) for j, runs in enumerate(logs.joints)
     ]  # fmt: skip
     contest = Contest(problems, progress=progress)
     entries = contest.run()
-    found = _named(logs, contest, entries)
-    if out is not None:
-        found.save(out)
-    return found
-
-
-def _named(logs: Logs, contest: Contest, entries: list[Entry]) -> NamedController:
-    best = entries[0]
-    excesses = [excess(problem, fit) for problem, fit in zip(contest.problems, best.joints, strict=True)]
-    deviation = [deviations(problem, fit) for problem, fit in zip(contest.problems, best.joints, strict=True)]
-    values = [fit.values for fit in best.joints]
-    gains = gains_of(values, deviation)
-    others = tied(entries)
-    told: list[Diagnostic] = refusal(contest, best, excesses)
+    best, others = entries[0], tied(entries)
+    pairs = list(zip(contest.problems, best.joints, strict=True))
+    excesses = [excess(problem, fit) for problem, fit in pairs]
+    values, gains = [fit.values for fit in best.joints], gains_of(
+        [fit.values for fit in best.joints], [deviations(problem, fit) for problem, fit in pairs]
+    )  # fmt: skip
+    told = refusal(contest, best, excesses)
     if not told:
-        told = [*of_the_law(logs, best, others, gains), *of_integrator(contest, best)]
-        told += scale_of(gains, _guessed(logs, best))
-    delays = [v["delay"] / logs.step for v in values if "delay" in v]
-    return NamedController(
-        name=logs.case.name, candidate=best.candidate, gains=gains,
-        tied=tuple(entry.candidate.words for entry in others),
-        tied_laws=tuple(dict.fromkeys(entry.candidate.law.name for entry in others)),
-        ranked=tuple(_ranked(contest, entry, best) for entry in entries),
-        leaves=tuple(float(np.sqrt(ratio)) for ratio, _ in excesses),
-        controller=best.candidate.description(
-            values, name="named_controller", joints=logs.kinds, rate_hz=1 / logs.step, unit="N.m"
-        ),
-        delay_samples=float(np.mean(delays)) if delays else 0.0, judgement=judgement(told),
-        way="from reference, positions and torque alone, whatever the plant is", provenance=_provenance(logs.case),
+        told = [*_told(logs, [entry.candidate for entry in others], values, gains), *of_integrator(contest, best)]
+
+    def left(entry: Entry) -> float:
+        pairs = zip(contest.problems, entry.joints, strict=True)
+        return float(np.sqrt(max(excess(problem, fit)[0] for problem, fit in pairs)))
+
+    return _named(
+        logs, [entry.candidate for entry in others], values, gains, told,
+        ranked=[(entry.candidate, entry.bic - best.bic, left(entry)) for entry in entries],
+        leaves=[ratio**0.5 for ratio, _ in excesses],
+        way="from reference, positions and torque at the control ticks, whatever the plant is",
     )  # fmt: skip
 
 
-def _ranked(contest: Contest, entry: Entry, best: Entry) -> Ranked:
-    leaves = max(excess(p, fit)[0] for p, fit in zip(contest.problems, entry.joints, strict=True))
-    candidate = entry.candidate
-    return Ranked(candidate.law.name, candidate.words, float(entry.bic - best.bic), float(np.sqrt(leaves)))
+def _in_loop(logs: Logs, progress: Callable[[str], None]) -> NamedController:
+    """By closed-loop simulation, the robot being fitted, too: positions are too slow to show what the controller
+    saw."""
+    contest = LoopContest(logs, progress=progress)
+    entries = contest.run()
+    if not entries:
+        raise InputError(
+            "No law of the catalogue could be simulated with the robot of the case.", where=logs.case.name,
+            got="; ".join(dict.fromkeys(contest.failed.values())),
+            next_step="Check the robot description and its values (fmu-didim check), or log positions at the control "
+            "rate.",
+        )  # fmt: skip
+    best, deviation = contest.deviations(entries[0])
+    others, values = tied(entries), best.values(len(logs.joints))
+    gains = gains_of(values, deviation)
+    told = refusal_in_loop(best) or _told(logs, [entry.candidate for entry in others], values, gains)
+    least = np.maximum(best.fit.deviation, np.finfo(float).tiny)
+
+    def left(entry: LoopEntry) -> float:
+        counts = entry.fit.model.output_counts
+        return float(np.max(np.sqrt(np.nansum(entry.fit.residual**2, axis=0) / counts) / least))
+
+    return _named(
+        logs, [entry.candidate for entry in others], values, gains, told,
+        ranked=[(entry.candidate, entry.bic - entries[0].bic, left(entry)) for entry in entries],
+        leaves=[1.0] * len(logs.joints), way="in the closed loop with the robot of the case, which was fitted, too",
+    )  # fmt: skip
 
 
-def _guessed(logs: Logs, best: Entry) -> dict[str, float]:
+def _told(
+    logs: Logs, candidates: Sequence[Candidate], values: Sequence[Mapping[str, float]], gains: Sequence[Gain]
+) -> list[Diagnostic]:
+    return [*of_the_law(logs, candidates, values, gains), *scale_of(gains, _guessed(logs))]
+
+
+def _named(
+    logs: Logs, candidates: Sequence[Candidate], values: Sequence[Mapping[str, float]], gains: tuple[Gain, ...],
+    told: Sequence[Diagnostic], *, ranked: Sequence[tuple[Candidate, float, float]], leaves: Sequence[float], way: str,
+) -> NamedController:  # fmt: skip
+    best = candidates[0]
+    delays = [v["delay"] / logs.step for v in values if "delay" in v]
+    return NamedController(
+        name=logs.case.name, candidate=best, gains=gains, tied=tuple(candidate.words for candidate in candidates),
+        tied_laws=tuple(dict.fromkeys(candidate.law.name for candidate in candidates)),
+        ranked=tuple(Ranked(one.law.name, one.words, float(bic), float(left)) for one, bic, left in ranked),
+        leaves=tuple(map(float, leaves)),
+        controller=best.description(
+            values, name="named_controller", joints=logs.kinds, rate_hz=1 / logs.step, unit="N.m"
+        ),
+        delay_samples=float(np.mean(delays)) if delays else 0.0, judgement=judgement(told), way=way,
+        provenance=_provenance(logs.case),
+    )  # fmt: skip
+
+
+def _guessed(logs: Logs) -> dict[str, float]:
     """Gains of the controller that the case has, where it is a description of the same gains."""
     controller = logs.case.controller
     if controller is None or logs.case.document.controller is None or logs.is_unknown:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
+from typing import Protocol, TypeVar
 
 import numpy as np
 from scipy.stats import f as f_distribution
@@ -24,6 +25,7 @@ from fmu_didim.workflow.naming.findings import (
     TIED,
     UNEXPLAINED,
 )
+from fmu_didim.workflow.naming.in_loop import LoopEntry
 from fmu_didim.workflow.naming.logs import Logs
 from fmu_didim.workflow.naming.named import INTERVAL, Gain
 from fmu_didim.workflow.naming.regression import JointFit, JointProblem
@@ -58,20 +60,27 @@ def excess(problem: JointProblem, fit: JointFit) -> tuple[float, float]:
     return ratio, float(f_distribution.sf(ratio, freedom, max(fit.beyond_samples, freedom)))
 
 
-def tied(entries: Sequence[Entry]) -> list[Entry]:
-    """The winner, and the laws that the data do not exclude: J + 2 (free values) within ``NEAR`` of the least.
+class Contestant(Protocol):
+    """What was fitted: a candidate, and how well."""
 
-    Left out is what only adds an extra to one that is in, and other ways to a velocity of the same law with the same
-    extras come after the best of them.
+    @property
+    def candidate(self) -> Candidate: ...
+
+    @property
+    def akaike(self) -> float: ...
+
+
+Fitted = TypeVar("Fitted", bound=Contestant)
+
+
+def tied(entries: Sequence[Fitted]) -> list[Fitted]:
+    """The winner, and the laws that the data do not exclude: -2 log likelihood + 2 (free values) within ``NEAR`` of the
+    least. Left out is what only adds an extra or a gain to one that is in.
     """
-
-    def score(entry: Entry) -> float:
-        return sum(fit.cost + 2 * fit.count for fit in entry.joints)
-
-    least = min(score(entry) for entry in entries)
+    least = min(entry.akaike for entry in entries)
     found = [entries[0]]
-    for entry in sorted(entries[1:], key=score):
-        if score(entry) - least > NEAR:
+    for entry in sorted(entries[1:], key=lambda one: one.akaike):
+        if entry.akaike - least > NEAR:
             break
         if not any(_adds(entry.candidate, other.candidate) for other in found):
             found.append(entry)
@@ -87,8 +96,7 @@ def _adds(candidate: Candidate, other: Candidate) -> bool:
 
 def deviations(problem: JointProblem, fit: JointFit) -> dict[str, float]:
     """Standard deviation of each value."""
-    variance = np.diag(problem.covariance(fit))
-    return {name: float(np.sqrt(v)) if v > 0 else float("inf") for name, v in zip(fit.values, variance, strict=True)}
+    return dict(zip(fit.values, map(float, problem.deviations(fit)), strict=True))
 
 
 def of_gains(gains: Sequence[Gain]) -> Iterator[Diagnostic]:
@@ -103,28 +111,33 @@ def of_gains(gains: Sequence[Gain]) -> Iterator[Diagnostic]:
             )  # fmt: skip
 
 
-def of_the_law(logs: Logs, best: Entry, others: Sequence[Entry], gains: Sequence[Gain]) -> Iterator[Diagnostic]:
-    """What is to be known of a law that fits."""
-    laws = list(dict.fromkeys(entry.candidate.law.name for entry in others))
-    different = [entry.candidate.words for entry in others[1:] if not _same_in_effect(entry, best)]
+def of_the_law(
+    logs: Logs, tied_with: Sequence[Candidate], values: Sequence[Mapping[str, float]], gains: Sequence[Gain]
+) -> Iterator[Diagnostic]:
+    """What is to be known of a law that fits.
+
+    Args:
+        tied_with: the candidates that the data do not exclude, the winner first; values: of the winner, joint by joint.
+    """
+    best = tied_with[0]
+    different = [other.words for other in tied_with[1:] if not _same_in_effect(other, best)]
     if different:
-        yield Diagnostic(
-            TIED, f"As good as {best.candidate.words}: {'; '.join(different)}.", value=len(different) + 1.0
-        )
-    if set(laws) >= EQUAL_EFFECT:
+        text = f"As good as {best.words}: {'; '.join(different)}."
+        yield Diagnostic(TIED, text, value=len(different) + 1.0)
+    if {candidate.law.name for candidate in tied_with} >= EQUAL_EFFECT:
         text = (
             "A PID law is the same in effect as a P-PI cascade with whole feed-forward, whose gains Kv, Kp', Ki' give "
         )
         yield Diagnostic(SAME_IN_EFFECT, f"{text}Kp = Kv Kp' + Ki', Ki = Kv Ki', Kd = Kp'.")
-    if best.candidate.law.name == "P-PI+1":
-        for j, fit in enumerate(best.joints, start=1):
-            kv, kp, ki = (fit.values[name] for name in ("Kv", "Kp", "Ki"))
+    if best.law.name == "P-PI+1":
+        for j, own in enumerate(values, start=1):
+            kv, kp, ki = (own[name] for name in ("Kv", "Kp", "Ki"))
             text = f"Kv = {ki / kp:.4g}, Ki = {kv * kp:.4g} is the same in effect as Kv = {kv:.4g}, Ki = {ki:.4g}: "
             text += "with whole feed-forward Kv and Ki/Kp may be exchanged."
             yield Diagnostic(SAME_IN_EFFECT, text, f"joint {j}")
-    if "delay" in best.candidate.extras:
+    if "delay" in best.extras:
         yield Diagnostic(DELAY_OR_CLOCK, "The law has a delay, which a late clock of the torque log would look like.")
-    if "limit" in best.candidate.extras:
+    if "limit" in best.extras:
         yield Diagnostic(LIMITED, "The command is limited for some of the time.")
     if not logs.rate_is_known:
         yield Diagnostic(
@@ -134,8 +147,7 @@ def of_the_law(logs: Logs, best: Entry, others: Sequence[Entry], gains: Sequence
     yield from of_gains(gains)
 
 
-def _same_in_effect(entry: Entry, best: Entry) -> bool:
-    one, other = entry.candidate, best.candidate
+def _same_in_effect(one: Candidate, other: Candidate) -> bool:
     return {one.law.name, other.law.name} == EQUAL_EFFECT and one.rate == other.rate and one.extras == other.extras
 
 
@@ -178,6 +190,21 @@ def refusal(contest: Contest, best: Entry, excesses: Sequence[tuple[float, float
             value=shift * step, unit="s",
         ))  # fmt: skip
     return found
+
+
+def refusal_in_loop(entry: LoopEntry) -> list[Diagnostic]:
+    """Why no law is named by a contest in the loop; empty where the best one leaves white noise."""
+    model = entry.fit.model
+    names = [*(f"torque of joint {j}" for j in range(1, model.joint_count + 1)), *model.experiments.channels]
+    chances = entry.whiteness * len(names)
+    text = f"The best law ({entry.candidate.words}), in the loop with the robot of the case, leaves no white noise."
+    step = "Check the robot description, too (fmu-didim identify with controller.yaml, fmu-didim discover), or log "
+    step += "positions at the control rate: then the law is named whatever the robot is."
+    return [
+        Diagnostic(UNEXPLAINED, text, name, float(chance), BY_CHANCE, next_step=step)
+        for name, chance in zip(names, chances, strict=True)
+        if chance < BY_CHANCE
+    ]
 
 
 def _shifted(contest: Contest, best: Entry, j: int) -> tuple[int, float]:
