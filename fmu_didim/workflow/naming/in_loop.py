@@ -144,6 +144,16 @@ class LoopContest:
             self.failed.pop(candidate, None)
             self.entries[candidate] = best
 
+    def fit_from(self, candidate: Candidate, start: Sequence[Mapping[str, float]]) -> LoopEntry | None:
+        """A candidate from these values; None where it cannot be simulated or has what is not tried in the loop."""
+        if set(candidate.extras) - set(IN_LOOP):
+            return None
+        try:
+            return self._fitted(candidate, start)
+        except FmuDidimError as error:
+            self.failed[candidate] = error.what
+            return None
+
     def _fitted(self, candidate: Candidate, start: Sequence[Mapping[str, float]]) -> LoopEntry:
         model = self.model(candidate, start).model
         fit = minimise(model, NoiseOfResidual(model))

@@ -24,6 +24,7 @@ from fmu_didim.checks.judgement import judgement
 from fmu_didim.model.workers import one_blas_thread
 from fmu_didim.workflow.case_files import case_files
 from fmu_didim.workflow.naming.catalogue import Candidate
+from fmu_didim.workflow.naming.confirm import confirmed
 from fmu_didim.workflow.naming.contest import Contest, Entry
 from fmu_didim.workflow.naming.in_loop import LoopContest, LoopEntry
 from fmu_didim.workflow.naming.logs import Logs, logs_of
@@ -40,6 +41,8 @@ from fmu_didim.workflow.naming.verdict import (
     tied,
 )
 
+POSITIONS = "reference, positions and torque at the control ticks, whatever the plant is"
+CLOSED_LOOP = "in the closed loop with the robot of the case, which was fitted, too"
 PACKAGES = ("fmu_didim", "casadi", "numpy", "scipy")
 
 
@@ -66,8 +69,8 @@ def name_controller(
         raise InputError(
             "The law of a controller is named from measured positions, and a run has none.",
             where=", ".join(logs.labels),
-            next_step="Log the positions, too, and give them under positions: of the run. Of a law that is known, gains "
-            "can be identified from the torque alone (identify: {Kp1: {of: controller}}).",
+            next_step="Log the positions, too, and give them under positions: of the run. Of a law that is known, "
+            "gains can be identified from the torque alone (identify: {Kp1: {of: controller}}).",
         )  # fmt: skip
     found = _at_ticks(logs, progress) if logs.every_tick else _in_loop(logs, progress)
     if out is not None:
@@ -89,19 +92,22 @@ def _at_ticks(logs: Logs, progress: Callable[[str], None]) -> NamedController:
     values, gains = [fit.values for fit in best.joints], gains_of(
         [fit.values for fit in best.joints], [deviations(problem, fit) for problem, fit in pairs]
     )  # fmt: skip
+    candidates, way = [entry.candidate for entry in others], POSITIONS
     told = refusal(contest, best, excesses)
     if not told:
-        told = [*_told(logs, [entry.candidate for entry in others], values, gains), *of_integrator(contest, best)]
+        second = confirmed(logs, others, gains, progress)
+        if second.gains is not None and second.values is not None:
+            candidates, gains, values = list(second.candidates), second.gains, list(second.values)
+            way = f"{CLOSED_LOOP}; the law by {POSITIONS}"
+        told = [*second.told, *_told(logs, candidates, values, gains), *of_integrator(contest, best)]
 
     def left(entry: Entry) -> float:
         pairs = zip(contest.problems, entry.joints, strict=True)
         return float(np.sqrt(max(excess(problem, fit)[0] for problem, fit in pairs)))
 
     return _named(
-        logs, [entry.candidate for entry in others], values, gains, told,
+        logs, candidates, values, gains, told, way=way, leaves=[ratio**0.5 for ratio, _ in excesses],
         ranked=[(entry.candidate, entry.bic - best.bic, left(entry)) for entry in entries],
-        leaves=[ratio**0.5 for ratio, _ in excesses],
-        way="from reference, positions and torque at the control ticks, whatever the plant is",
     )  # fmt: skip
 
 
@@ -130,7 +136,7 @@ def _in_loop(logs: Logs, progress: Callable[[str], None]) -> NamedController:
     return _named(
         logs, [entry.candidate for entry in others], values, gains, told,
         ranked=[(entry.candidate, entry.bic - entries[0].bic, left(entry)) for entry in entries],
-        leaves=[1.0] * len(logs.joints), way="in the closed loop with the robot of the case, which was fitted, too",
+        leaves=[1.0] * len(logs.joints), way=CLOSED_LOOP,
     )  # fmt: skip
 
 

@@ -7,10 +7,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 
 from fmu_didim import InputError, load_case, name_controller, simulate
 from fmu_didim.cli.main import main
 from fmu_didim.workflow.naming.named import NamedController
+from tests.conftest import ROOT
 from tests.workflow.naming.machine import HIDDEN, logged, scara, written
 
 pytestmark = pytest.mark.gate
@@ -70,6 +72,49 @@ def test_the_description_runs_in_the_case_and_gives_the_measured_torque(tmp_path
     saved = json.loads((tmp_path / "out" / "law.json").read_text(encoding="utf-8"))
     assert saved["law"] == found.candidate.law.name
     assert saved["provenance"]["files"]
+
+
+@pytest.mark.slow
+def test_slow_positions_are_fitted_in_the_loop(tmp_path: Path) -> None:
+    found = name_controller(logged(tmp_path, HIDDEN["cascade"], 1, every=10))
+    assert found.candidate.law.name == "P-PI+ff"
+    assert "closed loop" in found.way
+    for joint in (1, 2):
+        for name in ("Kv", "Kp", "Ki"):
+            within(found, name, HIDDEN["cascade"][name][joint - 1], joint)
+
+
+@pytest.mark.slow
+def test_a_law_outside_the_catalogue_is_not_named_from_slow_positions(tmp_path: Path) -> None:
+    content = logged(tmp_path, "controllers/scara_computed_torque.yaml", 1, every=10)
+    try:
+        found = name_controller(content)
+    except InputError as error:
+        assert "could be simulated" in error.what
+    else:
+        assert found.verdict == "refused"
+
+
+def test_a_wrong_robot_does_not_change_the_law_and_is_told(tmp_path: Path) -> None:
+    """Friction that the description lacks: the regression does not need it, and the loop cannot confirm."""
+    description = yaml.safe_load((ROOT / "fmus/scara/robot.yaml").read_text(encoding="utf-8"))
+    for joint in description["joints"]:
+        joint["effects"] = [effect for effect in joint["effects"] if effect != "coulomb"]
+        joint["parameters"] = {k: v for k, v in joint["parameters"].items() if not k.startswith("Fc")}
+    (tmp_path / "robot.yaml").write_text(yaml.safe_dump(description), encoding="utf-8")
+    content = logged(tmp_path, HIDDEN["cascade"], 1, robot=str(tmp_path / "robot.yaml"))
+    found = name_controller(content)
+    assert found.candidate.law.name == "P-PI+ff"
+    assert "law-not-confirmed" in codes(found)
+    within(found, "Kp", HIDDEN["cascade"]["Kp"][0], 1)
+
+
+def test_a_gain_that_nothing_excites_is_told(tmp_path: Path) -> None:
+    """A short log in which joint 2 hardly moves."""
+    content = logged(tmp_path, HIDDEN["pid"], 1)
+    content["train"] |= {"from_s": 0.0, "to_s": 1.0}
+    found = name_controller(content)
+    assert found.verdict != "valid"
 
 
 def test_a_law_outside_the_catalogue_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
