@@ -85,6 +85,8 @@ SPECIAL_OF: Mapping[str, frozenset[str]] = {
     "P-PI+ff": frozenset(),
 }
 """Law -> laws of which it is a special case, for some gains."""
+EQUAL_EFFECT = frozenset({"PID", "P-PI+1"})
+"""Laws that are the same in effect: a PI loop of the velocity with whole feed-forward is a PID law of the position."""
 EXTRAS: Mapping[Extra, tuple[str, str]] = {
     "acceleration": ("Ka", "feed-forward of the acceleration"),
     "filter": ("filter_s", "filter of the velocity"),
@@ -249,6 +251,11 @@ class Candidate:
 
     def _filtered(self, signal: Array, value: Mapping[str, float], step: float) -> Array:
         return _low_passed(signal, value["filter_s"], step) if "filter" in self.extras else signal
+
+
+def same_in_effect(one: Candidate, other: Candidate) -> bool:
+    """Whether two candidates are the same to any log."""
+    return {one.law.name, other.law.name} == EQUAL_EFFECT and one.rate == other.rate and one.extras == other.extras
 
 
 def candidates(extras: Sequence[Extra] = ()) -> list[Candidate]:

@@ -13,7 +13,7 @@ import numpy as np
 
 from fmu_didim.base.diagnostics import CATALOGUE, DOUBT, REMARK, Diagnostic
 from fmu_didim.base.errors import FmuDidimError
-from fmu_didim.workflow.naming.catalogue import Candidate
+from fmu_didim.workflow.naming.catalogue import Candidate, same_in_effect
 from fmu_didim.workflow.naming.contest import Entry
 from fmu_didim.workflow.naming.in_loop import LoopContest, LoopEntry
 from fmu_didim.workflow.naming.logs import Logs
@@ -81,7 +81,8 @@ def confirmed(logs: Logs, tied: Sequence[Entry], gains: Sequence[Gain], progress
         return Confirmed(known, None, None, (Diagnostic(NOT_CONFIRMED, f"The loop could not be fitted: {error.what}"),))
     values = settled.values(len(logs.joints))
     own = gains_of(values, deviation)
-    left = (best.candidate, *(one for one in known if one not in out and one != best.candidate))
+    kept = (one for one in known if one not in out or same_in_effect(one, best.candidate))
+    left = (best.candidate, *(one for one in kept if one != best.candidate))
     told = list(_apart(gains, own)) if best.candidate == known[0] else []
     return Confirmed(left, own, tuple(values), tuple(told))
 

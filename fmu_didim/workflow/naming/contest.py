@@ -92,7 +92,7 @@ class Contest:
             self.fit(candidate)
         for entry in self._of_each_law():
             for extra in self.extras:
-                if takes(entry.candidate, extra):
+                if extra != "limit" and takes(entry.candidate, extra):
                     self.fit(entry.candidate.with_extra(extra))
         looked: set[Candidate] = set()
         while new := [e.candidate for e in self.ranked[:LEADERS] if e.candidate not in looked]:

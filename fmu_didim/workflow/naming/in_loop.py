@@ -25,14 +25,14 @@ from fmu_didim.estimators.joint import motion_minimum
 from fmu_didim.fit.fit import Fit
 from fmu_didim.fit.noise.weighting import NoiseOfResidual
 from fmu_didim.fit.solver.least_squares import minimise
-from fmu_didim.workflow.naming.catalogue import TIMES, Candidate, Extra, candidates, takes
+from fmu_didim.workflow.naming.catalogue import EQUAL_EFFECT, LAWS, TIMES, Candidate, Extra, candidates, takes
 from fmu_didim.workflow.naming.logs import Logs
 from fmu_didim.workflow.naming.regression import JointProblem
 from fmu_didim.workflow.naming.starts import law_starts, with_extras
 
 IN_LOOP: tuple[Extra, ...] = ("acceleration", "filter", "lag")
 """Extras that are tried in the loop; a delay of a slow log is one with its lag."""
-LEADERS, MOST_EXTRAS = 2, 2
+LEADERS, MOST_EXTRAS = 3, 2
 """[candidates, extras] Whose neighbours are tried, and how many extras one has at most."""
 LAGS = 10
 """[samples] Over which neighbouring residuals are compared."""
@@ -122,6 +122,9 @@ class LoopContest:
 
     def _neighbours(self, candidate: Candidate) -> list[Candidate]:
         found = [Candidate(candidate.law, rate, candidate.extras) for rate in candidate.law.rates]
+        found += [Candidate(law, candidate.rate, candidate.extras) for law in LAWS if law.name in EQUAL_EFFECT
+                  and candidate.law.name in EQUAL_EFFECT and candidate.rate in law.rates]  # fmt: skip
+        found += [candidate.without(extra) for extra in candidate.extras]
         if len(candidate.extras) < MOST_EXTRAS:
             found += [candidate.with_extra(extra) for extra in IN_LOOP if takes(candidate, extra)]
         return found

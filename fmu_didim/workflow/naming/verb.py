@@ -107,7 +107,7 @@ def _at_ticks(logs: Logs, progress: Callable[[str], None]) -> NamedController:
 
     return _named(
         logs, candidates, values, gains, told, way=way, leaves=[ratio**0.5 for ratio, _ in excesses],
-        ranked=[(entry.candidate, entry.bic - best.bic, left(entry)) for entry in entries],
+        ranked=[(e.candidate, e.bic - best.bic, left(e)) for e in entries if np.isfinite(e.bic)],
     )  # fmt: skip
 
 

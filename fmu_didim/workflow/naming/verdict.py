@@ -11,7 +11,7 @@ from scipy.stats import f as f_distribution
 
 from fmu_didim.base.diagnostics import Diagnostic
 from fmu_didim.data.signals import Array
-from fmu_didim.workflow.naming.catalogue import SPECIAL_OF, Candidate
+from fmu_didim.workflow.naming.catalogue import EQUAL_EFFECT, SPECIAL_OF, Candidate, same_in_effect
 from fmu_didim.workflow.naming.contest import Contest, Entry
 from fmu_didim.workflow.naming.findings import (
     CLOCKS_APART,
@@ -43,8 +43,6 @@ SHIFTS = (-2, -1, 1, 2)
 """[control periods] By which the torque is moved where no law fits."""
 ALIKE = 3.0
 """[standard deviations] Within which gains are those of the case times one factor."""
-EQUAL_EFFECT = frozenset({"PID", "P-PI+1"})
-"""Laws that are the same in effect: a PI loop of the velocity with whole feed-forward is a PID law of the position."""
 
 
 def excess(problem: JointProblem, fit: JointFit) -> tuple[float, float]:
@@ -120,7 +118,7 @@ def of_the_law(
         tied_with: the candidates that the data do not exclude, the winner first; values: of the winner, joint by joint.
     """
     best = tied_with[0]
-    different = [other.words for other in tied_with[1:] if not _same_in_effect(other, best)]
+    different = [other.words for other in tied_with[1:] if not same_in_effect(other, best)]
     if different:
         text = f"As good as {best.words}: {'; '.join(different)}."
         yield Diagnostic(TIED, text, value=len(different) + 1.0)
@@ -145,10 +143,6 @@ def of_the_law(
             value=1 / logs.step, unit="Hz",
         )  # fmt: skip
     yield from of_gains(gains)
-
-
-def _same_in_effect(one: Candidate, other: Candidate) -> bool:
-    return {one.law.name, other.law.name} == EQUAL_EFFECT and one.rate == other.rate and one.extras == other.extras
 
 
 def of_integrator(contest: Contest, best: Entry) -> Iterator[Diagnostic]:
