@@ -76,13 +76,10 @@ def tied(entries: Sequence[Fitted]) -> list[Fitted]:
     least. Left out is what only adds an extra or a gain to one that is in.
     """
     least = min(entry.akaike for entry in entries)
-    found = [entries[0]]
-    for entry in sorted(entries[1:], key=lambda one: one.akaike):
-        if entry.akaike - least > NEAR:
-            break
-        if not any(_adds(entry.candidate, other.candidate) for other in found):
-            found.append(entry)
-    return found
+    near = [entry for entry in entries if entry is entries[0] or entry.akaike - least <= NEAR]
+    known = [entry.candidate for entry in near]
+    others = [entry for entry in near[1:] if not any(_adds(entry.candidate, other) for other in known)]
+    return [near[0], *sorted(others, key=lambda one: one.akaike)]
 
 
 def _adds(candidate: Candidate, other: Candidate) -> bool:
