@@ -8,6 +8,7 @@ The verbs take a case, as a path, as a mapping or loaded by :func:`load_case`:
 * :func:`compare` says what has changed between two results, a :class:`Compared`;
 * :func:`simulate` runs its loop, a :class:`Trajectory`;
 * :func:`excite` designs the motion that tells most, an :class:`Excited`;
+* :func:`name_controller` names the law of a controller that nobody knows, a :class:`NamedController`;
 * :func:`export_ssp` writes its loop for other tools, :func:`export_robot` its robot.
 
 Many cases at once are a :func:`campaign` or a :func:`study`, whose runs give :class:`Results`.

@@ -55,6 +55,8 @@ from .workflow.export import export_ssp as export_ssp
 from .workflow.export_robot import ExportedRobot as ExportedRobot
 from .workflow.export_robot import export_robot as export_robot
 from .workflow.identify import identify as identify
+from .workflow.naming.named import NamedController as NamedController
+from .workflow.naming.verb import name_controller as name_controller
 from .workflow.output.discovered import Discovered as Discovered
 from .workflow.output.result import Result as Result
 from .workflow.output.result import load_result as load_result

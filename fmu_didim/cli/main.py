@@ -25,6 +25,7 @@ from fmu_didim.cli.campaign import add_campaign
 from fmu_didim.cli.compare import add_compare, compare_results
 from fmu_didim.cli.console import CurrentStderr, Display, begin, is_terminal, show, since_start
 from fmu_didim.cli.excite import add_excite_options, run_excite
+from fmu_didim.cli.name_controller import add_name_controller_options, run_name_controller
 from fmu_didim.cli.numbers import at_least_one, at_least_two, not_negative, positive
 from fmu_didim.cli.prepare import add_prepare_verbs
 from fmu_didim.cli.printed_by_fmus import LastLines, kept_apart
@@ -200,6 +201,8 @@ def _add_case_verbs(commands: _Commands) -> None:
     two.add_argument("--experiment", metavar="LABEL", help="whose reference or inputs: estimation (the first), ...")
     help_ = "design the motion that tells most of the parameters, before anyone measures"
     add_excite_options(_case_verb(commands, "excite", _excite, help_))
+    help_ = "name the law of a controller that nobody knows, and find its gains"
+    add_name_controller_options(_case_verb(commands, "name-controller", _name_controller, help_))
     help_ = "find, name and add the physical effects that the model lacks"
     found = _case_verb(commands, "discover", _discover, help_, case="the case file; its validation is held out")
     found.add_argument("--out", type=Path, metavar="DIR", help="folder for findings.json and all else (results/<case>)")
@@ -271,6 +274,10 @@ EXAMPLES: Mapping[str, Sequence[str]] = {
     "excite": (
         "fmu-didim excite case.yaml --torque-std 0.2,0.05",
         "fmu-didim excite case.yaml --limits limits.yaml --period 5 --periods 2 --only ZZ2,MX2",
+    ),
+    "name-controller": (
+        "fmu-didim name-controller case.yaml",
+        "fmu-didim name-controller case.yaml --json | jq .gains",
     ),
     "discover": (
         "fmu-didim discover examples/arm2r/discover.yaml",
@@ -455,6 +462,13 @@ def _excite(options: argparse.Namespace) -> int:
 
 
 _excite.__doc__ = run_excite.__doc__
+
+
+def _name_controller(options: argparse.Namespace) -> int:
+    return run_name_controller(options, _stem)
+
+
+_name_controller.__doc__ = run_name_controller.__doc__
 
 
 def _export(options: argparse.Namespace) -> int:

@@ -11,7 +11,7 @@ from abc import abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, ClassVar, Literal
 
 import casadi as ca
 from pydantic import Field, model_validator
@@ -21,8 +21,11 @@ from fmu_didim.data.signals import Variable
 from fmu_didim.dynamics.block import Block
 from fmu_didim.dynamics.effects import UNITS, JointType
 
+NotNegative = Annotated[float, Field(ge=0)]
 VelocityKind = Literal["measured", "backward_difference"]
 RateKind = Literal["measured", "backward_difference", "error_difference"]
+SHORTEST = 1e-12
+"""[s] A time constant below which its exponential is zero in any case."""
 
 
 @dataclass
@@ -61,6 +64,22 @@ class ControlEquations:
         self.state(f"integral{j}", "", integral, integral + period * integrand, start)
         return integral
 
+    def low_passed(self, name: str, unit: str, signal: ca.SX, time_constant: ca.SX, period: float) -> ca.SX:
+        """y[k] = a y[k-1] + (1 - a) u[k] of a signal u, a = exp(-T_f / T), settled before the start: y[-1] = u[0].
+
+        Args:
+            name: of the state y[k-1]; time_constant: T_f, s; 0 leaves the signal as it is; period: T, s.
+        """
+        before = ca.SX.sym(name)
+        decay = ca.exp(-period / ca.fmax(time_constant, SHORTEST))
+        result = decay * before + (1 - decay) * signal
+        start = signal
+        if self.states:
+            symbols, starts = ([entry[i] for entry in self.states.values()] for i in (0, 2))
+            start = ca.substitute(ca.vertcat(signal), ca.vertcat(*symbols), ca.vertcat(*starts))[0]
+        self.state(name, unit, before, result, start)
+        return result
+
 
 class ControlLaw(Strict):
     """Options shared by all laws.
@@ -73,6 +92,11 @@ class ControlLaw(Strict):
         rate_hz: sample rate; the command is held over one period (zero-order hold).
         command_unit: unit of the command (N.m, N, V, A).
         saturation: symmetric limit of each command, or nothing.
+        acceleration: gains Ka of the reference acceleration, Ka ddq_ref being added to each command; or nothing.
+        filter_s: time constants of the filter of each velocity that is fed back, or nothing: a first-order low-pass of
+            the rate of the error in ``pd`` and ``pid``, of the velocity of the joint in ``cascade_ppi``; other laws
+            take none.
+        lag_s: time constants of a first-order lag of each command, before its limit; or nothing.
     """
 
     schema_version: Literal[1] = Field(default=1, alias="schema")
@@ -84,6 +108,12 @@ class ControlLaw(Strict):
     rate_hz: Positive
     command_unit: str = "N.m"
     saturation: tuple[Positive, ...] | None = None
+    acceleration: tuple[float, ...] | None = None
+    filter_s: tuple[NotNegative, ...] | None = None
+    lag_s: tuple[NotNegative, ...] | None = None
+
+    filters_velocity: ClassVar[bool] = False
+    """Whether the law takes ``filter_s``."""
 
     @model_validator(mode="after")
     def _one_value_per_joint(self) -> ControlLaw:
@@ -91,6 +121,8 @@ class ControlLaw(Strict):
             value = getattr(self, key)
             if key != "joints" and isinstance(value, tuple) and len(value) != len(self.joints):
                 raise ValueError(f"{key} has {len(value)} values for {len(self.joints)} joints")
+        if self.filter_s is not None and not self.filters_velocity:
+            raise ValueError(f"filter_s: {self.law} filters no velocity")
         return self
 
     @property
@@ -106,6 +138,14 @@ class ControlLaw(Strict):
         """The law as a sampled block; ``folder`` is where files named in the options are looked for."""
         equations = ControlEquations()
         commands = self.commands(equations, folder=folder)
+        for j, gain in enumerate(self.acceleration or (), start=1):
+            wanted = equations.input(f"ddq_ref{j}", UNITS[self.joints[j - 1]].acceleration)
+            commands[j - 1] += equations.parameter(f"Ka{j}", gain, "gain of the reference acceleration") * wanted
+        for j, lag in enumerate(self.lag_s or (), start=1):
+            constant = equations.parameter(f"lag_s{j}", lag, "time constant of the lag of the command, s")
+            commands[j - 1] = equations.low_passed(
+                f"lagged{j}", self.command_unit, commands[j - 1], constant, self.period
+            )  # fmt: skip
         for j, limit in enumerate(self.saturation or (), start=1):
             bound = equations.parameter(f"limit{j}", limit, "symmetric limit of the command")
             commands[j - 1] = ca.fmin(ca.fmax(commands[j - 1], -bound), bound)
@@ -153,6 +193,14 @@ class ControlLaw(Strict):
         previous = ca.SX.sym(f"e_previous{j}")
         equations.state(f"e_previous{j}", unit, previous, error, error)
         return error, (error - previous) / self.period
+
+    def filtered(self, equations: ControlEquations, j: int, velocity: ca.SX) -> ca.SX:
+        """A velocity of joint j behind the filter of ``filter_s``; itself where there is none."""
+        if self.filter_s is None:
+            return velocity
+        constant = equations.parameter(f"filter_s{j}", self.filter_s[j - 1], "time constant of the filter, s")
+        unit = UNITS[self.joints[j - 1]].velocity
+        return equations.low_passed(f"filtered{j}", unit, velocity, constant, self.period)
 
     def velocity_signal(self, equations: ControlEquations, j: int, kind: VelocityKind) -> ca.SX:
         """Velocity of joint j: the input ``dq<j>``, or (q[k] - q[k-1]) / T.

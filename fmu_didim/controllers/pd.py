@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import ClassVar
 
 import casadi as ca
 
@@ -22,10 +23,13 @@ class PD(ControlLaw):
     Kd: tuple[float, ...]
     velocity: RateKind = "measured"
 
+    filters_velocity: ClassVar[bool] = True
+
     def commands(self, equations: ControlEquations, *, folder: Path) -> list[ca.SX]:
         result = []
         for j in range(1, len(self.joints) + 1):
             error, rate = self.error_and_rate(equations, j, self.velocity)
+            rate = self.filtered(equations, j, rate)
             kp = equations.parameter(f"Kp{j}", self.Kp[j - 1], "proportional gain")
             kd = equations.parameter(f"Kd{j}", self.Kd[j - 1], "derivative gain")
             result.append(kp * error + kd * rate)

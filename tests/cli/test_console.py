@@ -144,7 +144,7 @@ def test_json_of_all_that_has_it(tmp_path: Path, capsys: pytest.CaptureFixture[s
 VERBS = (
     *(["campaign", name] for name in ("run", "retry", "status", "report", "show")),
     ["identify"], ["check"], ["simulate"], ["discover"], ["export"], ["init"], ["validate"], ["schema"], ["effects"],
-    ["robot"], ["excite"],
+    ["robot"], ["excite"], ["name-controller"],
     ["example"], ["completion"], ["fmu", "info"], ["fmu", "check"], ["cache", "show"], ["cache", "clear"], [],
 )  # fmt: skip
 

@@ -23,6 +23,7 @@ VERBS: Mapping[str, Callable[[Path], list[str]]] = {
     "init": lambda file: [str(file), "--law", "pd", "--out", "made"],
     "identify": lambda file: [str(file), "--out", "identified"],
     "simulate": lambda file: [str(file), "--out", "loop.csv"],
+    "name-controller": lambda file: [str(file), "--out", "named"],
     "excite": lambda file: [str(file), "--out", "motion", "--starts", "1"],
     "discover": lambda file: [str(file), "--out", "found", "--time-limit", TIME_LIMIT],
     "export": lambda file: [str(file), "--out", "built"],
@@ -53,7 +54,7 @@ MEANT_FOR: Mapping[str, set[str]] = {
     "text": set(),
 }
 """Kind of file -> the verbs that must succeed with it; all others may refuse it."""
-ANY = {"init", "excite"}
+ANY = {"init", "excite", "name-controller"}
 """Verbs that may take some files of a kind and not others: a log alone, a robot of which the noise is known."""
 SLOW = {"discover", "campaign run"}
 """Verbs that take tens of seconds."""

@@ -69,6 +69,58 @@ def cascade(o: Mapping[str, Any]) -> Law:
     return law
 
 
+def low_passed(history: list[np.ndarray], constants: Any) -> np.ndarray:
+    """First-order low-pass of a signal, settled before its first value."""
+    decay, y = np.exp(-PERIOD / np.array(constants)), history[0]
+    for value in history:
+        y = decay * y + (1 - decay) * value
+    return np.asarray(y)
+
+
+def with_extras(law: Callable[[Mapping[str, Any]], Law]) -> Callable[[Mapping[str, Any]], Law]:
+    """A law with feed-forward of the acceleration and a lag of the command."""
+
+    def options(o: Mapping[str, Any]) -> Law:
+        def command(h: list[Signals]) -> np.ndarray:
+            raw = [law(o)(h[: k + 1]) + np.multiply(o["acceleration"], h[k]["ddq_ref"]) for k in range(len(h))]
+            return low_passed(raw, o["lag_s"])
+
+        return command
+
+    return options
+
+
+def pid_filtered(o: Mapping[str, Any]) -> Law:
+    """PID whose rate of the error is filtered."""
+
+    def rate(h: list[Signals]) -> np.ndarray:
+        before = h[-2] if len(h) > 1 else h[-1]
+        change = (h[-1]["q_ref"] - h[-1]["q"]) - (before["q_ref"] - before["q"])
+        return np.asarray(change / PERIOD)
+
+    def law(h: list[Signals]) -> np.ndarray:
+        filtered = low_passed([rate(h[: k + 1]) for k in range(len(h))], o["filter_s"])
+        rest = pid({**o, "Kd": [0.0, 0.0]})(h)
+        return rest + np.multiply(o["Kd"], filtered)
+
+    return law
+
+
+def cascade_filtered(o: Mapping[str, Any]) -> Law:
+    """Cascade whose measured velocity is filtered, with a feed-forward for each joint."""
+
+    def error(h: list[Signals]) -> np.ndarray:
+        velocities = low_passed([s["dq"] for s in h], o["filter_s"])
+        wanted = np.multiply(o["Kv"], h[-1]["q_ref"] - h[-1]["q"])
+        return wanted + np.multiply(o["feedforward"], h[-1]["dq_ref"]) - velocities
+
+    def law(h: list[Signals]) -> np.ndarray:
+        integral = PERIOD * sum((error(h[: k + 1]) for k in range(len(h) - 1)), np.zeros(len(o["joints"])))
+        return np.multiply(o["Kp"], error(h)) + np.multiply(o["Ki"], integral)
+
+    return law
+
+
 def scara_torque(q: np.ndarray, dq: np.ndarray, a: np.ndarray) -> np.ndarray:
     """Closed form of the planar arm in fmus/scara/robot.yaml, Lagrange's equations by hand."""
     zz1, zz2, mx, my, length = 3.43, 0.063, 0.241, 0.014, 0.5
@@ -123,6 +175,9 @@ CASCADE_OPTIONS = {"law": "cascade_ppi", **TWO, "Kv": [9.0, 4.0], "Kp": [3.0, 2.
 CT_OPTIONS = {"law": "computed_torque", **ARM, "robot": "fmus/scara/robot.yaml"}
 CT_OPTIONS |= {"Kp": [100.0, 150.0], "Kd": [20.0, 25.0]}
 EMPS_OPTIONS = {"law": "emps", **TWO, "kp": [12.0, 5.0], "kv": [2.0, 1.5]}
+LAGGED = {"acceleration": [0.4, 0.7], "lag_s": [0.004, 0.011]}
+FILTERED = {"filter_s": [0.008, 0.003]}
+SHARES = {"feedforward": [0.6, 0.9]}
 CASES = (
     Case("pd", PD_OPTIONS | MEASURED, pd, True),
     Case("pd_difference", PD_OPTIONS | DIFFERENCE, pd, True),
@@ -133,6 +188,9 @@ CASES = (
     Case("pid_error_difference", PID_OPTIONS | OF_ERROR, pid, True),
     Case("cascade", CASCADE_OPTIONS | MEASURED | {"feedforward": 0.6}, cascade, True),
     Case("cascade_difference", CASCADE_OPTIONS | DIFFERENCE | {"feedforward": 1.0}, cascade, True),
+    Case("pd_acceleration_lag", PD_OPTIONS | MEASURED | LAGGED, with_extras(pd), True),
+    Case("pid_filtered", PID_OPTIONS | OF_ERROR | FILTERED, pid_filtered, True),
+    Case("cascade_filtered", CASCADE_OPTIONS | MEASURED | FILTERED | SHARES, cascade_filtered, True),
     Case("computed_torque", CT_OPTIONS | MEASURED, computed_torque, False),
     Case("computed_torque_difference", CT_OPTIONS | DIFFERENCE, computed_torque, False),
     Case("emps", EMPS_OPTIONS, emps, True),

@@ -24,6 +24,7 @@ from fmu_didim.workflow import identify as identify_case
 from fmu_didim.workflow.output.exit_codes import CHANGED_EXIT
 from tests.discovery.helpers import arm_case
 from tests.helpers import ROOT
+from tests.workflow.naming.machine import HIDDEN, logged, written
 
 pytestmark = pytest.mark.smoke
 SCARA = "examples/scara/identify.yaml"
@@ -171,6 +172,13 @@ def excite(made: Made, printed: Say) -> None:
     assert (made.folder / "motion" / "reference.yaml").is_file()
 
 
+def name_controller(made: Made, printed: Say) -> None:
+    content = logged(made.folder, HIDDEN["cascade"], 3)
+    made.run("name-controller", written(made.folder, content), "--out", made.folder / "law")
+    assert "Law: P-PI cascade with feed-forward" in printed()
+    assert (made.folder / "law" / "named_controller.fmu").is_file()
+
+
 def export(made: Made, printed: Say) -> None:
     assert made.fmu.is_file()
     made.run("export", "controllers/scara_cascade.yaml", "--fmi", "3.0", "--out", made.folder)
@@ -232,7 +240,7 @@ VERBS = {
     "example": example, "init": init, "validate": validate, "effects": effects, "schema": schema, "robot": robot,
     "completion": completion,
     "identify": identify, "check": check, "simulate": simulate, "discover": discover, "export": export,
-    "excite": excite, "compare": compare, "watch": watch,
+    "excite": excite, "compare": compare, "watch": watch, "name-controller": name_controller,
     "fmu info": fmu_info, "fmu check": fmu_check, "cache show": cache_show, "cache clear": cache_clear,
     "campaign run": campaign_run, "campaign status": campaign_status, "campaign report": campaign_report,
     "campaign retry": campaign_retry, "campaign show": campaign_show,
