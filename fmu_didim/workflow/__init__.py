@@ -15,6 +15,6 @@ from fmu_didim.workflow.simulate import simulate
 from fmu_didim.workflow.watch import Watched, watch
 
 __all__ = [
-    "Checked", "Compared", "Discovered", "Excited", "NamedController", "Result", "Watched", "check", "compare", "discover",
-    "excite", "export_ssp", "identify", "name_controller", "simulate", "watch",
+    "Checked", "Compared", "Discovered", "Excited", "NamedController", "Result", "Watched", "check", "compare",
+    "discover", "excite", "export_ssp", "identify", "name_controller", "simulate", "watch",
 ]  # fmt: skip
