@@ -258,6 +258,18 @@ def same_in_effect(one: Candidate, other: Candidate) -> bool:
     return {one.law.name, other.law.name} == EQUAL_EFFECT and one.rate == other.rate and one.extras == other.extras
 
 
+def simpler(candidate: Candidate) -> list[Candidate]:
+    """What a candidate is for some of its gains: simpler laws with the same velocity and extras."""
+    laws = [law for law in LAWS if candidate.law.name in SPECIAL_OF[law.name] and candidate.rate in law.rates]
+    found = [Candidate(law, candidate.rate, candidate.extras) for law in laws]
+    return [one for one in found if law_takes(one)]
+
+
+def law_takes(candidate: Candidate) -> bool:
+    """Whether all extras of a candidate do something to its law."""
+    return not ("filter" in candidate.extras and candidate.law.name == "P")
+
+
 def candidates(extras: Sequence[Extra] = ()) -> list[Candidate]:
     """All laws with all ways to a velocity, each with these extras where they make sense."""
     found = [Candidate(law, rate) for law in LAWS for rate in law.rates]

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from fmu_didim.data.signals import Array
-from fmu_didim.workflow.naming.catalogue import EXTRAS, Candidate, Extra, candidates, takes
+from fmu_didim.workflow.naming.catalogue import EXTRAS, Candidate, Extra, candidates, simpler, takes
 from fmu_didim.workflow.naming.regression import JointFit, JointProblem
 from fmu_didim.workflow.naming.starts import law_starts, with_extras
 
@@ -109,9 +109,9 @@ class Contest:
         return list(found.values())
 
     def _neighbours(self, candidate: Candidate) -> list[Candidate]:
-        """What differs by one extra, or by the way to the velocity."""
+        """What differs by one extra, or by the way to the velocity, and simpler laws that it contains."""
         found = [Candidate(candidate.law, rate, candidate.extras) for rate in candidate.law.rates]
-        found += [candidate.without(extra) for extra in candidate.extras]
+        found += [*simpler(candidate), *(candidate.without(extra) for extra in candidate.extras)]
         if len(candidate.extras) < MOST_EXTRAS:
             found += [candidate.with_extra(extra) for extra in self.extras if takes(candidate, extra)]
         return found
@@ -129,13 +129,13 @@ class Contest:
     def _starts(self, candidate: Candidate, joint: int) -> list[dict[str, float]]:
         """From the linear fit, or from the same law with an extra less."""
         problem = self.problems[joint]
-        simpler: Iterable[Entry] = (
+        before: Iterable[Entry] = (
             self.entries[one]
             for one in (candidate, *(candidate.without(extra) for extra in candidate.extras))
             for one in (Candidate(one.law, rate, one.extras) for rate in one.law.rates)
             if one in self.entries
         )
-        best = sorted(simpler, key=lambda entry: entry.bic)[:1]
+        best = sorted(before, key=lambda entry: entry.bic)[:1]
         known: list[Mapping[str, float]] = [entry.joints[joint].values for entry in best]
         return with_extras(problem, candidate, known or law_starts(problem, candidate.law))
 

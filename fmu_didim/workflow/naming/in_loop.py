@@ -25,7 +25,7 @@ from fmu_didim.estimators.joint import motion_minimum
 from fmu_didim.fit.fit import Fit
 from fmu_didim.fit.noise.weighting import NoiseOfResidual
 from fmu_didim.fit.solver.least_squares import minimise
-from fmu_didim.workflow.naming.catalogue import EQUAL_EFFECT, LAWS, TIMES, Candidate, Extra, candidates, takes
+from fmu_didim.workflow.naming.catalogue import EQUAL_EFFECT, LAWS, TIMES, Candidate, Extra, candidates, simpler, takes
 from fmu_didim.workflow.naming.logs import Logs
 from fmu_didim.workflow.naming.regression import JointProblem
 from fmu_didim.workflow.naming.starts import law_starts, with_extras
@@ -124,7 +124,7 @@ class LoopContest:
         found = [Candidate(candidate.law, rate, candidate.extras) for rate in candidate.law.rates]
         found += [Candidate(law, candidate.rate, candidate.extras) for law in LAWS if law.name in EQUAL_EFFECT
                   and candidate.law.name in EQUAL_EFFECT and candidate.rate in law.rates]  # fmt: skip
-        found += [candidate.without(extra) for extra in candidate.extras]
+        found += [*simpler(candidate), *(candidate.without(extra) for extra in candidate.extras)]
         if len(candidate.extras) < MOST_EXTRAS:
             found += [candidate.with_extra(extra) for extra in IN_LOOP if takes(candidate, extra)]
         return found
@@ -180,9 +180,9 @@ class LoopContest:
         n = len(self.problems)
         for extra in (*candidate.extras, None):
             for rate in candidate.law.rates:
-                simpler = Candidate(candidate.law, rate, candidate.without(extra).extras if extra else candidate.extras)
-                if simpler in self.entries:
-                    known = self.entries[simpler].values(n)
+                before = Candidate(candidate.law, rate, candidate.without(extra).extras if extra else candidate.extras)
+                if before in self.entries:
+                    known = self.entries[before].values(n)
                     return [[with_extras(self.problems[j], candidate, [one])[0] for j, one in enumerate(known)]]
         rough = [law_starts(problem, candidate.law) for problem in self.problems]
         ways = range(max(map(len, rough)))

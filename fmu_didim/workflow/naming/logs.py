@@ -90,6 +90,13 @@ def logs_of(case: Case | Path | str | Mapping[str, Any]) -> Logs:
             signals=ready.signals,
         )  # fmt: skip
         torque_hz.append((log.times.size - 1) / float(np.ptp(log.times)))
+        if torque_hz[-1] * step > 1 + ON_TICK:
+            raise InputError(
+                "The torque was logged faster than the controller is said to run, so that the control rate is wrong.",
+                where="loop.rate_hz", got=f"control at {1 / step:.6g} Hz, torque at {torque_hz[-1]:.6g} Hz",
+                next_step="State the rate of the controller, or take every so many rows of the log (torque: {rate_hz: "
+                "...}).",
+            )  # fmt: skip
         positions = _positions(run, folder, ready, units)
         if positions is None:
             continue

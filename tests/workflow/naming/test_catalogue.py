@@ -14,6 +14,7 @@ from fmu_didim.workflow.naming.catalogue import (
     Extra,
     JointSignals,
     candidates,
+    simpler,
     takes,
 )
 from tests.helpers import component, drive
@@ -73,6 +74,16 @@ def test_the_response_is_that_to_a_sine_of_the_position(base: Candidate, extra: 
     found = 2 * np.abs(np.fft.rfft(settled)[cycles]) / count
     responses = candidate.responses(np.array([omega]), STEP, values) @ candidate.coefficients(values)
     assert found == pytest.approx(abs(responses[0]), rel=2e-3)
+
+
+def test_a_simpler_law_gives_the_same_command_for_some_gains() -> None:
+    """PD is a P-P cascade with whole feed-forward, with its lag."""
+    cascade = next(c for c in candidates(["lag"]) if c.law.name == "P-P+ff" and c.rate == "measured")
+    pd = next(c for c in simpler(cascade) if c.law.name == "PD")
+    assert pd.extras == cascade.extras
+    s = signals()
+    of_cascade = cascade.command(s, {"Kv": 15.0, "Kp": 2.0, "feedforward": 1.0, "lag_s": 0.004})
+    np.testing.assert_allclose(pd.command(s, {"Kp": 30.0, "Kd": 2.0, "lag_s": 0.004}), of_cascade, atol=1e-9)
 
 
 def test_special_cases_are_of_laws_of_the_catalogue() -> None:

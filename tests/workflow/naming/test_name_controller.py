@@ -164,6 +164,12 @@ def test_gains_that_are_those_of_the_case_times_a_factor_are_told(tmp_path: Path
 
 
 @pytest.mark.gate
+def test_a_control_rate_below_that_of_the_log_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="faster than the controller"):
+        name_controller(logged(tmp_path, HIDDEN["cascade"], 1, loop={"rate_hz": 100}))
+
+
+@pytest.mark.gate
 def test_without_positions_it_says_what_to_log(tmp_path: Path) -> None:
     content = logged(tmp_path, HIDDEN["cascade"], 1)
     del content["train"]["positions"]
