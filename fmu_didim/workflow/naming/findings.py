@@ -32,6 +32,12 @@ TIED = CATALOGUE(
     meaning="Several laws explain the torque equally well: the data cannot tell them apart. All of them are named.",
     next_step="Log positions and torque at each tick of the controller, on a livelier motion.",
 )  # fmt: skip
+FROM_SLOW_POSITIONS = CATALOGUE(
+    "law-from-slow-positions", DOUBT, rank=33,
+    meaning="The positions are too slow to show what the controller saw. The law was named in the closed loop with the "
+    "robot of the case, whose errors, and a filter or a lag that is hardly seen, may pass for parts of it.",
+    next_step="Log positions and torque at each tick of the controller, or check the law in its manual.",
+)  # fmt: skip
 DELAY_OR_CLOCK = CATALOGUE(
     "law-delay-or-clock", DOUBT, rank=32,
     meaning="A delay of the controller cannot be told from a clock of the torque log that is late against that of the "

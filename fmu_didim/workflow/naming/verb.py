@@ -26,6 +26,7 @@ from fmu_didim.workflow.case_files import case_files
 from fmu_didim.workflow.naming.catalogue import Candidate
 from fmu_didim.workflow.naming.confirm import confirmed
 from fmu_didim.workflow.naming.contest import Contest, Entry
+from fmu_didim.workflow.naming.findings import FROM_SLOW_POSITIONS
 from fmu_didim.workflow.naming.in_loop import LoopContest, LoopEntry
 from fmu_didim.workflow.naming.logs import Logs, logs_of
 from fmu_didim.workflow.naming.named import Gain, NamedController, Ranked, gains_of
@@ -126,7 +127,11 @@ def _in_loop(logs: Logs, progress: Callable[[str], None]) -> NamedController:
     best, deviation = contest.deviations(entries[0])
     others, values = tied(entries), best.values(len(logs.joints))
     gains = gains_of(values, deviation)
-    told = refusal_in_loop(best) or _told(logs, [entry.candidate for entry in others], values, gains)
+    told = refusal_in_loop(best)
+    if not told:
+        slow = "The positions do not show each tick: the law was named in the loop with the robot of the case."
+        told = [Diagnostic(FROM_SLOW_POSITIONS, slow, "controller")]
+        told += _told(logs, [entry.candidate for entry in others], values, gains)
     least = np.maximum(best.fit.deviation, np.finfo(float).tiny)
 
     def left(entry: LoopEntry) -> float:

@@ -81,6 +81,7 @@ def test_slow_positions_are_fitted_in_the_loop(tmp_path: Path) -> None:
     found = name_controller(logged(tmp_path, HIDDEN["cascade"], 1, every=10))
     assert found.candidate.law.name == "P-PI+ff"
     assert "closed loop" in found.way
+    assert found.verdict == "doubtful" and "law-from-slow-positions" in codes(found)
     for joint in (1, 2):
         for name in ("Kv", "Kp", "Ki"):
             within(found, name, HIDDEN["cascade"][name][joint - 1], joint)
