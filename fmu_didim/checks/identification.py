@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -62,6 +62,11 @@ JITTER = 0.1
 """[standard deviations] Jitter of a simulated torque, in those of its residual, that is reported: the values scatter as
 by noise, and the steps end up to half a deviation from the minimum."""
 
+BY_LOAD = (
+    "Friction that grows with the load, or a gear that was warmer, bends the load and gains of drives: add friction by "
+    "load to that joint (fmu-didim effects), or let the run have friction of its own: own: [...]."
+)
+"""What to do where a run with a load does not agree with the others."""
 MISFITS = {RESIDUAL_ABOVE_NOISE, RESIDUAL_SLOW, DEPENDS_ON_MOTION, WORSE_HELD_OUT, TORQUE_ERROR_LARGE}
 """What a parameter of the plant at a wrong value may be the cause of."""
 
@@ -169,7 +174,7 @@ def checked(estimate: Estimate, validations: Sequence[Validation], *, before: It
         *confirmed(estimate.fitted_model, before),
         *held_parameters(model),
         *limit_diagnostics(estimate),
-        *agreement_diagnostics(agreements),
+        *agreement_diagnostics(agreements, model.loads),
         *held_out_diagnostics(
             model, estimate.covariance, Residual.of(estimate.measured, estimate.simulated),
             {v.label: Residual.of(v.measured, v.simulated) for v in held if not v.failure},
@@ -341,10 +346,21 @@ def limit_diagnostics(estimate: Estimate) -> list[Diagnostic]:
     return found
 
 
-def agreement_diagnostics(found: Mapping[str, AgreementResult]) -> list[Diagnostic]:
-    """Experiments that do not agree with the others."""
+def agreement_diagnostics(found: Mapping[str, AgreementResult], loaded: Container[str] = ()) -> list[Diagnostic]:
+    """Experiments that do not agree with the others.
+
+    Args:
+        loaded: labels of those that carry a load.
+    """
     return [
-        Diagnostic(DISAGREE, one.warning(label), label, one.change_in_std, unit="standard deviations")
+        Diagnostic(
+            DISAGREE,
+            one.warning(label),
+            label,
+            one.change_in_std,
+            unit="standard deviations",
+            next_step=BY_LOAD if label in loaded else "",
+        )
         for label, one in found.items()
         if not one.agrees
     ]
