@@ -9,11 +9,13 @@ import sys
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import yaml
 
 from tests.discovery.helpers import arm_case
 from tests.helpers import ROOT
+from tests.workflow.naming.machine import HIDDEN, logged
 
 DRIVER = r"""
 import atexit, shlex, sys, sysconfig, traceback, warnings
@@ -75,6 +77,12 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     written(folder / "case.yaml", case | {"name": "Prüfstand σ", "description": "größer als – ²"})
     written(folder / "limits.yaml", {"velocity": [2], "acceleration": [8], "torque": [60]})
     scara = ROOT / "examples" / "scara" / "identify_200hz.yaml"
+    rows = np.loadtxt(folder / "train_torque.csv", delimiter=",", skiprows=1)
+    (folder / "logs").mkdir()
+    for day in (1, 2):
+        table = np.column_stack([rows[:, 0], rows[:, 1:] + 0.01 * day])
+        np.savetxt(folder / "logs" / f"2024-05-0{day}.csv", table, delimiter=",", header="t,tau1", comments="")
+    written(folder / "law.yaml", logged(folder, HIDDEN["cascade"], 3))
     written(folder / "campaign.yaml", {
         "name": "Läufe τ", "case": str(scara), "noise": {"relative": 0.05}, "seeds": 2,
         "vary": {"train.torque.rate_hz": [20]},
@@ -88,6 +96,8 @@ VERBS = [
     "identify case.yaml --out identified --figures",
     "discover case.yaml --out discovered --rounds 1",
     "compare identified identified --out compared",
+    "watch logs --case case.yaml --reference 1 --out watched",
+    "name-controller law.yaml --out law",
     "excite case.yaml --torque-std 0.1 --limits limits.yaml --period 5 --periods 1 --starts 1 --out motion",
     "simulate case.yaml --out simulated.csv",
     f"export {ROOT}/controllers/scara_pd.yaml --out fmus",

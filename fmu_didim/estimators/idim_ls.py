@@ -15,7 +15,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 
 from fmu_didim.base.documents import Count, NotNegative, Positive
 from fmu_didim.base.errors import InputError
@@ -221,5 +220,7 @@ def acting_instants(model: LoopModel, label: str) -> Array:
 def moved_to(wanted: Array, time: Array, motion: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
     """Position, velocity and acceleration (N, n) each at other instants (N,), by cubic splines through those at the
     samples; before the first and behind the last one by its ends."""
+    from scipy.interpolate import CubicSpline  # few cases need it
+
     q, dq, ddq = (np.asarray(CubicSpline(time, signal)(wanted)) for signal in motion)
     return q, dq, ddq

@@ -117,5 +117,5 @@ def test_what_one_look_settles_is_one_reason():
     assert one.place == "a.csv"
     assert judgement(found).acknowledging({at_once.name: "Checked."}).verdict == "valid"
     assert {code.name for code in all_codes() if code.at_once} == {
-        "torque-unit", "unit-contradicts-file", "unit-unknown"
+        "torque-unit", "unit-contradicts-file", "unit-unknown", "watch-log-not-sure", "watch-motion",
     }  # fmt: skip

@@ -17,7 +17,6 @@ from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import lfilter
 
 from fmu_didim.data.signals import Array
 
@@ -288,6 +287,8 @@ def _integral(signal: Array, step: float) -> Array:
 
 
 def _low_passed(signal: Array, constant: float, step: float) -> Array:
+    from scipy.signal import lfilter  # few cases need it
+
     decay = np.exp(-step / max(abs(constant), SHORTEST))
     start = decay * np.atleast_2d(signal[:1]) if signal.ndim > 1 else decay * signal[:1]
     return np.asarray(lfilter([1 - decay], [1, -decay], signal, axis=0, zi=start)[0])

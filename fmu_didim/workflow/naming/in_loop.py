@@ -14,8 +14,8 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from scipy.stats import chi2
 
+from fmu_didim.base.distributions import chi2_sf
 from fmu_didim.base.errors import FmuDidimError
 from fmu_didim.case import Case
 from fmu_didim.controllers import LAWS as KINDS
@@ -86,7 +86,7 @@ def white_chance(residual: Array) -> float:
         return 1.0
     alike = np.array([centred[lag:] @ centred[:-lag] / power for lag in range(1, LAGS + 1)])
     statistic = count * (count + 2) * np.sum(alike**2 / (count - np.arange(1, LAGS + 1)))
-    return float(chi2.sf(statistic, LAGS))
+    return float(chi2_sf(statistic, LAGS))
 
 
 @dataclass

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 
 from fmu_didim.base.documents import validate
 from fmu_didim.base.errors import InputError
@@ -172,6 +171,8 @@ def _joint_signals(
     motion: Trajectory, positions: Trajectory, log: TorqueLog, step: float, label: str
 ) -> list[JointSignals]:
     """Of each joint of a run."""
+    from scipy.interpolate import CubicSpline  # few cases need it
+
     ticks, start = motion.time, float(motion.time[0])
     inside = (ticks >= positions.time[0] - ON_TICK * step) & (ticks <= positions.time[-1] + ON_TICK * step)
     first = int(np.flatnonzero(inside)[0])

@@ -7,9 +7,9 @@ from dataclasses import replace
 from typing import Protocol, TypeVar
 
 import numpy as np
-from scipy.stats import f as f_distribution
 
 from fmu_didim.base.diagnostics import Diagnostic
+from fmu_didim.base.distributions import f_sf
 from fmu_didim.data.signals import Array
 from fmu_didim.workflow.naming.catalogue import EQUAL_EFFECT, SPECIAL_OF, Candidate, same_in_effect
 from fmu_didim.workflow.naming.contest import Contest, Entry
@@ -55,7 +55,7 @@ def excess(problem: JointProblem, fit: JointFit) -> tuple[float, float]:
     ratio = fit.cost / freedom
     if fit.beyond_samples:
         ratio /= max(fit.beyond / fit.beyond_samples, 1.0)
-    return ratio, float(f_distribution.sf(ratio, freedom, max(fit.beyond_samples, freedom)))
+    return ratio, float(f_sf(ratio, freedom, max(fit.beyond_samples, freedom)))
 
 
 class Contestant(Protocol):
