@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fmu_didim.base.diagnostics import CATALOGUE, DOUBT, REMARK, Diagnostic
+from fmu_didim.base.diagnostics import CATALOGUE, DOUBT, Diagnostic
 from fmu_didim.base.errors import FmuDidimError
 from fmu_didim.workflow.naming.catalogue import Candidate, same_in_effect
 from fmu_didim.workflow.naming.contest import Entry
@@ -29,11 +29,12 @@ MOST = 6
 """[candidates] That are tried in the loop."""
 
 NOT_CONFIRMED = CATALOGUE(
-    "law-not-confirmed", REMARK, rank=64,
+    "law-not-confirmed", DOUBT, rank=34,
     meaning="The law explains the measured torque by the measured positions. In the closed loop with the robot of the "
     "case it leaves more than white noise, so that this loop could not confirm the gains: the robot description lacks "
     "something, or the noise has a colour.",
-    next_step="Identify the robot with this controller, and ask fmu-didim discover what it lacks.",
+    next_step="Identify the robot with this controller, and ask fmu-didim discover what it lacks. Until then a delay "
+    "or another way to the velocity may pass for a part of the gains.",
 )  # fmt: skip
 WAYS_APART = CATALOGUE(
     "law-ways-apart", DOUBT, rank=33,

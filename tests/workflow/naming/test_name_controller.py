@@ -176,3 +176,15 @@ def test_without_positions_it_says_what_to_log(tmp_path: Path) -> None:
     del content["train"]["positions"]
     with pytest.raises(InputError, match="positions"):
         name_controller(content)
+
+
+@pytest.mark.slow
+@pytest.mark.data
+def test_the_law_of_a_measured_machine_is_named_and_doubted() -> None:
+    """EMPS: a P-P cascade, kp = 160.18 1/s, kv = 243.45 V/(m/s), 35.15 N/V. The model lacks some of its friction, so
+    that the loop confirms nothing; a delay and a filter take a part of each gain, and leave their product."""
+    found = name_controller(ROOT / "examples/emps/identify_idim_ls.yaml")
+    assert found.candidate.law.name.startswith("P-P+") or found.candidate.law.name == "P-P"
+    assert found.verdict == "doubtful" and "law-not-confirmed" in codes(found)
+    gains = {gain.name: gain.value for gain in found.gains}
+    assert gains["Kv"] * gains["Kp"] == pytest.approx(160.18 * 243.45 * 35.15065188248547, rel=0.02)
