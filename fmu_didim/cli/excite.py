@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import argparse
-import json
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from fmu_didim.base.terminal import json_shown, quoted
-from fmu_didim.cli.console import Display, show, since_start
+from fmu_didim.base.terminal import quoted
+from fmu_didim.cli.console import since_start
 from fmu_didim.cli.numbers import at_least_one, at_least_two, not_negative, positive
+from fmu_didim.cli.saved import show_and_save
+
+if TYPE_CHECKING:
+    from fmu_didim.workflow import Excited
 
 
 def add_excite_options(verb: argparse.ArgumentParser) -> None:
@@ -43,29 +47,21 @@ def run_excite(options: argparse.Namespace, stem: Callable[[Path], str]) -> int:
     The exit code is 0, 4 with doubts, 1 where something stands against running it.
     """
     out = options.out or Path("results") / f"{stem(options.case)}_excite"
-    with Display(quiet=options.quiet or options.json) as display:
-        display.say(f"reading {options.case}")
-        from fmu_didim.workflow import excite
-        from fmu_didim.workflow.output.result_folder import check_writable
 
-        check_writable(out)
-        found = excite(
+    def make(progress: Callable[[str], None]) -> Excited:
+        from fmu_didim.workflow import excite
+
+        return excite(
             options.case, limits=options.limits, only=options.only, criterion=options.criterion,
             harmonics=options.harmonics,
             period_s=options.period, periods=options.periods, rate_hz=options.rate, torque_std=options.torque_std,
-            starts=options.starts, seed=options.seed, experiment=options.experiment, progress=display.say,
+            starts=options.starts, seed=options.seed, experiment=options.experiment, progress=progress,
         )  # fmt: skip
-        display.close()
-        if not options.json:
-            show(f"\n{found.summary()}")
-        written = found.save(out)
-    if options.json:
-        print(json_shown(json.dumps(found.saved(), indent=1, ensure_ascii=False)))
-        return found.exit_code
-    print("\n".join(str(path) for path in written))
-    if found.ok:
-        print(f"Run it, and name it in the case as {quoted(written[0])} has it.   ({since_start():.1f} s)")
-    return found.exit_code
+
+    def last(written: Sequence[Path]) -> str:
+        return f"Run it, and name it in the case as {quoted(written[0])} has it.   ({since_start():.1f} s)"
+
+    return show_and_save(options, out, make, last)
 
 
 def _several(text: str) -> tuple[float, ...]:

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import argparse
-import json
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from fmu_didim.base.terminal import json_shown, quoted
-from fmu_didim.cli.console import Display, show, since_start
+from fmu_didim.base.terminal import quoted
+from fmu_didim.cli.console import since_start
+from fmu_didim.cli.saved import show_and_save
+
+if TYPE_CHECKING:
+    from fmu_didim.workflow import NamedController
 
 
 def add_name_controller_options(verb: argparse.ArgumentParser) -> None:
@@ -27,22 +31,14 @@ def run_name_controller(options: argparse.Namespace, stem: Callable[[Path], str]
     The exit code is 0, 4 with doubts, 1 where no law of the catalogue explains the torque.
     """
     out = options.out or Path("results") / f"{stem(options.case)}_controller"
-    with Display(quiet=options.quiet or options.json) as display:
-        display.say(f"reading {options.case}")
-        from fmu_didim.workflow import name_controller
-        from fmu_didim.workflow.output.result_folder import check_writable
 
-        check_writable(out)
-        found = name_controller(options.case, progress=display.say)
-        display.close()
-        if not options.json:
-            show(f"\n{found.summary()}")
-        written = found.save(out)
-    if options.json:
-        print(json_shown(json.dumps(found.saved(), indent=1, ensure_ascii=False)))
-        return found.exit_code
-    print("\n".join(str(path) for path in written))
-    if found.ok:
+    def make(progress: Callable[[str], None]) -> NamedController:
+        from fmu_didim.workflow import name_controller
+
+        return name_controller(options.case, progress=progress)
+
+    def last(written: Sequence[Path]) -> str:
         entry = f"controller: {{source: {written[1]}}}"
-        print(f"In the case: {entry}   ({since_start():.1f} s)   FMU: {quoted(written[2])}")
-    return found.exit_code
+        return f"In the case: {entry}   ({since_start():.1f} s)   FMU: {quoted(written[2])}"
+
+    return show_and_save(options, out, make, last)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,6 +9,7 @@ from typing import Any
 
 from markupsafe import Markup
 
+from fmu_didim.report.drawing.charts import in_script
 from fmu_didim.report.page import environment
 from fmu_didim.report.sections import Table
 
@@ -38,8 +38,7 @@ class RobotPage:
     def json(self) -> Markup:
         """The picture as JSON that is safe inside a script element."""
         content = {"name": self.name, "gravity": list(self.gravity), "joints": list(self.joints)}
-        text = json.dumps(content, separators=(",", ":"), allow_nan=False)
-        return Markup(text.replace("&", "\\u0026").replace("<", "\\u003c").replace(">", "\\u003e"))
+        return in_script(content)
 
 
 def write_robot_page(page: RobotPage, path: Path) -> Path:

@@ -5,12 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any, Literal
 
-from pydantic import Field, ValidationError
+from pydantic import Field
 
-from fmu_didim.base.documents import Number, Saved, why_unread
-from fmu_didim.base.errors import InputError
-from fmu_didim.base.files import whole_file
+from fmu_didim.base.documents import Number, Saved
 from fmu_didim.checks.judgement import RESTS_ON, DiagnosticResult, Verdict
+from fmu_didim.results.saved import read_saved, write_saved
 
 COMPARISON_FILE = "compare.json"
 Change = Literal["unchanged", "named", "ambiguous", "unknown"]
@@ -193,20 +192,12 @@ def comparison_schema() -> dict[str, Any]:
 
 def save_comparison(document: ComparisonDocument, folder: Path) -> Path:
     """Write ``compare.json``, in the place of an earlier one when all is written."""
-    path = folder / COMPARISON_FILE
-    with whole_file(path) as temporary:
-        temporary.write_text(document.model_dump_json(indent=2) + "\n", encoding="utf-8")
-    return path
+    return write_saved(document, folder / COMPARISON_FILE)
 
 
 def load_comparison(path: Path | str) -> ComparisonDocument:
     """Read ``compare.json`` or that of a folder; raises InputError if it is missing or damaged."""
-    path = Path(path)
-    path = path / COMPARISON_FILE if path.is_dir() else path
-    try:
-        return ComparisonDocument.model_validate_json(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError, ValidationError) as error:
-        raise InputError(
-            "This is no saved comparison.", where=str(path), got=why_unread(error, ComparisonDocument),
-            next_step="Give the folder that fmu-didim compare wrote; if its file is damaged, compare again.",
-        ) from error  # fmt: skip
+    return read_saved(
+        path, COMPARISON_FILE, ComparisonDocument, what="This is no saved comparison.",
+        next_step="Give the folder that fmu-didim compare wrote; if its file is damaged, compare again.",
+    )  # fmt: skip

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import platform
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 from functools import cache
 from pathlib import Path
@@ -131,6 +131,15 @@ def code_digest() -> str:
     return state.hexdigest()[:16]
 
 
+def made_by(packages: Sequence[str]) -> dict[str, Any]:
+    """When, with which releases of these packages, and on what an answer was made."""
+    return {
+        "made": datetime.now(UTC).isoformat(timespec="seconds"),
+        "versions": {"python": platform.python_version(), **{name: release_of(name) for name in packages}},
+        "platform": f"{platform.system()} {platform.machine()}",
+    }
+
+
 def provenance(
     model: LoopModel, estimator: Mapping[str, Any], *, files: Mapping[str, str], deciding: Deciding = DECIDING
 ) -> dict[str, Any]:
@@ -144,9 +153,7 @@ def provenance(
     if deciding is DECIDING and not shows_torque:
         deciding = OF_OUTPUTS
     found = {
-        "made": datetime.now(UTC).isoformat(timespec="seconds"),
-        "versions": {"python": platform.python_version(), **{name: release_of(name) for name in PACKAGES}},
-        "platform": f"{platform.system()} {platform.machine()}",
+        **made_by(PACKAGES),
         "estimator": dict(estimator),
         "joint_weights": model.joint_weights,
         "low_pass_hz": model.experiments.low_pass.cutoff_hz if model.experiments.low_pass else None,

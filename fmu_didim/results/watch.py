@@ -5,12 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any, Literal
 
-from pydantic import Field, ValidationError
+from pydantic import Field
 
-from fmu_didim.base.documents import Number, Saved, why_unread
-from fmu_didim.base.errors import InputError
-from fmu_didim.base.files import whole_file
+from fmu_didim.base.documents import Number, Saved
 from fmu_didim.checks.judgement import RESTS_ON, DiagnosticResult, Verdict
+from fmu_didim.results.saved import read_saved, write_saved
 
 WATCH_FILE = "watch.json"
 State = Literal["reference", "unchanged", "changed", "doubtful", "not_judged"]
@@ -141,20 +140,12 @@ def watch_schema() -> dict[str, Any]:
 
 def save_watch(document: WatchDocument, folder: Path) -> Path:
     """Write ``watch.json``, in the place of an earlier one when all is written."""
-    path = folder / WATCH_FILE
-    with whole_file(path) as temporary:
-        temporary.write_text(document.model_dump_json(indent=2) + "\n", encoding="utf-8")
-    return path
+    return write_saved(document, folder / WATCH_FILE)
 
 
 def load_watch(path: Path | str) -> WatchDocument:
     """Read ``watch.json`` or that of a folder; raises InputError if it is missing or damaged."""
-    path = Path(path)
-    path = path / WATCH_FILE if path.is_dir() else path
-    try:
-        return WatchDocument.model_validate_json(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError, ValidationError) as error:
-        raise InputError(
-            "This is no saved history of a machine.", where=str(path), got=why_unread(error, WatchDocument),
-            next_step="Give the folder that fmu-didim watch wrote; if its file is damaged, watch again.",
-        ) from error  # fmt: skip
+    return read_saved(
+        path, WATCH_FILE, WatchDocument, what="This is no saved history of a machine.",
+        next_step="Give the folder that fmu-didim watch wrote; if its file is damaged, watch again.",
+    )  # fmt: skip

@@ -129,6 +129,11 @@ def chart_json(chart: Chart) -> Markup:
         "title": chart.title, "label": chart.label, "log": chart.log, "ticks": list(chart.ticks), "panels": panels,
         "axes": [_axis(axis) for axis in axes],
     }  # fmt: skip
+    return in_script(content)
+
+
+def in_script(content: Any) -> Markup:
+    """Content as JSON that is safe inside a script element."""
     text = json.dumps(content, separators=(",", ":"), ensure_ascii=False, allow_nan=False)
     return Markup(text.replace("&", "\\u0026").replace("<", "\\u003c").replace(">", "\\u003e"))
 

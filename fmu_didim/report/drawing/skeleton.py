@@ -7,7 +7,6 @@ axis of its frame, as long as the others on average.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
@@ -16,6 +15,7 @@ import numpy as np
 from markupsafe import Markup
 
 from fmu_didim.data.signals import Array
+from fmu_didim.report.drawing.charts import in_script
 from fmu_didim.results.result import LinkResult
 
 FRAMES = 240
@@ -69,8 +69,7 @@ class Skeleton:
             "title": self.title, "time": np.round(self.time, 4).tolist(), "points": np.round(self.points, 4).tolist(),
             "path": np.round(self.path, 4).tolist(), "level": self.level.astype(int).tolist(), "levels": LEVELS,
         }  # fmt: skip
-        text = json.dumps(content, separators=(",", ":"), allow_nan=False)
-        return Markup(text.replace("&", "\\u0026").replace("<", "\\u003c").replace(">", "\\u003e"))
+        return in_script(content)
 
 
 def skeleton(

@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import platform
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from datetime import UTC, datetime
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Unpack
 
@@ -22,6 +19,7 @@ from fmu_didim.discovery.excitation.optimum import Criterion, Problem, Solution
 from fmu_didim.discovery.excitation.series import Basis, Bounds
 from fmu_didim.fit.solver.admissible import mass_matrix_problem
 from fmu_didim.model.parameters import RobotParameters
+from fmu_didim.results.provenance import made_by
 from fmu_didim.workflow.case_files import case_files
 from fmu_didim.workflow.excitation.excited import Excited, Trial
 from fmu_didim.workflow.excitation.findings import findings
@@ -311,9 +309,4 @@ def _tighter(own: Bounds, wanted: Bounds, peaks: Peaks) -> Bounds:
 
 
 def _provenance(case: Case) -> dict[str, Any]:
-    return {
-        "made": datetime.now(UTC).isoformat(timespec="seconds"),
-        "versions": {"python": platform.python_version(), **{name: version(name) for name in PACKAGES}},
-        "platform": f"{platform.system()} {platform.machine()}",
-        "files": case_files(case),
-    }
+    return {**made_by(PACKAGES), "files": case_files(case)}

@@ -8,10 +8,7 @@ case -> logs: reference, positions, torque at the control ticks
 
 from __future__ import annotations
 
-import platform
 from collections.abc import Callable, Mapping, Sequence
-from datetime import UTC, datetime
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +19,7 @@ from fmu_didim.base.errors import InputError
 from fmu_didim.case import Case
 from fmu_didim.checks.judgement import judgement
 from fmu_didim.model.workers import one_blas_thread
+from fmu_didim.results.provenance import made_by
 from fmu_didim.workflow.case_files import case_files
 from fmu_didim.workflow.naming.catalogue import Candidate
 from fmu_didim.workflow.naming.confirm import confirmed
@@ -179,9 +177,4 @@ def _guessed(logs: Logs) -> dict[str, float]:
 
 
 def _provenance(case: Case) -> dict[str, Any]:
-    return {
-        "made": datetime.now(UTC).isoformat(timespec="seconds"),
-        "versions": {"python": platform.python_version(), **{name: version(name) for name in PACKAGES}},
-        "platform": f"{platform.system()} {platform.machine()}",
-        "files": case_files(case),
-    }
+    return {**made_by(PACKAGES), "files": case_files(case)}
