@@ -3,16 +3,7 @@
 from __future__ import annotations
 
 import importlib
-import os
 import shutil
-import sys
-
-# Two test processes share two cores: threads of the linear algebra only get into each other's way.
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-# Else each process that a test starts compiles anew all that it imports: most of its time. Git ignores what is written.
-if os.environ.pop("PYTHONDONTWRITEBYTECODE", None):
-    sys.dont_write_bytecode = False
-
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any

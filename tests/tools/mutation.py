@@ -182,7 +182,7 @@ def passes(folder: Path, tests: Sequence[str], limit_s: float | None = None) -> 
     """Whether the tests pass in a copy of the project, within a time if one is given."""
     command = [sys.executable, "-B", "-m", "pytest", "-x", "-q", "-n", "0", "-p", "no:cacheprovider"]
     environment = {**os.environ, "PYTHONPATH": str(folder), "OPENBLAS_NUM_THREADS": "1", "FMU_DIDIM_WORKERS": "1"}
-    environment.pop("PYTHONDONTWRITEBYTECODE", None)  # tests/conftest.py would take it, and ``-B`` with it, away
+    environment.pop("PYTHONDONTWRITEBYTECODE", None)  # tests/__init__.py would take it, and ``-B`` with it, away
     try:
         done = subprocess.run(
             [*command, *(str(folder / "tests" / test) for test in tests)], cwd=folder, env=environment,
