@@ -54,6 +54,7 @@ from fmu_didim.model.experiments import Experiments
 from fmu_didim.model.loop import Loop
 from fmu_didim.model.loop_model import LoopModel
 from fmu_didim.model.parameters import Parameters
+from fmu_didim.model.workers import one_blas_thread
 
 
 @dataclass(frozen=True, repr=False)
@@ -270,6 +271,7 @@ class Case:
         return None if None in stated else np.array(stated)
 
 
+@one_blas_thread
 def load_case(
     source: Path | str | Mapping[str, Any],
     *,

@@ -12,6 +12,7 @@ import numpy as np
 from fmu_didim.base.diagnostics import CATALOGUE, REMARK, Diagnostic
 from fmu_didim.base.errors import SimulationError
 from fmu_didim.data.signals import Array, Trajectory
+from fmu_didim.fit.estimate import Estimate
 from fmu_didim.fit.noise.noise import TINY
 from fmu_didim.fit.statistics import error_percent, relative_error_percent
 from fmu_didim.model.experiment import Role
@@ -102,6 +103,12 @@ class Validation:
     every: Trajectory | None = None
     motion: Mapping[str, Array] = field(default_factory=dict)
     channels: Mapping[str, ChannelValidation] = field(default_factory=dict)
+
+
+def validated(estimate: Estimate) -> list[Validation]:
+    """Each experiment of the estimate, simulated with its values."""
+    model = estimate.validated_model
+    return [validate_on(model, estimate.value, label) for label in model.experiments]
 
 
 def validate_on(model: LoopModel, values: Array, label: str) -> Validation:

@@ -166,6 +166,13 @@ class Estimate:
         return self.model.with_loop(substeps=loop.substeps, substep_factor=loop.substep_factor)
 
     @property
+    def validated_model(self) -> LoopModel:
+        """The model integrated twice as finely as it was fitted: a held-out motion may ask for more than the fitted
+        ones, and the rule, which looks at no data, for many times more than either."""
+        fitted = self.fitted_model
+        return self.model if fitted.loop.substeps is None else fitted.twice_as_fine() or self.model
+
+    @property
     def names(self) -> tuple[str, ...]:
         """(p,) of the parameters."""
         return self.model.names

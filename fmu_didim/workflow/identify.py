@@ -13,7 +13,7 @@ from fmu_didim.base.errors import FmuDidimError, IdentificationError, InputError
 from fmu_didim.case import Case, CaseObjects, with_objects
 from fmu_didim.checks.data.checks import without_outliers
 from fmu_didim.checks.identification import acknowledging, checked
-from fmu_didim.checks.validation import validate_on
+from fmu_didim.checks.validation import validated
 from fmu_didim.estimators import Progress, no_progress
 from fmu_didim.fit.estimate import Estimate, RefusedError
 from fmu_didim.model.workers import one_blas_thread
@@ -161,7 +161,7 @@ def _judged(
     known: Mapping[str, Any],
     sentences: Mapping[str, str],
 ) -> Result:
-    validations = [validate_on(estimate.model, estimate.value, label) for label in estimate.model.experiments]
+    validations = validated(estimate)
     checks = acknowledging(checked(estimate, validations, before=before), estimate, sentences)
     document = result_document(
         case.name, estimate, validations, checks=checks, description=case.document.description,

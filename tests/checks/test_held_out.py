@@ -13,7 +13,7 @@ from scipy.signal import lfilter
 from fmu_didim.checks.data.checks import data_diagnostics
 from fmu_didim.checks.held_out import Residual, held_out_diagnostics
 from fmu_didim.checks.identification import checked
-from fmu_didim.checks.validation import validate_on
+from fmu_didim.checks.validation import validated
 from fmu_didim.estimators import Didim
 from fmu_didim.fit.derivatives.sensitivity import sensitivity
 from fmu_didim.fit.statistics import covariance_white
@@ -143,7 +143,7 @@ def test_a_right_model_with_a_noisier_held_out_log_is_valid(memory, size, verdic
             log = own + louder * NOISE * own.std(axis=0) * noise[-own.shape[0] :]
             model = model.with_experiment(label, replace(model.experiments[label], torque=log))
         estimate = Didim(start="torque").estimate(model)
-        validations = [validate_on(estimate.model, estimate.value, label) for label in estimate.model.experiments]
+        validations = validated(estimate)
         found = checked(estimate, validations).judgement
         assert found.verdict == verdict
         told = [d.code.name for d in found.remarks if d.code.name.startswith("held-out")]

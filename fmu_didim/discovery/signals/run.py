@@ -13,7 +13,7 @@ from fmu_didim.base.errors import IdentificationError, SimulationError
 from fmu_didim.checks.identification import checked
 from fmu_didim.checks.judgement import Judgement
 from fmu_didim.checks.outputs.before import START_ELSEWHERE
-from fmu_didim.checks.validation import validate_on
+from fmu_didim.checks.validation import validated
 from fmu_didim.discovery.request import Request
 from fmu_didim.discovery.selection.plausible import ZERO, chance_of_none
 from fmu_didim.discovery.signals.candidates import Candidate
@@ -113,5 +113,5 @@ def chance_of_absence(candidate: Candidate, estimate: Estimate) -> float:
 
 def _judged(estimate: Estimate, before: Sequence[Diagnostic]) -> Judgement:
     """The judgement of an estimate, as an identification gets it."""
-    validations = [validate_on(estimate.model, estimate.value, label) for label in estimate.model.experiments]
+    validations = validated(estimate)
     return checked(estimate, validations, before=before).judgement

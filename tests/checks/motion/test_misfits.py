@@ -11,7 +11,7 @@ import pytest
 from fmu_didim.checks.identification import checked
 from fmu_didim.checks.motion.misfits import FittedMotions, Misfit, Misfits, misfits
 from fmu_didim.checks.power.statement import HOW_TO_CHECK, power_of_fit
-from fmu_didim.checks.validation import validate_on
+from fmu_didim.checks.validation import validate_on, validated
 from fmu_didim.data.signals import Array
 from fmu_didim.discovery.augmentation.builder import LoopModelBuilder
 from fmu_didim.discovery.augmentation.places import Proposal
@@ -166,7 +166,7 @@ def judged(model: LoopModel):  # type: ignore[no-untyped-def]
     from fmu_didim.estimators import Didim
 
     estimate = Didim(start="torque").estimate(model)
-    validations = [validate_on(estimate.model, estimate.value, label) for label in estimate.model.experiments]
+    validations = validated(estimate)
     return checked(estimate, validations).power, estimate
 
 

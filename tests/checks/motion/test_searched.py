@@ -16,7 +16,7 @@ from fmu_didim.checks.motion.dependence import DEPENDS_ON_MOTION, motion_diagnos
 from fmu_didim.checks.motion.functions import at_ripples, beyond, looks_like
 from fmu_didim.checks.motion.misfits import FittedMotions
 from fmu_didim.checks.motion.searched import Stop, numbers_of_ripples, searched_of_fit
-from fmu_didim.checks.validation import validate_on
+from fmu_didim.checks.validation import validated
 from fmu_didim.data.signals import Array
 from fmu_didim.discovery.augmentation.places import Proposal
 from fmu_didim.estimators import Didim
@@ -52,7 +52,7 @@ def logs_of(model: LoopModel, robot: str, seed: int, effect: str, joint: int, va
 def reasons(model: LoopModel) -> list[Diagnostic]:
     """What is doubted of the answer, where the residual follows the motion."""
     before, estimate = data_diagnostics(model), Didim(start="torque").estimate(model)
-    validations = [validate_on(estimate.model, estimate.value, label) for label in estimate.model.experiments]
+    validations = validated(estimate)
     judgement = checked(estimate, validations, before=before).judgement
     assert judgement.verdict == "doubtful"
     return [d for d in judgement.reasons if d.code is DEPENDS_ON_MOTION]
