@@ -207,7 +207,7 @@ def checked(estimate: Estimate, validations: Sequence[Validation], *, before: It
         found += unidentified_diagnostics(estimate.fit)
     found += rival_diagnostics(estimate)
     judged = judgement(of_one_set(found, model), settled=estimate.status is Status.CONVERGED)
-    judged, power = with_power(judged, estimate.fit, misfits)
+    judged, power = _with_power(judged, estimate, misfits)
     return Checks(judged, tests, agreements, power)
 
 
@@ -217,8 +217,15 @@ def acknowledging(checks: Checks, estimate: Estimate, sentences: Mapping[str, st
     judged = checks.judgement.acknowledging(sentences)
     if not judged.acknowledged:
         return replace(checks, judgement=judged)
-    judged, power = with_power(judged, estimate.fit, Misfits())
+    judged, power = _with_power(judged, estimate, Misfits())
     return replace(checks, judgement=judged, power=power)
+
+
+def _with_power(judged: Judgement, estimate: Estimate, misfits: Misfits) -> tuple[Judgement, PowerResult | None]:
+    """The judgement with what it rests on; beside further channels the torque alone is asked, with its own
+    deviations."""
+    own = estimate.joint is None
+    return with_power(judged, estimate.fit, misfits, estimate.standard_deviation if own else None)
 
 
 def _relative_errors(estimate: Estimate) -> dict[int, float]:

@@ -61,16 +61,13 @@ def influences(fit: Fit) -> tuple[Array, Array]:
 def moved_by(fit: Fit, error: Array) -> Array:
     """(p,) standard deviations by which an error (M, m) of the outputs moves the values of a fit, by one linear
     step."""
-    moves, deviation = moves_of(fit, error[:, :, None])
-    return np.asarray(np.abs(moves[:, 0]) / deviation)
+    return np.asarray(np.abs(moves_of(fit, error[:, :, None])[:, 0]) / np.maximum(fit_uncertainty(fit).deviation, TINY))
 
 
-def moves_of(fit: Fit, errors: Array) -> tuple[Array, Array]:
-    """(p, s) by which errors (M, m, s) of the outputs move the values of a fit, by one linear step, and (p,) the
-    standard deviations of these."""
+def moves_of(fit: Fit, errors: Array) -> Array:
+    """(p, s) by which errors (M, m, s) of the outputs move the values of a fit, by one linear step."""
     influence, _ = influences(fit)
-    deviation = np.sqrt(np.diag(fit_uncertainty(fit).covariance))
-    return np.tensordot(influence, errors, axes=([0, 1], [0, 1])), np.maximum(deviation, TINY)
+    return np.tensordot(influence, errors, axes=([0, 1], [0, 1]))
 
 
 def data_covariance(fit: Fit, influence: Array, noise: Uncertainty, residual: Array) -> Array:

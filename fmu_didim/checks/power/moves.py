@@ -14,6 +14,7 @@ from fmu_didim.base.diagnostics import CATALOGUE, REMARK, Diagnostic
 from fmu_didim.checks.judgement import CONDITIONAL, Judgement
 from fmu_didim.checks.motion.misfits import Misfits
 from fmu_didim.checks.power.statement import PowerResult, StatedResult, TrustResult, power_of_fit
+from fmu_didim.data.signals import Array
 from fmu_didim.fit.fit import Fit
 
 MOVES = 1.0
@@ -33,16 +34,19 @@ UNSEEN_MOVES = CATALOGUE(
 )  # fmt: skip
 
 
-def with_power(judged: Judgement, fit: Fit | None, misfits: Misfits) -> tuple[Judgement, PowerResult | None]:
+def with_power(
+    judged: Judgement, fit: Fit | None, misfits: Misfits, deviation: Array | None = None
+) -> tuple[Judgement, PowerResult | None]:
     """A judgement of the values of a fit with what it rests on, and what it excludes; as it is, and None, where it is
     not valid, or that is not known.
 
     Args:
         misfits: of the fit; none: they are asked for here.
+        deviation: (p,) standard deviations of the values; by default those of the noise.
     """
     if judged.verdict != "valid" or fit is None or fit.model.loop.torque_is_given or not fit.model.loop.shows_torque:
         return judged, None
-    power = power_of_fit(fit, misfits if misfits.stated else Misfits.of(fit))
+    power = power_of_fit(fit, misfits if misfits.stated else Misfits.of(fit), deviation)
     if power is None:
         return judged, None
     return replace(judged, remarks=(*judged.remarks, *unseen_diagnostics(power))), power

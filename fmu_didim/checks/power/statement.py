@@ -13,7 +13,8 @@ from fmu_didim.checks.motion.misfits import GRAVITY, LINK_LENGTH, TORQUE_SCALE, 
 from fmu_didim.checks.power.power import POWER, JointTest, smallest_size
 from fmu_didim.data.signals import Array
 from fmu_didim.fit.fit import Fit
-from fmu_didim.fit.fit_uncertainty import moves_of
+from fmu_didim.fit.fit_uncertainty import fit_uncertainty, moves_of
+from fmu_didim.fit.noise.noise import TINY
 from fmu_didim.model.workers import side_by_side
 
 HOW_TO_CHECK = {
@@ -102,9 +103,13 @@ class PowerResult(Saved):
     trusted: list[TrustResult]
 
 
-def power_of_fit(fit: Fit, misfits: Misfits) -> PowerResult | None:
+def power_of_fit(fit: Fit, misfits: Misfits, deviation: Array | None = None) -> PowerResult | None:
     """What the verdict on a fit excludes, by the test for what follows the motion; None where the plant does not give
-    the motion or the joints were not tested."""
+    the motion or the joints were not tested.
+
+    Args:
+        deviation: (p,) standard deviations of the values; by default those of the noise.
+    """
     rows, found = tested_rows(fit), misfits.stated
     residuals = residuals_of_fit(fit, rows, misfits) if found else []
     if not residuals:
@@ -116,7 +121,8 @@ def power_of_fit(fit: Fit, misfits: Misfits) -> PowerResult | None:
         return None
     searches = [partial(smallest_size, tested, k, misfit.load.stated.largest) for k, misfit in enumerate(found)]
     sizes = side_by_side(searches, fit.model.threads)
-    table, deviation = moves_of(fit, np.stack([misfit.signature for misfit in found], axis=2))
+    table = moves_of(fit, np.stack([misfit.signature for misfit in found], axis=2))
+    deviation = np.maximum(fit_uncertainty(fit).deviation if deviation is None else deviation, TINY)
     moved = [_moved(fit, *one, deviation) for one in zip(sizes, table.T, strict=True)]
     told = list(zip(found, sizes, moved, strict=True))
     return PowerResult(
