@@ -182,15 +182,14 @@ def _tables(
     motions: FittedMotions, j: int, rows: dict[str, Indices], tried: list[Ripple | Stop]
 ) -> Iterator[tuple[list[Ripple | Stop], Array]]:
     """Some of those that are tried at a time, with what the log shows (N, f, FUNCTIONS) of their loads on a joint."""
-    count = max(AT_ONCE // (FUNCTIONS * max(m.q.size for m in motions.motions.values())), 1)
+    count = max(AT_ONCE // (FUNCTIONS * max(len(m.q) for m in motions.motions.values())), 1)
     for first in range(0, len(tried), count):
         some, parts = tried[first : first + count], list[Array]()
         for label, own in rows.items():
             motion = motions.motions[label]
-            loads = np.zeros((*motion.q.shape, FUNCTIONS * len(some)))
-            loads[:, j] = np.column_stack([one.loads(motion, j) for one in some])
-            shown = motions.fit.model.experiments.filtered(motions.responses[label].at_samples(loads), label)
-            parts.append(shown[own, j].reshape(own.size, len(some), FUNCTIONS))
+            loads = np.column_stack([one.loads(motion, j) for one in some])
+            shown = motions.fit.model.experiments.filtered(motions.responses[label].of_joint(j, loads), label)
+            parts.append(shown[own].reshape(own.size, len(some), FUNCTIONS))
         yield some, np.concatenate(parts)
 
 

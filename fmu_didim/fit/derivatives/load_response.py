@@ -83,15 +83,25 @@ class LoadResponse:
         count, joints, width = columns.shape
         answer = np.zeros((self.taps.shape[1], width, self._spectrum.shape[2]), dtype=complex)
         for j in np.flatnonzero(columns.any(axis=(0, 2))):
-            held = np.ascontiguousarray(columns[:, j].T)
-            held[:, :-1] = 0.5 * (held[:, :-1] + held[:, 1:])
-            answer += self._spectrum[j][:, None] * fft.rfft(held, self._size)
+            answer += self._spectrum[j][:, None] * self._spectrum_of(columns[:, j])
         whole = fft.irfft(answer, self._size)[:, :, :count]
         flat = np.ascontiguousarray(whole[:joints].transpose(2, 0, 1)).reshape(count, -1)
         torque = np.asarray(self.sampling @ flat).reshape(-1, joints, width)
         own = zip(self.further, whole[joints:], strict=True)
         channels = [np.asarray(sampling @ np.ascontiguousarray(answers.T)) for sampling, answers in own]
         return self.run.model.experiments.outputs_of(self.run.label, torque, channels)
+
+    def of_joint(self, j: int, columns: Array) -> Array:
+        """(K, w) loads on joint ``j``, from 0, at the ticks -> (N, w) change of its torque at the samples of the log: a
+        part of what :meth:`at_samples` gives."""
+        whole = fft.irfft(self._spectrum[j, j] * self._spectrum_of(columns), self._size)[:, : columns.shape[0]]
+        return np.asarray(self.sampling @ np.ascontiguousarray(whole.T))
+
+    def _spectrum_of(self, loads: Array) -> Array:
+        """(w, frequencies) of the means (K, w) of loads over the time from each tick to the next."""
+        held = np.array(loads.T, order="C")
+        held[:, :-1] = 0.5 * (held[:, :-1] + held[:, 1:])
+        return np.asarray(fft.rfft(held, self._size))
 
     def simulated(self, load: Array) -> Array:
         """(K, n) load at the ticks -> (M, m) change of all outputs, by a simulation with a small one of its course;
