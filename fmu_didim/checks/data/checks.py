@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence, Set
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -43,6 +44,7 @@ from fmu_didim.cosim.system import REFERENCE
 from fmu_didim.data.signals import Array
 from fmu_didim.estimators.starts.gains import free_gains
 from fmu_didim.model.loop_model import LoopModel, Simulation
+from fmu_didim.model.workers import side_by_side
 
 SUBSTEPS = 4
 """[substeps] Of the plant, or as many as are stable: a torque to 1e-3, fifteen times as fast as one to 1e-6."""
@@ -77,37 +79,67 @@ def data_diagnostics(model: LoopModel, *, without_torque: Sequence[str] = (), ca
     found = [*length_unit_diagnostics(model), *run_diagnostics(model, without_torque)]
     found += plant_diagnostics(model.simulation(model.start, model.first))
     gains, explained = drive_gains(model), list[Diagnostic]()
-    scale_is_free = bool(free_gains(model)) and bool(model.loads)
-    for label, experiment in model.experiments.items():
-        run = model.simulation(model.start, label)
-        if model.loop.torque_is_given:  # the log is no answer to the motion of the reference
-            found += [*experiment.told, *reference_diagnostics(run)]
-            continue
-        given = expected(run)
-        of_file = [diagnostic for check in LOG_CHECKS for diagnostic in check(run, given)]
-        wrapped = wrapped_diagnostics(given, label)
-        # Its jumps are no outliers, its ends no limit.
-        found += [d for d in of_file if d.place not in {w.place for w in wrapped}]
-        # What is wrong by itself would make a log look like that of another motion.
-        faulty = wrong_by_themselves(experiment, given)
-        clean = given.without(faulty)
-        of_units = (unit_diagnostics(run, clean) or gravity_diagnostics(run, clean)) if clean.has_all_joints else []
-        of_log = wrapped or unsigned_diagnostics(given, label) or of_units
-        of_log = of_log or ([] if faulty.all() else torque_channel_diagnostics(
-            clean, gains, label, scale_is_free=scale_is_free))  # fmt: skip
-        found += [*of_log, *([] if of_units else position_diagnostics(run))]
-        held_out = experiment.role == "validation"
-        if any(d.code in (PERIOD_CHANGES, LOG_CONSTANT) for d in of_file):  # like another clock, scale or motion
-            continue
-        if not causes or of_log or (held_out and explained) or (fitted := fitted_motion(model.on(label))) is None:
-            continue
-        found = _without_swings(found, fitted, given)
-        if wrong := outliers(fitted):
-            told = outlier_diagnostics(fitted, wrong)
-            found = [d for d in found if (d.code, d.place) not in [(t.code, t.place) for t in told]] + told
-            fitted = without(fitted, wrong.values())  # they would look like another clock or another scale
-        explained += _explained(fitted, held_out=held_out)
+    tasks = [partial(_of_log, model, label, gains, causes=causes) for label in model.experiments]
+    for label, of_log in zip(model.experiments, side_by_side(tasks, _workers(model)), strict=True):
+        if explained and model.experiments[label].role == "validation":
+            found += of_log.told  # what explains the fitted logs better explains these, too
+        else:
+            found += of_log.told if of_log.near is None else of_log.near
+            explained += of_log.explained
     return by_weight([*found, *explained])
+
+
+def _workers(model: LoopModel) -> int:
+    """How many logs are looked at at once."""
+    try:
+        return model.allowed_workers(model.start)
+    except SimulationError:  # which each log deals with by itself
+        return 1
+
+
+@dataclass(frozen=True)
+class _OfLog:
+    """What is found of the log of an experiment.
+
+    Attributes:
+        told: by the start values and along the reference.
+        near: the same once a simulated motion comes near to the measured one; None where none does, or none is tried.
+        explained: what explains the log better along that.
+    """
+
+    told: list[Diagnostic]
+    near: list[Diagnostic] | None = None
+    explained: Sequence[Diagnostic] = ()
+
+
+def _of_log(model: LoopModel, label: str, gains: Array, *, causes: bool) -> _OfLog:
+    """What is found of the log of an experiment; arguments as above."""
+    experiment, run = model.experiments[label], model.simulation(model.start, label)
+    if model.loop.torque_is_given:  # the log is no answer to the motion of the reference
+        return _OfLog([*experiment.told, *reference_diagnostics(run)])
+    given, scale_is_free = expected(run), bool(free_gains(model)) and bool(model.loads)
+    of_file = [diagnostic for check in LOG_CHECKS for diagnostic in check(run, given)]
+    wrapped = wrapped_diagnostics(given, label)
+    # Its jumps are no outliers, its ends no limit.
+    found = [d for d in of_file if d.place not in {w.place for w in wrapped}]
+    # What is wrong by itself would make a log look like that of another motion.
+    faulty = wrong_by_themselves(experiment, given)
+    clean = given.without(faulty)
+    of_units = (unit_diagnostics(run, clean) or gravity_diagnostics(run, clean)) if clean.has_all_joints else []
+    of_log = wrapped or unsigned_diagnostics(given, label) or of_units
+    of_log = of_log or ([] if faulty.all() else torque_channel_diagnostics(
+        clean, gains, label, scale_is_free=scale_is_free))  # fmt: skip
+    found += [*of_log, *([] if of_units else position_diagnostics(run))]
+    if any(d.code in (PERIOD_CHANGES, LOG_CONSTANT) for d in of_file):  # like another clock, scale or motion
+        return _OfLog(found)
+    if not causes or of_log or (fitted := fitted_motion(model.on(label))) is None:
+        return _OfLog(found)
+    near = _without_swings(found, fitted, given)
+    if wrong := outliers(fitted):
+        told = outlier_diagnostics(fitted, wrong)
+        near = [d for d in near if (d.code, d.place) not in [(t.code, t.place) for t in told]] + told
+        fitted = without(fitted, wrong.values())  # they would look like another clock or another scale
+    return _OfLog(found, near, _explained(fitted, held_out=experiment.role == "validation"))
 
 
 def _without_swings(found: Iterable[Diagnostic], fitted: FittedMotion, given: Expected) -> list[Diagnostic]:
