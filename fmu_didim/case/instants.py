@@ -13,7 +13,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 
 from fmu_didim.base.diagnostics import CATALOGUE, DOUBT, PROBLEM, REMARK, DiagnosedError, Diagnostic
 from fmu_didim.base.errors import InputError
@@ -184,6 +183,8 @@ def ticks_of(instants: ControlInstants, first: float, last: float, step: float, 
 def brought_to(found: Trajectory, time: Array) -> tuple[Trajectory, list[Diagnostic]]:
     """A reference at the instants (T,) of a controller: its own rows if they lie there, else by cubic splines through
     them."""
+    from scipy.interpolate import CubicSpline  # few cases need it
+
     own = found.time
     if own.size == time.size and np.abs(own - time).max() <= REFERENCE_STEP * float(np.median(np.diff(time))):
         return replace(found, time=time), []

@@ -14,7 +14,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 
 from fmu_didim.base.diagnostics import CATALOGUE, DOUBT, PROBLEM, REMARK, DiagnosedError, Diagnostic
 from fmu_didim.base.errors import InputError
@@ -227,6 +226,8 @@ def with_derivatives(found: Trajectory, needed: frozenset[str]) -> tuple[Traject
 
 def _evenly(time: Array, column: Array) -> Array:
     """(N,) a column at as many instants that are equally spaced."""
+    from scipy.interpolate import CubicSpline  # few cases need it
+
     if isinstance(periods(time), float):
         return column
     return np.asarray(CubicSpline(time, column)(np.linspace(time[0], time[-1], time.size)))
@@ -241,6 +242,8 @@ def resampled(found: Trajectory, step: float) -> tuple[Trajectory, list[Diagnost
     Raises:
         InputError: it has too few rows.
     """
+    from scipy.interpolate import CubicSpline  # few cases need it
+
     if found.time.size < FEWEST_ROWS:
         raise InputError(
             "The reference is too short to be resampled.", where=found.source, got=f"{found.time.size} rows",
@@ -257,6 +260,8 @@ def resampled(found: Trajectory, step: float) -> tuple[Trajectory, list[Diagnost
 
 def told_of_rows(found: Trajectory) -> list[Diagnostic]:
     """What keeps a spline from knowing the motion between the rows of a reference: rows that lack or are far apart."""
+    from scipy.interpolate import CubicSpline  # few cases need it
+
     told = []
     places = grid_places(found.time)
     lacking = int(places[-1]) + 1 - found.time.size

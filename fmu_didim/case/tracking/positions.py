@@ -11,9 +11,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.interpolate import BSpline, make_interp_spline
 
 from fmu_didim.base.diagnostics import Diagnostic
 from fmu_didim.base.errors import InputError
@@ -24,6 +24,9 @@ from fmu_didim.checks.data.log import REFERENCE_STEP
 from fmu_didim.data.filters import LowPass
 from fmu_didim.data.signals import Array, Trajectory, Variable, white_noise
 from fmu_didim.estimators.starts.reference_start import Motion, derived_noise, motion_hz
+
+if TYPE_CHECKING:
+    from scipy.interpolate import BSpline
 
 HIGHEST = 0.2
 """[1] Of the rate of the positions, the highest bandwidth that is chosen: five positions to its period."""
@@ -70,6 +73,8 @@ class Positions:
 
     def smooth(self, bandwidth_hz: float) -> Smooth:
         """The motion up to a bandwidth."""
+        from scipy.interpolate import make_interp_spline  # few cases need it
+
         q = LowPass(bandwidth_hz, ORDER).apply(self.q, self.rate_hz)
         return Smooth(make_interp_spline(self.time, q, k=5), float(self.time[0]), float(self.time[-1]))
 

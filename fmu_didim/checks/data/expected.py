@@ -114,11 +114,11 @@ def solved_by(columns: Array, torque: Array, size: Array) -> tuple[Array, Array]
     """The values (b,) of that fit, the smallest where columns depend on each other, and their deviation (b,) where
     each joint has as much white noise as its size."""
     flat = (columns / size[:, None]).reshape(-1, columns.shape[2])
-    length = np.maximum(np.linalg.norm(flat, axis=0), TINY)
-    flat = flat / length
     # By the normal equations: many fits of long logs, of which three digits are enough.
-    inverse = np.linalg.pinv(flat.T @ flat, rcond=DEPENDENT, hermitian=True)
-    solution = inverse @ (flat.T @ (torque / size).reshape(-1))
+    products = flat.T @ flat
+    length = np.maximum(np.sqrt(np.diag(products)), TINY)
+    inverse = np.linalg.pinv(products / np.outer(length, length), rcond=DEPENDENT, hermitian=True)
+    solution = inverse @ (flat.T @ (torque / size).reshape(-1) / length)
     return solution / length, np.sqrt(np.maximum(np.diag(inverse), 0.0)) / length
 
 

@@ -15,7 +15,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 
 from fmu_didim.base.errors import DivergedError, SimulationError
 from fmu_didim.components.control import ControlComponent, Matrices
@@ -127,6 +126,8 @@ class _Loop:
 
     def _target(self) -> Array:
         """(K, n) the measured torque at all ticks: a cubic spline through the middles of its samples."""
+        from scipy.interpolate import CubicSpline  # few cases need it
+
         operator = self._run.operator
         places = np.asarray(operator.matrix @ operator.ticks.astype(float))
         places, rows = np.unique(places, return_index=True)
