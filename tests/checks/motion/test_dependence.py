@@ -91,7 +91,7 @@ def test_a_colour_leaves_white_noise_and_no_row_beside_a_gap(missing, past):
     coloured = lfilter([1.0], [1.0, -1.2, 0.4], white)[1000:]
     places = np.array([i for i in range(400) if i not in missing])
     columns = Columns(of_logs(TIME[places]), coloured[places, None])
-    longest = columns.logs.pasts[0].shape[1] - 1
+    longest = columns.logs.pasts[0].lags
     colour = replace(Colour.white(1), coefficients=(np.array([1.2, -0.4]),))
     alone = [i for i in places if set(range(i - longest, i)) <= set(places)]
     assert longest == past
@@ -100,7 +100,7 @@ def test_a_colour_leaves_white_noise_and_no_row_beside_a_gap(missing, past):
 
 def test_a_log_with_many_gaps_has_a_shorter_past():
     logs = of_logs(TIME[np.arange(400) % 10 != 9])
-    assert 1 <= logs.pasts[0].shape[1] - 1 < 5
+    assert 1 <= logs.pasts[0].lags < 5
     assert logs.samples >= 0.5 * 360
 
 
