@@ -233,13 +233,18 @@ class Colour:
         """Order p of each rate."""
         return tuple(a.size for a in self.coefficients)
 
+    @property
+    def key(self) -> tuple[object, ...]:
+        """The same of colours that whiten alike."""
+        return self.memory, self.deviations, *(a.tobytes() for a in self.coefficients)
+
 
 @dataclass(frozen=True)
 class Columns:
-    """Columns (N, m) in the tables of logs.
+    """Columns in the tables of logs.
 
     Attributes:
-        known: the first of them, of which others may have asked what a memory leaves.
+        table: (N, k) the last of them; known: those before, of which others may have asked what a memory leaves.
     """
 
     logs: Logs
@@ -247,46 +252,50 @@ class Columns:
     known: Columns | None = None
     _remembered: dict[tuple[int, int], Array] = field(default_factory=dict, repr=False, compare=False)
 
+    @property
+    def count(self) -> int:
+        """Number m of them."""
+        return self._first + int(self.table.shape[1])
+
+    @property
+    def _first(self) -> int:
+        """Place of the first one of the table."""
+        return 0 if self.known is None else self.known.count
+
     def beside(self, table: Array) -> Columns:
         """These, and those of a table (N, k) behind them."""
-        return Columns(self.logs, np.column_stack([self.table, table]), self)
+        return Columns(self.logs, table, self)
 
     def with_lags(self, lags: tuple[int, ...]) -> Columns:
         """The same columns where so many samples of the past are looked at."""
         return replace(self, logs=self.logs.with_lags(lags))
 
-    def remembered(self, memory: int, columns: Sequence[int] | None = None) -> Array:
-        """(N, m) these columns after a memory, by their places and its place; None: all of them."""
-        exponent = self.logs.memories[memory]
-        if not exponent:
-            return self.table if columns is None else self.table.take(columns, axis=1)
-        columns = range(self.table.shape[1]) if columns is None else columns
+    def remembered(self, memory: int, columns: Sequence[int]) -> Array:
+        """(N, c) these columns after a memory, by their places and its place."""
         self._remember(memory, columns)
-        return np.column_stack([self._column(memory, k) for k in columns])
-
-    @property
-    def _shared(self) -> int:
-        """How many of the first columns are known."""
-        return 0 if self.known is None else self.known.table.shape[1]
+        return np.column_stack([np.empty((self.table.shape[0], 0)), *(self._column(memory, k) for k in columns)])
 
     def _remember(self, memory: int, columns: Sequence[int]) -> None:
         """Take a memory out of those columns of which nobody has asked for it."""
+        first, exponent = self._first, self.logs.memories[memory]
         if self.known is not None:
-            self.known._remember(memory, [k for k in columns if k < self._shared])
-        if missing := [k for k in columns if k >= self._shared and (memory, k) not in self._remembered]:
-            found = self.logs.remembered(self.table[:, missing], self.logs.memories[memory])
+            self.known._remember(memory, [k for k in columns if k < first])
+        missing = [k for k in columns if k >= first and (memory, k) not in self._remembered]
+        if exponent and missing:
+            found = self.logs.remembered(self.table[:, [k - first for k in missing]], exponent)
             self._remembered.update({(memory, k): one for k, one in zip(missing, found.T, strict=True)})
 
     def _column(self, memory: int, k: int) -> Array:
-        known = None if k >= self._shared else self.known
-        return self._remembered[memory, k] if known is None else known._column(memory, k)
+        if self.known is not None and k < self._first:
+            return self.known._column(memory, k)
+        return self._remembered[memory, k] if self.logs.memories[memory] else self.table[:, k - self._first]
 
-    def whitened(self, colour: Colour, columns: slice = slice(None)) -> Array:
-        """(n, m) these columns at those samples that have a past."""
-        if self.logs.memories[colour.memory]:
-            places = range(self.table.shape[1])[columns]
-            return _whitened(self.remembered(colour.memory, places), self.logs, colour)
-        return _whitened(self.table[:, columns], self.logs, colour)
+    def whitened(self, colour: Colour, first: int = 0, last: int | None = None) -> Array:
+        """(n, c) those samples that have a past, of the columns from a place on to before another one."""
+        last, own = self.count if last is None else last, first - self._first
+        if own >= 0 and not self.logs.memories[colour.memory]:
+            return _whitened(self.table[:, own : last - self._first], self.logs, colour)
+        return _whitened(self.remembered(colour.memory, range(first, last)), self.logs, colour)
 
     def colour(self, residual: int, beside: Sequence[int], most: Sequence[int] | None = None) -> Colour:
         """That of a column, by its place, beside others; ``most``: largest order of each rate.
@@ -420,7 +429,7 @@ def orthonormal(columns: Array) -> Array:
     """(N, r) basis of columns (N, m) that are independent; by Cholesky's factorisation, twice, which is as exact as an
     orthogonal one (Yamamoto et al., Electronic Transactions on Numerical Analysis 44 (2015)) where none depends nearly
     on others, in a fraction of its time."""
-    if columns.shape[0] < columns.shape[1]:
+    if not 0 < columns.shape[1] <= columns.shape[0]:
         return np.asarray(np.linalg.qr(columns)[0])
     basis = columns
     for _ in range(2):
@@ -433,4 +442,5 @@ def orthonormal(columns: Array) -> Array:
 
 def rest_of(columns: Array, basis: Array) -> Array:
     """What an orthonormal basis (N, r) leaves of columns (N,) or (N, m)."""
-    return np.asarray(columns - basis @ (basis.T @ columns))
+    along = np.asarray(basis @ (basis.T @ columns))
+    return np.subtract(columns, along, out=along)

@@ -8,7 +8,7 @@ import numpy as np
 from pydantic import Field
 
 from fmu_didim.base.documents import Number, Saved
-from fmu_didim.checks.motion.dependence import residuals_of_fit, samples_of, tested_rows
+from fmu_didim.checks.motion.dependence import residuals_of_fit, samples_of, signatures_of, tested_rows
 from fmu_didim.checks.motion.misfits import GRAVITY, LINK_LENGTH, TORQUE_SCALE, ZERO_TURNING, Misfit, Misfits
 from fmu_didim.checks.power.power import POWER, JointTest, smallest_size
 from fmu_didim.data.signals import Array
@@ -109,8 +109,8 @@ def power_of_fit(fit: Fit, misfits: Misfits) -> PowerResult | None:
     residuals = residuals_of_fit(fit, rows, misfits) if found else []
     if not residuals:
         return None
-    signatures = np.stack([misfit.signature[samples_of(fit, rows)] for misfit in found], axis=2)
-    tests = [JointTest.of(one, signatures[:, one.joint - 1], len(residuals)) for one in residuals]
+    places = samples_of(fit, rows)
+    tests = [JointTest.of(one, signatures_of(found, places, one.joint)[1], len(residuals)) for one in residuals]
     tested = [test for test in tests if test is not None]
     if not tested:
         return None

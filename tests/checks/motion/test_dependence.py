@@ -240,7 +240,7 @@ def test_a_misfit_does_not_widen_its_own_bound(shape, most):
     explains much of it, but at the cost of its coefficients."""
     for seed in range(20):
         residual = RNG(seed).normal(size=400) + 3 * shape
-        tested = OwnColours.of(residual, np.zeros((400, 0)), MOTION, of_logs(TIME))
+        tested = OwnColours.of(residual, Columns(of_logs(TIME), np.zeros((400, 0)))).with_functions(MOTION)
         assert tested.alone.coefficients[0].sum() > 0.5 > abs(tested.beside([0, 3]).coefficients[0].sum())
         one = dependence(residual, SENSITIVITY, MOTION, NAMES, joint=1, logs=of_logs(TIME))
         assert one.most in most
