@@ -362,11 +362,11 @@ def _moved(before: Colour, after: Colour) -> float:
 
 def _least_squares(table: Array) -> tuple[Array, float]:
     """Values (m,) of the last column by the others (N, m), which are independent, and the length of what they leave."""
-    r = _triangle(table)
+    r = triangle(table)
     return _solved(r[:-1, :-1], r[:-1, -1]), abs(float(r[-1, -1]))
 
 
-def _triangle(table: Array) -> Array:
+def triangle(table: Array) -> Array:
     """Upper triangle R (m, m) with R'R = T'T of a table T (N, m), by Cholesky's factorisation, which takes a quarter of
     the time of an orthogonal one and runs beside other threads; by that where columns are nearly dependent."""
     r = None if table.shape[0] < table.shape[1] else _triangle_of(table.T @ table)
@@ -380,11 +380,11 @@ def _triangle_of(products: Array) -> Array | None:
     return None if dependent else np.asarray(r)
 
 
-def _solved(triangle: Array, right: Array) -> Array:
-    """x (m,) of an upper triangle (m, m) x = right."""
+def _solved(upper: Array, right: Array) -> Array:
+    """x (m,) of an upper triangle (m, m) times x = right."""
     if not right.size:
         return np.zeros(0)
-    found, singular = lapack.dtrtrs(triangle, right)
+    found, singular = lapack.dtrtrs(upper, right)
     if singular:
         raise np.linalg.LinAlgError(f"Column {singular} of a triangle depends on those before it.")
     return np.asarray(found)

@@ -40,7 +40,7 @@ from fmu_didim.base.distributions import f_sf
 from fmu_didim.base.errors import SimulationError
 from fmu_didim.checks.data.timing import CLOCK_EARLY, CLOCK_LATE, CLOCK_SLIGHTLY_OFF
 from fmu_didim.checks.judgement import MATTERS
-from fmu_didim.checks.motion.colour import Colour, Columns, Logs, orthonormal, rest_of
+from fmu_didim.checks.motion.colour import Colour, Columns, Logs, orthonormal, rest_of, triangle
 from fmu_didim.checks.motion.functions import SIGNATURE, TORQUE_RATE, functions_of_motion, looks_like
 from fmu_didim.checks.motion.misfits import Misfit
 from fmu_didim.cosim import Indices
@@ -609,6 +609,6 @@ def independent(columns: Array) -> Array:
     scaled = columns[:, length > TINY] / length[length > TINY]
     if not scaled.size:
         return np.asarray(scaled)
-    r, order = linalg.qr(scaled, mode="r", pivoting=True)
+    r, order = linalg.qr(triangle(scaled), mode="r", pivoting=True)
     size = np.abs(np.diag(r[: scaled.shape[1]]))
     return np.asarray(scaled[:, order[: int(np.sum(size > OWN_PART * size[0]))]])

@@ -77,7 +77,8 @@ class Load:
     Attributes:
         effect: its name in the catalogue, or that of a quantity of the description.
         stated: how its size is stated; joint: from 1; place: joint or axis, in words.
-        tables: label of each fitted experiment -> (K, n) load at the ticks of the motion, or (N, n) change of the log.
+        tables: label of each fitted experiment -> (K, n) load at the ticks of the motion, or (N, n) change of the log;
+            none any more once its answer is known.
         amplitudes: parameters of the effect, over their neutral values; shapes: at which it is looked at.
         is_of_log: whether it changes the log alone.
     """
@@ -238,7 +239,7 @@ def _answered(motions: FittedMotions, loads: Sequence[Load]) -> list[Misfit]:
     signatures = np.concatenate(tables)
     of_loop = [k for k, load in enumerate(loads) if not load.is_of_log]
     signatures[:, :, of_loop] += motions.fit.jacobian[:, :, places] @ amounts
-    return [Misfit(load, signatures[:, :, k]) for k, load in enumerate(loads)]
+    return [Misfit(replace(load, tables={}), signatures[:, :, k]) for k, load in enumerate(loads)]
 
 
 def _answers(motions: FittedMotions, label: str, loads: Array) -> list[Array]:

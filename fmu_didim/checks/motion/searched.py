@@ -184,10 +184,9 @@ def _tables(
         some, parts = tried[first : first + count], list[Array]()
         for label, own in rows.items():
             motion = motions.motions[label]
-            loads = np.zeros((*motion.q.shape, FUNCTIONS * len(some)))
-            loads[:, j] = np.column_stack([one.loads(motion, j) for one in some])
-            shown = motions.fit.model.experiments.filtered(motions.responses[label].at_samples(loads), label)
-            parts.append(shown[own, j].reshape(own.size, len(some), FUNCTIONS))
+            loads = np.column_stack([one.loads(motion, j) for one in some])
+            shown = motions.fit.model.experiments.filtered(motions.responses[label].of_joint(loads, j), label)
+            parts.append(shown[own].reshape(own.size, len(some), FUNCTIONS))
         yield some, np.concatenate(parts)
 
 

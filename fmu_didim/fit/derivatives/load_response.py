@@ -83,15 +83,26 @@ class LoadResponse:
         count, joints, width = columns.shape
         answer = np.zeros((self.taps.shape[1], width, self._spectrum.shape[2]), dtype=complex)
         for j in np.flatnonzero(columns.any(axis=(0, 2))):
-            held = np.ascontiguousarray(columns[:, j].T)
-            held[:, :-1] = 0.5 * (held[:, :-1] + held[:, 1:])
-            answer += self._spectrum[j][:, None] * fft.rfft(held, self._size)
+            answer += self._spectrum[j][:, None] * self._held(columns[:, j])
         whole = fft.irfft(answer, self._size)[:, :, :count]
         flat = np.ascontiguousarray(whole[:joints].transpose(2, 0, 1)).reshape(count, -1)
         torque = np.asarray(self.sampling @ flat).reshape(-1, joints, width)
         own = zip(self.further, whole[joints:], strict=True)
         channels = [np.asarray(sampling @ np.ascontiguousarray(answers.T)) for sampling, answers in own]
         return self.run.model.experiments.outputs_of(self.run.label, torque, channels)
+
+    def of_joint(self, loads: Array, joint: int) -> Array:
+        """(K, w) loads on a joint, from 0, at the ticks -> (M, w) change of its own torque, among all outputs."""
+        answer = fft.irfft(self._spectrum[joint, joint] * self._held(loads), self._size)[:, : len(loads)]
+        torque = np.asarray(self.sampling @ np.ascontiguousarray(answer.T))[:, None]
+        channels = [np.zeros((sampling.shape[0], loads.shape[1])) for sampling in self.further]
+        return self.run.model.experiments.outputs_of(self.run.label, torque, channels)[:, 0]
+
+    def _held(self, loads: Array) -> NDArray[np.complex128]:
+        """(w, frequencies) of the means of loads (K, w) over the periods that begin at the ticks."""
+        held = np.ascontiguousarray(loads.T)
+        held[:, :-1] = 0.5 * (held[:, :-1] + held[:, 1:])
+        return np.asarray(fft.rfft(held, self._size))
 
     def simulated(self, load: Array) -> Array:
         """(K, n) load at the ticks -> (M, m) change of all outputs, by a simulation with a small one of its course;
