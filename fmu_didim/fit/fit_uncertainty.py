@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -61,16 +62,17 @@ def influences(fit: Fit) -> tuple[Array, Array]:
 def moved_by(fit: Fit, error: Array) -> Array:
     """(p,) standard deviations by which an error (M, m) of the outputs moves the values of a fit, by one linear
     step."""
-    moves, deviation = moves_of(fit, error[:, :, None])
+    moves, deviation = moves_of(fit, [error])
     return np.asarray(np.abs(moves[:, 0]) / deviation)
 
 
-def moves_of(fit: Fit, errors: Array) -> tuple[Array, Array]:
-    """(p, s) by which errors (M, m, s) of the outputs move the values of a fit, by one linear step, and (p,) the
+def moves_of(fit: Fit, errors: Sequence[Array]) -> tuple[Array, Array]:
+    """(p, s) by which errors, (M, m) each, of the outputs move the values of a fit, by one linear step, and (p,) the
     standard deviations of these."""
     influence, _ = influences(fit)
     deviation = np.sqrt(np.diag(fit_uncertainty(fit).covariance))
-    return np.tensordot(influence, errors, axes=([0, 1], [0, 1])), np.maximum(deviation, TINY)
+    flat = influence.reshape(-1, influence.shape[2]).T
+    return np.column_stack([flat @ error.reshape(-1) for error in errors]), np.maximum(deviation, TINY)
 
 
 def data_covariance(fit: Fit, influence: Array, noise: Uncertainty, residual: Array) -> Array:

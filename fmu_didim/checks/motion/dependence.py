@@ -539,14 +539,15 @@ class Whitened:
             gain: of the criterion, infinite where only what they explain with this colour counts.
             ways: to choose them; None: as many of these functions.
         """
-        basis, product = orthonormal(independent(self.own[:, list(chosen)])), self.own.T @ self.rest
+        own = self.own if len(chosen) == self.own.shape[1] else self.own[:, list(chosen)]
+        basis, product = orthonormal(independent(own)), self.own.T @ self.rest
         along = basis.T @ self.rest
         total, explained = float(self.rest @ self.rest), float(along @ along)
         first, count, samples = basis.shape[1], int(np.count_nonzero(self.power)), self.rest.size
         second = max(self.freedom - first, 1)
         variance = max(total - explained, TINY) / second
-        own = basis * (self.rest - basis @ along)[:, None]  # where the noise is loud the functions may be large
-        loud = float(along @ np.linalg.lstsq(own.T @ own, along, rcond=None)[0]) * second / samples
+        basis *= (self.rest - basis @ along)[:, None]  # where the noise is loud the functions may be large
+        loud = float(along @ np.linalg.lstsq(basis.T @ basis, along, rcond=None)[0]) * second / samples
         likely = second * np.expm1(min(max(gain, 0.0) / samples, LARGEST_GAIN))
         by_chance = f_sf(min(explained / variance, likely, loud) / first, first, second)
         return Step(
@@ -605,10 +606,11 @@ def most_one_by_one(products: Array, along: Array, part: float) -> list[tuple[in
 
 def independent(columns: Array) -> Array:
     """(N, r) of the columns (N, m) those that do not depend on others, of length one."""
-    length = np.linalg.norm(columns, axis=0)
-    scaled = columns[:, length > TINY] / length[length > TINY]
-    if not scaled.size:
-        return np.asarray(scaled)
-    r, order = linalg.qr(triangle(scaled), mode="r", pivoting=True)
-    size = np.abs(np.diag(r[: scaled.shape[1]]))
-    return np.asarray(scaled[:, order[: int(np.sum(size > OWN_PART * size[0]))]])
+    length = np.sqrt(np.einsum("ij,ij->j", columns, columns))
+    (there,) = np.nonzero(length > TINY)
+    if not there.size or not len(columns):
+        return np.zeros((len(columns), 0))
+    r, order = linalg.qr(triangle(columns)[:, there] / length[there], mode="r", pivoting=True)
+    size = np.abs(np.diag(r[: there.size]))
+    kept = there[order[: int(np.sum(size > OWN_PART * size[0]))]]
+    return np.asarray(columns[:, kept] / length[kept])

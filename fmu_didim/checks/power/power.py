@@ -147,8 +147,8 @@ class JointTest:
         colours = one.left.colours
         own = colours.with_functions(one.motion[:, : one.room]).whitened
         functions, misfits = np.flatnonzero(own.power), colours.with_functions(signatures).whitened.own
-        level = MOTION_CHANCE / joints
-        return cls(level, one, signatures, tuple(functions.tolist()), own.rest, own.own[:, functions], misfits)
+        level, motion = MOTION_CHANCE / joints, own.own if own.power.all() else own.own[:, functions]
+        return cls(level, one, signatures, tuple(functions.tolist()), own.rest, motion, misfits)
 
     def trial(self, misfit: int, size: float) -> float:
         """Probability of a doubt by a misfit, by its place, of this size, with the colours that it leads to."""

@@ -116,7 +116,7 @@ def power_of_fit(fit: Fit, misfits: Misfits) -> PowerResult | None:
         return None
     searches = [partial(smallest_size, tested, k, misfit.load.stated.largest) for k, misfit in enumerate(found)]
     sizes = side_by_side(searches, fit.model.threads)
-    table, deviation = moves_of(fit, np.stack([misfit.signature for misfit in found], axis=2))
+    table, deviation = moves_of(fit, [misfit.signature for misfit in found])
     moved = [_moved(fit, *one, deviation) for one in zip(sizes, table.T, strict=True)]
     told = list(zip(found, sizes, moved, strict=True))
     return PowerResult(
