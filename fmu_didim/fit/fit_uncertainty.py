@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -61,13 +62,15 @@ def influences(fit: Fit) -> tuple[Array, Array]:
 def moved_by(fit: Fit, error: Array) -> Array:
     """(p,) standard deviations by which an error (M, m) of the outputs moves the values of a fit, by one linear
     step."""
-    return np.asarray(np.abs(moves_of(fit, error[:, :, None])[:, 0]) / np.maximum(fit_uncertainty(fit).deviation, TINY))
+    deviation = np.maximum(fit_uncertainty(fit).deviation, TINY)
+    return np.asarray(np.abs(moves_of(fit, [error])[:, 0]) / deviation)
 
 
-def moves_of(fit: Fit, errors: Array) -> Array:
-    """(p, s) by which errors (M, m, s) of the outputs move the values of a fit, by one linear step."""
+def moves_of(fit: Fit, errors: Sequence[Array]) -> Array:
+    """(p, s) by which errors, (M, m) each, of the outputs move the values of a fit, by one linear step."""
     influence, _ = influences(fit)
-    return np.tensordot(influence, errors, axes=([0, 1], [0, 1]))
+    flat = influence.reshape(-1, influence.shape[2]).T
+    return np.column_stack([flat @ error.reshape(-1) for error in errors])
 
 
 def data_covariance(fit: Fit, influence: Array, noise: Uncertainty, residual: Array) -> Array:

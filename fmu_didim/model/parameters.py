@@ -18,6 +18,7 @@ from fmu_didim.dynamics.base_parameters import BaseParameters
 from fmu_didim.dynamics.physical_set import FRICTION
 from fmu_didim.dynamics.robot import RobotDescription, RobotModel
 from fmu_didim.dynamics.robot.observed_states import observed_along
+from fmu_didim.dynamics.robot.vectorised import TOGETHER
 
 POSITIVE = 1e-9
 """[1] Smallest eigenvalue of the scaled inertia matrix that counts as positive: above rounding."""
@@ -201,7 +202,13 @@ class RobotParameters(Parameters):
         shapes = self.model.shape_values
         if sharp:
             shapes = shapes * np.where([v.name.startswith("v0_") for v in self.model.shapes], 1e-9, 1.0)
-        return self.base.columns(self.model.regressor_rows(q, dq, ddq, shapes, observed))
+        columns, known = np.empty((*q.shape, len(self.names))), np.empty(q.shape)
+        for first in range(0, len(q), TOGETHER):  # all standard parameters are several times as many
+            part = slice(first, first + TOGETHER)
+            own = None if observed is None else observed[part]
+            rows = self.model.regressor_rows(q[part], dq[part], ddq[part], shapes, own)
+            columns[part], known[part] = self.base.columns(rows)
+        return columns, known
 
     def inertia_problem(self, q: Array, theta: Array) -> str:
         reason = super().inertia_problem(q, theta)

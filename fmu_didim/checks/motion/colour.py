@@ -52,6 +52,8 @@ WITH_PAST = 0.8
 NEARLY_DEPENDENT = 1e-8
 """[1] Part of the squares of a column that others leave, below which products, which have eight digits of it then, do
 not tell how much that is."""
+ROWS = 8192
+"""[rows] Of a table at a time, in an orthogonal factorisation: they stay in the caches of the processor."""
 
 
 @dataclass(frozen=True)
@@ -101,8 +103,8 @@ class Logs:
         return tuple(found)
 
     @cached_property
-    def pasts(self) -> tuple[Indices, ...]:
-        """Of the logs of each rate (M, 1 + K) the rows of samples and of the K ones before each."""
+    def pasts(self) -> tuple[Past, ...]:
+        """Of the logs of each rate the samples that have a past, and how much of it is looked at."""
         found = []
         for number, rate in enumerate(dict.fromkeys(log.rate_hz for log in self.stretches)):
             grids = [grid for grid, log in zip(self.grids, self.stretches, strict=True) if log.rate_hz == rate]
@@ -110,44 +112,91 @@ class Logs:
             longest = 0 if self.is_white else int(min(ORDERS * np.log10(samples), samples / SAMPLES_A_LAG))
             if self.lags is not None:
                 longest = self.lags[number]
-            past = _with_past(grids, longest)
-            while self.lags is None and longest and past.shape[0] < WITH_PAST * samples:
+            runs = [run for grid in grids for run in _runs(grid)]
+            past = Past.of(runs, longest)
+            while self.lags is None and longest and past.samples < WITH_PAST * samples:
                 longest //= 2
-                past = _with_past(grids, longest)
+                past = Past.of(runs, longest)
             found.append(past)
         return tuple(found)
-
-    @cached_property
-    def rows(self) -> tuple[tuple[slice | Indices, ...], ...]:
-        """The columns of ``pasts``; slices where their rows follow each other, which are ten times as fast."""
-        return tuple(tuple(_as_slice(column) for column in past.T) for past in self.pasts)
-
-    @cached_property
-    def turned(self) -> tuple[Indices, ...]:
-        """``pasts`` with the samples in the last column, behind those before them."""
-        return tuple(np.ascontiguousarray(np.roll(past, -1, axis=1)) for past in self.pasts)
 
     @property
     def samples(self) -> int:
         """Number n of those that are compared."""
-        return sum(past.shape[0] for past in self.pasts)
+        return sum(past.samples for past in self.pasts)
 
     def remembered(self, table: Array, memory: float) -> Array:
         """(1 - L)^memory of the columns (N, m); samples that are missing count as zero."""
         if not memory:
             return table
-        result = np.empty_like(table)
+        result = np.empty(table.shape, order="F")
         for grid in self.grids:
             there, count = grid >= 0, grid.size
             steps = np.arange(1, count)
             weights = np.cumprod(np.append(1.0, (steps - 1 - memory) / steps))
-            held = np.zeros((count, table.shape[1]))
-            held[there] = table[grid[there]]
             length = fft.next_fast_len(2 * count, real=True)
-            spectrum = fft.rfft(weights, length)[:, None] * fft.rfft(held, length, axis=0)
-            passed = fft.irfft(spectrum, length, axis=0)
-            result[grid[there]] = passed[:count][there]
+            spectrum = fft.rfft(weights, length)
+            for k in range(table.shape[1]):
+                held = np.zeros(count)
+                held[there] = table[grid[there], k]
+                result[grid[there], k] = fft.irfft(spectrum * fft.rfft(held, length), length)[:count][there]
         return result
+
+
+@dataclass(frozen=True)
+class Past:
+    """Samples of the logs of one rate, and the K = ``lags`` ones before each.
+
+    Attributes:
+        runs: rows in the tables of samples without a gap, more than K of each, of which all but the first K have the
+            whole past; slices where they follow each other.
+    """
+
+    runs: tuple[slice | Indices, ...]
+    lags: int
+
+    @staticmethod
+    def of(runs: Sequence[Indices], lags: int) -> Past:
+        """Those of runs (L,) of rows that are long enough."""
+        return Past(tuple(_as_slice(run) for run in runs if run.size > lags), lags)
+
+    @cached_property
+    def samples(self) -> int:
+        """Number M of those that have the whole past."""
+        return sum(_size(run) - self.lags for run in self.runs)
+
+    @cached_property
+    def rows(self) -> tuple[slice | Indices, ...]:
+        """(1 + K) times the rows (M,) of the samples, of those before them, and so on; slices, which are ten times as
+        fast, where they follow each other."""
+        places = range(self.lags + 1)
+        if len(self.runs) == 1 and isinstance(run := self.runs[0], slice):
+            return tuple(slice(run.start + self.lags - k, run.stop - k) for k in places)
+        whole = [np.arange(run.start, run.stop) if isinstance(run, slice) else run for run in self.runs]
+        if not whole:
+            return (np.zeros(0, dtype=int),) * len(places)
+        return tuple(np.concatenate([run[self.lags - k : run.size - k] for run in whole]) for k in places)
+
+    def products(self, signal: Array, most: int) -> Array:
+        """(most + 1, most + 1) sums over the samples, of the products of a signal (N,) so many samples before with it
+        so many before: the first row by a sum for each lag, each further one from that before it by the samples at
+        the ends of the runs."""
+        first, moved, k = np.zeros(most + 1), np.zeros((most, most)), self.lags
+        for run in self.runs:
+            own = signal[run]
+            end = own.size
+            first += np.correlate(own[k - most :], own[k:], "valid")[::-1]
+            begin, last = (own[at - most : at][::-1] for at in (k, end))
+            moved += np.outer(begin, begin) - np.outer(last, last)
+        result = np.empty((most + 1, most + 1))
+        result[0] = result[:, 0] = first
+        for i in range(most):
+            result[i + 1, i + 1 :] = result[i + 1 :, i + 1] = result[i, i:-1] + moved[i, i:]
+        return result
+
+
+def _size(rows: slice | Indices) -> int:
+    return int(rows.stop - rows.start) if isinstance(rows, slice) else rows.size
 
 
 def _as_slice(rows: Indices) -> slice | Indices:
@@ -156,13 +205,10 @@ def _as_slice(rows: Indices) -> slice | Indices:
     return slice(first, first + rows.size) if (np.diff(rows) == 1).all() else np.ascontiguousarray(rows)
 
 
-def _with_past(grids: Sequence[Indices], longest: int) -> Indices:
-    """(M, 1 + longest) rows of the samples of logs whose past is there, and of that."""
-    found = []
-    for grid in grids:
-        rows = grid[np.arange(longest, grid.size)[:, None] - np.arange(longest + 1)]
-        found.append(rows[(rows >= 0).all(axis=1)])
-    return np.concatenate(found)
+def _runs(grid: Indices) -> list[Indices]:
+    """The rows of a grid between those that are missing."""
+    there = np.flatnonzero(grid >= 0)
+    return [grid[part] for part in np.split(there, np.flatnonzero(np.diff(there) > 1) + 1)]
 
 
 @dataclass(frozen=True)
@@ -189,43 +235,69 @@ class Colour:
         """Order p of each rate."""
         return tuple(a.size for a in self.coefficients)
 
+    @property
+    def key(self) -> tuple[object, ...]:
+        """The same of colours that whiten alike."""
+        return self.memory, self.deviations, *(a.tobytes() for a in self.coefficients)
+
 
 @dataclass(frozen=True)
 class Columns:
-    """Columns (N, m) in the tables of logs.
+    """Columns in the tables of logs.
 
     Attributes:
-        known: the first of them, of which others may have asked what a memory leaves.
+        table: (N, k) the last of them; known: those before, of which others may have asked what a memory leaves.
     """
 
     logs: Logs
     table: Array
     known: Columns | None = None
-    _remembered: dict[int, Array] = field(default_factory=dict, repr=False, compare=False)
+    _remembered: dict[tuple[int, int], Array] = field(default_factory=dict, repr=False, compare=False)
+
+    @property
+    def count(self) -> int:
+        """Number m of them."""
+        return self._first + int(self.table.shape[1])
+
+    @property
+    def _first(self) -> int:
+        """Place of the first one of the table."""
+        return 0 if self.known is None else self.known.count
 
     def beside(self, table: Array) -> Columns:
         """These, and those of a table (N, k) behind them."""
-        return Columns(self.logs, np.column_stack([self.table, table]), self)
+        return Columns(self.logs, table, self)
 
     def with_lags(self, lags: tuple[int, ...]) -> Columns:
         """The same columns where so many samples of the past are looked at."""
         return replace(self, logs=self.logs.with_lags(lags))
 
-    def remembered(self, memory: int) -> Array:
-        """(N, m) the same after a memory, by its place."""
-        if memory not in self._remembered:
-            exponent, known = self.logs.memories[memory], self.known
-            if known is None or not exponent:
-                found = self.logs.remembered(self.table, exponent)
-            else:
-                own = self.logs.remembered(self.table[:, known.table.shape[1] :], exponent)
-                found = np.column_stack([known.remembered(memory), own])
-            self._remembered[memory] = found
-        return self._remembered[memory]
+    def remembered(self, memory: int, columns: Sequence[int]) -> Array:
+        """(N, c) these columns after a memory, by their places and its place."""
+        self._remember(memory, columns)
+        return np.column_stack([np.empty((self.table.shape[0], 0)), *(self._column(memory, k) for k in columns)])
 
-    def whitened(self, colour: Colour) -> Array:
-        """(n, m) of those samples that have a past."""
-        return _whitened(self.remembered(colour.memory), self.logs, colour)
+    def _remember(self, memory: int, columns: Sequence[int]) -> None:
+        """Take a memory out of those columns of which nobody has asked for it."""
+        first, exponent = self._first, self.logs.memories[memory]
+        if self.known is not None:
+            self.known._remember(memory, [k for k in columns if k < first])
+        missing = [k for k in columns if k >= first and (memory, k) not in self._remembered]
+        if exponent and missing:
+            found = self.logs.remembered(self.table[:, [k - first for k in missing]], exponent)
+            self._remembered.update({(memory, k): one for k, one in zip(missing, found.T, strict=True)})
+
+    def _column(self, memory: int, k: int) -> Array:
+        if self.known is not None and k < self._first:
+            return self.known._column(memory, k)
+        return self._remembered[memory, k] if self.logs.memories[memory] else self.table[:, k - self._first]
+
+    def whitened(self, colour: Colour, first: int = 0, last: int | None = None) -> Array:
+        """(n, c) those samples that have a past, of the columns from a place on to before another one."""
+        last, own = self.count if last is None else last, first - self._first
+        if own >= 0 and not self.logs.memories[colour.memory]:
+            return _whitened(self.table[:, own : last - self._first], self.logs, colour)
+        return _whitened(self.remembered(colour.memory, range(first, last)), self.logs, colour)
 
     def colour(self, residual: int, beside: Sequence[int], most: Sequence[int] | None = None) -> Colour:
         """That of a column, by its place, beside others; ``most``: largest order of each rate.
@@ -233,10 +305,10 @@ class Columns:
         No memory and the longest are tried first; those between where the longest is not far worse than none.
         """
         columns = [*beside, residual]
-        most = most or [past.shape[1] - 1 for past in self.logs.pasts]
+        most = most or [past.lags for past in self.logs.pasts]
 
         def found(memory: int) -> Colour:
-            return _colour(self.remembered(memory).take(columns, axis=1), self.logs, memory, most)
+            return _colour(self.remembered(memory, columns), self.logs, memory, most)
 
         last = len(self.logs.memories) - 1
         tried = [found(memory) for memory in sorted({0, last})]
@@ -246,9 +318,14 @@ class Columns:
 
 
 def _whitened(table: Array, logs: Logs, colour: Colour) -> Array:
-    """(n, m) of columns (N, m) whose memory has been taken out."""
-    table, parts = np.ascontiguousarray(table), list[Array]()
-    for rows, coefficients, deviation in zip(logs.rows, colour.coefficients, colour.deviations, strict=True):
+    """(n, m) of columns (N, m) whose memory has been taken out; a part of them where the noise is white."""
+    parts = list[Array]()
+    for past, coefficients, deviation in zip(logs.pasts, colour.coefficients, colour.deviations, strict=True):
+        rows = past.rows
+        if not coefficients.size and deviation == 1:
+            parts.append(table[rows[0]])
+            continue
+        table = np.ascontiguousarray(table)
         left = table[rows[0]].ravel() / deviation
         for k, a in enumerate(coefficients, start=1):
             left = blas.daxpy(table[rows[k]].ravel(), left, a=-a / deviation)  # in place, without another table
@@ -266,7 +343,7 @@ def _colour(table: Array, logs: Logs, memory: int, most: Sequence[int]) -> Colou
             break
         values, size = _least_squares(_whitened(table, logs, colour))
         cost = sum(
-            order_cost(past.shape[0], order, beside.shape[1])
+            order_cost(past.samples, order, beside.shape[1])
             for past, order in zip(logs.pasts, colour.orders, strict=True)
         )  # fmt: skip
         criterion = 2 * logs.samples * np.log(max(size, TINY)) + cost + MEMORY_COST * (memory > 0)
@@ -287,27 +364,38 @@ def _moved(before: Colour, after: Colour) -> float:
 
 def _least_squares(table: Array) -> tuple[Array, float]:
     """Values (m,) of the last column by the others (N, m), which are independent, and the length of what they leave."""
-    r = _triangle(table)
+    r = triangle(table)
     return _solved(r[:-1, :-1], r[:-1, -1]), abs(float(r[-1, -1]))
 
 
-def _triangle(table: Array) -> Array:
+def triangle(table: Array) -> Array:
     """Upper triangle R (m, m) with R'R = T'T of a table T (N, m), by Cholesky's factorisation, which takes a quarter of
     the time of an orthogonal one and runs beside other threads; by that where columns are nearly dependent."""
-    if table.shape[0] < table.shape[1]:
-        return np.asarray(np.linalg.qr(table, mode="r"))
-    products = table.T @ table
+    r = None if table.shape[0] < table.shape[1] else _triangle_of(table.T @ table)
+    return _triangle_by_parts(table) if r is None else r
+
+
+def _triangle_by_parts(table: Array) -> Array:
+    """The same by orthogonal factorisations of some rows at a time below the triangle of those before (Demmel et al.,
+    SIAM Journal on Scientific Computing 34 (2012)): no copy of the table is made."""
+    r = np.zeros((0, table.shape[1]))
+    for first in range(0, max(len(table), 1), ROWS):
+        r = np.asarray(np.linalg.qr(np.concatenate([r, table[first : first + ROWS]]), mode="r"))
+    return r
+
+
+def _triangle_of(products: Array) -> Array | None:
+    """Upper triangle R (m, m) with R'R = products of columns; None where these are nearly dependent."""
     r, failed = lapack.dpotrf(products, clean=True)
-    if failed or (np.diag(r) ** 2 < NEARLY_DEPENDENT * np.diag(products)).any():
-        return np.asarray(np.linalg.qr(table, mode="r"))
-    return np.asarray(r)
+    dependent = failed or (np.diag(r) ** 2 < NEARLY_DEPENDENT * np.diag(products)).any()
+    return None if dependent else np.asarray(r)
 
 
-def _solved(triangle: Array, right: Array) -> Array:
-    """x (m,) of an upper triangle (m, m) x = right."""
+def _solved(upper: Array, right: Array) -> Array:
+    """x (m,) of an upper triangle (m, m) times x = right."""
     if not right.size:
         return np.zeros(0)
-    found, singular = lapack.dtrtrs(triangle, right)
+    found, singular = lapack.dtrtrs(upper, right)
     if singular:
         raise np.linalg.LinAlgError(f"Column {singular} of a triangle depends on those before it.")
     return np.asarray(found)
@@ -315,28 +403,31 @@ def _solved(triangle: Array, right: Array) -> Array:
 
 def _of_rest(rest: Array, logs: Logs, memory: int, most: Sequence[int], used: int) -> Colour:
     """The autoregressions of what is left (N,) beside columns, ``used`` of them, when its memory has been taken out."""
-    found = [_autoregression(rest, turned, p, used) for turned, p in zip(logs.turned, most, strict=True)]
+    found = [_autoregression(rest, past, p, used) for past, p in zip(logs.pasts, most, strict=True)]
     if len(found) == 1:
         return Colour(memory, (found[0][0],), (1.0,), np.inf)
     deviations = np.array([max(deviation, TINY) for _, deviation in found])
-    counts = [past.shape[0] for past in logs.pasts]
+    counts = [past.samples for past in logs.pasts]
     mean = np.exp(np.average(np.log(deviations), weights=counts))
     return Colour(memory, tuple(a for a, _ in found), tuple((deviations / mean).tolist()), np.inf)
 
 
-def _autoregression(rest: Array, turned: Indices, most: int, used: int) -> tuple[Array, float]:
+def _autoregression(rest: Array, past: Past, most: int, used: int) -> tuple[Array, float]:
     """Coefficients of the order up to ``most`` that the criterion chooses, and the deviation of the innovations, of
-    what is left (N,); ``turned`` (M, K + 1) as in ``Logs``."""
-    count, longest = turned.shape[0], turned.shape[1] - 1
-    if most < longest:
-        turned, longest = turned[:, [*range(most), longest]], most
-    r = _triangle(rest[turned])
+    what is left (N,)."""
+    count, longest = past.samples, min(most, past.lags)
+    order = [*range(1, longest + 1), 0]  # the samples in the last column, behind those before them
+    products = past.products(rest, longest)[np.ix_(order, order)]
+    size = np.diag(products)
+    r = _triangle_of(products) if count > longest and size.min() > NEARLY_DEPENDENT * size.max() else None
+    if r is None:
+        r = np.asarray(np.linalg.qr(np.column_stack([rest[past.rows[k]] for k in order]), mode="r"))
     along = r[:, -1]
     squares = np.cumsum(along[::-1] ** 2)[::-1]  # that are left of orders 0, 1, ..., K
     squares = np.append(squares, np.zeros(longest + 1 - squares.size))
-    order = int(np.argmin(count * np.log(np.maximum(squares, TINY)) + _order_costs(count, longest, used)))
-    deviation = float(np.sqrt(squares[order] / count))
-    return _solved(r[:order, :order], along[:order]), deviation
+    best = int(np.argmin(count * np.log(np.maximum(squares, TINY)) + _order_costs(count, longest, used)))
+    deviation = float(np.sqrt(squares[best] / count))
+    return _solved(r[:best, :best], along[:best]), deviation
 
 
 @lru_cache
@@ -346,10 +437,22 @@ def _order_costs(samples: int, longest: int, used: int) -> Array:
 
 
 def orthonormal(columns: Array) -> Array:
-    """(N, r) basis of columns (N, m) that are independent."""
-    return np.asarray(np.linalg.qr(columns)[0])
+    """(N, r) basis of columns (N, m) that are independent; by their triangle, and that of what it leaves, which is as
+    exact as an orthogonal factorisation (Yamamoto et al., Electronic Transactions on Numerical Analysis 44 (2015)), in
+    a fraction of its time."""
+    if not 0 < columns.shape[1] <= columns.shape[0]:
+        return np.asarray(np.linalg.qr(columns)[0])
+    basis = columns
+    for _ in range(2):
+        r = triangle(basis)
+        size = np.abs(np.diag(r))
+        if not size.min() > NEARLY_DEPENDENT * np.sqrt(np.einsum("ij,ij->j", r, r)).max():
+            return np.asarray(np.linalg.qr(columns)[0])
+        basis = basis @ lapack.dtrtri(r)[0]
+    return np.asarray(basis)
 
 
 def rest_of(columns: Array, basis: Array) -> Array:
     """What an orthonormal basis (N, r) leaves of columns (N,) or (N, m)."""
-    return np.asarray(columns - basis @ (basis.T @ columns))
+    along = np.asarray(basis @ (basis.T @ columns))
+    return np.subtract(columns, along, out=along)

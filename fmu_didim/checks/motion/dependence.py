@@ -27,13 +27,12 @@ Econometrica 48 (1980)).
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from math import comb
 from types import MappingProxyType
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import linalg
 
 from fmu_didim.base.diagnostics import CATALOGUE, DOUBT, Diagnostic
@@ -41,7 +40,7 @@ from fmu_didim.base.distributions import f_sf
 from fmu_didim.base.errors import SimulationError
 from fmu_didim.checks.data.timing import CLOCK_EARLY, CLOCK_LATE, CLOCK_SLIGHTLY_OFF
 from fmu_didim.checks.judgement import MATTERS
-from fmu_didim.checks.motion.colour import Colour, Columns, Logs, orthonormal, rest_of
+from fmu_didim.checks.motion.colour import Colour, Columns, Logs, orthonormal, rest_of, triangle
 from fmu_didim.checks.motion.functions import SIGNATURE, TORQUE_RATE, functions_of_motion, looks_like
 from fmu_didim.checks.motion.misfits import Misfit
 from fmu_didim.cosim import Indices
@@ -83,6 +82,8 @@ SIGNIFICANT = 2.0
 """[standard deviations] From which a value is different from zero."""
 OWN_PART = 1e-6
 """[1] Least fraction of a column that is independent of the others."""
+AT_ONCE = 16
+"""[misfits] Whose signatures are looked at together: some of them take as much memory as the sensitivities of a fit."""
 LARGEST_GAIN = 100.0
 """[1] Of the criterion over the samples that is distinguished from an infinite one."""
 
@@ -176,20 +177,16 @@ def _clock(found: Dependence) -> Diagnostic:
 
 
 @dataclass(frozen=True)
-class JointResidual:
-    """What the test of a joint looks at, at the samples (N,) of all fitted logs.
+class Left:
+    """The residual of a joint beside its sensitivities, at the samples (N,) of all fitted logs.
 
     Attributes:
-        joint: from 1; residual: (N,) of its torque; nuisance: (N, p) its sensitivities.
-        motion: (N, m) functions of the motion, the most significant ones first; names: of these.
+        residual: (N,) of its torque; nuisance: (N, p) its sensitivities.
         logs: where its samples are.
     """
 
-    joint: int
     residual: Array
     nuisance: Array
-    motion: Array
-    names: Sequence[str]
     logs: Logs
 
     @cached_property
@@ -197,20 +194,57 @@ class JointResidual:
         """(N, r) of the sensitivities."""
         return orthonormal(independent(self.nuisance))
 
-    @property
-    def left(self) -> float:
-        """Squares of what they leave of the residual."""
+    @cached_property
+    def squares(self) -> float:
+        """Of what they leave of the residual."""
         return float(np.sum(rest_of(self.residual, self.basis) ** 2))
 
-    def beside(self, names: Sequence[str], signatures: Array, left: Array, shows: NDArray[np.bool_]) -> JointResidual:
-        """With the signatures (N, s) of misfits beside the functions, as far as they show (s,) and no two functions
-        follow them; ``left``: (N, s) what the sensitivities leave of them."""
-        places = np.flatnonzero(shows)
-        new = places[followed(left[:, places], rest_of(self.motion, self.basis)) < FOLLOWED].tolist()
-        return replace(
-            self, motion=np.column_stack([self.motion, signatures[:, new]]),
-            names=[*self.names, *(SIGNATURE + names[k] for k in new)],
-        )  # fmt: skip
+    @property
+    def shows(self) -> bool:
+        """Whether they leave anything."""
+        return float(np.sqrt(self.squares)) > TINY
+
+    @cached_property
+    def colours(self) -> OwnColours:
+        """It, beside no functions."""
+        return OwnColours.of(self.residual, Columns(self.logs, self.basis))
+
+
+@dataclass(frozen=True)
+class JointResidual:
+    """What the test of a joint looks at, at the samples (N,) of all fitted logs.
+
+    Attributes:
+        joint: from 1; left: its residual beside its sensitivities.
+        motion: (N, m) functions of the motion, the most significant ones first; names: of these.
+    """
+
+    joint: int
+    left: Left
+    motion: Array
+    names: Sequence[str]
+
+    @property
+    def residual(self) -> Array:
+        """(N,) of its torque."""
+        return self.left.residual
+
+    @property
+    def basis(self) -> Array:
+        """(N, r) of the sensitivities."""
+        return self.left.basis
+
+    @property
+    def room(self) -> int:
+        """The number of functions that the samples allow."""
+        return int((self.residual.size - self.basis.shape[1]) / SAMPLES_A_FUNCTION)
+
+    def beside(self, names: Sequence[str], signatures: Array) -> JointResidual:
+        """With the signatures (N, s) of misfits beside the functions."""
+        if not names:
+            return self
+        motion = np.column_stack([self.motion, signatures])
+        return replace(self, motion=motion, names=[*self.names, *(SIGNATURE + name for name in names)])
 
     def slope(self, name: str) -> tuple[float, float]:
         """Of the residual over one function of the motion, beside the sensitivities, and its standard deviation as if
@@ -224,8 +258,13 @@ class JointResidual:
         return slope, float(np.sqrt(left @ left / freedom / power))
 
     def dependence(self) -> Dependence:
-        """How it depends on the motion."""
-        return dependence(self.residual, self.nuisance, self.motion, self.names, joint=self.joint, logs=self.logs)
+        """How it depends on the motion; as many of the first functions are used as the samples allow."""
+        if self.room < 1:
+            return Dependence.untested(self.joint, max(self.residual.size - self.basis.shape[1], 0))
+        steps = self.left.colours.with_functions(self.motion[:, : self.room]).steps() if self.left.shows else []
+        if not steps:
+            return Dependence(self.joint, 1.0, 0.0, "", 0.0)
+        return told(min(steps, key=lambda step: step.p_value), len(steps), self.names, self.joint)
 
 
 def motion_dependence(
@@ -266,7 +305,7 @@ def joint_residuals(
         ]
         residual = np.concatenate([one[:, j] for one in residuals.values()])
         nuisance = np.concatenate([sensitivities[label][:, j] for label in residuals])
-        found.append(JointResidual(j + 1, residual, nuisance, np.concatenate(motion), names, logs))
+        found.append(JointResidual(j + 1, Left(residual, nuisance, logs), np.concatenate(motion), names))
     return found
 
 
@@ -317,13 +356,33 @@ def residuals_of_fit(fit: Fit, rows: Mapping[str, Indices], misfits: Iterable[Mi
     misfits = list(misfits)
     if not misfits or not found:
         return found
-    signatures = np.stack([misfit.signature[samples_of(fit, rows)] for misfit in misfits], axis=2)
-    rests = [rest_of(signatures[:, k], one.basis) for k, one in enumerate(found)]
-    sizes = np.array([np.sum(left**2, axis=0) / max(one.left, TINY) for left, one in zip(rests, found, strict=True)])
-    shows = sizes >= FAINT * sizes.max(axis=0)
+    places = samples_of(fit, rows)
+    both = [_followed(joint, misfits, places) for joint in found]
+    sizes, part = np.array([one[0] for one in both]), np.array([one[1] for one in both])
+    added = (sizes >= FAINT * sizes.max(axis=0)) & (part < FOLLOWED)
     return [
-        one.beside([m.what for m in misfits], signatures[:, k], rests[k], shows[k]) for k, one in enumerate(found)
+        joint.beside(*signatures_of([m for m, is_new in zip(misfits, new, strict=True) if is_new], places, joint.joint))
+        for joint, new in zip(found, added, strict=True)
     ]  # fmt: skip
+
+
+def signatures_of(misfits: Sequence[Misfit], places: Indices, joint: int) -> tuple[list[str], Array]:
+    """What misfits are, and (N, s) what samples of a joint, from 1, show of them."""
+    table = np.empty((places.size, len(misfits)), order="F")
+    for k, misfit in enumerate(misfits):
+        table[:, k] = misfit.signature[places, joint - 1]
+    return [misfit.what for misfit in misfits], table
+
+
+def _followed(joint: JointResidual, misfits: Sequence[Misfit], places: Indices) -> tuple[Array, Array]:
+    """(s,) squares of what the sensitivities of a joint leave of misfits, over those of what they leave of its
+    residual, and the part of them that two functions of the motion follow; some misfits at a time: they may be many."""
+    functions, sizes, parts = rest_of(joint.motion, joint.basis), list[Array](), list[Array]()
+    for first in range(0, len(misfits), AT_ONCE):
+        left = rest_of(signatures_of(misfits[first : first + AT_ONCE], places, joint.joint)[1], joint.basis)
+        parts.append(followed(left, functions))
+        sizes.append(np.einsum("ij,ij->j", left, left) / max(joint.left.squares, TINY))
+    return np.concatenate(sizes), np.concatenate(parts)
 
 
 def samples_of(fit: Fit, rows: Mapping[str, Indices]) -> Indices:
@@ -355,17 +414,8 @@ def dependence(
     Args:
         logs: where the samples are; None: their noise is white.
     """
-    used = independent(nuisance)
-    left = residual.size - used.shape[1]
-    room = int(left / SAMPLES_A_FUNCTION)
-    if room < 1:
-        return Dependence.untested(joint, max(left, 0))
-    if float(np.linalg.norm(rest_of(residual, orthonormal(used)))) <= TINY:
-        return Dependence(joint, 1.0, 0.0, "", 0.0)
-    steps = OwnColours.of(residual, used, motion[:, :room], logs).steps()
-    if not steps:
-        return Dependence(joint, 1.0, 0.0, "", 0.0)
-    return told(min(steps, key=lambda step: step.p_value), len(steps), names, joint)
+    left = Left(residual, nuisance, logs or Logs.white(residual.size))
+    return JointResidual(joint, left, motion, names).dependence()
 
 
 @dataclass(frozen=True)
@@ -393,17 +443,36 @@ class OwnColours:
     used: int
     alone: Colour
 
-    @classmethod
-    def of(cls, residual: Array, used: Array, motion: Array, logs: Logs | None) -> OwnColours:
-        return cls.beside_columns(Columns(logs or Logs.white(residual.size), orthonormal(used)), residual, motion)
+    _bases: dict[tuple[object, ...], tuple[Array, Array]] = field(default_factory=dict, repr=False, compare=False)
 
     @classmethod
-    def beside_columns(cls, used: Columns, residual: Array, motion: Array) -> OwnColours:
-        """The same beside sensitivities that are orthonormal."""
-        count, columns = used.table.shape[1], used.beside(np.column_stack([residual, motion]))
+    def of(cls, residual: Array, used: Columns) -> OwnColours:
+        """Of a residual (N,), without functions, beside sensitivities that are orthonormal."""
+        count, columns = used.count, used.beside(residual[:, None])
         lags = columns.colour(count, range(count)).orders
         columns = columns.with_lags(lags)  # a longer past would cost a log its begin
         return cls(columns, count, columns.colour(count, range(count)))
+
+    def with_functions(self, motion: Array) -> OwnColours:
+        """The same residual beside functions (N, m), too."""
+        return replace(self, columns=self.columns.beside(motion))
+
+    def bases(self, colour: Colour) -> tuple[Array, Array]:
+        """(n, r) basis of the sensitivities when they have been whitened by a colour, and (n,) what it leaves of the
+        residual."""
+        if colour.key not in self._bases:
+            basis, used = orthonormal(self.columns.whitened(colour, 0, self.used)), self.used
+            self._bases[colour.key] = basis, rest_of(self.columns.whitened(colour, used, used + 1)[:, 0], basis)
+        return self._bases[colour.key]
+
+    @cached_property
+    def whitened(self) -> Whitened:
+        """What the sensitivities leave, by the colour that they alone leave."""
+        return Whitened.by(self, self.alone)
+
+    def whitened_by(self, colour: Colour) -> Whitened:
+        """The same by another colour."""
+        return self.whitened if colour.key == self.alone.key else Whitened.by(self, colour)
 
     def beside(self, chosen: Sequence[int]) -> Colour:
         """The colour that functions leave, too."""
@@ -412,7 +481,7 @@ class OwnColours:
 
     def steps(self) -> list[Step]:
         """What is asked."""
-        alone = Whitened.by(self, self.alone)
+        alone = self.whitened
         if not alone.power.any():
             return []
         found: dict[tuple[int, ...], Step] = {(): alone.step(np.flatnonzero(alone.power).tolist(), np.inf)}
@@ -420,13 +489,13 @@ class OwnColours:
         for start in (Colour.white(len(self.alone.orders)), self.alone):
             chosen, colour = tuple[int, ...](), start
             while len(chosen) < min(FUNCTIONS, alone.power.size):
-                best = Whitened.by(self, colour).next_to(chosen)
+                best = self.whitened_by(colour).next_to(chosen)
                 if best is None:
                     break
                 chosen = tuple(sorted((*chosen, best)))
                 if chosen not in found:
                     own = colours[chosen] = self.beside(chosen)
-                    found[chosen] = Whitened.by(self, own).step(chosen, self.alone.criterion - own.criterion)
+                    found[chosen] = self.whitened_by(own).step(chosen, self.alone.criterion - own.criterion)
                 if start is self.alone:
                     colour = colours[chosen]
         return list(found.values())
@@ -444,12 +513,13 @@ class Whitened:
 
     @classmethod
     def by(cls, tested: OwnColours, colour: Colour) -> Whitened:
-        table, used = tested.columns.whitened(colour), tested.used
-        left = rest_of(table[:, used:], orthonormal(table[:, :used]))
-        power = np.sum(left[:, 1:] ** 2, axis=0)
-        kept = power > OWN_PART**2 * np.sum(table[:, used + 1 :] ** 2, axis=0)
-        freedom = table.shape[0] - used - max(colour.orders, default=0)
-        return cls(left[:, 0], left[:, 1:], np.where(kept, power, 0.0), freedom)
+        basis, rest = tested.bases(colour)
+        table = tested.columns.whitened(colour, tested.used + 1)
+        own = rest_of(table, basis)
+        power = np.einsum("ij,ij->j", own, own)
+        kept = power > OWN_PART**2 * np.einsum("ij,ij->j", table, table)
+        freedom = table.shape[0] - tested.used - max(colour.orders, default=0)
+        return cls(rest, own, np.where(kept, power, 0.0), freedom)
 
     def next_to(self, chosen: Sequence[int]) -> int | None:
         """The function that explains most beside those that are chosen; None where nothing is left of any."""
@@ -469,14 +539,15 @@ class Whitened:
             gain: of the criterion, infinite where only what they explain with this colour counts.
             ways: to choose them; None: as many of these functions.
         """
-        basis, product = orthonormal(independent(self.own[:, list(chosen)])), self.own.T @ self.rest
+        own = self.own if len(chosen) == self.own.shape[1] else self.own[:, list(chosen)]
+        basis, product = orthonormal(independent(own)), self.own.T @ self.rest
         along = basis.T @ self.rest
         total, explained = float(self.rest @ self.rest), float(along @ along)
         first, count, samples = basis.shape[1], int(np.count_nonzero(self.power)), self.rest.size
         second = max(self.freedom - first, 1)
         variance = max(total - explained, TINY) / second
-        own = basis * (self.rest - basis @ along)[:, None]  # where the noise is loud the functions may be large
-        loud = float(along @ np.linalg.lstsq(own.T @ own, along, rcond=None)[0]) * second / samples
+        basis *= (self.rest - basis @ along)[:, None]  # where the noise is loud the functions may be large
+        loud = float(along @ np.linalg.lstsq(basis.T @ basis, along, rcond=None)[0]) * second / samples
         likely = second * np.expm1(min(max(gain, 0.0) / samples, LARGEST_GAIN))
         by_chance = f_sf(min(explained / variance, likely, loud) / first, first, second)
         return Step(
@@ -509,7 +580,7 @@ def followed(signatures: Array, functions: Array) -> Array:
     with the one that then explains most, as the test takes them."""
     products, along = functions.T @ functions, functions.T @ signatures
     explained = [sum(squares for _, squares in most_one_by_one(products, one, OWN_PART)) for one in along.T]
-    return np.asarray(np.array(explained) / np.maximum(np.sum(signatures**2, axis=0), TINY))
+    return np.asarray(np.array(explained) / np.maximum(np.einsum("ij,ij->j", signatures, signatures), TINY))
 
 
 def most_one_by_one(products: Array, along: Array, part: float) -> list[tuple[int, float]]:
@@ -535,10 +606,11 @@ def most_one_by_one(products: Array, along: Array, part: float) -> list[tuple[in
 
 def independent(columns: Array) -> Array:
     """(N, r) of the columns (N, m) those that do not depend on others, of length one."""
-    length = np.linalg.norm(columns, axis=0)
-    scaled = columns[:, length > TINY] / length[length > TINY]
-    if not scaled.size:
-        return np.asarray(scaled)
-    r, order = linalg.qr(scaled, mode="r", pivoting=True)
-    size = np.abs(np.diag(r[: scaled.shape[1]]))
-    return np.asarray(scaled[:, order[: int(np.sum(size > OWN_PART * size[0]))]])
+    length = np.sqrt(np.einsum("ij,ij->j", columns, columns))
+    (there,) = np.nonzero(length > TINY)
+    if not there.size or not len(columns):
+        return np.zeros((len(columns), 0))
+    r, order = linalg.qr(triangle(columns)[:, there] / length[there], mode="r", pivoting=True)
+    size = np.abs(np.diag(r[: there.size]))
+    kept = there[order[: int(np.sum(size > OWN_PART * size[0]))]]
+    return np.asarray(columns[:, kept] / length[kept])

@@ -12,7 +12,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
-from itertools import product
+from itertools import chain, islice, product
 
 import numpy as np
 
@@ -38,6 +38,10 @@ from fmu_didim.model.motion import Motion, simulated_motion
 from fmu_didim.model.parameters import RobotParameters
 from fmu_didim.model.workers import side_by_side
 
+AT_ONCE = 16
+"""[loads] Whose answers are computed together: those of a long log take much memory."""
+EPSILON = float(np.finfo(float).eps)
+"""[1] Singular value of the largest one, for each row, below which columns depend on each other."""
 SMALL_STEP = 1e-4
 """[rad or 1] By which gravity is turned, or gravity and lengths are changed as parts of themselves, for a slope."""
 
@@ -77,7 +81,8 @@ class Load:
     Attributes:
         effect: its name in the catalogue, or that of a quantity of the description.
         stated: how its size is stated; joint: from 1; place: joint or axis, in words.
-        tables: label of each fitted experiment -> (K, n) load at the ticks of the motion, or (N, n) change of the log.
+        tables: label of each fitted experiment -> (K, n) load at the ticks of the motion, or (N, n) change of the log;
+            none any more once its answer is known.
         amplitudes: parameters of the effect, over their neutral values; shapes: at which it is looked at.
         is_of_log: whether it changes the log alone.
     """
@@ -202,13 +207,16 @@ class Misfits:
 
 def misfits(motions: FittedMotions, effects: Mapping[str, Effect] = EFFECTS) -> list[Misfit]:
     """All misfits whose size is stated, in the order of the catalogue, and then those of what a case says."""
-    return _answered(motions, [*loads_of_effects(motions, effects), *loads_of_case(motions)])
+    return _all_answered(motions, chain(loads_of_effects(motions, effects), loads_of_case(motions)))
 
 
 def misfits_on_the_way(motions: FittedMotions, effects: Mapping[str, Effect] = EFFECTS) -> list[Misfit]:
     """Those of effects that begin at an instant, at the instants ``INSTANTS``, for each parameter by itself: a load
     need not be shaped like the link."""
-    loads = list[Load]()
+    return _all_answered(motions, _loads_on_the_way(motions, effects))
+
+
+def _loads_on_the_way(motions: FittedMotions, effects: Mapping[str, Effect]) -> Iterator[Load]:
     for name, effect in effects.items():
         stated = effect.stated
         if stated is None or BEGIN not in stated.in_log or not isinstance(effect, TorqueEffect):
@@ -219,31 +227,63 @@ def misfits_on_the_way(motions: FittedMotions, effects: Mapping[str, Effect] = E
             for parameter in effect.parameters(motions.joint_types[joint - 1]):
                 alone = Load(name, own, joint, _place(own, joint), {}, {parameter.name: 1.0})
                 made = None if motions.has(effect, joint) else _by_columns(motions, alone, effect)
-                loads += [] if made is None else [made]
-    return _answered(motions, loads) if loads else []
+                if made is not None:
+                    yield made
 
 
-def _answered(motions: FittedMotions, loads: Sequence[Load]) -> list[Misfit]:
+def _all_answered(motions: FittedMotions, loads: Iterator[Load]) -> list[Misfit]:
+    """The misfits of loads, some at a time: those of a long log take much memory."""
+    found, fitted = list[Misfit](), None
+    while some := list(islice(loads, AT_ONCE)):
+        fitted = fitted or _FittedColumns.of(motions)
+        found += _answered(motions, some, fitted)
+    return found
+
+
+@dataclass(frozen=True)
+class _FittedColumns:
+    """Loads by one of each fitted parameter in which the torque of the plant is linear.
+
+    Attributes:
+        columns: label -> (K, n, b); places: (b,) of these among all parameters.
+        nearest: (b, R) from a load (R,) along all motions to the amounts of these that come nearest to it.
+    """
+
+    columns: Mapping[str, Array]
+    places: list[int]
+    nearest: Array
+
+    @staticmethod
+    def of(motions: FittedMotions) -> _FittedColumns:
+        columns, places = _columns_of_fit(motions)
+        table = _rows(columns)
+        size = np.maximum(np.linalg.norm(table, axis=0), TINY)
+        table /= size
+        return _FittedColumns(columns, places, np.linalg.pinv(table, rcond=max(table.shape) * EPSILON) / size[:, None])
+
+
+def _answered(motions: FittedMotions, loads: Sequence[Load], fitted: _FittedColumns) -> list[Misfit]:
     """The misfits of loads: what of a load the fitted parameters make acts as these do, by the sensitivities of the
     fit; the loop answers the rest to first order."""
     loads, tables = [_of_unit_size(motions, load) for load in loads], []
-    joined = {label: _joined(loads, label) for label in motions.motions}
-    columns, places = _columns_of_fit(motions)
-    amounts = _amounts(columns, joined)
+    joined = {label: _joined(loads, motion, label) for label, motion in motions.motions.items()}
+    amounts = fitted.nearest @ _rows(joined)
     for label in motions.motions:
-        rest = joined[label] - columns[label] @ amounts
+        rest = joined[label] - fitted.columns[label] @ amounts
         answers = iter(_answers(motions, label, rest))
         changes = [load.tables[label] if load.is_of_log else next(answers) for load in loads]
         tables.append(motions.fit.model.experiments.filtered(np.stack(changes, axis=2), label))
     signatures = np.concatenate(tables)
     of_loop = [k for k, load in enumerate(loads) if not load.is_of_log]
-    signatures[:, :, of_loop] += motions.fit.jacobian[:, :, places] @ amounts
-    return [Misfit(load, signatures[:, :, k]) for k, load in enumerate(loads)]
+    signatures[:, :, of_loop] += motions.fit.jacobian[:, :, fitted.places] @ amounts
+    return [Misfit(replace(load, tables={}), signatures[:, :, k]) for k, load in enumerate(loads)]
 
 
 def _answers(motions: FittedMotions, label: str, loads: Array) -> list[Array]:
     """(N, n) of each of loads (K, n, w): what the loop answers to first order, along the whole motion alike; for loads
     that act at reversals, where it is another loop, by a simulation each."""
+    if not loads.shape[2]:
+        return []
     response, motion = motions.responses[label], motions.motions[label]
     found = list(np.moveaxis(response.at_samples(loads), 2, 0))
     if motions.fit.model.experiments.low_pass is not None:  # which a simulation would apply once more
@@ -278,20 +318,15 @@ def _columns_of_fit(motions: FittedMotions) -> tuple[dict[str, Array], list[int]
     return columns, shared
 
 
-def _amounts(columns: Mapping[str, Array], loads: Mapping[str, Array]) -> Array:
-    """(b, w) of the fitted parameters that come nearest to loads (K, n, w) along all motions."""
-    table, given = (
-        np.concatenate([one.reshape(one.shape[0] * one.shape[1], one.shape[2]) for one in tables.values()])
-        for tables in (columns, loads)
-    )
-    size = np.maximum(np.linalg.norm(table, axis=0), TINY)
-    found = np.linalg.lstsq(table / size, given, rcond=None)[0]
-    return np.asarray(found / size[:, None])
+def _rows(tables: Mapping[str, Array]) -> Array:
+    """(R, w) tables (K, n, w) of all motions below each other."""
+    return np.concatenate([one.reshape(one.shape[0] * one.shape[1], one.shape[2]) for one in tables.values()])
 
 
-def _joined(loads: Sequence[Load], label: str) -> Array:
-    """(K, n, w) those that the loop answers, in an experiment."""
-    return np.stack([load.tables[label] for load in loads if not load.is_of_log], axis=2)
+def _joined(loads: Sequence[Load], motion: Motion, label: str) -> Array:
+    """(K, n, w) those that the loop answers, along the motion of an experiment."""
+    own = [load.tables[label] for load in loads if not load.is_of_log]
+    return np.stack(own, axis=2) if own else np.zeros((*motion.q.shape, 0))
 
 
 def _of_unit_size(motions: FittedMotions, load: Load) -> Load:

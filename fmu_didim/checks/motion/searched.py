@@ -16,19 +16,16 @@ a SCARA a residual of four times the noise, of which 93 % were a ripple of the c
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
 
 from fmu_didim.checks.motion.colour import Colour
 from fmu_didim.checks.motion.dependence import (
-    SAMPLES_A_FUNCTION,
     Dependence,
     JointResidual,
-    OwnColours,
     Whitened,
-    independent,
     residuals_of_fit,
     tested_rows,
     told,
@@ -155,27 +152,27 @@ class _Best:
 
 def _searched(motions: FittedMotions, one: JointResidual, rows: dict[str, Indices]) -> Dependence | None:
     """The ripple or stop that explains most of the residual of a joint; None where it is no question."""
-    j, used = one.joint - 1, independent(one.nuisance)
+    j, tested = one.joint - 1, one.left.colours
     tried = candidates(list(motions.motions.values()), j, slides=motions.joint_types[j] == "prismatic")
-    if one.residual.size - used.shape[1] < FUNCTIONS * SAMPLES_A_FUNCTION or not one.left or not tried:
+    if one.room < FUNCTIONS or not one.left.shows or not tried:
         return None
-    tested = OwnColours.of(one.residual, used, np.zeros((one.residual.size, 0)), one.logs)
-    best = dict[int, _Best]()
+    starts = (Colour.white(len(tested.alone.orders)), tested.alone)
+    colours, best = {colour.key: colour for colour in starts}, dict[tuple[object, ...], _Best]()
     for some, table in _tables(motions, j, rows, tried):
-        beside = _with(tested, table.reshape(len(table), -1))
-        for place, colour in enumerate((Colour.white(len(tested.alone.orders)), tested.alone)):
+        beside = tested.with_functions(table.reshape(len(table), -1))
+        for key, colour in colours.items():
             explained = _explained(Whitened.by(beside, colour), len(some))
             k = int(np.argmax(explained))
-            if place not in best or explained[k] > best[place].explained:
-                best[place] = _Best(some[k], table[:, k], float(explained[k]))
+            if key not in best or explained[k] > best[key].explained:
+                best[key] = _Best(some[k], table[:, k].copy(), float(explained[k]))
     steps = []
     for found in best.values():
-        beside, chosen = _with(tested, found.functions), range(FUNCTIONS)
+        beside, chosen = tested.with_functions(found.functions), range(FUNCTIONS)
         own = beside.beside(chosen)
         gain = tested.alone.criterion - own.criterion
         steps.append((Whitened.by(beside, own).step(chosen, gain, ways=len(tried)), found.of))
     step, follows = min(steps, key=lambda pair: pair[0].p_value)
-    return told(step, len(steps), [follows.name] * FUNCTIONS, one.joint)
+    return told(step, len(starts), [follows.name] * FUNCTIONS, one.joint)
 
 
 def _tables(
@@ -188,14 +185,9 @@ def _tables(
         for label, own in rows.items():
             motion = motions.motions[label]
             loads = np.column_stack([one.loads(motion, j) for one in some])
-            shown = motions.fit.model.experiments.filtered(motions.responses[label].of_joint(j, loads), label)
+            shown = motions.fit.model.experiments.filtered(motions.responses[label].of_joint(loads, j), label)
             parts.append(shown[own].reshape(own.size, len(some), FUNCTIONS))
         yield some, np.concatenate(parts)
-
-
-def _with(tested: OwnColours, functions: Array) -> OwnColours:
-    """The same residual beside other functions (N, m)."""
-    return replace(tested, columns=tested.columns.beside(functions))
 
 
 def _explained(whitened: Whitened, count: int) -> Array:

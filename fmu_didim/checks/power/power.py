@@ -31,15 +31,13 @@ from math import comb
 import numpy as np
 
 from fmu_didim.base.distributions import f_isf, f_power
-from fmu_didim.checks.motion.colour import Columns, Logs, orthonormal, rest_of
+from fmu_didim.checks.motion.colour import Columns, orthonormal, rest_of
 from fmu_didim.checks.motion.dependence import (
     LARGEST_GAIN,
     MOTION_CHANCE,
     OWN_PART,
-    SAMPLES_A_FUNCTION,
     JointResidual,
     OwnColours,
-    independent,
     most_one_by_one,
 )
 from fmu_didim.data.signals import Array
@@ -127,35 +125,30 @@ class JointTest:
 
     Attributes:
         level: of the p value below which it doubts; one: what it looks at.
-        used: (N, r) sensitivities that are independent; signatures: (N, s) of the misfits.
+        signatures: (N, s) of the misfits.
         functions: those of the motion that the test chooses from, as places in ``one.motion``.
-        left: what the sensitivities leave, whitened by the colour of the residual, of that (M, 1), those functions
-            (M, m) and the misfits (M, s), beside each other.
+        residual, motion, misfits: what the sensitivities leave, whitened by the colour of the residual, of that (M,),
+            those functions (M, m) and the misfits (M, s).
     """
 
     level: float
     one: JointResidual
-    used: Array
     signatures: Array
     functions: tuple[int, ...]
-    left: Array
+    residual: Array
+    motion: Array
+    misfits: Array
 
     @classmethod
     def of(cls, one: JointResidual, signatures: Array, joints: int) -> JointTest | None:
         """With the signatures (N, s) at the joint; None where it was not tested."""
-        used = independent(one.nuisance)
-        room = int((one.residual.size - used.shape[1]) / SAMPLES_A_FUNCTION)
-        if room < 1:
+        if one.room < 1:
             return None
-        level, room = MOTION_CHANCE / joints, min(room, one.motion.shape[1])
-        tested = OwnColours.of(one.residual, used, np.column_stack([one.motion[:, :room], signatures]), one.logs)
-        whitened, count = tested.columns.whitened(tested.alone), used.shape[1]
-        own = whitened[:, count:]
-        left = rest_of(own, orthonormal(whitened[:, :count]))
-        told = np.linalg.norm(left, axis=0) > OWN_PART * np.linalg.norm(own, axis=0)
-        told[0], told[1 + room :] = True, True
-        functions = tuple(np.flatnonzero(told[1 : 1 + room]).tolist())
-        return cls(level, one, used, signatures, functions, left[:, told])
+        colours = one.left.colours
+        own = colours.with_functions(one.motion[:, : one.room]).whitened
+        functions, misfits = np.flatnonzero(own.power), colours.with_functions(signatures).whitened.own
+        level, motion = MOTION_CHANCE / joints, own.own if own.power.all() else own.own[:, functions]
+        return cls(level, one, signatures, tuple(functions.tolist()), own.rest, motion, misfits)
 
     def trial(self, misfit: int, size: float) -> float:
         """Probability of a doubt by a misfit, by its place, of this size, with the colours that it leads to."""
@@ -164,7 +157,7 @@ class JointTest:
             return 0.0
         functions = self.one.motion[:, [self.functions[place] for place in steps[-1].places]]
         rest = self._rest(steps[-1].places)
-        tested = OwnColours.beside_columns(self._used, rest + size * self.signatures[:, misfit], functions)
+        tested = OwnColours.of(rest + size * self.signatures[:, misfit], self._used).with_functions(functions)
         found = 0.0
         for step in steps:
             gain = max(tested.alone.criterion - tested.beside(range(step.count)).criterion, 0.0)
@@ -175,13 +168,13 @@ class JointTest:
 
     @cached_property
     def _used(self) -> Columns:
-        return Columns(self.one.logs or Logs.white(self.one.residual.size), orthonormal(self.used))
+        return Columns(self.one.left.logs, self.one.basis)
 
     def _rest(self, places: tuple[int, ...]) -> Array:
         """(N,) what the sensitivities and some functions leave of the residual."""
         if places not in self._left:
             functions = self.one.motion[:, [self.functions[place] for place in places]]
-            basis = orthonormal(np.column_stack([self.used, functions]))
+            basis = orthonormal(np.column_stack([self.one.basis, functions]))
             self._left[places] = rest_of(self.one.residual, basis)
         return self._left[places]
 
@@ -200,14 +193,9 @@ class JointTest:
         along = steps[-1].basis.T @ signature if steps else np.zeros(1)
         return float(along @ along) / max(float(signature @ signature), TINY)
 
-    @property
-    def residual(self) -> Array:
-        """(M,) what the sensitivities leave of it."""
-        return self.left[:, 0]
-
     def misfit(self, place: int) -> Array:
         """(M,) what they leave of a misfit."""
-        return self.left[:, 1 + len(self.functions) + place]
+        return self.misfits[:, place]
 
     def power(self, misfit: int, sizes: Array) -> Array:
         """(K,) probability of a doubt by a misfit, by its place, of these sizes (K,)."""
@@ -227,17 +215,14 @@ class JointTest:
     @cached_property
     def _products(self) -> tuple[Array, Array]:
         """(m, m) products of the functions with each other, and (m, s) with the misfits."""
-        functions = self.left[:, 1 : 1 + len(self.functions)]
-        return functions.T @ functions, functions.T @ self.left[:, 1 + len(self.functions) :]
+        return self.motion.T @ self.motion, self.motion.T @ self.misfits
 
     def _together(self, chosen: tuple[int, ...]) -> Functions:
         """Some functions; the same ones serve many misfits."""
         if chosen not in self._chosen:
-            basis = orthonormal(self.left[:, [1 + place for place in chosen]])
-            ways, freedom = (
-                comb(len(self.functions), len(chosen)),
-                self.residual.size - self.used.shape[1] - len(chosen),
-            )
+            basis = orthonormal(self.motion[:, list(chosen)])
+            ways = comb(len(self.functions), len(chosen))
+            freedom = self.residual.size - self.one.basis.shape[1] - len(chosen)
             self._chosen[chosen] = Functions(chosen, basis, ways, self.residual, max(freedom, 1))
         return self._chosen[chosen]
 

@@ -8,7 +8,7 @@ import numpy as np
 from pydantic import Field
 
 from fmu_didim.base.documents import Number, Saved
-from fmu_didim.checks.motion.dependence import residuals_of_fit, samples_of, tested_rows
+from fmu_didim.checks.motion.dependence import residuals_of_fit, samples_of, signatures_of, tested_rows
 from fmu_didim.checks.motion.misfits import GRAVITY, LINK_LENGTH, TORQUE_SCALE, ZERO_TURNING, Misfit, Misfits
 from fmu_didim.checks.power.power import POWER, JointTest, smallest_size
 from fmu_didim.data.signals import Array
@@ -114,14 +114,14 @@ def power_of_fit(fit: Fit, misfits: Misfits, deviation: Array | None = None) -> 
     residuals = residuals_of_fit(fit, rows, misfits) if found else []
     if not residuals:
         return None
-    signatures = np.stack([misfit.signature[samples_of(fit, rows)] for misfit in found], axis=2)
-    tests = [JointTest.of(one, signatures[:, one.joint - 1], len(residuals)) for one in residuals]
+    places = samples_of(fit, rows)
+    tests = [JointTest.of(one, signatures_of(found, places, one.joint)[1], len(residuals)) for one in residuals]
     tested = [test for test in tests if test is not None]
     if not tested:
         return None
     searches = [partial(smallest_size, tested, k, misfit.load.stated.largest) for k, misfit in enumerate(found)]
     sizes = side_by_side(searches, fit.model.threads)
-    table = moves_of(fit, np.stack([misfit.signature for misfit in found], axis=2))
+    table = moves_of(fit, [misfit.signature for misfit in found])
     deviation = np.maximum(fit_uncertainty(fit).deviation if deviation is None else deviation, TINY)
     moved = [_moved(fit, *one, deviation) for one in zip(sizes, table.T, strict=True)]
     told = list(zip(found, sizes, moved, strict=True))

@@ -96,14 +96,16 @@ class Vectorised:
         """
         if not self.is_known:
             return self._by_casadi(count, arguments)
-        result = np.zeros((self._size, count))
+        result = np.empty((count, self._size))
         for first in range(0, count, TOGETHER):
-            part = slice(first, first + TOGETHER)
+            part = slice(first, min(first + TOGETHER, count))
             inputs = [
                 [np.ascontiguousarray(value[part]) if np.ndim(value) else value for value in rows] for rows in arguments
             ]
-            self._run(inputs, result[:, part])
-        return result.T
+            own = np.zeros((self._size, part.stop - first))
+            self._run(inputs, own)
+            result[part] = own.T  # while it is in the cache of the processor
+        return result
 
     def _run(self, arguments: Sequence[Sequence[Any]], result: Array) -> None:
         """Fill (m, K) of the output."""

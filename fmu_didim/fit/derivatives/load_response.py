@@ -83,7 +83,7 @@ class LoadResponse:
         count, joints, width = columns.shape
         answer = np.zeros((self.taps.shape[1], width, self._spectrum.shape[2]), dtype=complex)
         for j in np.flatnonzero(columns.any(axis=(0, 2))):
-            answer += self._spectrum[j][:, None] * self._spectrum_of(columns[:, j])
+            answer += self._spectrum[j][:, None] * self._held(columns[:, j])
         whole = fft.irfft(answer, self._size)[:, :, :count]
         flat = np.ascontiguousarray(whole[:joints].transpose(2, 0, 1)).reshape(count, -1)
         torque = np.asarray(self.sampling @ flat).reshape(-1, joints, width)
@@ -91,14 +91,16 @@ class LoadResponse:
         channels = [np.asarray(sampling @ np.ascontiguousarray(answers.T)) for sampling, answers in own]
         return self.run.model.experiments.outputs_of(self.run.label, torque, channels)
 
-    def of_joint(self, j: int, columns: Array) -> Array:
-        """(K, w) loads on joint ``j``, from 0, at the ticks -> (N, w) change of its torque at the samples of the log: a
-        part of what :meth:`at_samples` gives."""
-        whole = fft.irfft(self._spectrum[j, j] * self._spectrum_of(columns), self._size)[:, : columns.shape[0]]
-        return np.asarray(self.sampling @ np.ascontiguousarray(whole.T))
+    def of_joint(self, loads: Array, joint: int) -> Array:
+        """(K, w) loads on a joint, from 0, at the ticks -> (M, w) change of its own torque, among all outputs: a part
+        of what :meth:`at_samples` gives."""
+        answer = fft.irfft(self._spectrum[joint, joint] * self._held(loads), self._size)[:, : len(loads)]
+        torque = np.asarray(self.sampling @ np.ascontiguousarray(answer.T))[:, None]
+        channels = [np.zeros((sampling.shape[0], loads.shape[1])) for sampling in self.further]
+        return self.run.model.experiments.outputs_of(self.run.label, torque, channels)[:, 0]
 
-    def _spectrum_of(self, loads: Array) -> Array:
-        """(w, frequencies) of the means (K, w) of loads over the time from each tick to the next."""
+    def _held(self, loads: Array) -> NDArray[np.complex128]:
+        """(w, frequencies) of the means of loads (K, w) over the periods that begin at the ticks."""
         held = np.array(loads.T, order="C")
         held[:, :-1] = 0.5 * (held[:, :-1] + held[:, 1:])
         return np.asarray(fft.rfft(held, self._size))

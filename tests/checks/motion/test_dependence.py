@@ -91,7 +91,7 @@ def test_a_colour_leaves_white_noise_and_no_row_beside_a_gap(missing, past):
     coloured = lfilter([1.0], [1.0, -1.2, 0.4], white)[1000:]
     places = np.array([i for i in range(400) if i not in missing])
     columns = Columns(of_logs(TIME[places]), coloured[places, None])
-    longest = columns.logs.pasts[0].shape[1] - 1
+    longest = columns.logs.pasts[0].lags
     colour = replace(Colour.white(1), coefficients=(np.array([1.2, -0.4]),))
     alone = [i for i in places if set(range(i - longest, i)) <= set(places)]
     assert longest == past
@@ -100,7 +100,7 @@ def test_a_colour_leaves_white_noise_and_no_row_beside_a_gap(missing, past):
 
 def test_a_log_with_many_gaps_has_a_shorter_past():
     logs = of_logs(TIME[np.arange(400) % 10 != 9])
-    assert 1 <= logs.pasts[0].shape[1] - 1 < 5
+    assert 1 <= logs.pasts[0].lags < 5
     assert logs.samples >= 0.5 * 360
 
 
@@ -240,7 +240,7 @@ def test_a_misfit_does_not_widen_its_own_bound(shape, most):
     explains much of it, but at the cost of its coefficients."""
     for seed in range(20):
         residual = RNG(seed).normal(size=400) + 3 * shape
-        tested = OwnColours.of(residual, np.zeros((400, 0)), MOTION, of_logs(TIME))
+        tested = OwnColours.of(residual, Columns(of_logs(TIME), np.zeros((400, 0)))).with_functions(MOTION)
         assert tested.alone.coefficients[0].sum() > 0.5 > abs(tested.beside([0, 3]).coefficients[0].sum())
         one = dependence(residual, SENSITIVITY, MOTION, NAMES, joint=1, logs=of_logs(TIME))
         assert one.most in most

@@ -188,6 +188,6 @@ def test_what_the_loop_makes_of_a_load_is_simulated_anew_for_each_course() -> No
         for j in np.flatnonzero(load.any(axis=0)):
             alone = np.where(np.arange(load.shape[1]) == j, load, 0.0)
             own = response.at_samples(alone[:, :, None])[:, j]
-            np.testing.assert_allclose(response.of_joint(j, load[:, j, None]), own, atol=1e-12 * np.abs(own).max())
+            np.testing.assert_allclose(response.of_joint(load[:, j, None], j), own, atol=1e-12 * np.abs(own).max())
         assert _like(simulated, answered) > 0.99  # another course has nothing of it
         assert np.linalg.norm(simulated) == pytest.approx(np.linalg.norm(answered), rel=0.02)

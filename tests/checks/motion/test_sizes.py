@@ -52,7 +52,8 @@ def test_a_misfit_of_any_larger_size_is_told_by_its_name(fit: Fit, found: Misfit
     signature = rest_of(misfit.signature[samples_of(fit, rows), joint - 1], one.basis)
     noise = rest_of(one.residual, one.basis)
     unit = signature * np.linalg.norm(noise) / np.linalg.norm(signature)
-    told = [replace(one, residual=noise + size * unit).dependence() for size in np.geomspace(0.05, 1000, 14)]
+    lefts = [replace(one.left, residual=noise + size * unit) for size in np.geomspace(0.05, 1000, 14)]
+    told = [replace(one, left=left).dependence() for left in lefts]
     values = np.array([d.p_value for d in told])
     first = int(np.argmax(values < LEVEL))
     assert 0 < first < 6
@@ -67,7 +68,7 @@ def test_what_functions_follow_has_no_column_of_its_own_and_all_else_has(fit: Fi
 
     def shows(misfit: Misfit, k: int) -> float:
         left = rest_of(misfit.signature[samples_of(fit, rows), k], plain[k].basis)
-        return float(np.sum(left**2)) / plain[k].left
+        return float(np.sum(left**2)) / plain[k].left.squares
 
     for k, (usual, one) in enumerate(zip(plain, beside, strict=True)):
         functions = rest_of(usual.motion, usual.basis)

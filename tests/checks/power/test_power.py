@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from fmu_didim.checks.motion.colour import Logs
-from fmu_didim.checks.motion.dependence import MOTION_CHANCE, JointResidual
+from fmu_didim.checks.motion.dependence import MOTION_CHANCE, JointResidual, Left
 from fmu_didim.checks.power.power import POWER, JointTest, smallest_size
 from fmu_didim.fit.uncertainty import stretches
 
@@ -26,7 +28,7 @@ DRAWS = 40
 
 
 def looked_at(residual: np.ndarray) -> JointResidual:
-    return JointResidual(1, residual, SENSITIVITY, MOTION, NAMES, Logs(tuple(stretches([TIME]))))
+    return JointResidual(1, Left(residual, SENSITIVITY, Logs(tuple(stretches([TIME])))), MOTION, NAMES)
 
 
 def by_noise(signature: np.ndarray, *, seed: int = 0, noise: float = 1.0, joints: int = 1) -> JointTest:
@@ -85,7 +87,7 @@ def test_loud_noise_where_a_function_is_large_hides_it() -> None:
     sizes = []
     for deviation in (np.full(TIME.size, np.sqrt(np.mean(loud**2))), loud):
         one = looked_at(deviation * RNG(3).normal(size=TIME.size))
-        one = JointResidual(1, one.residual, SENSITIVITY, np.column_stack([signature, MOTION]), NAMES, one.logs)
+        one = replace(one, motion=np.column_stack([signature, MOTION]))
         found = JointTest.of(one, signature[:, None], 1)
         assert found is not None
         sizes.append(smallest_size([found], 0, 100.0))
@@ -95,7 +97,8 @@ def test_loud_noise_where_a_function_is_large_hides_it() -> None:
 
 
 def test_too_few_samples_have_no_power() -> None:
-    short = JointResidual(1, np.ones(5), SENSITIVITY[:5], MOTION[:5], NAMES, Logs(tuple(stretches([TIME[:5]]))))
+    left = Left(np.ones(5), SENSITIVITY[:5], Logs(tuple(stretches([TIME[:5]]))))
+    short = JointResidual(1, left, MOTION[:5], NAMES)
     assert JointTest.of(short, np.ones((5, 1)), 1) is None
 
 
