@@ -56,7 +56,7 @@ MEANT_FOR: Mapping[str, set[str]] = {
 """Kind of file -> the verbs that must succeed with it; all others may refuse it."""
 ANY = {"init", "excite", "name-controller"}
 """Verbs that may take some files of a kind and not others: a log alone, a robot of which the noise is known."""
-SLOW = {"discover", "campaign run"}
+SLOW = {"discover", "campaign run", "name-controller"}
 """Verbs that take tens of seconds."""
 SLOW_FILES = ("tx40/discover_load.yaml", "tx40/discover_wrist.yaml", "scara/identify_modelica.yaml")
 

@@ -116,8 +116,9 @@ def solved_by(columns: Array, torque: Array, size: Array) -> tuple[Array, Array]
     flat = (columns / size[:, None]).reshape(-1, columns.shape[2])
     # By the normal equations: many fits of long logs, of which three digits are enough.
     products = flat.T @ flat
-    length = np.maximum(np.sqrt(np.diag(products)), TINY)
-    inverse = np.linalg.pinv(products / np.outer(length, length), rcond=DEPENDENT, hermitian=True)
+    length = np.sqrt(np.diag(products))
+    length[length == 0] = 1.0
+    inverse = np.linalg.pinv(products / length / length[:, None], rcond=DEPENDENT, hermitian=True)
     solution = inverse @ (flat.T @ (torque / size).reshape(-1) / length)
     return solution / length, np.sqrt(np.maximum(np.diag(inverse), 0.0)) / length
 

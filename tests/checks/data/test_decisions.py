@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from fmu_didim.base.diagnostics import Diagnostic
-from fmu_didim.checks.data.expected import Expected, expected
+from fmu_didim.checks.data.expected import Expected, expected, solved_by
 from fmu_didim.checks.data.log import is_piled, log_diagnostics, stairs, steps_in_range
 from fmu_didim.checks.data.reference import contradiction
 from fmu_didim.checks.data.runs import SAME_MOTION, copied, difference, during_log
@@ -378,3 +378,12 @@ def test_held_command_of_a_slower_control_is_no_upsampling() -> None:
     (told,) = log_diagnostics(log, "train", given, 200.0)
     assert (told.code.name, told.bound) == ("log-upsampled", pytest.approx(20.0, rel=0.01))
     assert "rate_hz: 20" in told.advice
+
+
+def test_a_column_of_zeros_takes_no_value() -> None:
+    """As that of a load that nothing carries in an experiment."""
+    rng = np.random.default_rng(0)
+    columns, true = rng.normal(size=(50, 2, 3)) * [1.0, 0.0, 1e-3], np.array([2.0, 0.0, -3.0])
+    value, deviation = solved_by(columns, columns @ true, np.array([1.0, 10.0]))
+    np.testing.assert_allclose(value, true, atol=1e-9)
+    assert np.isfinite(deviation).all()

@@ -34,9 +34,9 @@ def test_a_right_model_is_valid(robot: str, seed: int) -> None:
     assert found.farthest < 5
 
 
-@pytest.mark.gate
-@pytest.mark.parametrize("bits", [8, pytest.param(12, marks=pytest.mark.slow)])
-@pytest.mark.parametrize("robot", ["scara", pytest.param("arm", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("bits", [8, 12])
+@pytest.mark.parametrize("robot", ["scara", "arm"])
 def test_a_right_model_of_a_quantised_log_is_valid_and_its_intervals_hold(robot: str, bits: int) -> None:
     """Noise of 0.1 % of the torque, a seventh of what the steps of 8 bits make."""
     models = [quantised(right(robot, seed, noise=0.001), bits) for seed in range(111, 117)]
