@@ -1,0 +1,104 @@
+"""The ladders of all that a discovery has found, and the doubt where a rung contradicts."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from fmu_didim.base.diagnostics import CATALOGUE, DOUBT, Diagnostic
+from fmu_didim.base.errors import SimulationError
+from fmu_didim.discovery.augmentation.builder import LoopModelBuilder
+from fmu_didim.discovery.ladder.evidence import evidence_in, scale_deviation
+from fmu_didim.discovery.ladder.facts import RunFacts, facts_of
+from fmu_didim.discovery.ladder.rungs import ladder_of
+from fmu_didim.discovery.request import Request
+from fmu_didim.discovery.selection.candidates import Outcome
+from fmu_didim.discovery.selection.decide import Step
+from fmu_didim.discovery.selection.rounds import Discovery, Ending
+from fmu_didim.fit.fit import Fit
+from fmu_didim.fit.solver.least_squares import minimise
+from fmu_didim.fit.solver.termination import Stopping
+from fmu_didim.results.findings import FindingResult, RungResult
+
+CONTRADICTED = CATALOGUE(
+    "effect-contradicted", DOUBT, rank=53,
+    meaning="A named effect is not there where these data could show it: on a held-out motion, with another load, gain "
+    "or speed, or on another unit or day. It may be another effect that looks alike along one motion, or the runs "
+    "differ.",
+    next_step="Look at the evidence of the finding in the report, and at what else differs in that run.",
+)  # fmt: skip
+NO_TIME = "the time was up before it was looked at"
+EVENT = "an event of this run, which no other run can show again"
+Ladder = list[RungResult]
+
+
+def ladders_of(discovery: Discovery, builder: LoopModelBuilder, request: Request) -> list[Ladder]:
+    """The ladder of each effect that was found: shapes that were fitted anew first, then the steps; none while the
+    search goes on."""
+    if discovery.ending is Ending.RUNNING or not (discovery.steps or discovery.refitted):
+        return []
+    facts, seed = facts_of(discovery.base), request.options.seed
+    tried = {t.effect_at for comparison in discovery.tried for t in comparison if t.outcome is Outcome.FITTED}
+    found = []
+    for one in discovery.refitted:
+        seen = _seen(one.delta_bic, one.share)
+        evidence = {k: evidence_in(k, one.held, discovery.final, seed=seed) for k in facts}
+        found.append(ladder_of(seen, facts, evidence, joint=one.joint, candidates=len(tried)))
+    for step in discovery.steps:
+        request.progress.say(f"evidence of {step.effect_at.effect} on joint {step.effect_at.joint}")
+        found.append(_of_step(step, discovery, builder, request, facts, len(tried)))
+    return found
+
+
+def _of_step(
+    step: Step, discovery: Discovery, builder: LoopModelBuilder, request: Request, facts: dict[str, RunFacts],
+    candidates: int,
+) -> Ladder:  # fmt: skip
+    effect, final = builder.effect(step.effect_at), discovery.final
+    seen, joint = _seen(step.delta_bic, step.share), None if effect.is_of_log else step.effect_at.joint
+    without = None if request.progress.is_time_up else _without(step, final, builder)
+    evidence = {}
+    if without is not None:
+        deviation = scale_deviation(final, final.model.added_effects.index(step.effect_at), effect.neutral)
+        evidence = {
+            k: evidence_in(k, without, final, deviation=deviation, seed=request.options.seed) for k in facts
+        }  # fmt: skip
+    found = ladder_of(seen, facts, evidence, joint=joint, candidates=candidates)
+    if request.progress.is_time_up:
+        found = [one if one.state != "open" else one.model_copy(update={"text": NO_TIME}) for one in found]
+    return found
+
+
+def _seen(gain: float, share: float) -> str:
+    return f"it gains {gain:.3g} in BIC and closes {100 * share:.2g} % of the gap"
+
+
+def _without(step: Step, final: Fit, builder: LoopModelBuilder) -> Fit | None:
+    """The fit of the final model without an effect; None where it cannot be run."""
+    index = final.model.added_effects.index(step.effect_at)
+    smaller = builder.without(final.model, index)
+    known = step.without
+    if known is not None and set(known.model.added_effects) == set(smaller.added_effects):
+        return known
+    kept = [i for i, parameter in enumerate(final.model.free_parameters) if parameter.effect != index]
+    try:
+        return minimise(smaller, final.noise, jacobian=final.jacobian[:, :, kept], stopping=Stopping(updates=1))
+    except SimulationError:
+        return None
+
+
+def of_event(finding: FindingResult) -> Ladder:
+    """The ladder of a torque from outside: it belongs to one run."""
+    seen = _seen(finding.delta_bic, finding.share_of_gap)
+    return [RungResult(level=1, rung="fit", state="climbed", text=f"{seen}: {EVENT}")]
+
+
+def contradictions(discovery: Discovery, ladders: Sequence[Ladder]) -> list[Diagnostic]:
+    """The doubts about effects that some rung contradicts."""
+    places = [
+        *(f"{one.parameter.name}" for one in discovery.refitted),
+        *(f"{step.effect_at.effect.replace('_', ' ')}, joint {step.effect_at.joint}" for step in discovery.steps),
+    ]
+    return [
+        Diagnostic(CONTRADICTED, f"{rung.text}.", place)
+        for place, ladder in zip(places, ladders, strict=False) for rung in ladder if rung.state == "contradicted"
+    ]  # fmt: skip
