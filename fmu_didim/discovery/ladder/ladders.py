@@ -28,6 +28,10 @@ CONTRADICTED = CATALOGUE(
 )  # fmt: skip
 NO_TIME = "the time was up before it was looked at"
 EVENT = "an event of this run, which no other run can show again"
+ANOTHER_SIZE = (
+    "{0} has another size than in the fit, {1}, by more than noise: its form is not quite that of the catalogue, or the "
+    "runs differ. The intervals of its values count noise alone."
+)
 Ladder = list[RungResult]
 
 
@@ -69,7 +73,7 @@ def _of_step(
 
 
 def _seen(gain: float, share: float) -> str:
-    return f"it gains {gain:.3g} in BIC and closes {100 * share:.2g} % of the gap"
+    return f"it gains {gain:.0f} in BIC and closes {100 * share:.0f} % of the gap"
 
 
 def _without(step: Step, final: Fit, builder: LoopModelBuilder) -> Fit | None:
@@ -94,11 +98,27 @@ def of_event(finding: FindingResult) -> Ladder:
 
 def contradictions(discovery: Discovery, ladders: Sequence[Ladder]) -> list[Diagnostic]:
     """The doubts about effects that some rung contradicts."""
-    places = [
-        *(f"{one.parameter.name}" for one in discovery.refitted),
-        *(f"{step.effect_at.effect.replace('_', ' ')}, joint {step.effect_at.joint}" for step in discovery.steps),
-    ]
     return [
         Diagnostic(CONTRADICTED, f"{rung.text}.", place)
-        for place, ladder in zip(places, ladders, strict=False) for rung in ladder if rung.state == "contradicted"
+        for place, ladder in zip(_places(discovery), ladders, strict=False) for rung in ladder
+        if rung.state == "contradicted"
     ]  # fmt: skip
+
+
+def size_notes(discovery: Discovery, ladders: Sequence[Ladder]) -> list[str]:
+    """Notes on effects that have another size in some run than in the fit."""
+    found = []
+    for place, ladder in zip(_places(discovery), ladders, strict=False):
+        sizes = {one.experiment: one.size for rung in ladder for one in rung.evidence if one.differs}
+        if sizes:
+            there = ", ".join(f"{size:.2f} times in {label}" for label, size in sizes.items() if size is not None)
+            found.append(ANOTHER_SIZE.format(place, there))
+    return found
+
+
+def _places(discovery: Discovery) -> list[str]:
+    """The names of what was found, in the order of the ladders."""
+    return [
+        *(one.parameter.name for one in discovery.refitted),
+        *(f"{step.effect_at.effect.replace('_', ' ')}, joint {step.effect_at.joint}" for step in discovery.steps),
+    ]

@@ -188,7 +188,7 @@ def _ladder(finding: FindingResult) -> Table:
         words("rung", [texts.rung_title(rung) for rung in rungs]),
         words("seen", [texts.STATES[rung.state] for rung in rungs]),
         words("why", [rung.text for rung in rungs]), words("what would climb it", [rung.next_step for rung in rungs]),
-    ], shown="page", chosen=[k for k, rung in enumerate(rungs) if rung.state == "climbed"])  # fmt: skip
+    ], shown="page")  # fmt: skip
 
 
 def _values(values: Sequence[ValueFound]) -> Table:
