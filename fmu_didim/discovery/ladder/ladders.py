@@ -26,11 +26,16 @@ CONTRADICTED = CATALOGUE(
     "differ.",
     next_step="Look at the evidence of the finding in the report, and at what else differs in that run.",
 )  # fmt: skip
-NO_TIME = "the time was up before it was looked at"
+NO_TIME = ("the time was up before it was looked at", "Run it again with more time.")
+NOT_RUN = (
+    "the model without it cannot be run",
+    "Look at whether the effect stands for a plant that is wrong otherwise.",
+)
+"""Why nothing is known of the rungs above the fit, and what to do about it."""
 EVENT = "an event of this run, which no other run can show again"
 ANOTHER_SIZE = (
-    "{0} has another size than in the fit, {1}, by more than noise: its form is not quite that of the catalogue, or the "
-    "runs differ. The intervals of its values count noise alone."
+    "{0} has another size than in the fit, {1}, by more than noise: its form is not quite that of the catalogue, or "
+    "the runs differ. The intervals of its values count noise alone."
 )
 Ladder = list[RungResult]
 
@@ -60,16 +65,14 @@ def _of_step(
     effect, final = builder.effect(step.effect_at), discovery.final
     seen, joint = _seen(step.delta_bic, step.share), None if effect.is_of_log else step.effect_at.joint
     without = None if request.progress.is_time_up else _without(step, final, builder)
-    evidence = {}
-    if without is not None:
-        deviation = scale_deviation(final, final.model.added_effects.index(step.effect_at), effect.neutral)
-        evidence = {
-            k: evidence_in(k, without, final, deviation=deviation, seed=request.options.seed) for k in facts
-        }  # fmt: skip
-    found = ladder_of(seen, facts, evidence, joint=joint, candidates=candidates)
-    if request.progress.is_time_up:
-        found = [one if one.state != "open" else one.model_copy(update={"text": NO_TIME}) for one in found]
-    return found
+    if without is None:
+        why, next_step = NO_TIME if request.progress.is_time_up else NOT_RUN
+        unknown = {"state": "open", "text": why, "next_step": next_step}
+        found = ladder_of(seen, facts, {}, joint=joint)
+        return [one if one.rung == "fit" else one.model_copy(update=unknown) for one in found]
+    deviation = scale_deviation(final, final.model.added_effects.index(step.effect_at), effect.neutral)
+    evidence = {k: evidence_in(k, without, final, deviation=deviation, seed=request.options.seed) for k in facts}
+    return ladder_of(seen, facts, evidence, joint=joint, candidates=candidates)
 
 
 def _seen(gain: float, share: float) -> str:

@@ -21,6 +21,7 @@ from fmu_didim.discovery.selection.decide import SMALLEST_GAIN
 from fmu_didim.results.findings import LEVELS, Rung, RungEvidence, RungResult, RungState
 
 CHOSEN = "{0} candidates had to pass this test, so that it is no blind one"
+DIFFERS = "Look at what differs in {0}, and whether another effect explains all runs."
 NOT_EXCITED = f"at least {SMALLEST_GAIN:g} of the noise of what only the effect can make"
 
 
@@ -40,9 +41,11 @@ def ladder_of(
         candidates: number of those that were fitted, of which the held-out runs have chosen.
     """
     fitted = [label for label, one in facts.items() if one.role == "estimation"]
-    several = fitted if len(fitted) > 1 else []
-    parts = [f"{label}: {evidence[label].text}" for label in several if label in evidence]
-    found = [_rung("fit", "climbed", "; ".join([seen, *parts]), fitted, evidence)]
+    several = [label for label in fitted if label in evidence] if len(fitted) > 1 else []
+    parts = [f"{label}: {evidence[label].text}" for label in several]
+    against = [label for label in several if evidence[label].says == "no"]
+    state: RungState = "contradicted" if against else "climbed"
+    found = [_rung("fit", state, "; ".join([seen, *parts]), fitted, evidence, DIFFERS.format(", ".join(against)))]
     found.append(_held_out(facts, evidence, candidates))
     for rung, (differing, why, next_step) in _conditions(facts, fitted[0], joint).items():
         found.append(_judged(rung, differing, evidence, facts, why, next_step))
@@ -92,7 +95,7 @@ def _judged(
     if state == "open":
         next_step = f"Excite it there: {NOT_EXCITED}, for longer. {next_step}"
     if state == "contradicted":
-        next_step = f"Look at what else differs there ({', '.join(own)}), or take the effect for one of its form."
+        next_step = DIFFERS.format(", ".join(label for label in own if evidence[label].says == "no"))
     return _rung(rung, state, text, own, evidence, next_step)
 
 

@@ -106,6 +106,10 @@ def _how(case: Case, rung: RungResult) -> list[str]:
         f"These lines stand in the case {replaced}; log the torque as in the first run, and name the file there.",
         "The motion keeps position, speed and acceleration of the first reference; look whether it hits anything.",
     ]
+    if case.signals:
+        told.append(
+            "The data of the other runs were given in memory, under the names that stand here: give them again."
+        )
     if rung.rung in ("day", "unit"):
         told.append(f"State {'date' if rung.rung == 'day' else 'unit'}: of the other runs, too.")
     return told

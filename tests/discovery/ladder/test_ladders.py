@@ -85,6 +85,13 @@ def test_only_what_was_logged_counts_as_a_motion(tmp_path: Path) -> None:
     assert logged_motion(experiments["one"]).time[-1] == pytest.approx(8.0, abs=0.02)
 
 
+@pytest.mark.parametrize("written", ["2024-06-01", "'2024-06-01'"])
+def test_a_date_is_read_with_and_without_quotes(tmp_path: Path, written: str) -> None:
+    case = changed(arm_experiments(tmp_path, {"one": Run(4.0)}), {"one": {"date": "DATE"}})
+    case.write_text(case.read_text(encoding="utf-8").replace("DATE", written), encoding="utf-8")
+    assert str(load_case(case).model.experiments["one"].day) == "2024-06-01"
+
+
 def test_the_day_is_that_of_the_name_of_the_log_where_it_has_one(tmp_path: Path) -> None:
     case = arm_experiments(tmp_path, {"one": Run(4.0), "two": Run(4.4, role="validation")})
     for label, name in (("one", "axis_2024-05-31.csv"), ("two", "20240531_and_20240601.csv")):

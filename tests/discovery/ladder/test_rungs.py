@@ -5,16 +5,19 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 from datetime import date
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
+from fmu_didim.discovery.ladder import ladders
 from fmu_didim.discovery.ladder.evidence import Evidence
 from fmu_didim.discovery.ladder.facts import RunFacts
 from fmu_didim.discovery.ladder.rungs import ladder_of
 from fmu_didim.discovery.selection.held_out import Amplitude
 from fmu_didim.fit.gap import Ratio
+from fmu_didim.model.loop_model import EffectAtJoint
 from fmu_didim.results.findings import RungResult, next_rung
 
 BETTER, SAME, WORSE = Ratio(0.8, 0.7, 0.9), Ratio(0.99, 0.9, 1.05), Ratio(1.2, 1.1, 1.3)
@@ -155,6 +158,14 @@ def test_a_fitted_run_counts_for_other_conditions_but_not_as_held_out() -> None:
     assert "b: it has 1.00" in found["fit"].text  # that one of two fitted runs shows nothing would be told
 
 
+@pytest.mark.parametrize(("other", "state"), [(YES, "climbed"), (NO, "contradicted"), (WEAK, "climbed")])
+def test_one_of_several_fitted_runs_may_contradict(other: Evidence, state: str) -> None:
+    rung = ladder({"b": run(role="estimation")}, {"b": other})["fit"]
+    assert rung.state == state
+    assert ("Look at what differs in b," in rung.next_step) == (state == "contradicted")
+    assert ladder({}, {"fit": NO})["fit"].state == "climbed"  # of a single run the information criterion has decided
+
+
 def test_a_rung_with_a_run_that_hardly_excites_says_so() -> None:
     rung = ladder({"a": run(speed=np.array([2.0, 1.0]))}, {"a": WEAK})["speed"]
     assert rung.state == "open"
@@ -183,6 +194,19 @@ def test_what_is_climbed_next(states: Mapping[str, str], rung: str | None) -> No
     rungs = [one.model_copy(update={"state": states.get(one.rung, one.state)}) for one in ladder({}, {}).values()]
     found = next_rung(rungs)
     assert (found.rung if found else None) == rung
+
+
+@pytest.mark.parametrize(("is_time_up", "why"), [(True, "the time was up"), (False, "cannot be run")])
+def test_what_was_not_looked_at_is_open(monkeypatch: pytest.MonkeyPatch, is_time_up: bool, why: str) -> None:
+    monkeypatch.setattr(ladders, "_without", lambda *_: None)
+    effect = SimpleNamespace(is_of_log=False, neutral={})
+    step = SimpleNamespace(effect_at=EffectAtJoint("stribeck", 1), delta_bic=100.0, share=0.5)
+    found = ladders._of_step(
+        step, SimpleNamespace(final=None), SimpleNamespace(effect=lambda _: effect),  # type: ignore[arg-type]
+        SimpleNamespace(progress=SimpleNamespace(is_time_up=is_time_up)), {"fit": FITTED, "a": run()}, 9,  # type: ignore[arg-type]
+    )  # fmt: skip
+    assert [one.state for one in found] == ["climbed", *["open"] * 6]
+    assert all(why in one.text and one.next_step for one in found[1:])
 
 
 def test_nothing_is_next_without_a_ladder() -> None:
