@@ -111,7 +111,7 @@ def _held_out(facts: Mapping[str, RunFacts], evidence: Mapping[str, Evidence], c
         found = _judged("held_out", held, evidence, facts, "", next_step)
     elif not new:
         found = _rung("held_out", "open", "", repeated, evidence, next_step)
-    if held and candidates:
+    if candidates and any(evidence[label].says == "yes" for label in held):
         told.append(CHOSEN.format(candidates))
     return found.model_copy(update={"text": ". ".join(part for part in told if part)})
 

@@ -114,6 +114,7 @@ def test_that_the_held_out_run_chose_is_told() -> None:
     text = ladder({"a": run()}, {"a": YES}, candidates=9)["held_out"].text
     assert text.endswith("9 candidates had to pass this test, so that it is no blind one")
     assert "blind" not in ladder({}, {}, candidates=9)["held_out"].text
+    assert "blind" not in ladder({"a": run()}, {"a": WEAK}, candidates=9)["held_out"].text  # it could not choose
 
 
 @pytest.mark.parametrize(
