@@ -7,12 +7,13 @@ another load is one that changes the torque of the joint; other gains are those 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from datetime import date
 
 import numpy as np
 
 from fmu_didim.base.errors import SimulationError
+from fmu_didim.checks.data.runs import COPIED, copied, during_log
 from fmu_didim.data.signals import Array, Trajectory
 from fmu_didim.discovery.ladder.motions import new_part
 from fmu_didim.estimators.starts.reference_start import reference_motion
@@ -27,8 +28,6 @@ OTHER_LOAD = 0.1
 """[1] Of the RMS torque of a joint, by which a load must change it to be another load for that joint."""
 OTHER_GAIN = 0.1
 """[1] Change of a parameter of the controller from which its gains are others: less hardly moves a loop."""
-FRACTION_S = 1e-9
-"""[s] Rounding of instants."""
 INERTIAL = frozenset({"kg", "kg.m", "kg.m2"})
 """Units of base parameters that a load moves."""
 OF_MOTION = ("q", "dq", "ddq")
@@ -41,6 +40,7 @@ class RunFacts:
     Attributes:
         role: whether it is fitted; seconds: of its log.
         new: part of its motion that no other fitted run holds.
+        is_copied: whether its log is that of another fitted run, or a part of it.
         injected: columns beside the motion that are not zero here and are in no fitted run.
         speed: (n,) RMS velocity of each joint over that of the first fitted run; NaN where that one stood still.
         load: (n,) by how much its load changes the RMS torque of each joint against that of the first fitted run.
@@ -51,6 +51,7 @@ class RunFacts:
     role: Role
     seconds: float
     new: float = 1.0
+    is_copied: bool = False
     injected: tuple[str, ...] = ()
     speed: Array = field(default_factory=lambda: np.ones(1))
     load: Array = field(default_factory=lambda: np.zeros(1))
@@ -73,28 +74,21 @@ def facts_of(fit: Fit) -> dict[str, RunFacts]:
     model = fit.model
     experiments, n = model.experiments, model.joint_count
     fitted = experiments.estimation_labels
-    logged = {label: logged_motion(one) for label, one in experiments.items()}
+    logged = {label: during_log(one) for label, one in experiments.items()}
     at_home = _speed(logged[fitted[0]], n)
     extra = {name for label in fitted for name in _injected(experiments[label])}
     loads, found = _loads(fit), {}
     for label, one in experiments.items():
-        others = [logged[other] for other in fitted if other != label]
+        others = [other for other in fitted if other != label]
         found[label] = RunFacts(
             role=one.role, seconds=float(np.ptp(one.time)),
-            new=min((new_part(logged[label], other, n) for other in others), default=1.0),
+            new=min((new_part(logged[label], logged[other], n) for other in others), default=1.0),
+            is_copied=any(copied(one.torque, experiments[other].torque) > COPIED for other in others),
             injected=tuple(name for name in _injected(one) if name not in extra),
             speed=_speed(logged[label], n) / np.where(at_home > 0, at_home, np.nan),
             load=loads[label], gains=_gains(model, fit.values, label, fitted[0]), unit=one.unit, day=one.day,
         )  # fmt: skip
     return found
-
-
-def logged_motion(one: Experiment) -> Trajectory:
-    """The part of the reference of a run from which its log is: what was done before the log began, or after it ended,
-    was not seen."""
-    time = one.reference.time
-    kept = (time >= one.time[0] - FRACTION_S) & (time <= one.time[-1] + FRACTION_S)
-    return replace(one.reference, time=time[kept], values=one.reference.values[kept])
 
 
 def _speed(motion: Trajectory, n: int) -> Array:

@@ -22,6 +22,9 @@ GRID_HZ = 200.0
 def new_part(motion: Trajectory, before: Trajectory, joints: int) -> float:
     """The part of a motion, in time, that another one does not hold at any instant.
 
+    That a log follows the reference of another one as a whole is told before (``validation-repeats-motion``); a motion
+    may also be put together of parts of another one, or repeat it while something is injected.
+
     Both are cut to q and dq of all joints on one grid, in standard deviations of the earlier one, and each stretch x of
     the later one is compared with each stretch of the earlier one that is as long:
 

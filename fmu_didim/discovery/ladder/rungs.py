@@ -21,6 +21,7 @@ from fmu_didim.discovery.selection.decide import SMALLEST_GAIN
 from fmu_didim.results.findings import LEVELS, Rung, RungEvidence, RungResult, RungState
 
 CHOSEN = "{0} candidates had to pass this test, so that it is no blind one"
+COPY = "the log of {0} is that of a fitted run, or a part of it, and says nothing"
 DIFFERS = "Look at what differs in {0}, and whether another effect explains all runs."
 NOT_EXCITED = f"at least {SMALLEST_GAIN:g} of the noise of what only the effect can make"
 
@@ -46,6 +47,7 @@ def ladder_of(
     against = [label for label in several if evidence[label].says == "no"]
     state: RungState = "contradicted" if against else "climbed"
     found = [_rung("fit", state, "; ".join([seen, *parts]), fitted, evidence, DIFFERS.format(", ".join(against)))]
+    evidence = {label: one for label, one in evidence.items() if not facts[label].is_copied}
     found.append(_held_out(facts, evidence, candidates))
     for rung, (differing, why, next_step) in _conditions(facts, fitted[0], joint).items():
         found.append(_judged(rung, differing, evidence, facts, why, next_step))
@@ -105,12 +107,14 @@ def _held_out(facts: Mapping[str, RunFacts], evidence: Mapping[str, Evidence], c
     new = [label for label in held if facts[label].new >= MOSTLY_NEW]
     repeated = [label for label in held if label not in new]
     next_step = "Hold out a run with another motion (role: validation) that excites the effect."
-    found = _judged("held_out", new, evidence, facts, "" if held else "no run is held out", next_step)
+    copies = [label for label, one in facts.items() if one.role == "validation" and one.is_copied]
+    why = COPY.format(", ".join(copies)) if copies else "" if held else "no run is held out"
+    found = _judged("held_out", new, evidence, facts, why, next_step)
     told = [found.text, *(_repeat(label, facts[label], evidence[label]) for label in repeated)]
     if any(evidence[label].says == "no" for label in repeated):
         found = _judged("held_out", held, evidence, facts, "", next_step)
     elif not new:
-        found = _rung("held_out", "open", "", repeated, evidence, next_step)
+        found = _rung("held_out", "open", why, repeated, evidence, next_step)
     if candidates and any(evidence[label].says == "yes" for label in held):
         told.append(CHOSEN.format(candidates))
     return found.model_copy(update={"text": ". ".join(part for part in told if part)})

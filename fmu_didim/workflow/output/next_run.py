@@ -104,7 +104,8 @@ def _how(case: Case, rung: RungResult) -> list[str]:
     )
     told = [
         f"These lines stand in the case {replaced}; log the torque as in the first run, and name the file there.",
-        "The motion keeps position, speed and acceleration of the first reference; look whether it hits anything.",
+        "Bring the robot to the first row at rest. Position, speed and acceleration stay within those of the first "
+        "run; look whether the motion hits anything.",
     ]
     if case.signals:
         told.append(

@@ -16,13 +16,13 @@ from fmu_didim.case import load_case
 from fmu_didim.data.signals import trajectory, write_csv
 from fmu_didim.discovery.base_model import prepare
 from fmu_didim.discovery.ladder.evidence import evidence_in
-from fmu_didim.discovery.ladder.facts import facts_of, logged_motion
+from fmu_didim.discovery.ladder.facts import facts_of
 from fmu_didim.discovery.ladder.motions import new_part
 from fmu_didim.dynamics.effects import EFFECTS
 from fmu_didim.report.discovery.sections import discovery_table
 from fmu_didim.results.findings import FindingsDocument, load_findings
 from fmu_didim.workflow import discover
-from tests.discovery.helpers import TRUTH, Run, arm_experiments
+from tests.discovery.helpers import TRUTH, Run, arm_document, arm_experiments
 
 FRICTION = {"quadratic_viscous": {"Fq": 0.3}}
 TRIED = ("quadratic_viscous", "torque_offset", "asymmetric_viscous")
@@ -80,9 +80,16 @@ def test_only_what_was_logged_counts_as_a_motion(tmp_path: Path) -> None:
     """Two runs of one reference: what one does before its log begins is not seen."""
     case = arm_experiments(tmp_path, {"one": Run(4.0, 4), "later": Run(4.0, 4, "validation")})
     changed(case, {"one": {"to_s": 8.0}, "later": {"from_s": 8.0}})
-    experiments = load_case(case).model.experiments
-    assert logged_motion(experiments["later"]).time[0] == pytest.approx(8.0, abs=0.01)
-    assert logged_motion(experiments["one"]).time[-1] == pytest.approx(8.0, abs=0.02)
+    facts = facts_of(prepare(load_case(case).model).fit)
+    assert facts["later"].new == 0.0  # two periods more of the same; with one of another motion it would be new
+    assert facts["later"].seconds == pytest.approx(8.0, abs=0.02)
+
+
+def test_a_log_that_is_a_copy_is_seen_whatever_its_label_and_date(tmp_path: Path) -> None:
+    case = arm_experiments(tmp_path, {"one": Run(4.0), "two": Run(4.0, 2, "validation"), "three": Run(4.4)})
+    changed(case, {"two": {"torque": {"file": "one_torque.csv"}, "date": "2024-06-01"}})
+    facts = facts_of(prepare(load_case(case).model).fit)
+    assert {label: one.is_copied for label, one in facts.items()} == {"one": False, "two": True, "three": False}
 
 
 @pytest.mark.parametrize("written", ["2024-06-01", "'2024-06-01'"])
@@ -172,6 +179,27 @@ def test_the_terminal_shows_it(climbed: FindingsDocument) -> None:
     for line in ("1 seen in the fit", "2 another motion", "3 other load", "4 other day", "not tried by these data"):
         assert line in shown, line
     assert "3 other gains, 4 other unit" in shown
+
+
+@pytest.mark.gate
+def test_an_effect_is_seen_with_other_gains(tmp_path: Path) -> None:
+    """The log of a run whose controller was softer, by the loop that the case makes of it."""
+    case = changed(
+        arm_experiments(tmp_path, {"first": Run(4.0, 3), "soft": Run(4.8, 3, "validation")}, FRICTION),
+        {"soft": {"gains": {"Kp1": 1500.0, "Kd1": 90.0}}},
+    )
+    plain = (tmp_path / "robot.yaml").read_text(encoding="utf-8")
+    robot = arm_document(1, {1: tuple(FRICTION)})
+    robot["joints"][0]["parameters"] |= FRICTION["quadratic_viscous"]
+    (tmp_path / "robot.yaml").write_text(yaml.safe_dump(robot, sort_keys=False), encoding="utf-8")
+    true = load_case(case).model
+    torque = true.torque(true.start, "soft")[:, 0]
+    torque += 0.1 * np.random.default_rng(3).normal(size=torque.size)
+    write_csv(trajectory(true.experiments["soft"].time, {"tau1": torque}), tmp_path / "soft_torque.csv")
+    (tmp_path / "robot.yaml").write_text(plain, encoding="utf-8")
+    document = discover(case, forbid=FORBID).document
+    assert states(document)["gain"] == states(document)["held_out"] == "climbed"
+    assert document.verdict == "valid"
 
 
 @pytest.fixture(scope="module")

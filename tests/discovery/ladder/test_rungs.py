@@ -99,6 +99,13 @@ def ladder(facts: Mapping[str, RunFacts], evidence: Mapping[str, Evidence], **mo
         ({"a": run(), "b": run(new=0.0)}, {"a": YES, "b": NO}, "contradicted", "b repeats"),
         ({"a": run(), "b": run()}, {"a": YES, "b": WEAK}, "climbed", "b (held out): hardly excited"),
         ({"a": run()}, {}, "open", "no run is held out"),
+        (
+            {"a": run(new=0.0, is_copied=True)},
+            {"a": YES},
+            "open",
+            "the log of a is that of a fitted run, or a part of it",
+        ),
+        ({"a": run(is_copied=True), "b": run()}, {"a": NO, "b": YES}, "climbed", "b (held out)"),
     ],
 )
 def test_the_rung_of_another_motion(
@@ -149,6 +156,12 @@ def test_the_rungs_of_other_conditions(rung: str, facts: RunFacts, state: str, t
 def test_an_unknown_unit_is_no_other_one() -> None:
     """Neither of a run, nor of the first one."""
     assert ladder({"a": run(unit="SN2", day=date(2024, 6, 1))}, {"a": YES})["unit"].state == "open"
+
+
+def test_a_copied_log_is_no_other_day() -> None:
+    facts = {"fit": replace(FITTED, day=date(2024, 5, 31)), "a": run(is_copied=True, day=date(2024, 6, 1))}
+    found = ladder_of("", facts, {"fit": YES, "a": YES}, joint=1)
+    assert [rung.state for rung in found] == ["climbed", *["open"] * 6]
 
 
 def test_a_fitted_run_counts_for_other_conditions_but_not_as_held_out() -> None:
