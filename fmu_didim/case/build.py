@@ -34,6 +34,7 @@ from fmu_didim.case.loop import (
     loop_of_components,
     loop_of_parts,
     with_drive_gains,
+    with_gains,
     with_inserted_effects,
     with_reading,
 )
@@ -217,6 +218,7 @@ class Case:
         if self.robot is not None:
             system = with_inserted_effects(system, self.robot, plant=self.plant_name)
         system = with_drive_gains(system, self.document, self.robot, plant=self.plant_name)
+        system = with_gains(system, self.document, label)
         system = with_reading(system, self.document)
         return system if self.document.runs[label].instants is None else at_instants_of(system)
 

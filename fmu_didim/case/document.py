@@ -43,12 +43,14 @@ BESIDE_A_MODEL = frozenset({
     "validation", "estimator", "search", "profile", "acknowledged",
 })  # fmt: skip
 """Entries of a case with a ``model:``; the others are about robots and their loops."""
-OF_A_ROBOT = ("reference", "torque", "positions", "instants")
+OF_A_ROBOT = ("reference", "torque", "positions", "instants", "gains")
 """Entries of an experiment that one of a ``model:`` does not have."""
 
 DRIVE = "drive"
 """Owner, in a case, of the gain of a drive."""
-OF_THE_CONTROLLER = ("controller", DELAY)
+CONTROLLER = "controller"
+"""Name of the controller in the loop of a case with two components."""
+OF_THE_CONTROLLER = (CONTROLLER, DELAY)
 """Owners of what a virtual controller knows nothing of."""
 NEEDS_THE_CONTROLLER = ("idim_iv", "output_error")
 """Estimators that rest on a simulated motion that the measured one has not made."""
@@ -201,10 +203,11 @@ class CaseDocument(Strict):
                 f"{', '.join(beside)}: of the real loop nothing is simulated but the hold of its torque"
             )
         for label, run in self.runs.items():
-            if run.measured_files or run.instants is not None or (run.torque is not None and run.torque.unsigned):
+            unsigned = run.torque is not None and run.torque.unsigned
+            if run.measured_files or run.instants is not None or unsigned or run.gains:
                 raise ValueError(
                     f"{label}: beside controller: {{kind: tracking}} there is no measured: (positions are followed), "
-                    "no instants: and no torque: {unsigned: true}"
+                    "no instants:, no gains: and no torque: {unsigned: true}"
                 )
         kind = self.estimator_options["kind"]
         if kind in NEEDS_THE_CONTROLLER or self.estimator_options.get("estimate_delay"):
@@ -347,7 +350,7 @@ class CaseDocument(Strict):
             if wrong := [name for name in ("inputs", "start_s") if getattr(run, name) is not None]:
                 raise ValueError(f"{label}: {', '.join(wrong)}: is for model:; a robot has reference:")
             return
-        if wrong := [name for name in OF_A_ROBOT if getattr(run, name) is not None]:
+        if wrong := [name for name in OF_A_ROBOT if getattr(run, name)]:
             raise ValueError(f"{label}: {', '.join(wrong)}: is for robots; a model: has inputs: and measured:")
         if run.initial_state != "detected":
             raise ValueError(f"{label}: initial_state: is for robots; list start values as identify: {{x.start: {{}}}}")

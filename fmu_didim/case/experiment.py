@@ -59,6 +59,7 @@ def read_experiment(
         reference, log.times, log.torque, operator, positions, label, source.role, stamps=log.stamps,
         told=tuple(dict.fromkeys(told)), initial_state=initial_state_of(source),
         leaves_out_outliers=source.torque.outliers == "leave_out", is_unsigned=source.torque.unsigned,
+        unit=source.unit, day=source.recorded_on,
     )  # fmt: skip
 
 

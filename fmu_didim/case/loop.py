@@ -9,7 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from fmu_didim.base.errors import InputError, UnknownNameError
-from fmu_didim.case.document import DRIVE, CaseDocument
+from fmu_didim.case.document import CONTROLLER, DRIVE, CaseDocument
 from fmu_didim.case.free import beside_the_plant
 from fmu_didim.components import Component, FmuComponent, rename
 from fmu_didim.components.inserted import InsertedComponent
@@ -234,6 +234,32 @@ def with_inserted_effects(system: System, robot: RobotDescription, *, plant: str
             names = [v.name for v in (*effect.parameters(joint.type), *effect.shapes(joint.type))]
             values = {name: joint.parameters[name] for name in names if name in joint.parameters}
             system = insert_effect(system, effect, j, joint.type, values=values, plant=plant)
+    return system
+
+
+def with_gains(system: System, document: CaseDocument, label: str) -> System:
+    """The loop of an experiment with the values that its controller had there.
+
+    Raises:
+        InputError: a value is identified, too, so that it is one for all experiments; UnknownNameError: there is no
+            such part or parameter.
+    """
+    where = f"experiments.{label}.gains"
+    for name, value in document.runs[label].gains.items():
+        owner, _, key = name.rpartition(".")
+        owner = owner or CONTROLLER
+        if owner == document.plant_name or owner not in system.components:
+            valid = [f"{part}.{key}" for part in system.components if part != document.plant_name]
+            raise UnknownNameError("parameter of the controller", name, valid, where=where)
+        offered = [v.name for v in system.components[owner].parameters]
+        if key not in offered:
+            raise UnknownNameError(f"parameter of the {owner}", key, offered, where=where)
+        if (owner, key) in {(one.of, one.parameter or name) for name, one in (document.identify or {}).items()}:
+            raise InputError(
+                "This value is identified, so that it is one for all experiments.", where=where, got=name,
+                next_step="Take it out of identify:, or out of gains:.",
+            )  # fmt: skip
+        system = system.replace(owner, system.components[owner].with_parameters({key: value}))
     return system
 
 

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import datetime
 import math
 from collections.abc import Mapping
+from pathlib import PurePath
 from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, Field, TypeAdapter, field_validator, model_validator
@@ -14,6 +16,7 @@ from fmu_didim.cosim.sampling import Kind, Window
 from fmu_didim.cosim.system import LoopTreatment
 from fmu_didim.data.excitation import AnyExcitation
 from fmu_didim.data.tables import Column, CsvLayout, TimeColumn
+from fmu_didim.data.tables.dates import dates_in
 from fmu_didim.export.versions import DEFAULT_VERSION, VERSIONS
 from fmu_didim.model.experiment import Role
 from fmu_didim.model.signals.error_model import ErrorModel
@@ -452,6 +455,11 @@ class ExperimentSource(Strict):
             payload; the others are shared by all experiments.
         load: what the last link carries in this run, which is identified with the robot: ``{}``, or what is known of
             it.
+        gains: parameter of the controller (``Kp1``; ``component.parameter`` where the case has ``components``) -> value
+            that it had in this run, where that differs from the one of the case.
+        unit: of which machine this run is, such as a serial number, where there are several of a kind.
+        date: when it was recorded, ``2024-05-31``; by default the date by ISO 8601 in the name of the torque log, if it
+            has one.
     """
 
     reference: AnyExcitation | ReferenceFile | None = None
@@ -467,6 +475,17 @@ class ExperimentSource(Strict):
     initial_state: Literal["detected", "free", "reference"] | Mapping[str, float] = "detected"
     own: tuple[str, ...] = ()
     load: LoadSource | None = None
+    gains: Mapping[str, float] = Field(default_factory=dict)
+    unit: str = ""
+    date: datetime.date | None = None
+
+    @property
+    def recorded_on(self) -> datetime.date | None:
+        """The day of the run: stated, or in the name of its torque log."""
+        if self.date is not None or self.torque is None:
+            return self.date
+        found = dates_in(PurePath(self.torque.file).stem)
+        return found[0].date() if len(found) == 1 else None
 
     @property
     def measured_files(self) -> tuple[MeasuredFile, ...]:

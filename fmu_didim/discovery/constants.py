@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from fmu_didim.discovery import base_model, judge, localise, run
 from fmu_didim.discovery.external_torques import search
+from fmu_didim.discovery.ladder import evidence, facts, motions
 from fmu_didim.discovery.screening import catalogue
 from fmu_didim.discovery.selection import competition, decide, held_out, plausible, pre_check, rounds
 from fmu_didim.discovery.signals import kinds, remainder
@@ -27,6 +28,9 @@ DECIDING = (
     (rounds, ("KEPT_GAIN",)),
     (search, ("STEP_COST", "WEAKEST", "SMALLEST_GAIN", "LEAST")),
     (judge, ("REMAINDER",)),
+    (facts, ("OTHER_SPEED", "OTHER_LOAD", "OTHER_GAIN")),
+    (motions, ("STRETCH_S", "SAME_MOTION", "MOSTLY_NEW")),
+    (evidence, ("VALUE_DIFFERS",)),
     (signal_search, ("STARTS", "LEAST", "FEWEST_CLIPPED")),
     (remainder, ("BY_CHANCE",)),
     (kinds, ("LAGS", "DELAYS", "FADING", "LONGEST", "ROOM", "LEVELS")),

@@ -39,6 +39,7 @@ from fmu_didim.results.findings import (
     NoiseResult,
     RegionResult,
     Rival,
+    RungResult,
     ValueFound,
     WindowResult,
 )
@@ -57,6 +58,7 @@ def findings_document(
     outside: Sequence[FindingResult],
     windows: Sequence[WindowResult],
     regions: Sequence[RegionResult],
+    ladders: Sequence[Sequence[RungResult]] = (),
 ) -> FindingsDocument:
     """Everything that was found, with intervals and gaps.
 
@@ -64,6 +66,7 @@ def findings_document(
         ratio: of the held-out RMS of final and base model, None if nothing was added or held out.
         outside: torques from outside, which come first; windows: when they acted.
         regions: where the base model disagrees.
+        ladders: of what was found, shapes that were fitted anew first; none while the search goes on.
     """
     residuals = residuals_of(discovery.base, discovery.final)
     unfinished_diagnostic, unfinished = unfinished_search(discovery, request.progress.limit_s)
@@ -84,10 +87,7 @@ def findings_document(
         conditions=judgement.conditions,
         power=power,
         unfinished=unfinished,
-        findings=[
-            *outside, *(_smoothing(one, discovery) for one in discovery.refitted),
-            *(_finding(step, discovery, builder) for step in discovery.steps),
-        ],
+        findings=[*outside, *_with_ladders(discovery, builder, ladders)],
         roles={label: e.role for label, e in base.model.experiments.items()},
         gap={label: gap_pair(before, after, noise) for label, (before, after) in residuals.items()},
         error_percent=_errors(discovery, residuals),
@@ -139,6 +139,18 @@ def _candidates(discovery: Discovery) -> list[CandidateResult]:
         for number, comparison in enumerate(discovery.tried, start=1)
         for t in comparison
     ]  # fmt: skip
+
+
+def _with_ladders(
+    discovery: Discovery, builder: LoopModelBuilder, ladders: Sequence[Sequence[RungResult]]
+) -> list[FindingResult]:
+    """The findings, each with its ladder, where that is known."""
+    found = [
+        *(_smoothing(one, discovery) for one in discovery.refitted),
+        *(_finding(step, discovery, builder) for step in discovery.steps),
+    ]
+    known = ladders or [[] for _ in found]
+    return [f.model_copy(update={"ladder": list(own)}) for f, own in zip(found, known, strict=True)]
 
 
 def _finding(step: Step, discovery: Discovery, builder: LoopModelBuilder) -> FindingResult:

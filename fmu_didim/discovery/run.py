@@ -19,6 +19,7 @@ from fmu_didim.discovery.external_torques.findings import external_torque_findin
 from fmu_didim.discovery.external_torques.fit import FittedExternalTorques, find_external_torques
 from fmu_didim.discovery.external_torques.rivals import rivalled
 from fmu_didim.discovery.judge import has_external_torques
+from fmu_didim.discovery.ladder.ladders import contradictions, ladders_of, of_event, size_notes
 from fmu_didim.discovery.localise import regions_of_fit
 from fmu_didim.discovery.request import Request
 from fmu_didim.discovery.selection.held_out import unconfirmed
@@ -218,15 +219,21 @@ class _Search:
         """
         request, outside, windows = self.request, list[FindingResult](), list[WindowResult]()
         if request.external is not None and self.torques is not None and free is not None:
-            outside = [external_torque_finding(self.torques, self.base, free, request.external)]
+            found = external_torque_finding(self.torques, self.base, free, request.external)
+            outside = [found.model_copy(update={"ladder": of_event(found)})]
             windows = external_torque_windows(free, self.torques.label)
         held_out = () if self.base.model.experiments.validation_labels else (NO_HELD_OUT,)
         looked_at = _looked_at(self.prepared.fit.model, self.base.model)
         all_notes = [*request.notes, *self.prepared.notes, *looked_at, *motion_notes(self.builder), *held_out, *notes]
-        doubts = [*self.torn(discovery.final), *untried_effects(self.builder, discovery.final)]
+        ladders = ladders_of(discovery, self.builder, request)
+        doubts = [
+            *self.torn(discovery.final), *untried_effects(self.builder, discovery.final),
+            *contradictions(discovery, ladders),
+        ]  # fmt: skip
         document = findings_document(
             replace(request, doubts=(*request.doubts, *doubts)), discovery, self.builder, ratio=ratio,
-            notes=all_notes, outside=outside, windows=windows, regions=self.disagreement,
+            notes=[*all_notes, *size_notes(discovery, ladders)], outside=outside, windows=windows,
+            regions=self.disagreement, ladders=ladders,
         )  # fmt: skip
         if self.is_late and request.external is not None:
             return ended_before(document, request.progress.limit_s, "torques from outside")

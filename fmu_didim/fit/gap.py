@@ -200,10 +200,14 @@ def held_out_residual(fit: Fit) -> Array:
 
 def held_out_block(fit: Fit) -> int:
     """Rows in a block of the bootstrap of held-out data."""
-    experiments = fit.model.experiments
-    one = experiments[experiments.validation_labels[0]]
+    return block_in(fit, fit.model.experiments.validation_labels[0])
+
+
+def block_in(fit: Fit, label: str) -> int:
+    """Rows in a block of the bootstrap of the data of an experiment."""
+    one = fit.model.experiments[label]
     rate = one.rate_hz
-    if experiments.channels:  # all that was measured in a block of time is drawn together
+    if fit.model.experiments.channels:  # all that was measured in a block of time is drawn together
         rate = one.instants.size / float(np.ptp(one.instants))
     return max(round(BLOCK_S * rate), 1)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from datetime import date
 from functools import cached_property
 from typing import Any, Literal
 
@@ -61,6 +62,7 @@ class Experiment:
             fit; recorded: (N, n) what was measured where a fit takes other values for it; as of :class:`Channel`.
         leaves_out_outliers: whether samples that are outliers are left out before a fit.
         is_unsigned: whether the log shows sizes alone; ``torque`` then has signs that a model gave it.
+        unit: of the machine, empty where it is not known; day: on which it was recorded, None where it is not known.
     """
 
     reference: Trajectory
@@ -80,6 +82,8 @@ class Experiment:
     recorded: Array | None = None
     leaves_out_outliers: bool = False
     is_unsigned: bool = False
+    unit: str = ""
+    day: date | None = None
 
     def scaled(self, values: Array) -> Array:
         """Values (N, n, ...) at the samples of the log as a fit compares them."""

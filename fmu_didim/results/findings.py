@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Literal
 
@@ -82,6 +83,69 @@ class GapPair(_Document):
     after_per_joint: list[Number]
 
 
+Rung = Literal["fit", "held_out", "load", "gain", "speed", "unit", "day"]
+RungState = Literal["climbed", "contradicted", "open"]
+LEVELS: dict[Rung, int] = {"fit": 1, "held_out": 2, "load": 3, "gain": 3, "speed": 3, "unit": 4, "day": 4}
+"""Height of each rung of the evidence ladder."""
+
+
+class RungEvidence(_Document):
+    """What one experiment says of an effect.
+
+    Attributes:
+        experiment: its label.
+        says: whether it is there; ``hardly excited`` and ``undecided`` say neither.
+        excited: RMS of what only the effect can make there, in units of the noise; null where it is not known.
+        size, interval: of the effect there as a multiple of the fitted one, and its 95 % interval.
+        ratio, ratio_interval: RMS of the residual with the effect over that without it.
+        differs: whether the size is another one than in the fit, beyond the standard deviations of both.
+    """
+
+    experiment: str
+    says: Literal["yes", "no", "hardly excited", "undecided", "not run"]
+    excited: Number = None
+    size: Number = None
+    interval: tuple[Number, Number] | None = None
+    ratio: Number = None
+    ratio_interval: tuple[Number, Number] | None = None
+    differs: bool = False
+
+
+class RungResult(_Document):
+    """A rung of the evidence ladder of an effect.
+
+    Attributes:
+        level: from 1, the height; rung: what must differ from the fit: nothing (``fit``), the motion, of a held-out
+            experiment (``held_out``), the load, the gains of the controller, the speed, the unit or the day.
+        state: ``climbed``: the effect is there; ``contradicted``: these data show that it is not; ``open``: they do
+            not tell.
+        text: why, with the figures; next_step: what would climb it; empty where it is climbed.
+        evidence: of the experiments that count for this rung.
+    """
+
+    level: int
+    rung: Rung
+    state: RungState
+    text: str
+    next_step: str = ""
+    evidence: list[RungEvidence] = Field([])
+
+
+EASIEST: tuple[Rung, ...] = ("held_out", "speed", "load", "gain", "day", "unit")
+"""Rungs in the order in which they are climbed: of one height that which asks for least comes first."""
+
+
+def next_rung(ladder: Sequence[RungResult]) -> RungResult | None:
+    """The rung to be climbed next: one that is contradicted, else the easiest of the lowest height at which none is
+    climbed; None where there is none."""
+    against = [rung for rung in ladder if rung.state == "contradicted"]
+    reached = {rung.level for rung in ladder if rung.state == "climbed"}
+    left = sorted(
+        (rung for rung in ladder if rung.level not in reached), key=lambda one: (one.level, EASIEST.index(one.rung))
+    )
+    return next(iter([*against, *left]), None)
+
+
 class FindingResult(_Document):
     """One named effect.
 
@@ -115,6 +179,7 @@ class FindingResult(_Document):
     )
     side: Side = ""
     signal: str = ""
+    ladder: list[RungResult] = Field([], description="where it was seen, and where not yet; empty on a model alone")
 
 
 class RegionResult(_Document):

@@ -328,10 +328,14 @@ def test_same_seed_gives_the_same_findings(friction_case: Path, printed: tuple[P
 
 
 def without_text(value: object) -> object:
-    """Findings without the text about the next experiment, which only a run with an output folder designs."""
-    if isinstance(value, list):
-        return [v.model_copy(update={"experiment": ""}) if hasattr(v, "experiment") else v for v in value]
-    return value
+    """Findings without the texts about the next experiment, which only a run with an output folder designs."""
+    if not isinstance(value, list):
+        return value
+    found = [v.model_copy(update={"experiment": ""}) if hasattr(v, "experiment") else v for v in value]
+    for v in found:
+        for i, rung in enumerate(getattr(v, "ladder", [])):
+            v.ladder[i] = rung.model_copy(update={"next_step": ""})
+    return found
 
 
 # ---- held-out data ---------------------------------------------------------------------------------

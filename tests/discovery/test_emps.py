@@ -64,6 +64,11 @@ def test_asymmetric_viscous_friction_is_named_first() -> None:
         assert now is not None
         assert was == pytest.approx(before, abs=0.3)
         assert now <= after
+    fit, motion, *others = first.ladder
+    assert (fit.state, motion.state) == ("climbed", "open")
+    assert "validation repeats the motion of a fitted run, with pulse1 added" in motion.text
+    assert motion.evidence[0].says == "yes"
+    assert {rung.state for rung in others} == {"open"}
 
 
 @needs_emps

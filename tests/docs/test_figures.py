@@ -161,6 +161,8 @@ STATED: Mapping[str, Mapping[str, str]] = {
         "at 1.5 σ after refitting": MADE, "a gap below 1 σ": "from where cases are judged", "of up to 0.6 σ": MADE,
         "a torque sample of 10 ms": MADE, "three periods of 4 s": MADE, "1.5 % of noise": MADE, "lag of 6 ms": MADE,
         "(0.08 N.m, 0.15 rad/s)": MADE, "friction (0.8 N·m), logged at 20 Hz with noise of 0.3 N·m": MADE,
+        "the joint changes by 10 % or more": THRESHOLD, "that differ by more than 10 %": THRESHOLD,
+        "differs by a factor of 1.5 or more": THRESHOLD, "less than 0.2 of the noise": THRESHOLD,
     },
     "examples": {"200 to 0.5 Hz": MADE},
     "exchange": {"FMI 1.0 and 3.0": "versions"},

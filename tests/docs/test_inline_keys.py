@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
+from datetime import date
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -50,6 +51,8 @@ def parts() -> tuple[dict[str, Any], ...]:
 def without_dots(node: Any) -> Any:
     if isinstance(node, dict):
         return {key: without_dots(value) for key, value in node.items() if value != ANY}
+    if isinstance(node, date):  # a schema knows texts alone
+        return node.isoformat()
     return [without_dots(entry) for entry in node if entry != ANY] if isinstance(node, list) else node
 
 

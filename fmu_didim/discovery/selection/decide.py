@@ -80,6 +80,7 @@ class Step:
         members: the effect and those ambiguous ones that were fitted, with their values.
         remark: on the decision, for the user.
         untested: whether the held-out data tell nothing of it.
+        without: the last fit of the other effects without it.
     """
 
     effect_at: EffectAtJoint
@@ -93,6 +94,7 @@ class Step:
     members: tuple[Proposal, ...] = ()
     remark: str = ""
     untested: bool = False
+    without: Fit | None = None
     channels_before: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     channels_after: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
@@ -211,6 +213,7 @@ def step_of(
         ratio=held_out_ratio(fit, accepted.fit, seed=options.seed),
         members=tuple(proposal_of(c) for c in fitted),
         remark=_remark(accepted, ranking, competition, options),
+        without=fit,
         channels_before=channel_gaps(fit),
         channels_after=channel_gaps(accepted.fit),
     )

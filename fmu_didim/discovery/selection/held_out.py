@@ -54,11 +54,17 @@ FAILS_HELD_OUT = "held-out RMS ratio"
 
 @dataclass(frozen=True)
 class Amplitude:
-    """Size of an effect on held-out data as a multiple of the fitted one: value and its 95 % interval."""
+    """Size of an effect on data as a multiple of the fitted one: value and its 95 % interval.
+
+    Attributes:
+        size: RMS of what a larger model has more and the other parameters cannot make, in units of the noise, of the
+            output where that is largest.
+    """
 
     value: float
     low: float
     high: float
+    size: float
 
     def __str__(self) -> str:
         return f"{self.value:.2f} ({self.low:.2f} to {self.high:.2f}) times its fitted size"
@@ -83,10 +89,10 @@ def unconfirmed(before: Fit, after: Fit, *, seed: int = 0) -> str:
     if ratio is None or ratio.high < HELD_OUT:
         return ""
     text = f"{FAILS_HELD_OUT} {ratio.value:.3f}, its interval reaches {ratio.high:.3f}"
-    amplitude = held_out_amplitude(before, after, seed=seed) if ratio.value < HELD_OUT else None
-    if amplitude is None:
+    found = held_out_amplitude(before, after, seed=seed) if ratio.value < HELD_OUT else None
+    if found is None:
         return text
-    return "" if amplitude.low > NEARER else f"{text}; there it has {amplitude}"
+    return "" if found.low > NEARER else f"{text}; there it has {found}"
 
 
 def is_confirmed_by_size_alone(before: Fit, after: Fit, *, seed: int = 0) -> bool:
@@ -99,12 +105,12 @@ def held_out_remark(before: Fit, after: Fit, *, seed: int = 0) -> str:
     """That an effect is confirmed by its size alone, for the user; empty where it is not."""
     if not is_confirmed_by_size_alone(before, after, seed=seed):
         return ""
-    ratio, amplitude = held_out_ratio(before, after, seed=seed), held_out_amplitude(before, after, seed=seed)
+    ratio, size = held_out_ratio(before, after, seed=seed), held_out_amplitude(before, after, seed=seed)
     assert ratio is not None
     return (
         f"as a whole the held-out error may not be smaller (RMS ratio {ratio.value:.3f}, {ratio.low:.3f} to "
         f"{ratio.high:.3f}), but in what the other parameters cannot make, and with less weight on samples that "
-        f"neither model explains, held-out data show the effect at {amplitude}"
+        f"neither model explains, held-out data show the effect at {size}"
     )
 
 
@@ -116,7 +122,18 @@ def held_out_amplitude(before: Fit, after: Fit, *, seed: int = 0) -> Amplitude |
         columns = before.held_out_jacobian
     except SimulationError:
         return None
-    block = held_out_block(before)
+    return amplitude(first, second, columns, before, block=held_out_block(before), seed=seed)
+
+
+def amplitude(
+    first: Array, second: Array, columns: Array, before: Fit, *, block: int, seed: int = 0
+) -> Amplitude | None:
+    """Size on some data of what a larger model has more; None where they are too few or do not show it at all.
+
+    Args:
+        first, second: (M, m) residuals without and with it; columns: (M, m, p) sensitivity of the model without it.
+        before: the fit without it; block: rows in a block of the bootstrap.
+    """
     if first.shape[0] < FEWEST_BLOCKS * block:
         return None
     there = (first != 0) | (second != 0) if before.model.experiments.channels else None
@@ -137,7 +154,8 @@ def held_out_amplitude(before: Fit, after: Fit, *, seed: int = 0) -> Amplitude |
     sizes = np.where(shown, drawn[:, 0] / np.where(shown, drawn[:, 1], 1.0), 0.0)
     outside = (1 - CONFIDENCE) / 2
     low, high = np.quantile(sizes, [outside, 1 - outside])
-    return Amplitude(float(total[0] / total[1]), float(low), float(high))
+    size = float(np.sqrt(np.mean(change**2, axis=0).max()))
+    return Amplitude(float(total[0] / total[1]), float(low), float(high), size)
 
 
 def shared_weights(first: Array, second: Array, deviation: Array, there: NDArray[np.bool_] | None = None) -> Array:

@@ -236,4 +236,6 @@ def _backward(
             progress.say(f"taken out again: {step.effect_at.effect} on joint {step.effect_at.joint}")
             fit = minimise(without.model, fit.noise)
             steps = [s for s in steps if s is not step]
+        else:
+            steps = [replace(s, without=without) if s is step else s for s in steps]
     return fit, steps

@@ -53,12 +53,13 @@ from fmu_didim.results.findings import (
     GapPair,
     ValueFound,
     load_findings,
+    next_rung,
 )
 
 DISCOVERY_FILE = "discovery.html"
 FILES = {
     "robot": "robot description with the effects", "plant_fmu": "plant with the effects, FMU",
-    "reference_next": "proposed next experiment",
+    "reference_next": "proposed next experiment", "experiment_next": "next experiment, lines of a case",
 }  # fmt: skip
 """Key of a file -> what it is."""
 NAME_WIDTH = 36
@@ -158,9 +159,36 @@ def _finding(document: FindingsDocument, number: int, finding: FindingResult) ->
     else:
         facts.append(Fact("cannot be told from", "; ".join(rivals) or "nothing in the catalogue"))
     facts.append(Fact("to split them" if rivals else "to confirm it", finding.experiment))
+    facts += _evidence(finding)
     blocks: list[Block] = [Text(finding.equation, "code", "page"), _values(finding.parameters), Facts(facts)]
+    if finding.ladder:
+        blocks += [Text("Evidence", shown="page"), _ladder(finding)]
     heading = f"{number}  {texts.finding_title(finding)} ({finding.place})"
     return Section(heading, blocks, has_title=True, is_brief=True, is_framed=True)
+
+
+def _evidence(finding: FindingResult) -> list[Fact]:
+    """The ladder as the terminal shows it: the rungs that were reached with their figures, the open ones by name, and
+    what would climb the lowest of them."""
+    told = [rung for rung in finding.ladder if rung.state != "open" or rung.evidence]
+    facts = [
+        Fact(texts.rung_title(rung), f"{texts.STATES[rung.state]}: {rung.text}", shown="terminal") for rung in told
+    ]
+    if left := [texts.rung_title(rung) for rung in finding.ladder if rung not in told]:
+        facts.append(Fact("not tried by these data", ", ".join(left), shown="terminal"))
+    if rung := next_rung(finding.ladder):
+        facts.append(Fact("to say more", rung.next_step, shown="terminal"))
+    return facts
+
+
+def _ladder(finding: FindingResult) -> Table:
+    """The rungs of the evidence ladder, the lowest first."""
+    rungs = finding.ladder
+    return Table([
+        words("rung", [texts.rung_title(rung) for rung in rungs]),
+        words("seen", [texts.STATES[rung.state] for rung in rungs]),
+        words("why", [rung.text for rung in rungs]), words("what would climb it", [rung.next_step for rung in rungs]),
+    ], shown="page")  # fmt: skip
 
 
 def _values(values: Sequence[ValueFound]) -> Table:

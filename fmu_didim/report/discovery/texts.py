@@ -20,6 +20,7 @@ from fmu_didim.results.findings import (
     FindingsDocument,
     GapPair,
     Rival,
+    RungResult,
     ValueFound,
 )
 
@@ -55,6 +56,19 @@ def share_text(share: float | None) -> str:
 def interval_text(interval: tuple[float | None, float | None] | None) -> str:
     """An interval of a ratio."""
     return MISSING if interval is None else f"{significant(interval[0], 2)} to {significant(interval[1], 2)}"
+
+
+RUNGS: dict[str, str] = {
+    "fit": "seen in the fit", "held_out": "another motion", "load": "other load", "gain": "other gains",
+    "speed": "other speed", "unit": "other unit", "day": "other day",
+}  # fmt: skip
+"""Rung of the evidence ladder -> what it is called."""
+STATES: dict[str, str] = {"climbed": "yes", "contradicted": "NO", "open": "open"}
+
+
+def rung_title(rung: RungResult) -> str:
+    """A rung with its height."""
+    return f"{rung.level} {RUNGS[rung.rung]}"
 
 
 def value_text(found: ValueFound) -> ParameterText:

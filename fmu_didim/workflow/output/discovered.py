@@ -48,7 +48,10 @@ if TYPE_CHECKING:
 
 
 NO_LIMIT = Progress()
-_ADDED: Any = {"files": True, "notes": True, "findings": {"__all__": {"experiment"}}}
+_ADDED: Any = {
+    "files": True, "notes": True,
+    "findings": {"__all__": {"experiment": True, "ladder": {"__all__": {"next_step"}}}},
+}  # fmt: skip
 """Entries of a document that saving changes."""
 
 

@@ -24,6 +24,7 @@ from fmu_didim.workflow.output.augmented_files import (
     write_augmented,
     write_signals,
 )
+from fmu_didim.workflow.output.next_run import LINES_FILE, MOTION_FILE, write_next_run
 from fmu_didim.workflow.output.result_folder import ResultFolder
 
 NEXT_FILE = "reference_next.yaml"
@@ -34,7 +35,7 @@ def result_folder(out: Path | str, *, figures: bool = False) -> ResultFolder:
     """The folder of the results of ``discover``."""
     from fmu_didim.report.discovery.sections import DISCOVERY_FILE
 
-    fixed = (DISCOVERY_FILE, ROBOT_FILE, CASE_FILE, SYSTEM_FILE, NEXT_FILE)
+    fixed = (DISCOVERY_FILE, ROBOT_FILE, CASE_FILE, SYSTEM_FILE, NEXT_FILE, LINES_FILE, MOTION_FILE)
     patterns = ("signals_*.csv", "simulated_*.csv", "figure_*", "data_*.csv", "*.fmu", "reference_next.csv")
     return ResultFolder(Path(out), "discover", FINDINGS_FILE, fixed, patterns, "files", figures)
 
@@ -57,6 +58,10 @@ def write_found(
     proposed: dict[str, str] = {}
     if found.builder.description is not None and not progress.is_time_up:
         document, proposed = _with_experiment(found, new, progress.say)
+    if not progress.is_time_up and found.discovery.steps:
+        progress.say("designing the experiment that says more of an effect")
+        document, written = write_next_run(case, found, document, new, home)
+        proposed |= written
     document = document.model_copy(update={"files": files | proposed, "notes": notes})
     save_findings(document, new)
     return document

@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from datetime import date, datetime
 from pathlib import Path
 
 from fmu_didim.base.errors import InputError
+from fmu_didim.data.tables.dates import dates_in
 from fmu_didim.data.tables.readers import READER_OF
 
-_DATE = re.compile(
-    r"(?<!\d)(\d{4})(-?)(\d{2})\2(\d{2})(?:[T _-]?(\d{2})[:.h-]?(\d{2})(?:[:.m-]?(\d{2}))?)?(?!\d)", re.IGNORECASE
-)
-"""A date by ISO 8601, extended or basic, with or without a time, also as file names may have it (``14-30-00``)."""
 BY_NAME = "the dates in the names of the files"
 BY_TIME = "the times of the last change of the files"
 MOST_NAMED = 5
@@ -64,9 +60,9 @@ def dated_logs(folder: Path, *, by_time: bool, beside: Iterable[Path] = ()) -> l
 
 def _date(path: Path) -> datetime:
     """The date in the name of a file; raises InputError where there is none, or several."""
-    dates = dict.fromkeys(found for match in _DATE.finditer(path.stem) if (found := _of(match)) is not None)
+    dates = dates_in(path.stem)
     if len(dates) == 1:
-        return next(iter(dates))
+        return dates[0]
     raise InputError(
         "The name of this log has no date." if not dates else "The name of this log has several dates.",
         where=path.name, got=", ".join(d.isoformat() for d in dates) or path.stem,
@@ -74,15 +70,6 @@ def _date(path: Path) -> datetime:
         next_step="Rename it, move it out of the folder if it is no log, or take the times of the files "
         "(--by-time).",
     )  # fmt: skip
-
-
-def _of(match: re.Match[str]) -> datetime | None:
-    """The date of a match; None of digits that are none."""
-    year, _, month, day, hour, minute, second = match.groups()
-    try:
-        return datetime(int(year), int(month), int(day), int(hour or 0), int(minute or 0), int(second or 0))
-    except ValueError:
-        return None
 
 
 def split(logs: Sequence[DatedLog], *, count: int | None, until: date | None, default: int) -> int:

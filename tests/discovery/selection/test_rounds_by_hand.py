@@ -20,7 +20,7 @@ from fmu_didim.discovery.selection.candidates import (
     ScreenedCandidate,
     TriedCandidate,
 )
-from fmu_didim.discovery.selection.decide import Options
+from fmu_didim.discovery.selection.decide import Options, Step
 from fmu_didim.discovery.selection.rounds import (
     Ending,
     _backward,
@@ -329,11 +329,13 @@ def backward(
         return fit_of(replace(model, own=residual(square)), values=model.start, jacobian=slopes)
 
     monkeypatch.setattr(rounds, "minimise", minimise)
-    steps = [SimpleNamespace(effect_at=EffectAtJoint(n, 1)) for n in names]
+    steps = [Step(EffectAtJoint(n, 1), 100.0, 1.0, 0.5, (), {}, {}, None) for n in names]
     said: list[str] = []
     fit, left = _backward(
         Removable(costs=costs), with_effects(*names, square=1.0), steps, Options(**options), Progress(said.append)
     )  # fmt: skip
+    for step in left[:-1] if None not in squares.values() else ():  # the fit without it is kept, for its evidence
+        assert step.without is not None and step.effect_at not in step.without.model.added_effects
     return fit, [s.effect_at.effect for s in left], calls, said
 
 

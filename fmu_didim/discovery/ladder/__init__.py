@@ -1,0 +1,1 @@
+"""The evidence ladder: where an effect was seen, and what would say more."""
