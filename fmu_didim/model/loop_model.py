@@ -499,6 +499,12 @@ class Simulation:
             return self.operator.ticks
         return np.unique(np.concatenate([self.operator.ticks, *(c.operator.ticks for c in self.experiment.channels)]))
 
+    @property
+    def integration_steps(self) -> int:
+        """Steps of the integration of its plant up to the last sample, where they can be chosen."""
+        substeps = self.model.loop.substeps or self.model.automatic_substeps(self.values)
+        return int(np.max(self.output_ticks, initial=0)) * substeps
+
     def sampled_outputs(self, recording: Recording, torque: Array, signal: Callable[[str], Array]) -> Array:
         """(M, m, ...) samples of a recording at ``output_ticks``; raises DivergedError.
 
