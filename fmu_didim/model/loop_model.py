@@ -502,8 +502,9 @@ class Simulation:
     @property
     def integration_steps(self) -> int:
         """Steps of the integration of its plant up to the last sample, where they can be chosen."""
-        substeps = self.model.loop.substeps or self.model.automatic_substeps(self.values)
-        return int(np.max(self.output_ticks, initial=0)) * substeps
+        model, values = self.model, self.values
+        stated = model.loop.substeps or model.automatic_substeps(values)
+        return int(np.max(self.output_ticks, initial=0)) * max(stated, model.fewest_substeps(values))
 
     def sampled_outputs(self, recording: Recording, torque: Array, signal: Callable[[str], Array]) -> Array:
         """(M, m, ...) samples of a recording at ``output_ticks``; raises DivergedError.
