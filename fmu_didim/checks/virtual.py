@@ -33,6 +33,13 @@ VIRTUAL_CONTROLLER = CATALOGUE(
     "what that choice does to the values.",
     next_step="",
 )  # fmt: skip
+TRACKING_UNTRIED = CATALOGUE(
+    "tracking-untried", DOUBT, rank=43,
+    meaning="Effects were looked for beside a virtual controller, with one choice of how it follows the measured "
+    "positions. What their filter takes off, or their noise, may be in the values, and another choice was not tried.",
+    next_step="Run fmu-didim discover again with controller: {kind: tracking, bandwidth_hz: ...} at half and at twice "
+    "of it: what is an effect of the machine keeps its name and its values. If so, acknowledge this code in the case.",
+)  # fmt: skip
 ALIKE = (
     "Beside a virtual controller a real one that holds its torque longer or shorter, and a delay or a lag of the "
     "drive, look alike: state the control rate, loop: {rate_hz: ...}."
@@ -40,7 +47,7 @@ ALIKE = (
 """What to do about the timing of a log, beside its own advice."""
 FOLLOWS = (
     "Check clocks and sampling of torque and positions, the control rate, and whether another bandwidth_hz leaves "
-    "less; else add an effect to the robot description. discover needs the real controller."
+    "less; else name what is missing (fmu-didim discover)."
 )
 """What to do where the residual follows the motion,"""
 SCALE = "Check unit, gear ratio and torque constant of the log; noise of positions that is let in looks alike."
@@ -70,6 +77,16 @@ def virtual_diagnostics(estimate: Estimate) -> list[Diagnostic]:
     return [*told, *_moved(choices, estimate), *_failed(choices)]
 
 
+def discovered_beside() -> list[Diagnostic]:
+    """What is to be said of effects that were looked for beside a virtual controller."""
+    text = "The loop has a virtual controller that follows the measured positions; no other choice of it was tried."
+    rests = RESTS.format(scale=SCALE_KNOWN)
+    return [
+        Diagnostic(TRACKING_UNTRIED, text, "controller"),
+        Diagnostic(VIRTUAL_CONTROLLER, text, "controller", condition=rests),
+    ]
+
+
 def of_one_set(found: Sequence[Diagnostic], model: LoopModel) -> list[Diagnostic]:
     """The diagnostics with advice that does not send to a controller that nobody knows: a late or early clock, another
     way of sampling, a delay or a lag of the drive, and how long the real controller holds its torque look alike."""
@@ -77,7 +94,6 @@ def of_one_set(found: Sequence[Diagnostic], model: LoopModel) -> list[Diagnostic
         return list(found)
     advice: dict[Code, str] = dict.fromkeys((CLOCK_LATE, CLOCK_EARLY, SAMPLING_KIND), f"{{own}} {ALIKE}")
     advice |= {DEPENDS_ON_MOTION: FOLLOWS, TORQUE_SCALE: SCALE}
-    advice |= {d.code: FOLLOWS for d in found if "fmu-didim discover" in d.advice}  # which refuses such a case
     return [
         replace(d, next_step=advice[d.code].replace("{own}", d.advice)) if d.code in advice else d for d in found
     ]  # fmt: skip

@@ -71,6 +71,11 @@ class SampleOperator:
             origin=None if self.origin is None else self.origin.at(rows),
         )
 
+    def summed(self, weights: sparse.csr_array) -> SampleOperator:
+        """The operator of weighted sums of the samples, by weights (N', N)."""
+        origin = None if self.origin is None else self.origin.summed(weights)
+        return replace(self, matrix=sparse.csr_array(weights @ self.matrix), positions=None, origin=origin)
+
     def before(self, count: int) -> SampleOperator:
         """The operator for the first samples, with the ticks up to the last one that they need."""
         matrix = sparse.csr_array(self.matrix[:count])

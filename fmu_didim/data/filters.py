@@ -9,10 +9,18 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import NDArray
+from scipy import sparse
 
 from fmu_didim.base.errors import InputError
 from fmu_didim.data.signals import Array
 
+ROLL_OFF = 0.5
+"""[1] Of the root raised cosine: from half of the middle of its edge to one and a half of it."""
+REACH = 4
+"""[samples] Of the fewer ones, to both sides, where its kernel ends: there it is below a hundredth of its middle."""
+POLE = 1e-9
+"""[1] From the places where the formula of the kernel is 0/0."""
 AT_ONCE = 100_000
 """[values] Whose neighbours are copied and sorted together: some ten megabytes, however long a log is."""
 
@@ -36,6 +44,31 @@ class LowPass:
             )  # fmt: skip
         sections = signal.butter(self.order, self.cutoff_hz, fs=rate_hz, output="sos")
         return np.asarray(signal.sosfiltfilt(sections, values, axis=0))
+
+
+def band_limited(rate_hz: float, count: int, cutoff_hz: float) -> tuple[sparse.csr_array, NDArray[np.int64]]:
+    """Weights (N', N) that bring N samples at a rate to fewer, with nothing of what is above a cut-off, and the samples
+    (N',) in the middle of them. White noise stays white.
+
+    The kernel is a root raised cosine of the roll-off 1/2 at the rate of the fewer samples, two thirds of twice the
+    cut-off: the squares of its shifted spectra add up to one. Those whose kernel reaches beyond the ends are left out.
+
+    Source: J. G. Proakis, Digital Communications, chapter 9.
+    """
+    stride = max(int(np.ceil(rate_hz * (1 + ROLL_OFF) / (2 * cutoff_hz))), 1)
+    reach = REACH * stride
+    x = np.arange(-reach, reach + 1) / stride
+    with np.errstate(divide="ignore", invalid="ignore"):
+        kernel = np.sin(np.pi * x * (1 - ROLL_OFF)) + 4 * ROLL_OFF * x * np.cos(np.pi * x * (1 + ROLL_OFF))
+        kernel = kernel / (np.pi * x * (1 - (4 * ROLL_OFF * x) ** 2))
+    kernel[x == 0] = 1 - ROLL_OFF + 4 * ROLL_OFF / np.pi
+    pole = np.abs(np.abs(4 * ROLL_OFF * x) - 1) < POLE
+    angle = np.pi / (4 * ROLL_OFF)
+    kernel[pole] = ROLL_OFF / np.sqrt(2) * ((1 + 2 / np.pi) * np.sin(angle) + (1 - 2 / np.pi) * np.cos(angle))
+    middle = np.arange(reach, count - reach, stride, dtype=np.int64)
+    rows, columns = np.repeat(np.arange(middle.size), x.size), (middle[:, None] + np.arange(-reach, reach + 1)).ravel()
+    weights = np.tile(kernel / kernel.sum(), middle.size)
+    return sparse.csr_array((weights, (rows, columns)), shape=(middle.size, count)), middle
 
 
 def thinned(values: Array, factor: int) -> Array:

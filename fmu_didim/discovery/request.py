@@ -8,6 +8,7 @@ from typing import Any
 
 from fmu_didim.base.diagnostics import DOUBT, Diagnostic
 from fmu_didim.checks.plant.reading import READING_ACTS
+from fmu_didim.checks.virtual import discovered_beside
 from fmu_didim.discovery.progress import Progress
 from fmu_didim.discovery.selection.decide import Options
 from fmu_didim.dynamics.effects import EFFECTS, Effect
@@ -19,6 +20,13 @@ OF_THE_WIRING = ("drive", "sensor", "measurement")
 NOT_OF_THE_WIRING = (
     "Effects of drives, sensors and the log were not tried: as long as it is open when the outputs of a component "
     "hold, they could be a consequence of that."
+)
+BESIDE_VIRTUAL = ("torque balance", "measurement")
+"""Places of effects that can be told where a virtual controller follows measured positions."""
+NOT_OF_A_VIRTUAL_LOOP = (
+    "Effects of drives, sensors and the structure (elastic gears, play) were not tried: nobody knows what the real "
+    "controller did with them, they show above the frequencies up to which positions are followed, and beside a "
+    "virtual controller a clock that is off, a lag, a delay and how long a torque is held are one set."
 )
 OF_THE_DATA = 16
 """[rank] Diagnostics of the data before this rank hold whatever the model is. Those after it, such as a torque limit,
@@ -71,3 +79,12 @@ class Request:
             notes.append(NOT_OF_THE_WIRING)
         options = replace(self.options, forbid=forbidden)
         return replace(self, doubts=doubts, notes=notes, options=options)
+
+    def beside_virtual(self) -> Request:
+        """The same request where a virtual controller follows measured positions: without effects of drives,
+        sensors and the structure. The clock of the log is tried, which otherwise would pass for an effect of the
+        machine."""
+        untold = {name for name, effect in self.effects.items() if effect.place not in BESIDE_VIRTUAL}
+        options = replace(self.options, forbid=self.options.forbid | untold)
+        found = replace(self, options=options, doubts=(*self.doubts, *discovered_beside()))
+        return found.noting(NOT_OF_A_VIRTUAL_LOOP)

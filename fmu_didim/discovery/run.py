@@ -54,7 +54,10 @@ UNFILTERED = (
     "The low_pass of the case was not applied: effects show above its cut-off as well, and they are compared with "
     "the noise of the unfiltered log."
 )
-
+BAND_LIMITED = (
+    "Torques were compared up to {0:.3g} Hz, above which the noise of the positions shows that the virtual controller "
+    "follows, and brought to as few samples as that needs."
+)
 WITHOUT_PRIOR = (
     "The prior of the case was not applied: what pulls the values from where the data have them would look like an "
     "effect that the model lacks, and the other way round."
@@ -92,8 +95,13 @@ def discover(model: LoopModel, request: Request) -> Found:
 
     if (keep := request.keep) is not None:
         request = replace(request, keep=lambda document: keep(timed(document)))
-    if model.experiments.low_pass is not None:
-        model, request = model.with_low_pass(None), replace(request, notes=[*request.notes, UNFILTERED])
+    if (low_pass := model.experiments.low_pass) is not None:
+        model, told = model.with_low_pass(None), UNFILTERED
+        if model.loop.is_virtual:
+            told = BAND_LIMITED.format(low_pass.cutoff_hz)
+            for label, experiment in model.experiments.items():
+                model = model.with_experiment(label, experiment.band_limited(low_pass.cutoff_hz))
+        request = replace(request, notes=[*request.notes, told])
     if model.prior is not None:
         model, request = replace(model, prior=None), replace(request, notes=[*request.notes, WITHOUT_PRIOR])
     later = model
@@ -170,7 +178,8 @@ class _Search:
             notes = []
         of_torque = discovery.final.torque_alone
         unshifted, saved = _without_shift(of_torque.model, builder)
-        way = other_sampling(of_torque, unshifted, saved=saved, threshold=options.threshold)
+        is_virtual = base.model.loop.is_virtual  # there another way of sampling and a torque held longer look alike
+        way = None if is_virtual else other_sampling(of_torque, unshifted, saved=saved, threshold=options.threshold)
         note = [way.text(1 / base.model.experiments[base.model.first].rate_hz)] if way is not None else []
         return Found(self.written(discovery, ratio, free, *note, *notes), discovery, builder)
 

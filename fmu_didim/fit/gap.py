@@ -18,6 +18,7 @@ from fmu_didim.data.signals import Array
 from fmu_didim.fit.fit import Fit
 from fmu_didim.fit.noise.noise import TINY, Noise, effective_fraction
 from fmu_didim.fit.statistics import CONFIDENCE
+from fmu_didim.model.experiments import Experiments
 
 BOOTSTRAP = 2000
 """[draws] Of the bootstrap: the ends of a 95 % interval then stand still."""
@@ -79,9 +80,17 @@ class Pair:
 
 def pairs(before: Fit, after: Fit, noise: Noise) -> list[Pair]:
     """The residuals of all outputs of two fits of the same data."""
-    blocks = before.model.experiments.blocks
-    both = zip(blocks(before.residual), blocks(after.residual), strict=True)
+    return _pairs(before.model.experiments, before.residual, after.residual, noise)
+
+
+def _pairs(experiments: Experiments, before: Array, after: Array, noise: Noise) -> list[Pair]:
+    both = zip(experiments.blocks(before), experiments.blocks(after), strict=True)
     return [Pair(first, second, noise.of(columns)) for (columns, first), (_, second) in both]
+
+
+def bic_difference(experiments: Experiments, before: Array, after: Array, cost: float, noise: Noise) -> float:
+    """:func:`delta_bic` over all outputs, of residuals (M, m) that no fit belongs to."""
+    return _bic(_pairs(experiments, before, after, noise), cost)
 
 
 def bic_gain(before: Fit, after: Fit, cost: float, noise: Noise) -> float:

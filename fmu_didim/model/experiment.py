@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from fmu_didim.base.diagnostics import Diagnostic
 from fmu_didim.cosim import Indices, SampleOperator, grid_places
+from fmu_didim.data.filters import band_limited
 from fmu_didim.data.signals import Array, Trajectory
 from fmu_didim.model.external_torque import ExternalTorque
 from fmu_didim.model.signals.channel import Channel
@@ -137,6 +138,14 @@ class Experiment:
         """The same with these samples of the torque alone."""
         tables = self._tables(rows)
         return replace(self, time=self.time[rows], torque=self.torque[rows], operator=self.operator.at(rows), **tables)
+
+    def band_limited(self, cutoff_hz: float) -> Experiment:
+        """The same with fewer samples of the torque, without what is above a cut-off, and nothing else measured."""
+        weights, middle = band_limited(self.rate_hz, self.time.size, cutoff_hz)
+        return replace(
+            self, time=self.time[middle], torque=np.asarray(weights @ self.torque),
+            operator=self.operator.summed(weights), channels=(), **self._tables(middle),
+        )  # fmt: skip
 
     def _tables(self, rows: slice | Indices) -> dict[str, Any]:
         """Some rows of the tables beside the log."""

@@ -21,6 +21,10 @@ LONGEST_DELAY = 50.0
 LONGEST_LOG_SHIFT_S = 1.0
 """Largest shift of the stamps of a log that a fit may come to, in s."""
 
+ROUNDING = 1e-12
+"""[1] Of the largest nominal value of the same unit, below which one is the rounding of a zero: a sine of pi times an
+inertia that a URDF leaves at zero. A step of that size would move nothing."""
+
 
 @dataclass(frozen=True)
 class FreeParameter:
@@ -222,10 +226,17 @@ def base_free_parameters(parameters: Parameters, own: Mapping[str, Sequence[str]
         UnknownNameError: a name is no base parameter.
     """
     lowest, highest = parameters.limits()
+    nominal = parameters.nominal()
+    largest = {unit: max(abs(v) for u, v in zip(parameters.units, nominal, strict=True) if u == unit)
+               for unit in parameters.units}  # fmt: skip
+    scales = [
+        float(abs(v)) if abs(v) > ROUNDING * largest[unit] else 1.0
+        for unit, v in zip(parameters.units, nominal, strict=True)
+    ]
     shared = tuple(
-        FreeParameter(name, unit, BASE, name, float(v), float(abs(v)) or 1.0, lowest=float(low), highest=float(high))
-        for name, unit, v, low, high in zip(
-            parameters.names, parameters.units, parameters.nominal(), lowest, highest, strict=True
+        FreeParameter(name, unit, BASE, name, float(v), scale, lowest=float(low), highest=float(high))
+        for name, unit, v, scale, low, high in zip(
+            parameters.names, parameters.units, nominal, scales, lowest, highest, strict=True
         )
     )
     further = []

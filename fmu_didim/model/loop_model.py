@@ -499,6 +499,13 @@ class Simulation:
             return self.operator.ticks
         return np.unique(np.concatenate([self.operator.ticks, *(c.operator.ticks for c in self.experiment.channels)]))
 
+    @property
+    def integration_steps(self) -> int:
+        """Steps of the integration of its plant up to the last sample, where they can be chosen."""
+        model, values = self.model, self.values
+        stated = model.loop.substeps or model.automatic_substeps(values)
+        return int(np.max(self.output_ticks, initial=0)) * max(stated, model.fewest_substeps(values))
+
     def sampled_outputs(self, recording: Recording, torque: Array, signal: Callable[[str], Array]) -> Array:
         """(M, m, ...) samples of a recording at ``output_ticks``; raises DivergedError.
 

@@ -113,7 +113,8 @@ def discover(
         acknowledged=acknowledged(case),
         provenance={**record, "loop": model.loop.systems[model.first].describe()},
     )
-    found = discover_in(model, request.about_data(of_data))
+    request = request.about_data(of_data)
+    found = discover_in(model, request.beside_virtual() if model.loop.is_virtual else request)
     return _shown(Discovered(found.document, found, case=case), folder, search, show)
 
 
@@ -164,13 +165,7 @@ def _on_signals(
 
 
 def _check_can_discover(case: Case) -> None:
-    """Raise InputError where nothing can be found: in an open loop, or beside a virtual controller."""
-    if case.tracking is not None:
-        raise InputError(
-            "Beside a virtual controller nothing is discovered: the noise of the positions that it follows is in the "
-            "motion, and what it leaves of the torque would be named as an effect.", where="controller: tracking",
-            next_step="Give the real controller. fmu-didim identify says where the residual follows the motion.",
-        )  # fmt: skip
+    """Raise InputError where nothing can be found, as in an open loop."""
     if case.document.model is not None:
         return
     model = case.model

@@ -8,7 +8,7 @@ from scipy import ndimage, signal
 
 from fmu_didim.base.errors import InputError
 from fmu_didim.data import filters
-from fmu_didim.data.filters import LowPass, running_maximum, running_median, thinned
+from fmu_didim.data.filters import LowPass, band_limited, running_maximum, running_median, thinned
 from fmu_didim.data.spectrum import lagged_products, power_density
 
 VALUES = np.random.default_rng(2).normal(size=777)
@@ -51,3 +51,23 @@ def test_lagged_products_are_sums_of_products() -> None:
     lags = np.arange(-69, 50)
     expected = [sum(a[t] * b[t - lag] for t in range(50) if 0 <= t - lag < 70) for lag in lags]
     np.testing.assert_allclose(lagged_products(a, b, lags), expected, atol=1e-12)
+
+
+def test_band_limited_samples_of_white_noise_are_white() -> None:
+    """To a hundredth, and a constant stays what it is: 20 samples a second of 200, with nothing above 15 Hz."""
+    weights, middle = band_limited(200.0, 4000, 15.0)
+    spacing = np.diff(middle)
+    assert (spacing == 10).all() and middle[0] == 40
+    np.testing.assert_allclose(weights.sum(axis=1), 1.0, rtol=1e-12)
+    covariance = (weights @ weights.T).toarray()
+    row = covariance[200] / covariance[200, 200]
+    assert np.abs(np.delete(row, 200)).max() < 0.01
+
+
+@pytest.mark.parametrize(("frequency_hz", "least", "most"), [(4.0, 0.98, 1.02), (16.0, 0.0, 0.02), (60.0, 0.0, 0.01)])
+def test_nothing_above_the_cut_off_is_left(frequency_hz: float, least: float, most: float) -> None:
+    weights, middle = band_limited(200.0, 4000, 15.0)
+    wave = np.sqrt(2) * np.sin(2 * np.pi * frequency_hz * np.arange(4000) / 200 + 0.3)
+    assert least <= np.sqrt(np.mean((weights @ wave) ** 2)) <= most
+    if least > 0:
+        np.testing.assert_allclose(weights @ wave, wave[middle], atol=0.03)

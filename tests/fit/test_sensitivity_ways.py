@@ -235,6 +235,15 @@ def test_a_search_does_not_ask_for_derivatives(monkeypatch: pytest.MonkeyPatch) 
     assert varied.places == []
 
 
+@pytest.mark.parametrize(("steps", "is_asked"), [(ways.LONG / 8, False), (ways.LONG / 8 + 1, True)])
+def test_a_long_search_asks_for_derivatives(monkeypatch: pytest.MonkeyPatch, steps: float, is_asked: bool) -> None:
+    """Two columns of two joints: 2 * 2^2 times the steps of the integration."""
+    varied = Varied(monkeypatch)
+    monkeypatch.setattr(LawSimulation, "integration_steps", steps)
+    found(model(), exact=False)
+    assert bool(varied.places) == is_asked
+
+
 @pytest.mark.parametrize("how", [{"compiled": False}, {"absent": True}])
 def test_loops_that_cannot_be_differentiated_are_moved(monkeypatch: pytest.MonkeyPatch, how: dict[str, bool]) -> None:
     Varied(monkeypatch, **how)

@@ -187,6 +187,8 @@ class LawExperiments(dict[str, Any]):
 class LawSimulation(Simulation):
     """An experiment of a law model."""
 
+    integration_steps = 0
+
     @property
     def system(self) -> Any:
         """A loop with a component whose equations are not known."""

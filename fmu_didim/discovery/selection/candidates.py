@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import Enum
 
+import numpy as np
+
 from fmu_didim.data.signals import Array
 from fmu_didim.discovery.screening.catalogue import Signature
 from fmu_didim.fit.fit import Fit
@@ -18,6 +20,8 @@ class ScreenedCandidate:
     Attributes:
         signature: with the best shapes; coefficients: (m,) of its columns; gain: of the screening, cost deducted.
         surviving: part of the norm of the signature that the base cannot absorb.
+        predicted: BIC difference of the fit to first order, with the colour of what the candidate leaves, not of what
+            there is before it: a missing effect that moves as slowly as the joint colours the whole residual.
         others: the candidate at further shapes that are nearly as good, tried too if it leads; None in the torque
             balance, where the signature is the slope itself.
     """
@@ -27,6 +31,7 @@ class ScreenedCandidate:
     gain: float
     surviving: float
     others: tuple[ScreenedCandidate, ...] | None = None
+    predicted: float = -np.inf
 
     @property
     def effect_at(self) -> EffectAtJoint:

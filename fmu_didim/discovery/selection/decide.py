@@ -198,8 +198,10 @@ def step_of(
     effect = builder.effect(accepted.effect_at)
     for name, other in builder.effects.items():
         member = EffectAtJoint(name, accepted.effect_at.joint)
-        # Whether a shift of the log may stand for a lag of the loop, or vice versa, only their fits tell.
-        alike = other.class_name == effect.class_name and "measurement" not in (other.place, effect.place)
+        # Whether a shift of the log may stand for a lag of the loop, or vice versa, only their fits tell; beside a
+        # virtual controller nothing does.
+        is_told = not fit.model.loop.is_virtual and "measurement" in (other.place, effect.place)
+        alike = other.class_name == effect.class_name and not is_told
         if alike and member not in named:
             near.append((member, float("nan")))
     return Step(

@@ -50,6 +50,11 @@ COLUMNS_A_THREAD = 16
 """[columns] Columns of a sensitivity that make a run of their own pay: they cost about as much as the simulation
 does."""
 
+LONG = 15e6
+"""[steps] Of the integration, times the square of the joints, for all columns of a search by differences, from which
+the loop is run once with its derivatives: that takes a sixth to a twelfth of the time, and compiling it about as long
+as so many steps."""
+
 
 def sensitivity(
     model: LoopModel,
@@ -69,7 +74,8 @@ def sensitivity(
     Args:
         outputs: (M, m) at the values; those without further channels are the torque (N, n).
         sizes: (b,) of the base parameters, see :func:`parameter_sizes`; their scales by default.
-        exact: False where a search compares many models: forward differences are enough there.
+        exact: False where a search compares many models: forward differences are enough there, unless they take so
+            long that compiling the derivatives of a model is soon made up for.
         whole: False where, if motion and torque repeat, parameters need be moved for the first period alone.
         steps: of central differences that are known already; new ones are added.
     """
@@ -83,7 +89,7 @@ def sensitivity(
         missing = [k for k in acting if not model.free_parameters[chosen[k]].is_held]
         run = model.simulation(values, label)
         beginning = None if whole else Beginning.of(run, outputs[rows])
-        if exact:
+        if exact or _is_long(run, len(missing), beginning):
             varied = by_variation(run, [chosen[k] for k in missing], beginning)
             for k in [k for k in missing if chosen[k] in varied]:
                 table[:, :, k] = varied[chosen[k]]
@@ -99,6 +105,15 @@ def sensitivity(
         wanted = SHARE_OF_SINGULAR * smallest / float(np.sqrt(len(chosen)))
         _fill(tables, [task for task in tasks if task.falls_short(steps, wanted)], steps, wanted, workers)
     return np.concatenate(list(tables.values()))
+
+
+def _is_long(run: Simulation, columns: int, beginning: Beginning | None) -> bool:
+    """Whether differences of so many columns take longer than to compile the derivatives of the loop."""
+    model = run.model
+    if not model.can_refine:
+        return False
+    part = run if beginning is None else beginning.cut(run)
+    return part.integration_steps * columns * model.joint_count**2 > LONG
 
 
 def smallest_singular_value(table: Array) -> float:

@@ -51,10 +51,11 @@ def content_of(
 
 def case_of(
     seed: int = 0, *, position_std: float = POSITION_STD, thinned: int = 1, to_s: float = 10.0,
-    hidden: str = "scara_cascade", torque_std: tuple[float, float] = TORQUE_STD, **changes: Any,
+    hidden: str = "scara_cascade", torque_std: tuple[float, float] = TORQUE_STD, run: Trajectory | None = None,
+    **changes: Any,
 ) -> Case:  # fmt: skip
-    """A case with noisy torques at the control rate, and positions at a part of it."""
-    rng, names, run = np.random.default_rng(seed), ("q1", "q2", "tau1", "tau2"), machine(hidden)
+    """A case with noisy torques at the control rate, and positions at a part of it; of another ``run``, if given."""
+    rng, names, run = np.random.default_rng(seed), ("q1", "q2", "tau1", "tau2"), run or machine(hidden)
     table = run.select(names) + np.array((position_std, position_std, *torque_std)) * rng.normal(
         size=(run.time.size, 4)
     )

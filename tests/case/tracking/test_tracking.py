@@ -8,12 +8,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fmu_didim import Result, discover, identify, load_case
-from fmu_didim.base.diagnostics import CATALOGUE, Diagnostic
+from fmu_didim import Result, discover, identify, load_case, simulate
 from fmu_didim.base.errors import InputError
 from fmu_didim.checks.data.linear_fit import motion_with_regressor
-from fmu_didim.checks.virtual import of_one_set
+from fmu_didim.dynamics.robot import read_robot, write_robot
 from tests.case.tracking.hidden import SCARA, case_of, content_of, errors_of, machine, truth
+from tests.helpers import ROOT
+
+ROBOT = ROOT / "fmus/scara/robot.yaml"
+STRIBECK = {"Fs": 0.1, "vs": 0.15}
+"""[N.m, rad/s] Of joint 2: fifteen times the noise of its torque."""
 
 
 @pytest.mark.gate
@@ -128,14 +132,6 @@ def test_a_bandwidth_that_lets_noise_in_is_doubted() -> None:
     assert "tracking-choice" in told and "bandwidth" in told["tracking-choice"].text
 
 
-def test_nobody_is_sent_to_what_refuses_the_case() -> None:
-    """Every code whose advice is to run discover has another one beside a virtual controller."""
-    model = case_of(0).model
-    every = [Diagnostic(code, "text", "joint 1") for code in CATALOGUE if "fmu-didim discover" in code.next_step]
-    assert len(every) > 5
-    assert not [d.code.name for d in of_one_set(every, model) if "fmu-didim discover" in d.advice]
-
-
 @pytest.mark.gate
 def test_a_bandwidth_that_cuts_off_the_motion_is_doubted() -> None:
     found = identify(case_of(0, controller={"kind": "tracking", "bandwidth_hz": 3}))
@@ -175,9 +171,38 @@ def test_the_classical_method_takes_positions_without_a_controller() -> None:
     assert np.abs(errors_of(found)).max() < 8  # noise of positions biases it
 
 
-def test_nothing_is_discovered_beside_a_virtual_controller() -> None:
-    with pytest.raises(InputError, match="nothing is discovered"):
-        discover(case_of(0))
+@pytest.mark.gate
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_nothing_is_named_of_a_machine_that_lacks_nothing(seed: int) -> None:
+    """Noise of the positions that are followed is no effect; what was not tried, and on what this rests, is told."""
+    found = discover(case_of(seed)).document
+    assert found.answer == "nothing" and not found.findings
+    assert found.verdict == "doubtful" and [reason.code for reason in found.reasons] == ["tracking-untried"]
+    assert "without a lag or a delay of the drive" in " ".join(found.conditions)
+    assert "Effects of drives, sensors and the structure" in " ".join(found.notes)
+
+
+@pytest.mark.gate
+def test_an_effect_of_the_machine_is_named_beside_a_virtual_controller(tmp_path: Path) -> None:
+    joints = list(read_robot(ROBOT).joints)
+    joints[1] = joints[1].model_copy(
+        update={"effects": (*joints[1].effects, "stribeck"), "parameters": {**joints[1].parameters, **STRIBECK}}
+    )
+    write_robot(read_robot(ROBOT).model_copy(update={"joints": tuple(joints)}), tmp_path / "robot.yaml")
+    law = {"kind": "model", "source": str(SCARA.parent / "../../controllers/scara_cascade.yaml")}
+    run = simulate(load_case(SCARA).with_(robot=str(tmp_path / "robot.yaml"), plant={"kind": "model"}, controller=law))
+    found = discover(case_of(0, run=run)).document
+    assert [(f.effect, f.joint) for f in found.findings] == [("stribeck", 2)]
+    size = next(p for p in found.findings[0].parameters if p.name.startswith("Fs"))
+    assert size.value == pytest.approx(STRIBECK["Fs"], abs=4 * size.std)
+
+
+@pytest.mark.gate
+def test_a_clock_that_is_off_is_told_as_a_set() -> None:
+    """Torque that is stamped 20 ms late: beside a virtual controller a lag or a delay of a drive looks alike."""
+    found = discover(case_of(0).with_(train={"torque": {"offset_s": 0.02}})).document
+    first = found.findings[0]
+    assert first.effect == "log_time_shift" and {r.effect for r in first.ambiguous} >= {"actuator_lag", "delay"}
 
 
 def test_a_known_controller_is_replaced_as_a_whole() -> None:

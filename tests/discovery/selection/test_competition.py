@@ -16,7 +16,7 @@ from fmu_didim.discovery.progress import Progress
 from fmu_didim.discovery.screening.catalogue import Signature
 from fmu_didim.discovery.selection import competition as entries
 from fmu_didim.discovery.selection.candidates import Outcome, ScreenedCandidate
-from fmu_didim.discovery.selection.competition import Competition, _idle, proposal_of
+from fmu_didim.discovery.selection.competition import Competition, _idle, foreseen, proposal_of
 from fmu_didim.dynamics.effects import Search
 from fmu_didim.fit.ending import Ending
 from fmu_didim.fit.fit import Fit
@@ -118,6 +118,25 @@ def test_a_class_is_named_once_on_a_joint() -> None:
 def test_a_small_residual_counts_by_the_noise() -> None:
     (one,) = screened(signature("a", column((1.0, OTHER))), white=noise([2.0]))
     assert one.gain == pytest.approx(25 - np.log(400), abs=1e-6)
+
+
+def test_what_a_candidate_leaves_colours_its_prediction() -> None:
+    """A missing effect as slow as the motion: hardly a sample counts before it, and all do of the white rest."""
+    slow, white = 10 * np.sin(np.linspace(0, 3, 400)), np.random.default_rng(1).normal(size=400)
+    left = white - BASE * (BASE @ white) / (BASE @ BASE)
+    (one,) = screened(signature("a", column((1.0, slow))), rest=slow + left)
+    assert one.gain < 0.1 * one.predicted
+    assert one.predicted == pytest.approx(400 * np.log(np.mean((slow + left) ** 2)), rel=0.1)
+
+
+def test_what_explains_most_by_its_prediction_is_fitted_in_any_case() -> None:
+    """Three at most, and none that promises less than a quarter of the best."""
+    tried = [replace(scored(1.0, n), predicted=p) for n, p in zip("abcde", (99.0, 26.0, 24.0, 90.0, 80.0), strict=True)]
+    assert [s.effect_at.effect for s in foreseen(tried)] == ["a", "d", "e"]
+    assert [s.effect_at.effect for s in foreseen(tried[:3])] == ["a", "b"]
+    assert foreseen([replace(scored(1.0), predicted=-1.0)]) == []
+    slow = replace(scored(1.0, "b"), predicted=99.0)
+    assert slow in Competition(EFFECTS, base_fit(OTHER)).shortlist([scored(500.0), slow])
 
 
 def scored(gain: float, name: str = "gear", joint: int = 1) -> ScreenedCandidate:
