@@ -15,8 +15,7 @@ import numpy as np
 from fmu_didim.base.errors import SimulationError
 from fmu_didim.checks.data.runs import COPIED, copied, during_log
 from fmu_didim.data.signals import Array, Trajectory
-from fmu_didim.discovery.ladder.motions import new_part
-from fmu_didim.estimators.starts.reference_start import reference_motion
+from fmu_didim.discovery.ladder.motions import new_part, velocities
 from fmu_didim.fit.fit import Fit
 from fmu_didim.model.experiment import Experiment, Role
 from fmu_didim.model.loop_model import LoopModel
@@ -92,8 +91,7 @@ def facts_of(fit: Fit) -> dict[str, RunFacts]:
 
 
 def _speed(motion: Trajectory, n: int) -> Array:
-    _, dq, _ = reference_motion(motion, n)
-    return np.asarray(np.sqrt(np.mean(dq**2, axis=0)))
+    return np.asarray(np.sqrt(np.mean(velocities(motion, n) ** 2, axis=0)))
 
 
 def _injected(one: Experiment) -> list[str]:

@@ -31,6 +31,8 @@ def new_part(motion: Trajectory, before: Trajectory, joints: int) -> float:
         d(lag)^2 = mean |y(lag + k) - x(k)|^2,   the same motion if the least d is below SAME_MOTION.
     """
     own, other = (_on_grid(one, joints) for one in (motion, before))
+    if own.shape[1] != other.shape[1]:
+        return 1.0
     middle, spread = other.mean(axis=0), other.std(axis=0)
     spread[spread == 0] = spread[spread > 0].min(initial=1.0)  # of a joint that stood still
     own, other = (own - middle) / spread, (other - middle) / spread
@@ -41,10 +43,32 @@ def new_part(motion: Trajectory, before: Trajectory, joints: int) -> float:
     return float(np.mean(new))
 
 
+def velocities(motion: Trajectory, joints: int) -> Array:
+    """(K, n) velocity of each joint along a reference; NaN where it states none, nor a position."""
+    wanted = [f"dq{j}" for j in range(1, joints + 1)]
+    if set(wanted) <= set(motion.names):
+        return motion.select(wanted)
+    if _has_positions(motion, joints):
+        return reference_motion(motion, joints)[1]
+    return np.full((motion.time.size, joints), np.nan)
+
+
+def _has_positions(motion: Trajectory, joints: int) -> bool:
+    return {f"q{j}" for j in range(1, joints + 1)} <= set(motion.names)
+
+
+def _moved(motion: Trajectory, joints: int) -> Array:
+    """(K, m) positions and velocities of a reference, or velocities alone, as of a speed drive; all that it has, if
+    neither is there."""
+    if _has_positions(motion, joints):
+        return np.hstack([reference_motion(motion, joints)[0], velocities(motion, joints)])
+    found = velocities(motion, joints)
+    return motion.values if np.isnan(found).any() else found
+
+
 def _on_grid(motion: Trajectory, joints: int) -> Array:
-    """(K, 2 n) positions and velocities on the grid."""
-    q, dq, _ = reference_motion(motion, joints)
-    table = np.hstack([q, dq])
+    """(K, m) what is moved, on the grid."""
+    table = _moved(motion, joints)
     count = max(round(float(np.ptp(motion.time)) * GRID_HZ) + 1, 2)
     time = np.linspace(motion.time[0], motion.time[-1], count)
     return np.column_stack([np.interp(time, motion.time, column) for column in table.T])

@@ -10,6 +10,7 @@ from typing import Any
 
 import yaml
 
+from fmu_didim.base.errors import FmuDidimError
 from fmu_didim.case import Case
 from fmu_didim.data.signals import write_csv
 from fmu_didim.discovery.next_experiment.climbing import ClimbingMotion, Climbs, climbing_motion, excitation_of
@@ -47,7 +48,10 @@ def write_next_run(
             continue
         motion = None
         if rung.rung in ("held_out", "speed"):
-            motion = _motion(found, step, rung)
+            try:
+                motion = _motion(found, step, rung)
+            except FmuDidimError:  # a reference without positions, or an effect that shows on no given motion
+                motion = None
             if motion is None:
                 continue
         content = _lines(case, rung, motion, home)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from fmu_didim.data.signals import Trajectory, trajectory
-from fmu_didim.discovery.ladder.motions import MOSTLY_NEW, new_part
+from fmu_didim.discovery.ladder.motions import MOSTLY_NEW, new_part, velocities
 from fmu_didim.discovery.next_experiment.climbing import climbing_motion, slower
 from fmu_didim.estimators.starts.reference_start import reference_motion
 from tests.discovery.helpers import sines
@@ -41,6 +41,20 @@ def test_a_joint_that_stood_still_makes_a_motion_new() -> None:
     other = trajectory(time, {"q1": np.sin(time), "q2": 0.5 * np.sin(3 * time)})
     assert new_part(other, still, 2) > MOSTLY_NEW
     assert new_part(still, still, 2) == 0.0
+
+
+def test_a_reference_of_velocities_alone_is_compared_by_them() -> None:
+    """As of a speed drive."""
+    motion, other = (one.select(["dq1"])[:, 0] for one in (sines(12.0), sines(12.0, period_s=5.0)))
+    time = sines(12.0).time
+    first, second = (trajectory(time, {"dq1": values}) for values in (motion, other))
+    assert new_part(first, first, 1) == 0.0
+    assert new_part(second, first, 1) == 1.0
+    assert np.array_equal(velocities(first, 1)[:, 0], motion)
+    unknown = trajectory(time, {"target": motion})
+    assert np.isnan(velocities(unknown, 1)).all()
+    assert new_part(unknown, unknown, 1) == 0.0
+    assert new_part(unknown, sines(12.0), 1) == 1.0  # nothing to compare by
 
 
 def test_a_part_of_it_may_be_new() -> None:
