@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import threading
 import time as clock
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
 
 from fmu_didim.base.errors import InputError
 
@@ -79,3 +80,37 @@ class Progress:
                 self.say(f"{what} {done} of {count}{left}" + (f": {text}" if text else ""))
 
         return one_more
+
+
+@contextmanager
+def never_silent(progress: Progress, *, every_s: float = SAID_EVERY_S) -> Iterator[Progress]:
+    """Progress that says what it said last once more, with the time since then, where nothing was said for a while.
+
+    Args:
+        every_s: s, the longest silence.
+    """
+    last, since = "", progress.now()
+    heard, over = threading.Condition(), False
+
+    def say(text: str) -> None:
+        nonlocal last, since
+        with heard:
+            last, since = text, progress.now()
+            progress.say(text)
+            heard.notify()
+
+    def remind() -> None:
+        with heard:
+            while not over:
+                if not heard.wait(every_s) and last and not over:
+                    progress.say(f"{last} ({progress.now() - since:.0f} s ago, still at work)")
+
+    thread = threading.Thread(target=remind, daemon=True)
+    thread.start()
+    try:
+        yield replace(progress, say=say)
+    finally:
+        with heard:
+            over = True
+            heard.notify()
+        thread.join()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any, Unpack
@@ -12,7 +13,7 @@ from fmu_didim.base.errors import InputError, UnknownNameError
 from fmu_didim.case import Case, CaseObjects, with_objects
 from fmu_didim.checks.data.checks import without_outliers
 from fmu_didim.discovery.constants import DECIDING
-from fmu_didim.discovery.progress import Progress
+from fmu_didim.discovery.progress import Progress, never_silent
 from fmu_didim.discovery.request import Request
 from fmu_didim.discovery.run import discover as discover_in
 from fmu_didim.discovery.selection.decide import Options
@@ -88,8 +89,9 @@ def discover(
         kinds = _kinds(forbid, prefer, effects)
         chosen = dict(forbid=forbid, rounds=rounds, seed=seed, time_limit=time_limit)
         options = Options(forbid=kinds, rounds=rounds, seed=seed)
-        answer = _on_signals(case, options, search, chosen, None if out is None else Path(out))
-        return _shown(answer, folder, search, show)
+        with never_silent(search) as told:
+            answer = _on_signals(case, options, told, chosen, None if out is None else Path(out))
+            return _shown(answer, folder, told, show)
     model = case.model
     places = (Path(), case.folder)
     forbidden, preferred, further = ([effect_name(e, *places) for e in given] for given in (forbid, prefer, effects))
@@ -114,8 +116,10 @@ def discover(
         provenance={**record, "loop": model.loop.systems[model.first].describe()},
     )
     request = request.about_data(of_data)
-    found = discover_in(model, request.beside_virtual() if model.loop.is_virtual else request)
-    return _shown(Discovered(found.document, found, case=case), folder, search, show)
+    with never_silent(search) as told:
+        request = replace(request.beside_virtual() if model.loop.is_virtual else request, progress=told)
+        found = discover_in(model, request)
+        return _shown(Discovered(found.document, found, case=case), folder, told, show)
 
 
 def _shown(

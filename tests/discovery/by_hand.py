@@ -46,6 +46,11 @@ class TableModel:
     free_parameters: tuple[FreeParameter, ...] = ()
     rate_hz: float = 10.0
     workers: int = 1
+    is_virtual: bool = False
+
+    @property
+    def loop(self) -> Any:
+        return SimpleNamespace(is_virtual=self.is_virtual)
 
     @property
     def measured(self) -> Array:

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import threading
+
 import pytest
 
-from fmu_didim.discovery.progress import SAID_EVERY_S, Progress, seconds_left
+from fmu_didim.discovery.progress import SAID_EVERY_S, Progress, never_silent, seconds_left
+from tests.patience import patience
 
 
 @pytest.mark.parametrize(
@@ -52,3 +55,38 @@ def test_pieces_with_nothing_to_say_are_told_now_and_then() -> None:
 @pytest.mark.parametrize(("ends", "over"), [(99.0, True), (100.0, True), (100.1, False), (float("inf"), False)])
 def test_the_time_is_up_from_its_end_on(ends: float, over: bool) -> None:
     assert Progress(ends=ends, now=Clock()).is_time_up is over
+
+
+def test_a_long_silence_is_broken() -> None:
+    """By what was said last, as often as nothing else is said; not before the first line, and not after the end."""
+    said, thrice = list[str](), threading.Event()
+
+    def say(text: str) -> None:
+        said.append(text)
+        if len(said) == 4:
+            thrice.set()
+
+    with never_silent(Progress(say), every_s=0.01) as progress:
+        progress.say("base model")
+        assert thrice.wait(patience(10))
+    count = len(said)
+    assert said[0] == "base model" and all(line.startswith("base model (") for line in said[1:])
+    assert all("still at work" in line for line in said[1:])
+    assert not [t for t in threading.enumerate() if "remind" in t.name]
+    assert len(said) == count
+
+
+def test_who_speaks_is_not_interrupted() -> None:
+    said = list[str]()
+    with never_silent(Progress(said.append), every_s=patience(60)) as progress:
+        for k in range(20):
+            progress.say(str(k))
+    assert said == [str(k) for k in range(20)]
+
+
+def test_the_reminder_ends_with_a_search_that_fails() -> None:
+    before = threading.active_count()
+    with pytest.raises(ValueError), never_silent(Progress()) as progress:
+        progress.say("base model")
+        raise ValueError("of the search")
+    assert threading.active_count() == before

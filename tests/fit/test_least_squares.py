@@ -15,8 +15,10 @@ from fmu_didim.estimators.finish import Minimum, efficient_finish
 from fmu_didim.fit.derivatives.sensitivity import sensitivity
 from fmu_didim.fit.fit import Fit, point
 from fmu_didim.fit.iteration import Iteration
+from fmu_didim.fit.linear_problem import LinearProblem
 from fmu_didim.fit.noise.noise import Noise
 from fmu_didim.fit.noise.weighting import NoiseOfResidual
+from fmu_didim.fit.region import Region
 from fmu_didim.fit.solver import least_squares
 from fmu_didim.fit.solver.admissible import mass_matrix_problem
 from fmu_didim.fit.solver.least_squares import minimise
@@ -69,6 +71,22 @@ def noise_of(model: LoopModel) -> Noise:
 
 def cost(model: LoopModel, values: np.ndarray) -> float:
     return float(np.sum((model.residual(values) / noise_of(model).deviation) ** 2))
+
+
+def test_an_undamped_step_is_solved_for_once(model: LoopModel, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A cone program where machines limit it; another one only with damping."""
+    solved, whole = list[float](), LinearProblem.step
+
+    def step(self: LinearProblem, values: np.ndarray, region: Region, damping: float) -> tuple[np.ndarray, float]:
+        solved.append(damping)
+        return whole(self, values, region, damping)
+
+    monkeypatch.setattr(LinearProblem, "step", step)
+    minimise(model.with_values(NEAR), noise_of(model), stopping=Stopping(1))
+    assert solved == [0.0]
+    solved.clear()
+    minimise(model.with_values(FAR), noise_of(model), stopping=Stopping(1))
+    assert solved.count(0.0) == 1 and len(solved) > 1 and sorted(solved) == solved
 
 
 def test_near_the_minimum_one_sensitivity_more_is_enough(model: LoopModel, differentiated: list[np.ndarray]) -> None:

@@ -169,7 +169,8 @@ class Competition:
         return bool(self.builder.effect(candidate.effect_at).is_base)
 
     def compare(self, chosen: Sequence[ScreenedCandidate], *, progress: Progress, reach: float = REACH) -> Comparison:
-        """Closed-loop fits of the chosen candidates, first on the joint with the largest gap.
+        """Closed-loop fits of the chosen candidates, first those that explain most to first order, then on the joint
+        with the largest gap.
 
         A candidate is not ranked if it cannot be simulated, cannot catch up with the best plausible one of the groups
         before it, or is not fitted when the time is up.
@@ -240,7 +241,8 @@ class Competition:
         return result
 
     def _largest_gap_first(self, chosen: Sequence[ScreenedCandidate]) -> list[ScreenedCandidate]:
-        """Candidates by the gap of their joint, those of no joint in particular first."""
+        """Candidates by the gap of their joint, those of no joint in particular first; before all those that explain
+        most to first order, so that what stays behind them is not fitted."""
         torque = self.fit.torque_alone
         gaps = joint_gaps(torque.residual, torque.noise)
 
@@ -249,7 +251,8 @@ class Competition:
             own = len(self.builder.joints(effect_at.effect)) == gaps.size
             return float(gaps[effect_at.joint - 1] if own else gaps.max())
 
-        return sorted(chosen, key=lambda s: -gap(s))
+        first = [s.effect_at for s in foreseen(chosen)]
+        return sorted(chosen, key=lambda s: (s.effect_at not in first, -gap(s)))
 
     def _promised(self, candidate: ScreenedCandidate) -> float:
         """By how much a candidate lowers chi-square to first order, with the base refitted; infinite outside the

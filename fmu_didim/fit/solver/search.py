@@ -92,7 +92,9 @@ class Search:
         measured, others = model.measured_outputs, model.experiments.validation_labels if self.check_all else ()
         tried, edge, best, note = 0, False, None, ""
         for damping in DAMPINGS:
-            change, promised = step.equations.step(at.values, self.region, damping)
+            change, promised = step.change, step.promised  # of the undamped one, which may have been a cone program
+            if damping > 0:
+                change, promised = step.equations.step(at.values, self.region, damping)
             trial = np.clip(at.values + change, self.region.low, self.region.high)
             reason = mass_matrix_problem(model, trial)
             if reason:
