@@ -20,6 +20,7 @@ from fmu_didim.fit.noise.weighting import NoiseOfResidual
 from fmu_didim.fit.uncertainty import stretches
 from fmu_didim.model.parameters import RobotParameters
 from tests.checks.data.right import loaded, right
+from tests.patience import Calls
 
 RNG = np.random.default_rng
 LONG = 3 * colour.ROWS + 5
@@ -45,12 +46,16 @@ def fit() -> Fit:
     return point(model, NoiseOfResidual(model))
 
 
+@pytest.mark.parametrize("long", [0, 1000])
 @pytest.mark.parametrize("most", [0, 1, 4, 7])
 @pytest.mark.parametrize(
     "runs", [[range(50)], [range(20), range(25, 26), range(30, 90)], [[*range(9), *range(20, 40)]]]
 )
-def test_products_of_lags_are_those_of_the_samples_beside_each_other(runs: list[list[int]], most: int) -> None:
+def test_products_of_lags_are_those_of_the_samples_beside_each_other(
+    runs: list[list[int]], most: int, long: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Within each run only: nothing is said of what lies beside a gap. A run that is too short has no sample."""
+    monkeypatch.setattr(colour, "LONG_RUN", long)
     past = Past.of([np.array(run) for run in runs], 7)
     signal = RNG(1).normal(size=100) + 3.0
     beside = np.array([[signal[run[t - k]] for k in range(most + 1)] for run in runs for t in range(7, len(run))])
@@ -132,6 +137,19 @@ def test_the_past_of_a_log_takes_no_table() -> None:
     logs = of_logs(time)
     assert logs.pasts[0].lags >= 50
     assert peak_of(lambda: colour._autoregression(noise, logs.pasts[0], logs.pasts[0].lags, 0)) < 2 * noise.nbytes
+
+
+def test_a_log_with_many_gaps_is_no_more_work_than_one_without() -> None:
+    """Its thousand runs are not looked at one by one."""
+    places, noise = np.flatnonzero(np.arange(20_000) % 10 != 9), RNG(12).normal(size=20_000)
+    (whole,), (part,) = of_logs(np.arange(20_000) / 200.0).pasts, of_logs(places / 200.0).pasts
+    calls = []
+    for past in (whole, part):
+        assert past.rows
+        with Calls() as counted:
+            past.products(noise[: past.samples + past.lags * len(past.runs)], past.lags)
+        calls.append(counted.count)
+    assert calls[1] < calls[0] + 100
 
 
 def test_what_follows_the_motion_takes_a_few_times_the_memory_of_the_functions() -> None:
