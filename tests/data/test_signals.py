@@ -217,3 +217,18 @@ def test_damaged_matlab_files_are_refused(tmp_path: Path, damage: str) -> None:
     path.write_bytes(raw.replace(old, new, 1))
     with pytest.raises(InputError, match=told):
         read_trajectory(path)
+
+
+@pytest.mark.parametrize("digits", [9, 17])
+@pytest.mark.parametrize("count", [1, 1000, 2001])
+def test_csv_that_is_written_is_that_of_numpy(tmp_path: Path, count: int, digits: int) -> None:
+    """To the last character, although many lines are written at once."""
+    time = np.arange(count) / 7.0
+    values = np.random.default_rng(1).normal(size=(count, 2)) * 10.0 ** np.arange(-9, 9, 18 / count)[:count, None]
+    values[0] = 0.0, -0.0
+    write_csv(trajectory(time, {"q1": values[:, 0], "100%": values[:, 1]}), tmp_path / "a.csv", digits=digits)
+    np.savetxt(
+        tmp_path / "b.csv", np.column_stack([time, values]), f"%.{digits}g", ",", header="t,q1,100%", comments="",
+        newline="\n",
+    )  # fmt: skip
+    assert (tmp_path / "a.csv").read_bytes() == (tmp_path / "b.csv").read_bytes()

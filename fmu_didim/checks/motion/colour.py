@@ -52,6 +52,8 @@ WITH_PAST = 0.8
 NEARLY_DEPENDENT = 1e-8
 """[1] Part of the squares of a column that others leave, below which products, which have eight digits of it then, do
 not tell how much that is."""
+LONG_RUN = 100
+"""[samples] On average between gaps, from which sums over runs are faster than tables: a sum has its own beginning."""
 ROWS = 8192
 """[rows] Of a table at a time, in an orthogonal factorisation: they stay in the caches of the processor."""
 
@@ -156,9 +158,9 @@ class Past:
     lags: int
 
     @staticmethod
-    def of(runs: Sequence[Indices], lags: int) -> Past:
+    def of(runs: Sequence[slice | Indices], lags: int) -> Past:
         """Those of runs (L,) of rows that are long enough."""
-        return Past(tuple(_as_slice(run) for run in runs if run.size > lags), lags)
+        return Past(tuple(run for run in runs if _size(run) > lags), lags)
 
     @cached_property
     def samples(self) -> int:
@@ -180,7 +182,10 @@ class Past:
     def products(self, signal: Array, most: int) -> Array:
         """(most + 1, most + 1) sums over the samples, of the products of a signal (N,) so many samples before with it
         so many before: the first row by a sum for each lag, each further one from that before it by the samples at
-        the ends of the runs."""
+        the ends of the runs; where these are short, by a table of all."""
+        if self.samples < LONG_RUN * len(self.runs):
+            table = np.column_stack([signal[self.rows[k]] for k in range(most + 1)])
+            return np.asarray(table.T @ table)
         first, moved, k = np.zeros(most + 1), np.zeros((most, most)), self.lags
         for run in self.runs:
             own = signal[run]
@@ -205,10 +210,10 @@ def _as_slice(rows: Indices) -> slice | Indices:
     return slice(first, first + rows.size) if (np.diff(rows) == 1).all() else np.ascontiguousarray(rows)
 
 
-def _runs(grid: Indices) -> list[Indices]:
+def _runs(grid: Indices) -> list[slice | Indices]:
     """The rows of a grid between those that are missing."""
     there = np.flatnonzero(grid >= 0)
-    return [grid[part] for part in np.split(there, np.flatnonzero(np.diff(there) > 1) + 1)]
+    return [_as_slice(grid[part]) for part in np.split(there, np.flatnonzero(np.diff(there) > 1) + 1)]
 
 
 @dataclass(frozen=True)

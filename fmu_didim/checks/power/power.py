@@ -126,9 +126,9 @@ class JointTest:
     Attributes:
         level: of the p value below which it doubts; one: what it looks at.
         signatures: (N, s) of the misfits.
-        functions: those of the motion that the test chooses from, as places in ``one.motion``.
+        functions: those of the motion that the test chooses from, as places among all.
         residual, motion, misfits: what the sensitivities leave, whitened by the colour of the residual, of that (M,),
-            those functions (M, m) and the misfits (M, s).
+            all functions (M, m) and the misfits (M, s).
     """
 
     level: float
@@ -147,8 +147,7 @@ class JointTest:
         colours = one.left.colours
         own = colours.with_functions(one.motion[:, : one.room]).whitened
         functions, misfits = np.flatnonzero(own.power), colours.with_functions(signatures).whitened.own
-        level, motion = MOTION_CHANCE / joints, own.own if own.power.all() else own.own[:, functions]
-        return cls(level, one, signatures, tuple(functions.tolist()), own.rest, motion, misfits)
+        return cls(MOTION_CHANCE / joints, one, signatures, tuple(functions.tolist()), own.rest, own.own, misfits)
 
     def trial(self, misfit: int, size: float) -> float:
         """Probability of a doubt by a misfit, by its place, of this size, with the colours that it leads to."""
@@ -215,12 +214,13 @@ class JointTest:
     @cached_property
     def _products(self) -> tuple[Array, Array]:
         """(m, m) products of the functions with each other, and (m, s) with the misfits."""
-        return self.motion.T @ self.motion, self.motion.T @ self.misfits
+        places = list(self.functions)
+        return (self.motion.T @ self.motion)[np.ix_(places, places)], (self.motion.T @ self.misfits)[places]
 
     def _together(self, chosen: tuple[int, ...]) -> Functions:
         """Some functions; the same ones serve many misfits."""
         if chosen not in self._chosen:
-            basis = orthonormal(self.motion[:, list(chosen)])
+            basis = orthonormal(self.motion[:, [self.functions[place] for place in chosen]])
             ways = comb(len(self.functions), len(chosen))
             freedom = self.residual.size - self.one.basis.shape[1] - len(chosen)
             self._chosen[chosen] = Functions(chosen, basis, ways, self.residual, max(freedom, 1))
