@@ -19,7 +19,7 @@ from fmu_didim.discovery.external_torques.findings import external_torque_findin
 from fmu_didim.discovery.external_torques.fit import FittedExternalTorques, find_external_torques
 from fmu_didim.discovery.external_torques.rivals import rivalled
 from fmu_didim.discovery.judge import has_external_torques
-from fmu_didim.discovery.ladder.ladders import contradictions, ladders_of, of_event, size_notes
+from fmu_didim.discovery.ladder.ladders import contradictions, ladders_of, of_event, of_other_size
 from fmu_didim.discovery.localise import regions_of_fit
 from fmu_didim.discovery.request import Request
 from fmu_didim.discovery.selection.held_out import unconfirmed
@@ -237,11 +237,11 @@ class _Search:
         ladders = ladders_of(discovery, self.builder, request)
         doubts = [
             *self.torn(discovery.final), *untried_effects(self.builder, discovery.final),
-            *contradictions(discovery, ladders),
+            *contradictions(discovery, ladders), *of_other_size(discovery, ladders),
         ]  # fmt: skip
         document = findings_document(
             replace(request, doubts=(*request.doubts, *doubts)), discovery, self.builder, ratio=ratio,
-            notes=[*all_notes, *size_notes(discovery, ladders)], outside=outside, windows=windows,
+            notes=all_notes, outside=outside, windows=windows,
             regions=self.disagreement, ladders=ladders,
         )  # fmt: skip
         if self.is_late and request.external is not None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from fmu_didim.base.diagnostics import CATALOGUE, DOUBT, Diagnostic
+from fmu_didim.base.diagnostics import CATALOGUE, DOUBT, REMARK, Diagnostic
 from fmu_didim.base.errors import SimulationError
 from fmu_didim.discovery.augmentation.builder import LoopModelBuilder
 from fmu_didim.discovery.ladder.evidence import evidence_in, scale_deviation
@@ -26,6 +26,13 @@ CONTRADICTED = CATALOGUE(
     "differ.",
     next_step="Look at the evidence of the finding in the report, and at what else differs in that run.",
 )  # fmt: skip
+OTHER_SIZE = CATALOGUE(
+    "effect-of-other-size", REMARK, rank=66,
+    meaning="A named effect is there in another run, too, with another size than in the fit by more than noise: its "
+    "form is not quite that of the catalogue, or the runs differ. The intervals of its values count noise alone, so "
+    "that a valid verdict is one of motions like the fitted ones.",
+    next_step="Fit that run, too, or choose another form of the effect.",
+)  # fmt: skip
 NO_TIME = ("the time was up before it was looked at", "Run it again with more time.")
 NOT_RUN = (
     "the model without it cannot be run",
@@ -34,7 +41,7 @@ NOT_RUN = (
 """Why nothing is known of the rungs above the fit, and what to do about it."""
 EVENT = "an event of this run, which no other run can show again"
 ANOTHER_SIZE = (
-    "{0} has another size than in the fit, {1}, by more than noise: its form is not quite that of the catalogue, or "
+    "It has another size than in the fit, {0}, by more than noise: its form is not quite that of the catalogue, or "
     "the runs differ. The intervals of its values count noise alone."
 )
 Ladder = list[RungResult]
@@ -108,14 +115,17 @@ def contradictions(discovery: Discovery, ladders: Sequence[Ladder]) -> list[Diag
     ]  # fmt: skip
 
 
-def size_notes(discovery: Discovery, ladders: Sequence[Ladder]) -> list[str]:
-    """Notes on effects that have another size in some run than in the fit."""
+def of_other_size(discovery: Discovery, ladders: Sequence[Ladder]) -> list[Diagnostic]:
+    """The remarks on effects that have another size in some run than in the fit, on which a valid verdict rests."""
     found = []
     for place, ladder in zip(_places(discovery), ladders, strict=False):
         sizes = {one.experiment: one.size for rung in ladder for one in rung.evidence if one.differs}
         if sizes:
-            there = ", ".join(f"{size:.2f} times in {label}" for label, size in sizes.items() if size is not None)
-            found.append(ANOTHER_SIZE.format(place, there))
+            there = ", ".join(
+                f"{size:.2f} times as large in {label}" for label, size in sizes.items() if size is not None
+            )
+            rests = f"{place} is asked for along motions like the fitted ones alone ({there})"
+            found.append(Diagnostic(OTHER_SIZE, ANOTHER_SIZE.format(there), place, condition=rests))
     return found
 
 

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from fmu_didim.checks.judgement import judgement
 from fmu_didim.discovery.ladder import ladders
 from fmu_didim.discovery.ladder.evidence import Evidence
 from fmu_didim.discovery.ladder.facts import RunFacts
@@ -225,3 +226,14 @@ def test_what_was_not_looked_at_is_open(monkeypatch: pytest.MonkeyPatch, is_time
 
 def test_nothing_is_next_without_a_ladder() -> None:
     assert next_rung([]) is None
+
+
+@pytest.mark.parametrize(("differs", "told"), [(False, []), (True, ["0.70 times as large in a"])])
+def test_a_valid_verdict_rests_on_the_motion_where_the_size_is_another_one(differs: bool, told: list[str]) -> None:
+    one = Evidence(BETTER, amplitude(0.7, 0.05), deviation=0.02 if differs else 0.2)
+    found = ladder_of("seen", {"fit": RunFacts("estimation", 10.0), "a": run()}, {"a": one}, joint=1)
+    step = SimpleNamespace(effect_at=EffectAtJoint("stribeck", 1))
+    remarks = ladders.of_other_size(SimpleNamespace(refitted=[], steps=[step]), [found])  # type: ignore[arg-type]
+    judged = judgement(remarks)
+    assert judged.verdict == "valid"
+    assert [condition.partition("(")[2].rstrip(")") for condition in judged.conditions] == told
