@@ -21,6 +21,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import fft
 from scipy.linalg import blas, lapack
 
@@ -257,14 +258,14 @@ class Columns:
     logs: Logs
     table: Array
     known: Columns | None = None
-    _remembered: dict[tuple[int, int], Array] = field(default_factory=dict, repr=False, compare=False)
+    _remembered: dict[int, tuple[Array, NDArray[np.bool_]]] = field(default_factory=dict, repr=False, compare=False)
 
-    @property
+    @cached_property
     def count(self) -> int:
         """Number m of them."""
         return self._first + int(self.table.shape[1])
 
-    @property
+    @cached_property
     def _first(self) -> int:
         """Place of the first one of the table."""
         return 0 if self.known is None else self.known.count
@@ -279,23 +280,29 @@ class Columns:
 
     def remembered(self, memory: int, columns: Sequence[int]) -> Array:
         """(N, c) these columns after a memory, by their places and its place."""
-        self._remember(memory, columns)
-        return np.column_stack([np.empty((self.table.shape[0], 0)), *(self._column(memory, k) for k in columns)])
+        result = np.empty((self.table.shape[0], len(columns)))
+        self._fill(result, memory, np.asarray(columns, dtype=int), np.arange(len(columns)))
+        return result
 
-    def _remember(self, memory: int, columns: Sequence[int]) -> None:
-        """Take a memory out of those columns of which nobody has asked for it."""
-        first, exponent = self._first, self.logs.memories[memory]
-        if self.known is not None:
-            self.known._remember(memory, [k for k in columns if k < first])
-        missing = [k for k in columns if k >= first and (memory, k) not in self._remembered]
-        if exponent and missing:
-            found = self.logs.remembered(self.table[:, [k - first for k in missing]], exponent)
-            self._remembered.update({(memory, k): one for k, one in zip(missing, found.T, strict=True)})
+    def _fill(self, result: Array, memory: int, columns: Indices, places: Indices) -> None:
+        """Write columns after a memory to places of a table (N, c)."""
+        is_own = columns >= self._first
+        if is_own.any():
+            result[:, _as_slice(places[is_own])] = self._own(memory, columns[is_own] - self._first)
+        if self.known is not None and not is_own.all():
+            self.known._fill(result, memory, columns[~is_own], places[~is_own])
 
-    def _column(self, memory: int, k: int) -> Array:
-        if self.known is not None and k < self._first:
-            return self.known._column(memory, k)
-        return self._remembered[memory, k] if self.logs.memories[memory] else self.table[:, k - self._first]
+    def _own(self, memory: int, columns: Indices) -> Array:
+        """(N, c) columns of the table after a memory, which is taken out of those of which nobody has asked for it."""
+        exponent, shape = self.logs.memories[memory], self.table.shape
+        if not exponent:
+            return self.table[:, _as_slice(columns)]
+        table, known = self._remembered.setdefault(memory, (np.empty(shape, order="F"), np.zeros(shape[1], dtype=bool)))
+        missing = columns[~known[columns]]
+        if missing.size:
+            table[:, missing] = self.logs.remembered(self.table[:, missing], exponent)
+            known[missing] = True
+        return table[:, _as_slice(columns)]
 
     def whitened(self, colour: Colour, first: int = 0, last: int | None = None) -> Array:
         """(n, c) those samples that have a past, of the columns from a place on to before another one."""
@@ -392,7 +399,7 @@ def _triangle_by_parts(table: Array) -> Array:
 def _triangle_of(products: Array) -> Array | None:
     """Upper triangle R (m, m) with R'R = products of columns; None where these are nearly dependent."""
     r, failed = lapack.dpotrf(products, clean=True)
-    dependent = failed or (np.diag(r) ** 2 < NEARLY_DEPENDENT * np.diag(products)).any()
+    dependent = failed or (r.diagonal() ** 2 < NEARLY_DEPENDENT * products.diagonal()).any()
     return None if dependent else np.asarray(r)
 
 
@@ -422,8 +429,8 @@ def _autoregression(rest: Array, past: Past, most: int, used: int) -> tuple[Arra
     what is left (N,)."""
     count, longest = past.samples, min(most, past.lags)
     order = [*range(1, longest + 1), 0]  # the samples in the last column, behind those before them
-    products = past.products(rest, longest)[np.ix_(order, order)]
-    size = np.diag(products)
+    products = past.products(rest, longest).take(order, axis=0).take(order, axis=1)
+    size = products.diagonal()
     r = _triangle_of(products) if count > longest and size.min() > NEARLY_DEPENDENT * size.max() else None
     if r is None:
         r = np.asarray(np.linalg.qr(np.column_stack([rest[past.rows[k]] for k in order]), mode="r"))
