@@ -91,6 +91,8 @@ def data_diagnostics(model: LoopModel, *, without_torque: Sequence[str] = (), ca
 
 def _workers(model: LoopModel) -> int:
     """How many logs are looked at at once."""
+    if len(model.experiments) < 2:
+        return 1
     try:
         return model.allowed_workers(model.start)
     except SimulationError:  # which each log deals with by itself

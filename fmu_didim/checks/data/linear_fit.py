@@ -292,9 +292,6 @@ def _steps(model: LoopModel, values: Array) -> tuple[float, Array] | None:
             return min(best, (error, values), key=lambda pair: pair[0])
         best = (error, values)
         assert found.regressor is not None and found.known is not None
-        flat = (found.regressor / size[:, None]).reshape(-1, model.linear_count)
-        target = ((measured - found.known) / size).reshape(-1)
-        length = np.maximum(np.linalg.norm(flat, axis=0), TINY)
         values = values.copy()
-        values[: model.linear_count] = np.linalg.lstsq(flat / length, target, rcond=None)[0] / length
+        values[: model.linear_count] = solved_by(found.regressor, measured - found.known, size)[0]
     return best
