@@ -23,6 +23,7 @@ from fmu_didim.discovery.ladder.ladders import contradictions, ladders_of, of_ev
 from fmu_didim.discovery.localise import regions_of_fit
 from fmu_didim.discovery.request import Request
 from fmu_didim.discovery.selection.held_out import unconfirmed
+from fmu_didim.discovery.selection.plausible import unusual_values
 from fmu_didim.discovery.selection.refitted import Refitted, refitted_notes, refitted_shapes, with_stated
 from fmu_didim.discovery.selection.rounds import Discovery, run_rounds
 from fmu_didim.discovery.unfinished import ended_before
@@ -238,6 +239,7 @@ class _Search:
         doubts = [
             *self.torn(discovery.final), *untried_effects(self.builder, discovery.final),
             *contradictions(discovery, ladders), *of_other_size(discovery, ladders),
+            *unusual_values(discovery.final, self.builder),
         ]  # fmt: skip
         document = findings_document(
             replace(request, doubts=(*request.doubts, *doubts)), discovery, self.builder, ratio=ratio,

@@ -1,4 +1,4 @@
-"""Whether the fitted values of an effect are significant and physically possible.
+"""Whether the fitted values of an effect are significant, physically possible and usual.
 
 An effect is not significant if, by the covariance C of its amplitudes a, they may all be neutral, a_0:
 
@@ -13,12 +13,21 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from fmu_didim.base.diagnostics import CATALOGUE, DOUBT, Diagnostic
 from fmu_didim.base.distributions import chi2_sf
 from fmu_didim.data.signals import Array
+from fmu_didim.discovery.augmentation.builder import LoopModelBuilder
 from fmu_didim.dynamics.effects import Effect
 from fmu_didim.fit.fit import Fit
 from fmu_didim.model.free_parameter import plain_name
 
+UNUSUAL = CATALOGUE(
+    "effect-unusual", DOUBT, rank=54,
+    meaning="A named effect has a value that hardly any machine has, such as a drag that falls with the speed or a "
+    "gear that loses a third of its torque: its form explains the log, its name may be that of something else.",
+    next_step="Ask what else has this form: friction at other speeds, a gain of the drive, a load; look at the rivals "
+    "of the finding in the report.",
+)  # fmt: skip
 ZERO = 0.05
 """[1] Largest p value, by its covariance, of an effect that is named: that of a 95 % interval."""
 
@@ -29,11 +38,10 @@ def implausible(fit: Fit, index: int, effect: Effect, link: Mapping[str, float])
     Args:
         index: of the effect among those of the model; link: known inertial parameters of its link.
     """
-    places = [i for i, p in enumerate(fit.model.free_parameters) if p.effect == index and not p.is_shape]
-    if not places:
+    amplitudes = _amplitudes(fit, index)
+    if not amplitudes:
         return ""
-    joint = fit.model.added_effects[index].joint
-    names = [plain_name(fit.model.free_parameters[i].name, joint) for i in places]
+    names, places = list(amplitudes), list(amplitudes.values())
     values = fit.values[places]
     covariance = fit.covariance[np.ix_(places, places)]
     deviations = np.sqrt(np.diag(covariance))
@@ -46,6 +54,25 @@ def implausible(fit: Fit, index: int, effect: Effect, link: Mapping[str, float])
         text = ", ".join(f"{n} = {v:.3g} ± {s:.2g}" for n, v, s in zip(names, values, deviations, strict=True))
         return f"may be absent: {text} (p = {chance:.2g})"
     return ""
+
+
+def unusual_values(fit: Fit, builder: LoopModelBuilder) -> list[Diagnostic]:
+    """The doubts about named effects with values that hardly any machine has."""
+    found = []
+    for index, effect_at in enumerate(fit.model.added_effects):
+        places, deviations = _amplitudes(fit, index), np.sqrt(np.diag(fit.covariance))
+        values, own = ({name: float(of[i]) for name, i in places.items()} for of in (fit.values, deviations))
+        if told := builder.effect(effect_at).unusual(values, own):
+            place = f"{effect_at.effect.replace('_', ' ')}, joint {effect_at.joint}"
+            found.append(Diagnostic(UNUSUAL, f"{told}.", place))
+    return found
+
+
+def _amplitudes(fit: Fit, index: int) -> dict[str, int]:
+    """Name, without the joint, -> place of the parameters of an effect that are no shapes."""
+    joint = fit.model.added_effects[index].joint
+    free = enumerate(fit.model.free_parameters)
+    return {plain_name(p.name, joint): i for i, p in free if p.effect == index and not p.is_shape}
 
 
 def chance_of_none(values: Array, covariance: Array, neutral: Array) -> float:

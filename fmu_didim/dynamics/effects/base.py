@@ -40,6 +40,10 @@ Place = Literal["torque balance", "drive", "sensor", "structure", "measurement"]
 Need = Literal["load", "time", "other joints"]
 
 
+def _range(low: float, high: float) -> str:
+    return f"{low:g} or more" if math.isinf(high) else f"{low:g} to {high:g}"
+
+
 @dataclass(frozen=True)
 class PreCheck:
     """How an effect is looked for to which linear screening is blind: values of its one parameter, tried in full
@@ -192,6 +196,15 @@ class Effect(ABC):
         least = {p.name: p.least for p in self.own_parameters if p.least is not None and p.name in values}
         bad = [name for name, bound in least.items() if values[name] < bound - SURE * deviations[name]]
         return "; ".join(f"{n} = {values[n]:.3g} ± {deviations[n]:.2g} below {least[n]:g}" for n in bad)
+
+    def unusual(self, values: Values, deviations: Values) -> str:
+        """Which of the values found hardly any machine has, in words, or an empty string; arguments as above."""
+        usual = {p.name: p.usual for p in self.own_parameters if p.usual is not None and p.name in values}
+        bad = [
+            name for name, (low, high) in usual.items()
+            if not low - SURE * deviations[name] <= values[name] <= high + SURE * deviations[name]
+        ]  # fmt: skip
+        return "; ".join(f"{n} = {values[n]:.3g} ± {deviations[n]:.2g}, usual is {_range(*usual[n])}" for n in bad)
 
     def outside_limits(self, values: Mapping[str, float]) -> str:
         """Which of these values lie outside their limits, in words, or an empty string."""

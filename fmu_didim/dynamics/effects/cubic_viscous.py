@@ -2,7 +2,7 @@ import casadi as ca
 
 from fmu_didim.dynamics.effects.base import TorqueEffect
 from fmu_didim.dynamics.effects.joint import OperatingRange, Parameter, Surroundings, Values
-from fmu_didim.dynamics.effects.steps import CONSTANT_SPEEDS
+from fmu_didim.dynamics.effects.steps import CONSTANT_SPEEDS, GROWING
 
 
 class CubicViscous(TorqueEffect):
@@ -16,7 +16,7 @@ class CubicViscous(TorqueEffect):
     signature = "Residual odd in the velocity that is curved upwards at high speed."
     experiment = CONSTANT_SPEEDS
     source = "Olsson, Astrom, Canudas de Wit, Gafvert, Lischinsky: Friction models, Eur. J. of Control 1998"
-    own_parameters = (Parameter("Fcube", ("N.m.s3/rad3", "N.s3/m3"), "cubic friction coefficient"),)
+    own_parameters = (Parameter("Fcube", ("N.m.s3/rad3", "N.s3/m3"), "cubic friction coefficient", usual=GROWING),)
 
     def columns(self, at: Surroundings, shapes: Values) -> tuple[ca.SX, ...]:
         return (at.dq**3,)

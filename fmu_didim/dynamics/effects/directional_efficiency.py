@@ -2,7 +2,7 @@ import casadi as ca
 
 from fmu_didim.dynamics.effects.base import TorqueEffect
 from fmu_didim.dynamics.effects.joint import OperatingRange, Parameter, Surroundings, Values
-from fmu_didim.dynamics.effects.steps import direction, smoothing_velocity
+from fmu_didim.dynamics.effects.steps import USUAL_LOSS, direction, smoothing_velocity
 
 
 class DirectionalEfficiency(TorqueEffect):
@@ -24,8 +24,8 @@ class DirectionalEfficiency(TorqueEffect):
     )
     needs = frozenset({"load"})
     own_parameters = (
-        Parameter("Fldrive", "1", "loss per transmitted torque while the motor drives", least=0.0),
-        Parameter("Flback", "1", "loss per transmitted torque while the load drives", least=0.0),
+        Parameter("Fldrive", "1", "loss per transmitted torque while the motor drives", least=0.0, usual=USUAL_LOSS),
+        Parameter("Flback", "1", "loss per transmitted torque while the load drives", least=0.0, usual=USUAL_LOSS),
     )
     own_shapes = (smoothing_velocity,)
 

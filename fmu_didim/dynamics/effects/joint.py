@@ -90,6 +90,8 @@ class Parameter:
         start: value unless stated otherwise.
         neutral: value with which all is as without the effect; limits: lowest and highest sensible value.
         least: lowest physically possible value: a fit below it has found something else; None without a bound.
+        usual: lowest and highest value that machines have: one certainly outside them stands for something else; None
+            without bounds.
         search: how it is searched for, if it is.
     """
 
@@ -100,6 +102,7 @@ class Parameter:
     neutral: float | None = None
     limits: tuple[float, float] | None = None
     least: float | None = None
+    usual: tuple[float, float] | None = None
     search: Either[Search | None] = None
 
     def __call__(self, joint_type: JointType) -> Variable:

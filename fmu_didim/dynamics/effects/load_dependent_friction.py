@@ -2,7 +2,7 @@ import casadi as ca
 
 from fmu_didim.dynamics.effects.base import TorqueEffect
 from fmu_didim.dynamics.effects.joint import OperatingRange, Parameter, Surroundings, Values
-from fmu_didim.dynamics.effects.steps import direction, smoothing_velocity
+from fmu_didim.dynamics.effects.steps import USUAL_LOSS, direction, smoothing_velocity
 
 
 class LoadDependentFriction(TorqueEffect):
@@ -19,7 +19,7 @@ class LoadDependentFriction(TorqueEffect):
     experiment = "The same path with two payloads."
     source = "Hamon, Gautier, Garrec: friction depending on load and velocity, AIM 2010 and ICRA 2011"
     needs = frozenset({"load"})
-    own_parameters = (Parameter("Fl", "1", "friction per transmitted torque", least=0.0),)
+    own_parameters = (Parameter("Fl", "1", "friction per transmitted torque", least=0.0, usual=USUAL_LOSS),)
     own_shapes = (smoothing_velocity,)
 
     def columns(self, at: Surroundings, shapes: Values) -> tuple[ca.SX, ...]:

@@ -2,7 +2,7 @@ import casadi as ca
 
 from fmu_didim.dynamics.effects.base import TorqueEffect
 from fmu_didim.dynamics.effects.joint import OperatingRange, Parameter, Search, Surroundings, Values
-from fmu_didim.dynamics.effects.steps import CONSTANT_SPEEDS, smoothing_velocity
+from fmu_didim.dynamics.effects.steps import CONSTANT_SPEEDS, GROWING, smoothing_velocity
 
 
 class PowerViscous(TorqueEffect):
@@ -19,7 +19,7 @@ class PowerViscous(TorqueEffect):
     signature = "Residual odd in the velocity, curved downwards (alpha < 1) or upwards (alpha > 1)."
     experiment = CONSTANT_SPEEDS
     source = "Olsson, Astrom, Canudas de Wit, Gafvert, Lischinsky: Friction models, Eur. J. of Control 1998"
-    own_parameters = (Parameter("Fp", "torque", "friction at unit speed"),)
+    own_parameters = (Parameter("Fp", "torque", "friction at unit speed", usual=GROWING),)
     own_shapes = (
         smoothing_velocity,
         Parameter("alpha", "1", "exponent of the velocity", 0.5, search=Search(0.6, 2.5, 10, logarithmic=False)),

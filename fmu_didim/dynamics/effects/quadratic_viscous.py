@@ -3,7 +3,7 @@ import casadi as ca
 from fmu_didim.dynamics.effects.base import TorqueEffect
 from fmu_didim.dynamics.effects.joint import OperatingRange, Parameter, Surroundings, Values
 from fmu_didim.dynamics.effects.stated_size import of_peak
-from fmu_didim.dynamics.effects.steps import CONSTANT_SPEEDS
+from fmu_didim.dynamics.effects.steps import CONSTANT_SPEEDS, GROWING
 
 
 class QuadraticViscous(TorqueEffect):
@@ -18,7 +18,7 @@ class QuadraticViscous(TorqueEffect):
     experiment = CONSTANT_SPEEDS
     source = "Olsson, Astrom, Canudas de Wit, Gafvert, Lischinsky: Friction models, Eur. J. of Control 1998"
     stated = of_peak("friction quadratic in the velocity")
-    own_parameters = (Parameter("Fq", ("N.m.s2/rad2", "N.s2/m2"), "quadratic friction coefficient"),)
+    own_parameters = (Parameter("Fq", ("N.m.s2/rad2", "N.s2/m2"), "quadratic friction coefficient", usual=GROWING),)
 
     def columns(self, at: Surroundings, shapes: Values) -> tuple[ca.SX, ...]:
         return (at.dq * ca.fabs(at.dq),)

@@ -1,6 +1,8 @@
-"""Shared by several effects: smoothed steps, and the experiment that shows friction by speed."""
+"""Shared by several effects: smoothed steps, usual values, and the experiment that shows friction by speed."""
 
 from __future__ import annotations
+
+import math
 
 import casadi as ca
 
@@ -9,6 +11,10 @@ from fmu_didim.dynamics.effects.joint import Parameter, Search, Surroundings, Va
 CONSTANT_SPEEDS = (
     "Constant speeds on a logarithmic scale in both directions, the fastest more than five times the slowest."
 )
+USUAL_LOSS = (0.0, 0.3)
+"""[1] Loss of a gear: planetary and harmonic drives lose 5 to 30 % at a rated load."""
+GROWING = (0.0, math.inf)
+"""Coefficients of what grows with the speed, beside viscous friction: drag that falls is the form of something else."""
 smoothing_velocity = Parameter("v0", "velocity", "smoothing velocity of Coulomb friction", (0.01, 0.001))
 """The shape of :func:`direction`; all effects of a joint share it."""
 instants = Search(0.0, 60.0, 121, logarithmic=False)

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from fmu_didim.discovery.selection.plausible import chance_of_none, implausible
+from fmu_didim.base.diagnostics import DOUBT
+from fmu_didim.discovery.selection.plausible import chance_of_none, implausible, unusual_values
 from fmu_didim.dynamics.effects import EFFECTS
 from fmu_didim.model.free_parameter import FreeParameter
 from fmu_didim.model.loop_model import EffectAtJoint
@@ -70,3 +71,24 @@ def test_effects_that_cannot_be_negative_say_so_for_amplitudes_they_have() -> No
             if parameter.least is not None:
                 low = effect.limits.get(parameter.name, (-np.inf, np.inf))[0]
                 assert low <= parameter.least, name
+
+
+@pytest.mark.parametrize(
+    ("effect", "values", "told"),
+    [
+        ("load_dependent_friction", {"Fl": (0.12, 0.01)}, ""),
+        ("load_dependent_friction", {"Fl": (0.32, 0.02)}, ""),  # perhaps 0.3
+        ("load_dependent_friction", {"Fl": (0.32, 0.005)}, "Fl = 0.32 ± 0.005, usual is 0 to 0.3."),
+        ("directional_efficiency", {"Fldrive": (0.1, 0.01), "Flback": (0.5, 0.01)}, "Flback = 0.5 ± 0.01"),
+        ("quadratic_viscous", {"Fq": (0.5, 0.01)}, ""),
+        ("quadratic_viscous", {"Fq": (-0.01, 0.02)}, ""),
+        ("quadratic_viscous", {"Fq": (-0.52, 0.02)}, "Fq = -0.52 ± 0.02, usual is 0 or more."),
+        ("cubic_viscous", {"Fcube": (-0.1, 0.01)}, "Fcube = -0.1"),
+        ("power_viscous", {"Fp": (-0.1, 0.01)}, "Fp = -0.1"),
+        ("asymmetric_viscous", {"Fva": (-0.1, 0.01)}, ""),
+    ],
+)
+def test_values_that_hardly_any_machine_has(effect: str, values: dict[str, tuple[float, float]], told: str) -> None:
+    found = unusual_values(fit(effect, values), SimpleNamespace(effect=lambda at: EFFECTS[at.effect]))  # type: ignore[arg-type]
+    assert [one.place for one in found] == ([f"{effect.replace('_', ' ')}, joint 2"] if told else [])
+    assert all(one.text.startswith(told) and one.code.severity is DOUBT for one in found)
