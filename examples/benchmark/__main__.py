@@ -7,6 +7,7 @@ import os
 import sys
 from collections.abc import Sequence
 from dataclasses import asdict
+from importlib.metadata import version
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -42,7 +43,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     chosen = [method for method in METHODS if method in options.methods and method not in missing]
     lines = {method: run(folders, options.out, method, jobs=options.jobs) for method in chosen}
     # Only here, when all answers are there, is the truth opened.
-    data = {"order": asdict(order), "methods": counted(lines, {f.name: read_truth(f) for f in folders})}
+    data = {
+        "order": asdict(order),
+        "packages": {NEEDS[method]: version(NEEDS[method]) for method in chosen if method in NEEDS},
+        "methods": counted(lines, {folder.name: read_truth(folder) for folder in folders}),
+    }
     shown = texts(data)
     if options.figures:
         command = command_of("examples.benchmark", ["OUT", "--figures", str(options.figures)])

@@ -84,7 +84,8 @@ def counted(lines: Mapping[str, Sequence[Line]], truths: Mapping[str, Truth]) ->
 def _of_method(pairs: Sequence[tuple[Line, Truth]]) -> dict[str, Any]:
     tally: dict[str, Counter[str]] = {name: Counter() for name in GROUPS}
     kinds: dict[str, Counter[str]] = {}
-    inside, all_parameters, judged = 0, 0, 0
+    inside: dict[bool, list[int]] = {True: [0, 0], False: [0, 0]}
+    judged = 0
     for line, truth in pairs:
         if (of := group(truth)) is None:
             continue
@@ -94,13 +95,12 @@ def _of_method(pairs: Sequence[tuple[Line, Truth]]) -> dict[str, Any]:
         tally[of]["false names"] += false_names(line, truth) > 0
         tally[of]["right alone"] += result == "right" and not false_names(line, truth)
         kinds.setdefault(truth.effects[0][0] if truth.effects else "nothing", Counter())[result] += 1
-        good, count = within(line, truth)
-        inside, all_parameters = inside + good, all_parameters + count
+        inside[truth.clutter] = [a + b for a, b in zip(inside[truth.clutter], within(line, truth), strict=True)]
     return {
         "judged": judged,
         "groups": {name: dict(counts) for name, counts in tally.items()},
         "kinds": {name: dict(counts) for name, counts in sorted(kinds.items())},
-        "within": [inside, all_parameters],
+        "within": {"bare": inside[False], "planted": inside[True]},
         "seconds": [round(f(line["seconds"] for line, _ in pairs), 1) for f in (median, max)],
     }
 
@@ -113,13 +113,38 @@ def texts(data: Mapping[str, Any]) -> dict[str, str | list[str]]:
     rows = [(kind.replace("_", " "), *(_kind(counts["kinds"][kind]) for counts in methods.values())) for kind in names]
     shown["kinds"] = table(("hidden", *(TITLES[m] for m in methods)), rows)
     shown["cost"] = table(
-        ("method", f"base parameters within {SIGMAS:g} σ", "seconds of processor time, median (largest)"),
-        [(TITLES[m], _part(*c["within"]), f"{c['seconds'][0]:g} ({c['seconds'][1]:g})") for m, c in methods.items()],
+        (
+            "method",
+            f"parameters within {SIGMAS:g} σ",
+            "... with small further effects",
+            "processor time, median (largest)",
+        ),
+        [
+            (
+                TITLES[m],
+                *(_part(*c["within"][of]) for of in ("bare", "planted")),
+                "{:g} s ({:g} s)".format(*c["seconds"]),
+            )
+            for m, c in methods.items()
+        ],
     )
+    for method, counts in methods.items():
+        for of in GROUPS:
+            own = counts["groups"][of]
+            shown[f"{method}.{of}"] = _part(own.get("right", 0), _number(own))
+        own = counts["groups"]["catalogue"]
+        shown[f"{method}.alone"] = _part(own.get("right alone", 0), _number(own))
+        shown[f"{method}.seconds"] = f"{counts['seconds'][0]:g} s"
     order = data["order"]
     shown["cases"] = str(next(iter(methods.values()))["judged"])
     shown["seeds"] = f"{order['first_seed']} to {order['first_seed'] + order['seeds'] - 1}"
+    shown["packages"] = ", ".join(f"{name} {version}" for name, version in data["packages"].items()) or "none"
     return shown
+
+
+def _number(counts: Mapping[str, int]) -> int:
+    """Cases that are judged."""
+    return sum(counts.get(name, 0) for name in OUTCOMES)
 
 
 def _of_group(methods: Mapping[str, Any], of: str) -> list[str]:
@@ -127,7 +152,7 @@ def _of_group(methods: Mapping[str, Any], of: str) -> list[str]:
     rows = []
     for method, counts in methods.items():
         own = counts["groups"][of]
-        number = sum(own.get(name, 0) for name in OUTCOMES)
+        number = _number(own)
         cells = [str(own.get(name, 0)) for name in OUTCOMES]
         rows.append(
             (TITLES[method], str(number), *cells, str(own.get("right alone", 0)), str(own.get("false names", 0)))

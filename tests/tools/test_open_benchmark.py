@@ -104,10 +104,11 @@ def test_the_tables_hold_what_was_counted() -> None:
     bad = {"b1": line("named", Name("spring", 1)), "b2": line("named", Name("spring", 1)), "b3": line("error"),
            "b4": line("named", Name("spring", 1))}  # fmt: skip
     lines = {m: [{**one, "case": name} for name, one in own.items()] for m, own in (("ours", good), ("sindy", bad))}
-    data = {"order": {"first_seed": 5, "seeds": 3}, "methods": counted(lines, truths)}
+    data = {"order": {"first_seed": 5, "seeds": 3}, "packages": {"a": "1.0"}, "methods": counted(lines, truths)}
     shown = texts(json.loads(json.dumps(data)))
     assert shown["cases"] == "3"
     assert shown["seeds"] == "5 to 7"
+    assert shown["packages"] == "a 1.0"
     assert shown["catalogue"][2] == "| this project | 1 | 1 | 0 | 0 | 0 | 0 | 0 | 1 | 0 |"
     assert shown["catalogue"][3] == "| SINDy | 1 | 0 | 0 | 1 | 0 | 0 | 0 | 0 | 1 |"
     assert shown["outside"][3] == "| SINDy | 1 | 0 | 0 | 1 | 0 | 0 | 0 | 0 | 1 |"
