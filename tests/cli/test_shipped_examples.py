@@ -22,6 +22,8 @@ from tests.conftest import ROOT
 EXAMPLES = examples()
 NOT_WRITTEN = {"index.toml", "first_hour.ipynb"}
 """Files of examples/ that no example holds: a notebook needs more than the package."""
+OF_THE_PROJECT = {"benchmark", "__pycache__"}
+"""Folders that no example holds: the benchmark needs the simulator of the tests."""
 
 
 def written_files(folder: Path) -> set[str]:
@@ -36,7 +38,8 @@ def folders(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Written]:
 
 
 def test_every_file_of_the_examples_is_in_one(folders: dict[str, Written]) -> None:
-    own = {path.name for path in (ROOT / "examples").rglob("*") if path.is_file() and path.parent.name != "__pycache__"}
+    files = [path for path in (ROOT / "examples").rglob("*") if path.is_file()]
+    own = {path.name for path in files if not OF_THE_PROJECT & set(path.parts)}
     named = {path.name for written in folders.values() for path in written.files}
     assert own - named == NOT_WRITTEN
 

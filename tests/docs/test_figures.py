@@ -13,6 +13,7 @@ from typing import Any
 
 import pytest
 
+from examples.benchmark.score import texts as of_methods
 from tests.conftest import ROOT
 from tests.figures import FOLDER, write_figures
 from tests.tools.benchmarks.__main__ import BENCHMARKS
@@ -130,7 +131,12 @@ def test_figures_of_discovery_are_those_of_its_table() -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "texts"), [("speed", lambda data: of_benchmarks(data, list(BENCHMARKS))), ("foreign", of_fmus)]
+    ("name", "texts"),
+    [
+        ("speed", lambda data: of_benchmarks(data, list(BENCHMARKS))),
+        ("foreign", of_fmus),
+        ("benchmark", of_methods),
+    ],
 )
 def test_what_is_shown_follows_from_what_was_measured(name: str, texts: Callable[[Any], Mapping[str, Any]]) -> None:
     held = json.loads((FOLDER / f"{name}.json").read_text(encoding="utf-8"))

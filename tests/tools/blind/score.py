@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -89,12 +89,14 @@ class Score:
 
 @dataclass(frozen=True)
 class Truth:
-    """What a case hides: effects with their joints (None: not judged), the largest gap, whether clutter is planted."""
+    """What a case hides: effects with their joints (None: not judged), the largest gap, whether clutter is planted, and
+    the base parameters by name."""
 
     effects: tuple[tuple[str, int | None], ...]
     gap: float
     clutter: bool
     rate_hz: float
+    parameters: Mapping[str, float] = field(default_factory=dict)
 
 
 def read_truth(folder: Path) -> Truth:
@@ -107,7 +109,8 @@ def read_truth(folder: Path) -> Truth:
         for e in content["truth"]
     )
     largest = max((float(g) for g in gaps["train"]), default=0.0)
-    return Truth(effects, largest, content.get("clutter", "none") != "none", float(case["measurement"]["rate_hz"]))
+    clutter, rate = content.get("clutter", "none") != "none", float(case["measurement"]["rate_hz"])
+    return Truth(effects, largest, clutter, rate, content.get("parameters", {}))
 
 
 def same_class(one: str, other: str) -> bool:
@@ -137,8 +140,8 @@ def matches(finding: Mapping[str, Any], effect: str, joint: int | None) -> bool:
     return right and (joint is None or finding.get("joint") == joint)
 
 
-def _serious(findings: Iterable[Mapping[str, Any]], truth: Truth) -> list[Mapping[str, Any]]:
-    """Findings apart from planted clutter that is not what is hidden."""
+def without_clutter(findings: Iterable[Mapping[str, Any]], truth: Truth) -> list[Mapping[str, Any]]:
+    """Findings apart from planted clutter that is not what is hidden: those that are judged."""
     return [
         f
         for f in findings
@@ -151,7 +154,7 @@ def _serious(findings: Iterable[Mapping[str, Any]], truth: Truth) -> list[Mappin
 
 def in_set(line: Mapping[str, Any], truth: Truth) -> bool:
     """Whether the first serious finding, or its set, holds the class of the one effect that is hidden."""
-    serious = _serious(line["findings"], truth)
+    serious = without_clutter(line["findings"], truth)
     if not serious or len(truth.effects) != 1:
         return False
     return any(same_class(name, truth.effects[0][0]) for name in members(serious[0]))
@@ -171,7 +174,7 @@ def score(lines: Sequence[Mapping[str, Any]], truths: Mapping[str, Truth]) -> Sc
     shrinks, notes = [], []
     for line in lines:
         truth, verdict = truths[line["case"]], line["verdict"]
-        serious = _serious(line["findings"], truth)
+        serious = without_clutter(line["findings"], truth)
         refused = verdict in ("unknown", "disagreement") or (verdict == "nothing" and not line["findings"])
         called = str(serious[0]["effect"]) if serious else ("unknown" if verdict == "unknown" else verdict)
         called = "clutter only" if not serious and verdict.startswith("named") else called
