@@ -15,6 +15,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fmu_didim.base.documents import Count, NotNegative, Positive
 from fmu_didim.base.errors import InputError
@@ -30,6 +31,16 @@ from fmu_didim.fit.statistics import covariance_white, influence_efficient, nois
 from fmu_didim.fit.uncertainty import Uncertainty, stretches, uncertainty
 from fmu_didim.model.loop_model import LoopModel
 from fmu_didim.model.prediction import of_all
+
+ALIKE = 1e-6
+"""[s] Up to which instants of torque and positions are the same: digits of a file. A position at 10 rad/s moves by
+1e-5 rad in it."""
+EVEN = 0.01
+"""[1] Of a period, up to which instants may lie off an even grid and still be one, as those of a reference may."""
+GAP = 0.5
+"""[periods of the cut-off] Longest gap between rows that a spline fills with what the filter lets through."""
+BESIDE = 1.0
+"""[periods of the cut-off] On both sides of a longer gap, what is left out: so far the filter mixes what is in it."""
 
 
 @dataclass(frozen=True)
@@ -157,20 +168,21 @@ class IdimLs(Estimator):
     def _rows(self, model: LoopModel, label: str) -> tuple[Array, Array, Array, Array]:
         """Time (M,), regressor (M, n, b), target (M, n) and known torque (M, n) of the rows of an experiment."""
         experiment = model.experiments[label]
-        q, rate = self._positions(model, label)
+        even, q = self._positions(model, label)
+        rate = (even.size - 1) / (even[-1] - even[0])
         q = LowPass(self.cutoff_hz, self.order).apply(q, rate)
         dq = np.gradient(q, 1 / rate, axis=0)
         time, motion = experiment.time, (q, dq, np.gradient(dq, 1 / rate, axis=0))
-        if self.held:
-            time = acting_instants(model, label)
-            motion = moved_to(time, experiment.time, motion)
+        if self.held or not np.array_equal(even, time):
+            time = acting_instants(model, label) if self.held else time
+            motion = moved_to(time, even, motion)
 
         def rows(observed: Array) -> tuple[Array, Array]:
             columns, known = model.parameters.regressor(*motion, sharp=self.sharp_coulomb, observed=observed)
             return of_all(model, label, columns, known)
 
         columns, known = rows(observed_on(model.parameters, time, motion, experiment.torque, rows))
-        kept = self.inner
+        kept = self.inner(experiment.time)
         target = self.decimated((experiment.torque - known)[kept])
         return (
             experiment.time[kept][:: self.decimation],
@@ -179,13 +191,16 @@ class IdimLs(Estimator):
             self.decimated(known[kept]),
         )
 
-    def _positions(self, model: LoopModel, label: str) -> tuple[Array, float]:
-        positions = self.positions(model, label)
-        time = model.experiments[label].time
-        if positions.time.shape != time.shape or np.abs(positions.time - time).max() > 1e-6:
+    def _positions(self, model: LoopModel, label: str) -> tuple[Array, Array]:
+        """Even instants (K,), those of the torque where they are even, and the positions (K, n) there."""
+        positions, time = self.positions(model, label), model.experiments[label].time
+        first = int(np.searchsorted(positions.time, time[0] - ALIKE))
+        rows = slice(first, first + time.size)  # of the part of the torque that is fitted
+        at = positions.time[rows]
+        if at.shape != time.shape or np.abs(at - time).max() > ALIKE:
             raise InputError(
-                "idim_ls needs torque and positions at the same instants.", where=label,
-                got=f"{time.size} torque samples, {positions.time.size} positions",
+                f"{self.name} needs torque and positions at the same instants.", where=label,
+                got=f"torque {_instants(time)}, positions {_instants(positions.time)}",
                 next_step="Give both at the full rate of the positions.",
             )  # fmt: skip
         rate = (time.size - 1) / (time[-1] - time[0])
@@ -196,16 +211,38 @@ class IdimLs(Estimator):
                 next_step="State one above the motion and below the noise, such as ten times the highest frequency of "
                 "the motion.",
             )  # fmt: skip
-        return positions.select([f"q{j}" for j in range(1, model.joint_count + 1)]), float(rate)
+        return on_even_grid(time, positions.select([f"q{j}" for j in range(1, model.joint_count + 1)])[rows])
 
-    @property
-    def inner(self) -> slice:
-        """The samples of a log that are not dropped."""
-        return slice(self.skip, -self.skip or None)
+    def inner(self, time: Array) -> NDArray[np.intp]:
+        """The samples of a log (N,) that are not dropped: those at its ends are, and those beside a gap in which the
+        filter would see more than a spline knows."""
+        kept = np.ones(time.size, dtype=bool)
+        kept[: self.skip] = kept[time.size - self.skip :] = False
+        for i in np.flatnonzero(np.diff(time) > GAP / self.cutoff_hz):
+            kept &= (time < time[i] - BESIDE / self.cutoff_hz) | (time > time[i + 1] + BESIDE / self.cutoff_hz)
+        return np.flatnonzero(kept)
 
     def decimated(self, values: Array) -> Array:
         """One of so many rows (N, ...), all of one log, filtered before."""
         return values if self.decimation == 1 else thinned(values, self.decimation)
+
+
+def _instants(time: Array) -> str:
+    """How many instants (N,) there are and where, in words."""
+    return f"{time.size} samples from {time[0]:.6g} to {time[-1]:.6g} s"
+
+
+def on_even_grid(time: Array, q: Array) -> tuple[Array, Array]:
+    """Instants and positions (N, n) as they are where the rows are even, else on the even grid of their usual step, by
+    cubic splines: filter and differences need that."""
+    step = float((time[-1] - time[0]) / (time.size - 1))
+    if np.abs(time - time[0] - step * np.arange(time.size)).max() <= EVEN * step:
+        return time, q
+    from scipy.interpolate import CubicSpline  # few cases need it
+
+    usual = float(np.median(np.diff(time)))
+    even = time[0] + usual * np.arange(int((time[-1] - time[0]) / usual + 1e-6) + 1)
+    return even, np.asarray(CubicSpline(time, q)(even))
 
 
 def acting_instants(model: LoopModel, label: str) -> Array:
