@@ -78,6 +78,30 @@ def test_noise_of_positions_biases_least_squares_and_not_instruments(draws: int)
     assert inside.mean() >= 0.92  # intervals are wide where noise is twice differentiated, not narrow
 
 
+def test_values_of_no_machine_become_the_nearest_of_one_and_are_a_doubt() -> None:
+    """A torque of joint 2 that lacks its inertia and a little more; where the loop of the case cannot move what is
+    left, or much more is lacking, it is refused."""
+    whole = case_of("idim_ls", 0, 2e-5)
+    log, run = whole.signals["log"], motion()
+    column, inertia = log.names.index("tau2"), truth()["ZZ2"]
+
+    def answer(lacks: float, **changes: Any) -> Result:
+        values = log.values.copy()
+        values[:, column] -= lacks * (run.column("ddq1") + run.column("ddq2"))
+        signals = {"log": replace(log, values=values)}
+        return identify(load_case({**whole.content, **changes}, folder=SCARA.parent, signals=signals))
+
+    virtual = {"controller": {"kind": "tracking"}, "loop": {"rate_hz": 200}}
+    found = answer(1.02 * inertia, **virtual)
+    assert found.parameters["ZZ2"].value > 0
+    assert found.verdict == "doubtful"
+    assert {"mass-matrix-indefinite", "not-physical"} & {reason.code for reason in found.reasons}
+    assert "nearest that a machine can have" in " ".join(found.document.remarks)
+    for lacks, changes in ((1.02, {}), (3.0, virtual)):
+        with pytest.raises(RefusedError, match="not physical"):
+            answer(lacks * inertia, **changes)
+
+
 def test_a_part_of_the_log_gives_what_that_part_alone_gives() -> None:
     """Torque is taken from ``from_s`` to ``to_s``; positions of the same file at the same instants go with it."""
     whole, part = case_of("idim_ls", 0), {"from_s": 2.0, "to_s": 8.0}
