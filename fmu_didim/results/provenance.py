@@ -101,6 +101,7 @@ OF_ROBOTS = (
     suspects_in_loop,
     sampling_kind,
     held_out,
+    idim_ls,
 )
 """Modules of which nothing is asked where a model has neither controller nor torque."""
 OF_OUTPUTS = (
