@@ -239,7 +239,10 @@ def of_any_output(estimate: Estimate) -> list[Diagnostic]:
     torque, and a prior."""
     model = estimate.model
     asked = model if estimate.unlimited is None else model.with_values(estimate.unlimited)
-    found = [*physical_diagnostics(asked, estimate.covariance), *coarse_diagnostics(estimate)]
+    found = physical_diagnostics(asked, estimate.covariance)
+    if asked is not model:
+        found = [replace(one, text=f"By the data alone: {one.text}") for one in found]
+    found += coarse_diagnostics(estimate)
     return [*found, *roughness_diagnostics(estimate.roughness, model), *channel_diagnostics(estimate),
             *prior_diagnostics(estimate), *virtual_diagnostics(estimate), *search_diagnostics(estimate),
             *profile_diagnostics(estimate), *load_diagnostics(estimate)]  # fmt: skip

@@ -328,7 +328,7 @@ def torque_estimate(
         remarks=(
             *minimum.remarks,
             *_of_failures(iterations),
-            *_of_limits(model, fit.values, known.deviation, unlimited),
+            *remarks_of_limits(model, fit.values, known.deviation, unlimited),
         ),
         advice="" if settled else unsettled_advice(model, iterations),
     )
@@ -355,7 +355,7 @@ def _of_failures(iterations: Sequence[Iteration]) -> list[str]:
     return [f"{begin}; first {failed[0]}."]
 
 
-def _of_limits(model: LoopModel, values: Array, deviation: Array, unlimited: Array | None) -> list[str]:
+def remarks_of_limits(model: LoopModel, values: Array, deviation: Array, unlimited: Array | None) -> list[str]:
     """What the limits of machines change of an answer, in words."""
     if unlimited is None:
         return []

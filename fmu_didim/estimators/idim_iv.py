@@ -89,7 +89,8 @@ class IdimIv(IdimLs):
                 "simulation.",
             ) from failed  # fmt: skip
         assert prediction.columns is not None  # base parameters alone are free
-        kept = [self.decimated(table()[0][self.inner]) for table in prediction.columns]
+        logs = zip(model.estimation_labels, prediction.columns, strict=True)
+        kept = [self.decimated(table()[0][self.inner(model.experiments[label].time)]) for label, table in logs]
         note = f"simulated at the nearest values that can be: {impossible}" if impossible else ""
         return np.concatenate(kept), note
 

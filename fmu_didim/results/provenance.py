@@ -31,7 +31,7 @@ from fmu_didim.checks.motion import colour, dependence, periods
 from fmu_didim.checks.motion import suspects as suspects_in_loop
 from fmu_didim.checks.outputs import following, outliers, succession, suspects, trusted
 from fmu_didim.data.tables import clock
-from fmu_didim.estimators import finish, initial_states, local_minima
+from fmu_didim.estimators import finish, idim_ls, initial_states, local_minima
 from fmu_didim.estimators.search import best, places
 from fmu_didim.estimators.starts import reference_start
 from fmu_didim.fit import confounding, linear_problem, log_noise, statistics, uncertainty
@@ -66,6 +66,7 @@ DECIDING = (
     (reference_start, ("SMOOTHED", "NOISE_OF_ACCELERATION")),
     (finish, ("INTEGRATION_TOLERANCE", "INTEGRATION_SHIFT", "MAXIMUM_REFINEMENTS", "FINISH_TOLERANCE")),
     (finish, ("ROUNDS", "SAME_INFLATION")),
+    (idim_ls, ("EVEN", "GAP", "BESIDE", "WORSE")),
     (shared, ("SHORTEST_BLOCK_S", "MEMORIES", "FEWEST_BLOCKS")),
     (channels, ("DISAGREEMENT", "EXPLAINED", "CERTAIN", "COLOURED", "LARGER")),
     (prior, ("DISAGREEMENT", "DECIDED")),
@@ -100,6 +101,7 @@ OF_ROBOTS = (
     suspects_in_loop,
     sampling_kind,
     held_out,
+    idim_ls,
 )
 """Modules of which nothing is asked where a model has neither controller nor torque."""
 OF_OUTPUTS = (

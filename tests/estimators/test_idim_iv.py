@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -9,12 +11,13 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
+from numpy.typing import NDArray
 
 from fmu_didim import Case, Result, identify, load_case, simulate, trajectory
 from fmu_didim.base.errors import InputError
 from fmu_didim.data.signals import Array, Trajectory
 from fmu_didim.estimators.idim_iv import WEAK, IdimIv, cragg_donald
-from fmu_didim.estimators.idim_ls import acting_instants
+from fmu_didim.estimators.idim_ls import IdimLs, acting_instants, on_even_grid
 from fmu_didim.fit.estimate import RefusedError
 from tests.helpers import ROOT
 
@@ -73,6 +76,85 @@ def test_noise_of_positions_biases_least_squares_and_not_instruments(draws: int)
     assert np.abs(errors["idim_iv"].mean(axis=0)).max() < 1.2
     inside = np.abs(errors["idim_iv"]) < 1.96
     assert inside.mean() >= 0.92  # intervals are wide where noise is twice differentiated, not narrow
+
+
+def test_values_of_no_machine_become_the_nearest_of_one_and_are_a_doubt() -> None:
+    """A torque of joint 2 that lacks its inertia and a little more; where the loop of the case cannot move what is
+    left, or much more is lacking, it is refused."""
+    whole = case_of("idim_ls", 0, 2e-5)
+    log, run = whole.signals["log"], motion()
+    column, inertia = log.names.index("tau2"), truth()["ZZ2"]
+
+    def answer(lacks: float, **changes: Any) -> Result:
+        values = log.values.copy()
+        values[:, column] -= lacks * (run.column("ddq1") + run.column("ddq2"))
+        signals = {"log": replace(log, values=values)}
+        return identify(load_case({**whole.content, **changes}, folder=SCARA.parent, signals=signals))
+
+    virtual = {"controller": {"kind": "tracking"}, "loop": {"rate_hz": 200}}
+    found = answer(1.02 * inertia, **virtual)
+    assert found.parameters["ZZ2"].value > 0
+    assert found.verdict == "doubtful"
+    told = {reason.code: reason.text for reason in found.reasons}
+    assert told["mass-matrix-indefinite"].startswith("By the data alone: ")  # of those that are given it is definite
+    assert "nearest that a machine can have" in " ".join(found.document.remarks)
+    for lacks, changes in ((1.02, {}), (3.0, virtual)):
+        with pytest.raises(RefusedError, match="not physical"):
+            answer(lacks * inertia, **changes)
+
+
+def test_a_part_of_the_log_gives_what_that_part_alone_gives() -> None:
+    """Torque is taken from ``from_s`` to ``to_s``; positions of the same file at the same instants go with it."""
+    whole, part = case_of("idim_ls", 0), {"from_s": 2.0, "to_s": 8.0}
+    log = whole.signals["log"]
+    kept = (log.time >= 2.0 - 1e-9) & (log.time <= 8.0 + 1e-9)
+    train = {**whole.content["train"], **part}
+    alone = replace(log, time=log.time[kept], values=log.values[kept])
+    found = [
+        identify(load_case({**whole.content, "train": train}, folder=SCARA.parent, signals={"log": one})).parameters
+        for one in (log, alone)
+    ]
+    assert {name: p.value for name, p in found[0].items()} == {name: p.value for name, p in found[1].items()}
+
+
+@pytest.mark.gate
+@pytest.mark.parametrize(
+    "lacks",
+    [
+        lambda time: (time > 5) & (time < 5.5),
+        lambda time: np.random.default_rng(1).random(time.size) < 0.02,
+    ],
+    ids=["half a second", "rows here and there"],
+)
+def test_rows_that_are_missing_do_not_bias(lacks: Callable[[Array], NDArray[np.bool_]]) -> None:
+    """Rows taken for even ones put velocities and accelerations off: an error of ten sigma, or no machine at all."""
+    whole = case_of("idim_ls", 0, 2e-5)
+    log = whole.signals["log"]
+    kept = ~lacks(log.time)
+    kept[[0, -1]] = True
+    signals = {"log": replace(log, time=log.time[kept], values=log.values[kept])}
+    found = identify(load_case(dict(whole.content), folder=SCARA.parent, signals=signals))
+    assert np.abs(errors_of(found)).max() < 3
+
+
+def test_what_lies_beside_a_gap_is_left_out_and_even_rows_stay_as_they_are() -> None:
+    estimator = IdimLs(cutoff_hz=50.0, skip=10)
+    time = 0.001 * np.delete(np.arange(1000), slice(500, 550))
+    lacking = time[np.setdiff1d(np.arange(time.size), estimator.inner(time))]
+    assert lacking[10] == pytest.approx(0.479) and lacking[-11] == pytest.approx(0.57)
+    even = 0.001 * np.arange(1000)
+    assert on_even_grid(even, np.zeros((1000, 2)))[0] is even
+    grid, q = on_even_grid(time, np.sin(6 * time)[:, None])
+    assert grid == pytest.approx(even) and q[:, 0] == pytest.approx(np.sin(6 * even), abs=1e-6)
+
+
+def test_positions_between_the_samples_of_the_torque_are_refused_with_both_times() -> None:
+    whole = case_of("idim_ls", 0)
+    log = whole.signals["log"]
+    late = {"log": log, "positions": replace(log, time=log.time + 0.001)}
+    train = {**whole.content["train"], "positions": {"file": "positions"}}
+    with pytest.raises(InputError, match=r"idim_ls needs .* same instants[^$]*positions \d+ samples from 0.001 to"):
+        identify(load_case({**whole.content, "train": train}, folder=SCARA.parent, signals=late))
 
 
 @pytest.mark.gate

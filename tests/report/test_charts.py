@@ -218,3 +218,11 @@ def test_matrix_has_two_hues_and_no_negative_zero() -> None:
     ]  # fmt: skip
     assert found.shows_values
     assert not matrix("m", [str(k) for k in range(20)], {}, largest=1.0).shows_values
+
+
+@pytest.mark.filterwarnings("error")
+def test_values_that_are_too_large_to_draw_are_gaps() -> None:
+    """As those of a parameter over a described value that is zero but for rounding."""
+    x = np.arange(3.0)
+    found = line(written(chart(Series("a", x, np.array([1.0, 1e80, 2.0]), "final"))), 0, "a")[1]
+    np.testing.assert_array_equal(found, [1.0, np.nan, 2.0])

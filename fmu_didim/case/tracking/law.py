@@ -3,6 +3,11 @@
     tau = u + w^2 M (q_ref - q) + 2 w M (dq_ref - dq),    M = diag of the inertia matrix at the mean posture
     u(t_k) = W(q_ref, dq_ref, ddq_ref) chi at t_k + h/2,  chi by least squares of the measured torque
 
+M is that of chi, or of the nearest values that a machine can have where chi is of none: inertias of a wrist may be too
+small beside its friction to come out positive. Where joints move each other so much that the sampled loop could not be
+stable with M in some posture of the log, as two parallel axes of an arm of seven joints do, each joint has the least
+inertia in the place of M that it feels with the others free, 1/(M(q)^-1)_jj.
+
 u makes the loop follow closely whatever the bandwidth of the feedback, which the sampled loop limits; what u lacks the
 feedback adds, and tau, both together, is what is compared. A torque that is held from t_k to t_k + h moves the
 plant as that of t_k + h/2.
@@ -25,12 +30,17 @@ from fmu_didim.components import Component, ModelComponent
 from fmu_didim.components.compiled_model import with_compiled_twin
 from fmu_didim.controllers.pd import PD
 from fmu_didim.data.signals import Array, Trajectory, Variable
-from fmu_didim.estimators.starts.reference_start import Motion, observed_on
+from fmu_didim.estimators.starts.reference_start import Motion, observed_on, values_of_machine
 from fmu_didim.model.parameters import RobotParameters
 
 FEEDBACK = 1 / 25
 """[1] Of the control rate, the highest natural frequency of the feedback: w h = 0.25 and Kd h / M = 0.5, where a
 sampled joint is stable with a quarter of its inertia, too."""
+LIGHTER = 4.0
+"""[1] Largest eigenvalue of M(q)^-1 M in a posture q of the log: how much lighter a motion of several joints may be
+than each of them, as the feedback is stable with a quarter of the inertia."""
+POSTURES = 16
+"""[postures] Of each run, evenly in time, in which that is asked."""
 ROUNDS = 2
 """[fits] Least squares with joints weighted alike, then by what they leave."""
 NO_LOADS: Mapping[str, str] = MappingProxyType({})
@@ -116,10 +126,10 @@ def virtual_law(
     Raises:
         InputError: torque and positions are of no machine.
     """
-    values = _values(parameters, [run for k, run in runs.items() if k not in loads] or list(runs.values()), step)
+    fitted = [run for k, run in runs.items() if k not in loads] or list(runs.values())
+    values = _values(parameters, fitted, step)
     own = {label: _values(parameters, [runs[of]], step) for label, of in loads.items() if of in runs}
-    posture = np.concatenate([run.motion.at(run.time)[0] for run in runs.values()]).mean(axis=0)
-    inertia = _inertia(parameters, values, posture)
+    inertia = _felt(parameters, values, fitted, step)
     if (bad := np.flatnonzero(~(inertia > 0))).size:
         raise InputError(
             "Torque and positions give a joint no positive inertia, so that a controller has no gains.",
@@ -132,14 +142,48 @@ def virtual_law(
 
 def _values(parameters: RobotParameters, runs: Sequence[Measured], step: float) -> Array:
     """(b,) base parameters by least squares of the torque along measured motions."""
-    pairs = [_rows(parameters, run, step) for run in runs]
-    columns, target = (np.concatenate([pair[i] for pair in pairs]) for i in (0, 1))
+    columns, target = _all_rows(parameters, runs, step)
     deviation, values = target.std(axis=0) + np.finfo(float).tiny, np.zeros(columns.shape[2])
     for _ in range(ROUNDS):
         table = (columns / deviation[:, None]).reshape(-1, columns.shape[2])
         values = np.linalg.lstsq(table, (target / deviation).reshape(-1), rcond=None)[0]
         deviation = np.maximum((target - columns @ values).std(axis=0), 1e-9 * deviation)
     return values
+
+
+def _felt(parameters: RobotParameters, values: Array, runs: Sequence[Measured], step: float) -> Array:
+    """(n,) inertia of each joint for its gains."""
+    mean = np.concatenate([run.motion.at(run.time)[0] for run in runs]).mean(axis=0)
+    places = [np.linspace(0, run.time.size - 1, POSTURES).astype(int) for run in runs]
+    postures = np.concatenate([run.motion.at(run.time[k])[0] for run, k in zip(runs, places, strict=True)])
+    postures = np.vstack([mean, postures])
+    matrices = _inertias(parameters, values, postures)
+    if not np.linalg.eigvalsh(matrices).min() > 0:
+        matrices = _inertias(parameters, _of_machine(parameters, values, runs, step), postures)
+    inertia = np.diag(matrices[0]).copy()
+    if not np.linalg.eigvalsh(matrices).min() > 0 or _lightest(matrices, inertia) <= LIGHTER:
+        return inertia
+    inertia = np.min(1 / np.diagonal(np.linalg.inv(matrices), axis1=1, axis2=2), axis=0)
+    return np.asarray(inertia * min(1.0, LIGHTER / _lightest(matrices, inertia)))
+
+
+def _lightest(matrices: Array, inertia: Array) -> float:
+    """Largest eigenvalue of M(q)^-1 M for matrices (K, n, n) and M = diag(n,)."""
+    root = np.sqrt(inertia)
+    return float(np.linalg.eigvalsh(root[:, None] * np.linalg.inv(matrices) * root).max())
+
+
+def _of_machine(parameters: RobotParameters, values: Array, runs: Sequence[Measured], step: float) -> Array:
+    """(b,) base parameters of a machine, nearest to those by least squares."""
+    columns, target = _all_rows(parameters, runs, step)
+    deviation = (target - columns @ values).std(axis=0) + np.finfo(float).tiny
+    return values_of_machine(parameters, values, (columns / deviation[:, None]).reshape(-1, columns.shape[2]))
+
+
+def _all_rows(parameters: RobotParameters, runs: Sequence[Measured], step: float) -> tuple[Array, Array]:
+    """Regressor and torque of all runs, one below the other."""
+    pairs = [_rows(parameters, run, step) for run in runs]
+    return np.concatenate([pair[0] for pair in pairs]), np.concatenate([pair[1] for pair in pairs])
 
 
 def _rows(parameters: RobotParameters, run: Measured, step: float) -> tuple[Array, Array]:
@@ -153,14 +197,15 @@ def _rows(parameters: RobotParameters, run: Measured, step: float) -> tuple[Arra
     return columns, run.torque - known
 
 
-def _inertia(parameters: RobotParameters, values: Array, posture: Array) -> Array:
-    """(n,) torque of each joint for an acceleration of one, less that at rest."""
-    n = posture.size
-    q, rest, unit = np.tile(posture, (n, 1)), np.zeros((n, n)), np.eye(n)
+def _inertias(parameters: RobotParameters, values: Array, postures: Array) -> Array:
+    """(K, n, n) inertia matrices at postures (K, n): torque for an acceleration of one joint, less that at rest."""
+    count, n = postures.shape
+    q, rest, unit = np.repeat(postures, n, axis=0), np.zeros((count * n, n)), np.tile(np.eye(n), (count, 1))
 
     def torque(ddq: Array) -> Array:
-        observed = parameters.observed_along(np.zeros(n), q, rest, ddq, values)
+        observed = parameters.observed_along(np.zeros(count * n), q, rest, ddq, values)
         columns, known = parameters.regressor(q, rest, ddq, observed=observed)
         return np.asarray(columns @ values + known)
 
-    return np.asarray(np.diag(torque(unit) - torque(rest)))
+    found = (torque(unit) - torque(rest)).reshape(count, n, n)
+    return np.asarray((found + found.transpose(0, 2, 1)) / 2)

@@ -144,7 +144,8 @@ class Dependence:
     @property
     def looks(self) -> str:
         """What a model may lack that would look like it, in words."""
-        return " or ".join(dict.fromkeys(looks_like(name) for name in (self.most, *self.as_well)))
+        words = (looks_like(name).split(" or ") for name in (self.most, *self.as_well))
+        return " or ".join(dict.fromkeys(word for several in words for word in several))
 
 
 def motion_diagnostics(found: Sequence[Dependence]) -> list[Diagnostic]:

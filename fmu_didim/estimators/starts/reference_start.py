@@ -7,12 +7,15 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from fmu_didim.base.errors import IdentificationError
 from fmu_didim.data.filters import LowPass
 from fmu_didim.data.signals import Array, Trajectory, Variable, derivative, white_noise
+from fmu_didim.fit.feasibility import nearest_physical
+from fmu_didim.fit.linear_problem import SAME_DIRECTION, LinearProblem
 from fmu_didim.fit.noise.noise import motion_frequency
-from fmu_didim.fit.statistics import least_squares
+from fmu_didim.fit.statistics import covariance_white, least_squares
 from fmu_didim.model.loop_model import LoopModel, Simulation
-from fmu_didim.model.parameters import Parameters
+from fmu_didim.model.parameters import Parameters, RobotParameters
 from fmu_didim.model.prediction import sampled_regressor
 
 SMOOTHED = (0.5, 0.2, 0.1, 0.05, 0.02, 0.01, 0.005)
@@ -158,6 +161,21 @@ def observed_on(
     names = tuple(parameters.names[i] for i in kept)
     theta[kept] = least_squares(flat[:, kept], (torque - known).reshape(-1), names=names).solution
     return parameters.observed_along(time, *motion, theta)
+
+
+def values_of_machine(parameters: RobotParameters, values: Array, whitened: Array) -> Array:
+    """The base parameters that a machine can have and that are nearest to least-squares ones (b,), by the covariance of
+    their regressor (r, b), each row of which is divided by the deviation of its torque.
+
+    Those themselves where the motion leaves a direction of them open, or no machine has what the description knows.
+    """
+    problem = LinearProblem.of(whitened[:, None, :], np.zeros((whitened.shape[0], 1)))
+    if not (problem.scale > 0).all() or problem.condition > 1 / SAME_DIRECTION:
+        return values
+    try:
+        return nearest_physical(parameters.model, parameters.base, values, covariance_white(whitened)).values
+    except IdentificationError:
+        return values
 
 
 def reference_motion(reference: Trajectory, joint_count: int) -> Motion:

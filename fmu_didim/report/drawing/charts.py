@@ -168,14 +168,15 @@ def _axis(x: Array) -> dict[str, Any]:
 
 
 def _rounded(y: Array) -> dict[str, Any]:
-    """Values (N,) in 16 bits each, over their range; values that are not finite become gaps.
+    """Values (N,) in 16 bits each, over their range; values that are not finite, or too large to draw, become gaps.
 
     Values over many decades are written as floats, so that the smallest keep their digits on a logarithmic axis.
     """
     y = np.asarray(y, dtype=float)
+    y = np.where(np.abs(y) <= np.finfo(np.float32).max, y, np.nan)
     finite = np.abs(y[np.isfinite(y)])
     if not finite.size or (finite > 0).sum() < 2 or finite[finite > 0].min() < finite.max() / 1e3 or y.size < 64:
-        return {"floats": base64.b64encode(np.where(np.isfinite(y), y, np.nan).astype("<f4").tobytes()).decode()}
+        return {"floats": base64.b64encode(y.astype("<f4").tobytes()).decode()}
     low, high = float(np.nanmin(y)), float(np.nanmax(y))
     scale = (high - low) / LEVELS or 1.0
     steps = np.where(np.isfinite(y), np.round((y - low) / scale), LEVELS + 1).astype("<u2")

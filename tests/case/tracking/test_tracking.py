@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fmu_didim import Result, discover, identify, load_case, simulate
+from fmu_didim import Case, Result, discover, identify, load_case, simulate, trajectory
 from fmu_didim.base.errors import InputError
+from fmu_didim.case.tracking.law import LIGHTER
 from fmu_didim.checks.data.linear_fit import motion_with_regressor
 from fmu_didim.dynamics.robot import read_robot, write_robot
 from tests.case.tracking.hidden import SCARA, case_of, content_of, errors_of, machine, truth
@@ -64,6 +65,51 @@ def test_gains_come_from_the_inertia_matrix() -> None:
     assert law.law.inertia[1] == pytest.approx(truth()["ZZ2"], rel=0.05)
     assert law.law.inertia[0] > truth()["ZZ1R"]
     assert law.law.frequency_hz * 25 <= 200 * (1 + 1e-9)
+
+
+COAXIAL = """
+schema: 1
+name: coaxial
+gravity: [0, 0, -9.81]
+joints:
+  - {type: revolute, effects: [viscous], parameters: {ZZ: 0.02, Fv: 0.5}}
+  - {type: revolute, effects: [viscous], parameters: {ZZ: 1.0, Fv: 0.5}}
+"""
+"""Moved against each other they have a fiftieth of the inertia that each has alone."""
+
+
+def coaxial(tmp_path: Path, lacking: float = 0.0) -> Case:
+    """A log at 1 kHz of these joints, whose torque lacks so much of the inertia of joint 1."""
+    (tmp_path / "coaxial.yaml").write_text(COAXIAL, encoding="utf-8")
+    time = np.arange(4001) / 1000.0
+    q, dq, ddq = (
+        np.column_stack([w1**k * np.sin(w1 * time + shift), w2**k * np.sin(w2 * time + shift)])
+        for k, w1, w2, shift in ((k, 4.0, 5.5, k * np.pi / 2) for k in range(3))
+    )
+    tau = np.column_stack([(1.02 - lacking) * ddq[:, 0] + ddq[:, 1], ddq.sum(axis=1)]) + 0.5 * dq
+    log = trajectory(time, dict(zip(("q1", "q2", "tau1", "tau2"), np.hstack([q, tau]).T, strict=True)))
+    content = {"schema": 1, "name": "coaxial", "robot": "coaxial.yaml", "controller": {"kind": "tracking"}}
+    content |= {"train": {"torque": {"file": "log"}, "positions": {"file": "log"}}}
+    return load_case(content, folder=tmp_path, signals={"log": log})
+
+
+def test_joints_about_one_axis_have_a_stable_feedback(tmp_path: Path) -> None:
+    """By the inertia of each joint alone the gains of the pair are a hundred times too high for a sampled loop."""
+    case = coaxial(tmp_path)
+    assert case.tracking is not None
+    mass = np.array([[1.02, 1.0], [1.0, 1.0]])
+    assert np.linalg.eigvals(np.linalg.solve(mass, np.diag(case.tracking.law.inertia))).max() <= LIGHTER
+    model = case.model
+    run = model.simulation(model.start, "estimation")
+    simulated = motion_with_regressor(run).along.motion[0]
+    assert np.abs(simulated - run.experiment.reference.select(["q1", "q2"])[: simulated.shape[0]]).max() < 1e-3
+
+
+def test_an_inertia_that_comes_out_negative_has_the_gain_of_the_nearest_machine(tmp_path: Path) -> None:
+    law = coaxial(tmp_path, lacking=0.03).tracking
+    assert law is not None
+    values = dict(zip(law.law.parameters.names, law.law.values, strict=True))
+    assert values["ZZ1"] < 0 < law.law.inertia.min()
 
 
 def test_less_noise_of_positions_allows_a_higher_bandwidth() -> None:

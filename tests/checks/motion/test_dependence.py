@@ -282,6 +282,11 @@ def test_what_a_model_lacks_is_named(joint, name, looks):
     assert looks in told.looks
 
 
+def test_a_cause_of_two_functions_is_said_once():
+    told = replace(Dependence.untested(1, 100), most="jerk", as_well=(TORQUE_RATE,))
+    assert told.looks == "an elastic joint or a wrong clock or a lag of the drive"
+
+
 def test_every_function_looks_like_something():
     model = model_of(Path("examples/double_pendulum/identify.yaml"))
     names = {name for one in functions_of_motion(model.simulation(model.start)) for name in one}
