@@ -171,15 +171,11 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 BUSY = dict.fromkeys(
-    (
-        "campaigns", "choose-a-motion", "cluster", "discovery", "examples", "exchange", "low-rate", "modelica",
-        "search-and-profile", "swap-controller", "watch",
-    ),
-    pytest.mark.slow,
-)  # fmt: skip
+    ("campaigns", "cluster", "discovery", "modelica", "swap-controller", "low-rate", "examples"), pytest.mark.slow
+)
 """Pages that are not run at the gate: on a busy machine Dask's own processes may not come or go in time, discoveries on
-six joints, searches and optimal motions take minutes, and what the campaign and the Modelica example of the README and
-the page of foreign FMUs run is enough there. The examples have tests of their own."""
+six joints take minutes, and what the campaign and the Modelica example of the README and the page of foreign FMUs run
+is enough there. The examples have tests of their own."""
 
 
 def _fill_in(folder: Path) -> None:
