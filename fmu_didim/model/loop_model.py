@@ -63,6 +63,11 @@ class EffectAtJoint:
     effect: str
     joint: int
 
+    @property
+    def text(self) -> str:
+        """In words."""
+        return f"{self.effect.replace('_', ' ')}, joint {self.joint}"
+
 
 @dataclass(frozen=True)
 class LoopModel:

@@ -42,7 +42,7 @@ from fmu_didim.checks.data.timing import CLOCK_EARLY, CLOCK_LATE, CLOCK_SLIGHTLY
 from fmu_didim.checks.judgement import MATTERS
 from fmu_didim.checks.motion.colour import Colour, Columns, Logs, orthonormal, rest_of, triangle
 from fmu_didim.checks.motion.functions import SIGNATURE, TORQUE_RATE, functions_of_motion, looks_like
-from fmu_didim.checks.motion.misfits import Misfit
+from fmu_didim.checks.motion.misfits import AT_ONCE, Misfit
 from fmu_didim.cosim import Indices
 from fmu_didim.data.signals import Array
 from fmu_didim.fit.fit import Fit
@@ -82,8 +82,6 @@ SIGNIFICANT = 2.0
 """[standard deviations] From which a value is different from zero."""
 OWN_PART = 1e-6
 """[1] Least fraction of a column that is independent of the others."""
-AT_ONCE = 16
-"""[misfits] Whose signatures are looked at together: some of them take as much memory as the sensitivities of a fit."""
 LARGEST_GAIN = 100.0
 """[1] Of the criterion over the samples that is distinguished from an infinite one."""
 

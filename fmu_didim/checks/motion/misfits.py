@@ -39,7 +39,8 @@ from fmu_didim.model.parameters import RobotParameters
 from fmu_didim.model.workers import side_by_side
 
 AT_ONCE = 16
-"""[loads] Whose answers are computed together: those of a long log take much memory."""
+"""[misfits] That are answered, and looked at, together: some of a long log take as much memory as the sensitivities of
+a fit."""
 EPSILON = float(np.finfo(float).eps)
 """[1] Singular value of the largest one, for each row, below which columns depend on each other."""
 SMALL_STEP = 1e-4

@@ -133,5 +133,5 @@ def _places(discovery: Discovery) -> list[str]:
     """The names of what was found, in the order of the ladders."""
     return [
         *(one.parameter.name for one in discovery.refitted),
-        *(f"{step.effect_at.effect.replace('_', ' ')}, joint {step.effect_at.joint}" for step in discovery.steps),
+        *(step.effect_at.text for step in discovery.steps),
     ]

@@ -63,8 +63,7 @@ def unusual_values(fit: Fit, builder: LoopModelBuilder) -> list[Diagnostic]:
         places, deviations = _amplitudes(fit, index), np.sqrt(np.diag(fit.covariance))
         values, own = ({name: float(of[i]) for name, i in places.items()} for of in (fit.values, deviations))
         if told := builder.effect(effect_at).unusual(values, own):
-            place = f"{effect_at.effect.replace('_', ' ')}, joint {effect_at.joint}"
-            found.append(Diagnostic(UNUSUAL, f"{told}.", place))
+            found.append(Diagnostic(UNUSUAL, f"{told}.", effect_at.text))
     return found
 
 

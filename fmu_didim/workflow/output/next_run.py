@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from contextlib import suppress
 from copy import deepcopy
 from dataclasses import replace
 from pathlib import Path
@@ -48,10 +49,8 @@ def write_next_run(
             continue
         motion = None
         if rung.rung in ("held_out", "speed"):
-            try:
+            with suppress(FmuDidimError):  # a reference without positions, or an effect that shows on no given motion
                 motion = _motion(found, step, rung)
-            except FmuDidimError:  # a reference without positions, or an effect that shows on no given motion
-                motion = None
             if motion is None:
                 continue
         content = _lines(case, rung, motion, home)
