@@ -11,7 +11,8 @@ class GravityCompensator(TorqueEffect):
 
     Revolute: l^2 = Lc^2 + rc^2 + 2 Lc rc cos(q - qc), with the distance Lc of the spring's foot from the axis, the
     lever rc and the position qc at which the spring is longest. Prismatic: l^2 = Lc^2 + (q - qc)^2, a spring across the
-    slide. Fgc is the force in N at l0 = sqrt(Lc^2 + rc^2) (Lc for a slide), kgc the stiffness in N/m. The part
+    slide. Fgc is the pull in N at l0 = sqrt(Lc^2 + rc^2) (Lc for a slide), negative for a strut that pushes (a gas spring,
+    a hydraulic cylinder); kgc is the stiffness in N/m. The part
     l dl/dq kgc of a revolute joint looks exactly like gravity.
     """
 
@@ -29,7 +30,7 @@ class GravityCompensator(TorqueEffect):
     signed = frozenset({"qc"})
     acts_on_link = True
     own_parameters = (
-        Parameter("Fgc", "N", "force of the compensator's spring at its reference length", least=0.0),
+        Parameter("Fgc", "N", "pull of the compensator's spring at its reference length, negative where it pushes"),
         Parameter("kgc", "N/m", "stiffness of the compensator's spring", least=0.0),
     )
     own_shapes = (

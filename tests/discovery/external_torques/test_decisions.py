@@ -199,16 +199,19 @@ def test_torques_that_last_may_as_well_be_a_load(
     ("torques", "period", "back"),
     [
         ([torque(1, 2), torque(4, 5)], 3.0, True),
-        ([torque(1, 2), torque(4.09, 5)], 3.0, True),  # within 0.1 s
-        ([torque(1, 2), torque(4.11, 5)], 3.0, False),
-        ([torque(1, 2), torque(2.04, 2.5)], 1.0, True),  # within a twentieth of the period
-        ([torque(1, 2), torque(2.06, 2.5)], 1.0, False),
+        # By overlap: edges of what follows the motion smoothly lie somewhat elsewhere in each period.
+        ([torque(1, 2), torque(4.3, 5.1)], 3.0, True),
+        ([torque(1, 2), torque(4.49, 5.49)], 3.0, True),
+        ([torque(1, 2), torque(4.51, 5.51)], 3.0, False),
+        ([torque(3.507, 5.981, 0.081), torque(11.29, 13.711, 0.078), torque(19.588, 21.527, 0.084)], 8.0, True),
+        ([torque(1, 2), torque(4, 5, 0.3)], 3.0, False),  # of another size
+        ([torque(1, 2), torque(4, 5, -1.0)], 3.0, False),  # of the other direction
         ([torque(1, 2), torque(4, 5)], None, False),
         ([torque(1, 2), torque(4, 5)], 2.0, False),
         # By impulse: half of it must come back.
-        ([torque(1, 2, 1.0), torque(4, 5, -1.0), torque(6, 7, 1.9)], 3.0, True),
-        ([torque(1, 2, 1.0), torque(4, 5, -1.0), torque(6, 7, 2.1)], 3.0, False),
-        ([torque(1, 2, 1.0), torque(4, 5, 1.0), torque(6, 8, -1.1)], 3.0, False),
+        ([torque(1, 2), torque(4, 5), torque(6.2, 8.1)], 3.0, True),
+        ([torque(1, 2), torque(4, 5), torque(7.9, 10, -1.0)], 3.0, False),
+        ([torque(1, 2, -1.0), torque(4, 5, -1.0)], 3.0, True),
     ],
 )
 def test_a_torque_that_comes_back_belongs_to_the_machine(
