@@ -36,7 +36,7 @@ DECIDING = (
         ),
     ),
     (decide, ("ROUNDS", "BIC", "SMALLEST_SIZE", "SMALLEST_GAIN", "SMALLEST_SHARE", "SMALLEST_PART", "NEAR")),
-    (held_out, ("HELD_OUT", "WORSE_JOINT", "NEARER", "FEWEST_BLOCKS", "GLITCH")),
+    (held_out, ("HELD_OUT", "WORSE_JOINT", "NEARER", "OWN_SIZE", "FEWEST_BLOCKS", "GLITCH")),
     (plausible, ("ZERO",)),
     (pre_check, ("FITTED", "PROMISING", "WORSE")),
     (rounds, ("KEPT_GAIN",)),

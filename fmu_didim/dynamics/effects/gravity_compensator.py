@@ -11,9 +11,9 @@ class GravityCompensator(TorqueEffect):
 
     Revolute: l^2 = Lc^2 + rc^2 + 2 Lc rc cos(q - qc), with the distance Lc of the spring's foot from the axis, the
     lever rc and the position qc at which the spring is longest. Prismatic: l^2 = Lc^2 + (q - qc)^2, a spring across the
-    slide. Fgc is the pull in N at l0 = sqrt(Lc^2 + rc^2) (Lc for a slide), negative for a strut that pushes (a gas spring,
-    a hydraulic cylinder); kgc is the stiffness in N/m. The part
-    l dl/dq kgc of a revolute joint looks exactly like gravity.
+    slide. Fgc is the pull in N at l0 = sqrt(Lc^2 + rc^2) (Lc for a slide), negative for a strut that pushes (a gas
+    spring, a hydraulic cylinder); kgc is the stiffness in N/m. The part l dl/dq kgc of a revolute joint looks exactly
+    like gravity.
     """
 
     name = "gravity_compensator"

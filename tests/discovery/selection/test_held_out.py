@@ -86,6 +86,19 @@ def test_an_effect_that_may_be_half_as_large_is_not_confirmed(size: float) -> No
     assert held_out_objection(before, after) != ""
 
 
+@pytest.mark.parametrize(("size", "drift", "confirmed"), [(1.0, 0.75, True), (1.3, 0.95, True), (0.7, 0.45, False)])
+def test_an_effect_of_another_size_is_not_confirmed_by_its_size(size: float, drift: float, confirmed: bool) -> None:
+    """What copies another effect along the fitted motion has another size where the joints move otherwise."""
+    rest = 0.5 * white()
+    first = rest + size * 0.6 * EFFECT
+    before, after = fits(first, first - 0.6 * EFFECT + drift * BASE, columns=BASE)
+    ratio, amplitude = held_out_ratio(before, after), held_out_amplitude(before, after)
+    assert ratio is not None and amplitude is not None
+    assert amplitude.low > 0.5 and ratio.value < 1.0 < ratio.high
+    assert (amplitude.high >= 1.0) is confirmed
+    assert (held_out_objection(before, after) == "") is confirmed
+
+
 def test_the_objection_says_how_large_it_is() -> None:
     before, after = fits(*spoiled(0.6, drift=0.0, seed=2), columns=BASE)
     amplitude, objection = held_out_amplitude(before, after), held_out_objection(before, after)
