@@ -154,7 +154,7 @@ def _comes_back(external_torques: Sequence[ExternalTorque], period: float | None
 
     def torque(time: Array) -> Array:
         acts = [np.where((p.begin_s <= time) & (time < p.end_s), p.torque, 0.0) for p in external_torques]
-        return np.sum(acts, axis=0)
+        return np.asarray(np.sum(acts, axis=0))
 
     own = torque(middles)
     again = np.max([torque(middles + k * period) * np.sign(own) for k in (-1, 1)], axis=0)
