@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from fmu_didim.discovery import base_model, judge, localise, run
+from fmu_didim.discovery import base_model, form, judge, localise, run
 from fmu_didim.discovery.external_torques import search
 from fmu_didim.discovery.ladder import evidence, facts, motions
 from fmu_didim.discovery.screening import catalogue
@@ -36,6 +36,7 @@ DECIDING = (
         ),
     ),
     (decide, ("ROUNDS", "BIC", "SMALLEST_SIZE", "SMALLEST_GAIN", "SMALLEST_SHARE", "SMALLEST_PART", "NEAR")),
+    (form, ("LEAD", "OWN", "TURNS")),
     (held_out, ("HELD_OUT", "WORSE_JOINT", "NEARER", "OWN_SIZE", "FEWEST_BLOCKS", "GLITCH")),
     (plausible, ("ZERO",)),
     (pre_check, ("FITTED", "PROMISING", "WORSE")),

@@ -12,6 +12,7 @@ from fmu_didim.checks.motion.misfits import Misfits
 from fmu_didim.checks.power.moves import with_power
 from fmu_didim.data.signals import Array
 from fmu_didim.discovery.augmentation.builder import LoopModelBuilder
+from fmu_didim.discovery.form import FoundCurve
 from fmu_didim.discovery.friction import friction_curves
 from fmu_didim.discovery.judge import answer_of, judged
 from fmu_didim.discovery.localise import force_windows
@@ -23,7 +24,7 @@ from fmu_didim.discovery.unfinished import unfinished_search
 from fmu_didim.discovery.untried import EFFECTS_UNTRIED
 from fmu_didim.dynamics.effects import EFFECTS
 from fmu_didim.fit.fit import Fit
-from fmu_didim.fit.gap import Ratio, channel_gaps, joint_gaps, total_gap
+from fmu_didim.fit.gap import Ratio, channel_gaps, explained_gap, gaps, held_out_ratio, joint_gaps, total_gap
 from fmu_didim.fit.noise.noise import Noise
 from fmu_didim.fit.statistics import confidence_interval, relative_error_percent
 from fmu_didim.model.free_parameter import FreeParameter
@@ -33,6 +34,7 @@ from fmu_didim.results.findings import (
     Answer,
     CandidateResult,
     ChannelResult,
+    CurveResult,
     FindingResult,
     FindingsDocument,
     GapPair,
@@ -59,6 +61,7 @@ def findings_document(
     windows: Sequence[WindowResult],
     regions: Sequence[RegionResult],
     ladders: Sequence[Sequence[RungResult]] = (),
+    curves: Sequence[FoundCurve] = (),
 ) -> FindingsDocument:
     """Everything that was found, with intervals and gaps.
 
@@ -67,6 +70,7 @@ def findings_document(
         outside: torques from outside, which come first; windows: when they acted.
         regions: where the base model disagrees.
         ladders: of what was found, shapes that were fitted anew first; none while the search goes on.
+        curves: of what is missing and has no name.
     """
     residuals = residuals_of(discovery.base, discovery.final)
     unfinished_diagnostic, unfinished = unfinished_search(discovery, request.progress.limit_s)
@@ -102,6 +106,7 @@ def findings_document(
         base_fit=values_found(base, lambda parameter: parameter.effect is None),
         regrouping=base.model.parameters.relations(),
         friction=friction_curves(builder, base, discovery.final),
+        curves=[_curve(curve, request.options.seed) for curve in curves],
         torque_unit=list(base.model.parameters.torque_units),
         seconds=0.0,
         notes=_notes(judgement, notes, discovery),
@@ -201,6 +206,26 @@ def _smoothing(found: Refitted, discovery: Discovery) -> FindingResult:
         parameters=values_found(final, lambda parameter: parameter.key == found.parameter.key),
         share_of_gap=found.share, delta_bic=found.delta_bic, ambiguous=[], experiment=effect.experiment, gap=gaps,
         ratio_interval=None,
+    )  # fmt: skip
+
+
+def _curve(found: FoundCurve, seed: int) -> CurveResult:
+    effect, (at, torque, half_width) = found.tried.effect, found.drawn()
+    before, after = gaps(found.before), gaps(found.fit)
+    ratio = held_out_ratio(found.before, found.fit, seed=seed)
+    return CurveResult(
+        joint=found.tried.effect_at.joint, effect=effect.name, title=effect.title, variable=effect.variable,
+        unit=found.tried.unit, at=at.tolist(), torque=torque.tolist(), half_width=half_width.tolist(),
+        share_of_gap=explained_gap(found.before, found.fit, found.fit.noise)[1], delta_bic=found.delta_bic,
+        rivals=list(found.rivals), instead_of=[(a.effect, a.joint) for a in found.instead_of],
+        gap={
+            label: GapPair(
+                before=_norm(own), after=_norm(after[label]), before_per_joint=own.tolist(),
+                after_per_joint=after[label].tolist(),
+            )
+            for label, own in before.items()
+        },
+        ratio_interval=None if ratio is None else (ratio.low, ratio.high),
     )  # fmt: skip
 
 

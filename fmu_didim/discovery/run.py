@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time as clock
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -18,6 +19,7 @@ from fmu_didim.discovery.document import findings_document
 from fmu_didim.discovery.external_torques.findings import external_torque_finding, external_torque_windows
 from fmu_didim.discovery.external_torques.fit import FittedExternalTorques, find_external_torques
 from fmu_didim.discovery.external_torques.rivals import rivalled
+from fmu_didim.discovery.form import FoundCurve, with_curves
 from fmu_didim.discovery.judge import has_external_torques
 from fmu_didim.discovery.ladder.ladders import contradictions, ladders_of, of_event, of_other_size
 from fmu_didim.discovery.localise import regions_of_fit
@@ -25,7 +27,7 @@ from fmu_didim.discovery.request import Request
 from fmu_didim.discovery.selection.held_out import unconfirmed
 from fmu_didim.discovery.selection.plausible import unusual_values
 from fmu_didim.discovery.selection.refitted import Refitted, refitted_notes, refitted_shapes, with_stated
-from fmu_didim.discovery.selection.rounds import Discovery, run_rounds
+from fmu_didim.discovery.selection.rounds import Discovery, Ending, run_rounds
 from fmu_didim.discovery.unfinished import ended_before
 from fmu_didim.discovery.untried import motion_notes, untried_effects
 from fmu_didim.fit.fit import Fit
@@ -72,11 +74,13 @@ class Found:
     Attributes:
         document: the content of ``findings.json``.
         discovery: base and final fit with the steps between; builder: of the final model.
+        curves: of what is missing and has no name.
     """
 
     document: FindingsDocument
     discovery: Discovery
     builder: LoopModelBuilder
+    curves: tuple[FoundCurve, ...] = ()
 
 
 def discover(model: LoopModel, request: Request) -> Found:
@@ -171,6 +175,12 @@ class _Search:
         tested = discovery.steps and self.torques is None and not any(step.untested for step in discovery.steps)
         if tested and (why := unconfirmed(base, discovery.final, seed=options.seed)):
             discovery, ratio = _withdrawn(discovery, why), None
+        curves, of_curves = tuple[FoundCurve, ...](), list[str]()
+        if self.torques is None and discovery.ending is Ending.COMPLETE:
+            named = discovery.steps
+            discovery, curves, of_curves = with_curves(discovery, builder, options, self.request.progress)
+            if discovery.steps != named:
+                ratio = held_out_ratio(base, discovery.final, seed=options.seed) if discovery.steps else None
         if discovery.steps or self.torques is not None or self.request.progress.is_time_up:
             notes = refitted_notes(discovery.final, builder)
         elif refitted := refitted_shapes(discovery.final, builder, options):
@@ -182,7 +192,8 @@ class _Search:
         is_virtual = base.model.loop.is_virtual  # there another way of sampling and a torque held longer look alike
         way = None if is_virtual else other_sampling(of_torque, unshifted, saved=saved, threshold=options.threshold)
         note = [way.text(1 / base.model.experiments[base.model.first].rate_hz)] if way is not None else []
-        return Found(self.written(discovery, ratio, free, *note, *notes), discovery, builder)
+        notes = [*note, *notes, *of_curves]
+        return Found(self.written(discovery, ratio, free, *notes, curves=curves), discovery, builder, curves)
 
     def with_stated(
         self, discovery: Discovery, refitted: tuple[Refitted, ...]
@@ -221,11 +232,18 @@ class _Search:
             for j in range(before.size) if np.hypot(after[j], 1) > TORN * np.hypot(before[j], 1)
         ]  # fmt: skip
 
-    def written(self, discovery: Discovery, ratio: Ratio | None, free: Fit | None, *notes: str) -> FindingsDocument:
+    def written(
+        self,
+        discovery: Discovery,
+        ratio: Ratio | None,
+        free: Fit | None,
+        *notes: str,
+        curves: Sequence[FoundCurve] = (),
+    ) -> FindingsDocument:
         """The document of a discovery.
 
         Args:
-            free: the final model with the torques from outside as parameters.
+            free: the final model with the torques from outside as parameters; curves: of what has no name.
         """
         request, outside, windows = self.request, list[FindingResult](), list[WindowResult]()
         if request.external is not None and self.torques is not None and free is not None:
@@ -239,12 +257,12 @@ class _Search:
         doubts = [
             *self.torn(discovery.final), *untried_effects(self.builder, discovery.final),
             *contradictions(discovery, ladders), *of_other_size(discovery, ladders),
-            *unusual_values(discovery.final, self.builder),
+            *unusual_values(discovery.final, self.builder), *(c.doubted for c in curves if c.doubted is not None),
         ]  # fmt: skip
         document = findings_document(
             replace(request, doubts=(*request.doubts, *doubts)), discovery, self.builder, ratio=ratio,
             notes=all_notes, outside=outside, windows=windows,
-            regions=self.disagreement, ladders=ladders,
+            regions=self.disagreement, ladders=ladders, curves=curves,
         )  # fmt: skip
         if self.is_late and request.external is not None:
             return ended_before(document, request.progress.limit_s, "torques from outside")

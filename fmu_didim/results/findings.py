@@ -300,6 +300,34 @@ class FrictionResult(_Document):
     half_width: list[float] = Field(description="of the 95 % interval of the final model's")
 
 
+class CurveResult(_Document):
+    """The form of what is missing on a joint and has no name: a torque that is a curve of one variable.
+
+    Attributes:
+        effect: under which it can be listed in a robot description; title, variable: in words; unit: of the variable.
+        at: (K,) values of the variable; torque: (K,) in the unit of the torque of the joint, less what the parameters
+            of the model can make themselves.
+        share_of_gap: part of the squared gap that it closes; delta_bic: gain in BIC over the model without it.
+        rivals: other variables, each with the BIC by which it is behind, to first order.
+        instead_of: effects and joints that were named and explain far less, so that the names were taken back.
+    """
+
+    joint: int
+    effect: str
+    title: str
+    variable: str
+    unit: str
+    at: list[float]
+    torque: list[float]
+    half_width: list[float] = Field(description="of its 95 % interval")
+    share_of_gap: float
+    delta_bic: float
+    rivals: list[tuple[str, float]]
+    instead_of: list[tuple[str, int]]
+    gap: dict[str, GapPair] = Field(description="by label of the experiment, without and with it")
+    ratio_interval: tuple[Number, Number] | None = Field(description="95 % interval of the held-out RMS ratio")
+
+
 class FindingsDocument(_Document):
     """The content of ``findings.json``; while the search goes on, the best answer so far.
 
@@ -311,6 +339,7 @@ class FindingsDocument(_Document):
         regions: where the residual of the base model has a mean of its own.
         windows: intervals of time with a torque from outside.
         base_parameters: the parameters of the base model in the final fit; base_fit: in the fit without the effects.
+        curves: of what is missing and has no name.
         friction: of the joints where an effect was found that depends on their velocity alone.
         torque_unit: FMI unit string of the torque of each joint, or of each output that is measured at the same
             instants; outputs: their names, where a model alone stands in the place of a robot.
@@ -345,6 +374,7 @@ class FindingsDocument(_Document):
     base_fit: list[ValueFound] = Field([])
     regrouping: list[str] = Field([], description="of the base parameters: relations such as ZZ1R = ZZ1 + Ia1")
     friction: list[FrictionResult] = Field([])
+    curves: list[CurveResult] = Field([])
     torque_unit: list[str]
     outputs: list[str] = Field([])
     seconds: float

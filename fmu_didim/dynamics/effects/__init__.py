@@ -39,6 +39,12 @@ from fmu_didim.dynamics.effects.coupling_friction import CouplingFriction
 from fmu_didim.dynamics.effects.cubic_spring import CubicSpring
 from fmu_didim.dynamics.effects.cubic_viscous import CubicViscous
 from fmu_didim.dynamics.effects.current_ripple import CurrentRipple
+from fmu_didim.dynamics.effects.curve import Curve
+from fmu_didim.dynamics.effects.curve_of_load import CurveOfLoad
+from fmu_didim.dynamics.effects.curve_of_neighbour import CurveOfNeighbour
+from fmu_didim.dynamics.effects.curve_of_position import CurveOfPosition
+from fmu_didim.dynamics.effects.curve_of_time import CurveOfTime
+from fmu_didim.dynamics.effects.curve_of_velocity import CurveOfVelocity
 from fmu_didim.dynamics.effects.dead_zone import DeadZone
 from fmu_didim.dynamics.effects.delay import Delay
 from fmu_didim.dynamics.effects.directional_efficiency import DirectionalEfficiency
@@ -91,7 +97,8 @@ _ALL: tuple[Effect, ...] = (
     CubicViscous(), PowerViscous(), Stribeck(), Presliding(), LuGre(), LoadDependentFriction(),
     DirectionalEfficiency(), PositionDependentFriction(), CouplingFriction(), WristFriction(), Spring(), CubicSpring(),
     GravityCompensator(), TorqueRipple(), CurrentRipple(), ContactStop(), ContactStopLower(), ThermalFrictionDrift(),
-    TorqueDrift(), ExternalForce(), PayloadChange(),
+    TorqueDrift(), ExternalForce(), PayloadChange(), CurveOfPosition(), CurveOfVelocity(), CurveOfLoad(),
+    CurveOfTime(), CurveOfNeighbour(),
     # drive and sensor
     ControllerGain(), TorqueSaturation(), DriveGain(), DeadZone(), Delay(), ActuatorLag(), EncoderEccentricity(),
     # structure
@@ -213,7 +220,7 @@ def torque_effect(name: str) -> TorqueEffect:
 
 __all__ = [
     "DEFAULT_EFFECTS", "EFFECTS", "LINK_PARAMETERS", "NOMINAL_ACCELERATION", "NOMINAL_SPEED", "PAYLOAD", "UNITS",
-    "Column", "Effect", "InsertedEffect", "JointTorque", "JointType", "JointUnits", "MeasurementEffect",
+    "Column", "Curve", "Effect", "InsertedEffect", "JointTorque", "JointType", "JointUnits", "MeasurementEffect",
     "NonlinearEffect", "OperatingRange", "Parameter", "Place", "PreCheck", "Search", "StatedSize", "StructureEffect",
     "Surroundings", "TorqueEffect", "Values", "clashing_names", "effect_catalogue", "effect_name", "find_effect",
     "torque_effect",

@@ -89,6 +89,7 @@ class Effect(ABC):
         is_base: whether it belongs to every base model, so that it is never proposed.
         is_composed: whether it is made of other effects, which are proposed one by one; it is still named as a member
             of its class.
+        is_form: whether it is the form of something without a name, and proposed where nothing of the catalogue fits.
         is_external: whether it stands for torques from outside, which are looked for on their own, in any number.
         rivals_external_torque: whether it may look like torques from outside and is tried in their place.
         shows_on_neighbours: whether what it does on one joint shows on others too, so that no signature tells whose it
@@ -127,6 +128,7 @@ class Effect(ABC):
 
     is_base: ClassVar[bool] = False
     is_composed: ClassVar[bool] = False
+    is_form: ClassVar[bool] = False
     is_external: ClassVar[bool] = False
     rivals_external_torque: ClassVar[bool] = False
     shows_on_neighbours: ClassVar[bool] = False
@@ -180,7 +182,7 @@ class Effect(ABC):
     @property
     def is_proposed(self) -> bool:
         """Whether it takes part in the competition of the candidates."""
-        return not (self.is_base or self.is_composed or self.pre_check is not None)
+        return not (self.is_base or self.is_composed or self.is_form or self.pre_check is not None)
 
     def clipped(self, name: str, value: float) -> float:
         """A value of a parameter moved into its limits."""

@@ -10,6 +10,7 @@ from urllib.parse import quote
 
 from fmu_didim.report.discovery import texts
 from fmu_didim.report.discovery.charts import friction_charts, saved_charts
+from fmu_didim.report.discovery.curves import curve_sections
 from fmu_didim.report.discovery.regions import regions_by_joint
 from fmu_didim.report.discovery.verdict import verdict_of
 from fmu_didim.report.drawing.diagram import loop_diagram
@@ -62,6 +63,11 @@ FILES = {
     "reference_next": "proposed next experiment", "experiment_next": "next experiment, lines of a case",
 }  # fmt: skip
 """Key of a file -> what it is."""
+OF_CURVES = {
+    "curve_robot_": "robot description with the curve of joint ", "curve_fmu_": "plant with the curve, FMU, joint ",
+    "curve_": "curve with its interval, joint ",
+}  # fmt: skip
+"""Begin of the key of a file, before the number of the joint -> what it is."""
 NAME_WIDTH = 36
 """[characters] Of an effect in the table of gaps; two experiments then have room beside it."""
 SHOWN = 6
@@ -96,6 +102,7 @@ def discovery_report(document: FindingsDocument, parts: Sequence[ExperimentChart
     sections = [
         Section("Findings", [], anchor="findings"),
         *(_finding(document, number, finding) for number, finding in enumerate(document.findings, start=1)),
+        *curve_sections(document),
         _gap(document),
         *([] if document.outputs else [_friction(document)]),
         Section(heading, [], anchor="outputs" if document.outputs else "torque"),
@@ -393,11 +400,12 @@ def _loop(document: FindingsDocument) -> Section:
 
 
 def _files(document: FindingsDocument) -> Section:
-    kinds = {texts.SIGNALS: "torques", texts.SIMULATED: "simulated torques, every control period"}
+    kinds = {texts.SIGNALS: "torques, ", texts.SIMULATED: "simulated torques, every control period, "}
     if document.outputs:
-        kinds = {texts.SIGNALS: "outputs", texts.SIMULATED: "simulated outputs, every step"}
+        kinds = {texts.SIGNALS: "outputs, ", texts.SIMULATED: "simulated outputs, every step, "}
+    kinds |= OF_CURVES
     titles = [
-        next((f"{kinds[k]}, {key.removeprefix(k)}" for k in kinds if key.startswith(k)), FILES.get(key, key))
+        next((f"{kinds[k]}{key.removeprefix(k)}" for k in kinds if key.startswith(k)), FILES.get(key, key))
         for key in document.files
     ]
     links = [Link(name, _target(name)) for name in document.files.values()]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from math import inf
 
+from fmu_didim.report.discovery.curves import curve_words
 from fmu_didim.report.discovery.regions import strongest_regions
 from fmu_didim.report.discovery.texts import gap_text, location, value_line
 from fmu_didim.report.numbers import capitalised
@@ -51,6 +52,10 @@ def verdict_of(document: FindingsDocument) -> Banner:
         sentences += [f"Most of it: {worst[0]}" if worst else "It shows in no region of its own"][
             : not document.outputs
         ]
+    if without_name := [
+        curve_words(c) for c in document.curves if document.answer in ("unknown", "named_with_remainder")
+    ]:
+        sentences.append(f"Its form: {'; '.join(without_name)}")
     sentences += map(capitalised, acknowledged_text(document.acknowledged))
     lines = [". ".join(sentences) + ".", *conditions_text(document.conditions, listed="Notes")]
     return Banner(grade, head, "\n".join(lines), document.reasons)

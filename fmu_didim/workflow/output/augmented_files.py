@@ -19,6 +19,7 @@ from fmu_didim.components import load_fmu
 from fmu_didim.data.signals import Array, trajectory, write_csv
 from fmu_didim.discovery.augmentation.builder import LoopModelBuilder
 from fmu_didim.discovery.augmentation.places import InWiring
+from fmu_didim.discovery.form import FoundCurve
 from fmu_didim.discovery.run import Found
 from fmu_didim.discovery.signals.run import FoundOnSignals
 from fmu_didim.dynamics.robot import RobotDescription, RobotModel, write_robot
@@ -55,6 +56,23 @@ def write_augmented(
         return files | described, note
     system, note = _write_system(case.name, final, files, out)
     return files | system, note
+
+
+def write_curve(builder: LoopModelBuilder, curve: FoundCurve, out: Path) -> dict[str, str]:
+    """The curve of what has no name as CSV: variable, torque and half of its 95 % interval; where the equations of the
+    robot are known, its description and FMU with the curve as an effect."""
+    joint, (at, torque, half_width) = curve.tried.effect_at.joint, curve.drawn()
+    name = f"curve_joint{joint}"
+    table = np.column_stack([at, torque, half_width])
+    np.savetxt(out / f"{name}.csv", table, delimiter=",", header="x,torque,half_width", comments="", fmt="%.9g")
+    files = {f"curve_{joint}": f"{name}.csv"}
+    if builder.description is None:
+        return files
+    robot = augmented_robot(builder, curve.fit)
+    robot = robot.model_copy(update={"name": f"{robot.name}_curve_joint{joint}"})
+    write_robot(robot, out / f"{name}_robot.yaml")
+    built = build_fmu(RobotModel(robot).block(), directory=out)
+    return files | {f"curve_robot_{joint}": f"{name}_robot.yaml", f"curve_fmu_{joint}": built.name}
 
 
 def write_signals(found: Found | FoundOnSignals, out: Path) -> dict[str, str]:

@@ -22,6 +22,7 @@ from fmu_didim.workflow.output.augmented_files import (
     augmented_robot,
     move_case,
     write_augmented,
+    write_curve,
     write_signals,
 )
 from fmu_didim.workflow.output.next_run import LINES_FILE, MOTION_FILE, write_next_run
@@ -36,7 +37,7 @@ def result_folder(out: Path | str, *, figures: bool = False) -> ResultFolder:
     from fmu_didim.report.discovery.sections import DISCOVERY_FILE
 
     fixed = (DISCOVERY_FILE, ROBOT_FILE, CASE_FILE, SYSTEM_FILE, NEXT_FILE, LINES_FILE, MOTION_FILE)
-    patterns = ("signals_*.csv", "simulated_*.csv", "figure_*", "data_*.csv", "*.fmu", "reference_next.csv")
+    patterns = ("signals_*.csv", "simulated_*.csv", "figure_*", "data_*.csv", "curve_*", "*.fmu", "reference_next.csv")
     return ResultFolder(Path(out), "discover", FINDINGS_FILE, fixed, patterns, "files", figures)
 
 
@@ -54,6 +55,9 @@ def write_found(
         augmented, note = write_augmented(case, found, found.builder.description, new, home)
         files |= augmented
         notes.append(note)
+    for curve in found.curves:
+        progress.say(f"writing the curve of joint {curve.tried.effect_at.joint}")
+        files |= write_curve(found.builder, curve, new)
     document = found.document
     proposed: dict[str, str] = {}
     if found.builder.description is not None and not progress.is_time_up:

@@ -50,6 +50,15 @@ static double friction(const double *f, double t, double q, double v, const doub
     return sum;
 }
 
+/* A function of one variable that no effect of the catalogue is; CURVE_KIND says of which. */
+static double curve(const double *f, double t, double q, double v, double other) {
+    int kind = (int)f[CURVE_KIND];
+    double x = kind == 2 ? v : kind == 3 ? t : kind == 4 ? other : q;
+    double u = (x - f[CURVE_PLACE]) / f[CURVE_WIDTH];
+    if (kind == 5) return u / (1.0 + u * u); /* a detent: it pulls towards one position, less the farther away */
+    return kind == 4 ? u * u * exp(-u * u) : exp(-u * u);
+}
+
 /* Torque that depends on position and time only. */
 static double position_torque(const double *f, double t, double q, double v, double other) {
     double sum = 0.0;
@@ -70,7 +79,7 @@ static double position_torque(const double *f, double t, double q, double v, dou
     }
     if (f[CHIRP] != 0.0) sum += f[CHIRP] * sin(2.0 * 3.14159265358979323846 * (f[CHIRP_START] + 0.5 * f[CHIRP_RATE] * t) * t);
     if (f[COUPLING] != 0.0) sum += f[COUPLING] * sin(2.0 * q - 3.0 * other) * (1.0 + 0.5 * cos(5.0 * other));
-    return sum;
+    return sum + f[CURVE] * curve(f, t, q, v, other);
 }
 
 /* Torque of a gear with play: a spring outside the gap. */

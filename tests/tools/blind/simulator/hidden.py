@@ -268,5 +268,34 @@ UNKNOWN: Mapping[str, Maker] = {
 }  # fmt: skip
 """Effects outside the catalogue: to be refused, not named. A push may be called an external force."""
 
+
+def _curve(
+    kind: int, equation: str, place: Callable[[np.random.Generator, Surroundings], float], width: float
+) -> Maker:
+    """A function of one variable, of a width as a part of the range of that."""
+
+    def make(rng: np.random.Generator, s: Surroundings) -> Form:
+        sign, ranges = float(rng.choice([-1.0, 1.0])), {2: 2 * np.ptp(s.q), 3: s.duration_s, 4: np.ptp(s.q)}
+        at, wide = place(rng, s), float(width * rng.uniform(0.8, 1.25) * ranges.get(kind, np.ptp(s.q)))
+        numbers = {"CURVE_KIND": float(kind), "CURVE_PLACE": at, "CURVE_WIDTH": wide}
+        text = equation.replace("u", f"((x - {at:.9g})/{wide:.9g})")
+        return Form(text, 0.4 * s.dry, 40 * s.dry, lambda a: {"CURVE": sign * a, **numbers})
+
+    return make
+
+
+def _within(rng: np.random.Generator, s: Surroundings) -> float:
+    return float(np.quantile(s.q, rng.uniform(0.3, 0.7)))
+
+
+CURVES: Mapping[str, Maker] = {
+    "unknown_notch": _curve(1, "exp(-u**2), x = q", _within, 0.15),
+    "unknown_detent": _curve(5, "u/(1 + u**2), x = q", _within, 0.1),
+    "unknown_hump": _curve(2, "exp(-u**2), x = dq", lambda rng, s: float(rng.choice([-1, 1]) * np.ptp(s.q) / 2), 0.15),
+    "unknown_swell": _curve(3, "exp(-u**2), x = t", lambda rng, s: float(rng.uniform(0.3, 0.7) * s.duration_s), 0.2),
+    "unknown_neighbour": _curve(4, "u**2*exp(-u**2), x = other q", lambda rng, s: float(rng.uniform(-0.3, 0.3)), 0.2),
+}  # fmt: skip
+"""Functions of one variable outside the catalogue: to be refused, and drawn as a curve."""
+
 WHOLE_ROBOT = ("base_tilt", "payload_change", "log_time_shift")
 """Effects that belong to no joint; the truth states the joint they start from."""

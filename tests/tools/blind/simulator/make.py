@@ -13,7 +13,7 @@ import yaml
 from tests.tools.blind.simulator.describe import case_document, truth_document
 from tests.tools.blind.simulator.design import Design, Motion, development_design, random_motion, varied_design
 from tests.tools.blind.simulator.equations import after_refit, base_columns, root_mean_square
-from tests.tools.blind.simulator.hidden import EFFECTS, UNKNOWN, Form, Surroundings
+from tests.tools.blind.simulator.hidden import CURVES, EFFECTS, UNKNOWN, Form, Surroundings
 from tests.tools.blind.simulator.native import Run, SimulationFailedError, run
 
 Array = np.ndarray
@@ -163,7 +163,7 @@ def make_plant(
     plant, motion = _steady(rng, effects, robots, clutter)
     design = plant.design
     deviation = NOISE * root_mean_square(plant.simulate(motion)[1])
-    makers = {**EFFECTS, **UNKNOWN}
+    makers = {**EFFECTS, **UNKNOWN, **CURVES}
     order = rng.permutation(design.count)
     items = []
     for i, effect in enumerate(effects):
@@ -191,7 +191,7 @@ def _steady(rng: np.random.Generator, effects: Sequence[str], robots: str, clutt
 
 def _needed(effects: Sequence[str]) -> int | None:
     """Two joints, for what one joint cannot show."""
-    coupled = {"base_tilt", "drive_gain", "unknown_coupling"} & set(effects)
+    coupled = {"base_tilt", "drive_gain", "unknown_coupling", "unknown_neighbour"} & set(effects)
     return 2 if coupled or len(effects) > 1 else None
 
 

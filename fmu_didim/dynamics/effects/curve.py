@@ -1,0 +1,84 @@
+"""A torque that is a free function of one variable: the form of something that has no name yet."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from itertools import pairwise
+from typing import ClassVar
+
+import casadi as ca
+import numpy as np
+
+from fmu_didim.data.signals import Array
+from fmu_didim.dynamics.effects.base import TorqueEffect
+from fmu_didim.dynamics.effects.joint import Parameter, Search, Surroundings, Values
+
+LETTERS = "abcdefghijkl"
+"""One of each spline: twelve follow what is a ninth of the range wide."""
+
+
+class Curve(TorqueEffect):
+    """tau_e = sum_k c_k B(9 (x - from)/(to - from) + 1 - k), k = 0 to 11, of a variable x of the motion.
+
+    B(u) = (max(0, 2 - |u|)^3 - 4 max(0, 1 - |u|)^3)/6 is the cubic B-spline with knots one apart: the curve and its
+    slope and curvature are continuous, and all amplitudes equal give a constant. Beyond the range ``from``, ``to`` it
+    stays as at its end. The amplitudes c_k are torques, in N.m (N).
+    """
+
+    class_name = "curve"
+    source = "de Boor: A practical guide to splines, 1978"
+    signature = "Residual that is a smooth function of one variable and no effect of the catalogue."
+    is_form: ClassVar[bool] = True
+    symbol: ClassVar[str]
+    """Of the variable, in the names of its parameters."""
+    variable: ClassVar[str]
+    """In words."""
+
+    @abstractmethod
+    def along(self, at: Surroundings) -> ca.SX:
+        """The variable x."""
+
+    def columns(self, at: Surroundings, shapes: Values) -> tuple[ca.SX, ...]:
+        low, high = self.ends(shapes)
+        place = (len(LETTERS) - 3) * (ca.fmin(ca.fmax(self.along(at), low), high) - low) / (high - low) + 1
+        return tuple(_spline(place - k) for k in range(len(LETTERS)))
+
+    def shape_values(self, low: float, high: float) -> dict[str, float]:
+        """Its shapes for a range."""
+        return {f"{self.symbol}from": low, f"{self.symbol}to": high}
+
+    def basis(self, x: Array, low: float, high: float) -> Array:
+        """(K, m) the splines at values of the variable (K,), for a range."""
+        place = (len(LETTERS) - 3) * (np.clip(x, low, high) - low) / (high - low) + 1
+        away = np.abs(place[:, None] - np.arange(len(LETTERS)))
+        return np.asarray((np.maximum(2 - away, 0) ** 3 - 4 * np.maximum(1 - away, 0) ** 3) / 6)
+
+    def ends(self, shapes: Values) -> tuple[ca.SX, ca.SX]:
+        """Begin and end of its range."""
+        return shapes[f"{self.symbol}from"], shapes[f"{self.symbol}to"]
+
+    def steepest(self, parameters: Values, shapes: Values) -> ca.SX:
+        """A bound of its slope."""
+        low, high = self.ends(shapes)
+        sizes = [parameters[f"c{self.symbol}{letter}"] for letter in LETTERS]
+        steps = [ca.fabs(b - a) for a, b in pairwise(sizes)]
+        return ca.mmax(ca.vertcat(*steps)) * (len(LETTERS) - 3) / (high - low)
+
+
+def curve_parameters(symbol: str) -> tuple[Parameter, ...]:
+    """The amplitudes of a curve of this variable."""
+    return tuple(Parameter(f"c{symbol}{x}", "torque", f"amplitude {x} of the curve") for x in LETTERS)
+
+
+def curve_ends(symbol: str, unit: str, low: float, high: float) -> tuple[Parameter, ...]:
+    """The shapes of a curve: the ends of its range, which are those of a motion."""
+    known = Search(low, high, 2, logarithmic=False, cost=0.0)
+    return (
+        Parameter(f"{symbol}from", unit, "begin of the range of the curve", low, search=known),
+        Parameter(f"{symbol}to", unit, "end of the range of the curve", high, search=known),
+    )
+
+
+def _spline(u: ca.SX) -> ca.SX:
+    away = ca.fabs(u)
+    return (ca.fmax(2 - away, 0) ** 3 - 4 * ca.fmax(1 - away, 0) ** 3) / 6
