@@ -36,7 +36,7 @@ from fmu_didim.discovery.judge import REMAINDER
 from fmu_didim.discovery.progress import Progress
 from fmu_didim.discovery.selection.decide import Options
 from fmu_didim.discovery.selection.held_out import unconfirmed
-from fmu_didim.discovery.selection.rounds import Discovery
+from fmu_didim.discovery.selection.rounds import Discovery, beside_others
 from fmu_didim.dynamics.effects import Curve, JointType, Surroundings
 from fmu_didim.dynamics.robot import RobotModel
 from fmu_didim.fit.base_projection import BaseProjection
@@ -126,7 +126,7 @@ def with_curves(
 ) -> tuple[Discovery, tuple[FoundCurve, ...], list[str]]:
     """The discovery without the names that a curve takes back, the curves, and notes where there is none.
 
-    Looked at is each joint on which an effect of the torque balance was named, and that with the largest remaining gap.
+    Looked at is each joint on which an effect was named, and that with the largest remaining gap.
     """
     found, notes = list[FoundCurve](), list[str]()
     for joint in _joints(discovery, builder):
@@ -144,20 +144,20 @@ def with_curves(
 
 def _joints(discovery: Discovery, builder: LoopModelBuilder) -> list[int]:
     gap = joint_gaps(discovery.final.torque_alone.residual, discovery.final.torque_alone.noise)
-    named = {step.effect_at.joint for step in discovery.steps if _in_balance(builder, step.effect_at)}
+    named = {step.effect_at.joint for step in discovery.steps if _of_machine(builder, step.effect_at)}
     left = {int(np.argmax(gap)) + 1} if gap.max() > REMAINDER else set()
     return sorted(named | left)
 
 
-def _in_balance(builder: LoopModelBuilder, effect_at: EffectAtJoint) -> bool:
-    return builder.effect(effect_at).place == "torque balance"
+def _of_machine(builder: LoopModelBuilder, effect_at: EffectAtJoint) -> bool:
+    return not builder.effect(effect_at).is_of_log
 
 
 def _on_joint(
     discovery: Discovery, builder: LoopModelBuilder, options: Options, joint: int
 ) -> tuple[Discovery, FoundCurve | None, str]:
     final = discovery.final.torque_alone
-    own = [s.effect_at for s in discovery.steps if s.effect_at.joint == joint and _in_balance(builder, s.effect_at)]
+    own = [s.effect_at for s in discovery.steps if s.effect_at.joint == joint and _of_machine(builder, s.effect_at)]
     gap = joint_gaps(final.residual, final.noise)[joint - 1]
     before, named = final, 0.0
     if own:
@@ -182,15 +182,25 @@ def _on_joint(
             f"Joint {joint}: a curve of {best.variable} explains most of what was fitted, but not what was held out "
             f"({why}): it is not shown."
         )  # fmt: skip
-    if not own:
-        return discovery, curve, ""
     told = f"a curve of {curve.tried.effect.variable} explains far more: BIC {curve.delta_bic:.0f} against {named:.0f}"
-    if not imitates(len(own), gap):
+    if own and not imitates(len(own), gap):
         text = f"On {own[0].text} {told}."
         return discovery, replace(curve, doubted=Diagnostic(FORM_DIFFERS, text, own[0].text)), ""
-    refused = (*((effect_at, told) for effect_at in own), *discovery.refused)
-    steps = tuple(step for step in discovery.steps if step.effect_at not in own)
-    return replace(discovery, final=before, steps=steps, refused=refused), replace(curve, instead_of=tuple(own)), ""
+    # What was found beside it, on other joints, may have filled the gaps that it leaves.
+    left = [step for step in discovery.steps if step.effect_at not in own]
+    filled = [s.effect_at for s in left if beside_others(builder, curve.fit, s.effect_at, options)[1]]
+    final = before
+    for effect_at in filled:
+        model = builder.without(final.model, final.model.added_effects.index(effect_at))
+        final = minimise(model, before.noise, stopping=Stopping(updates=1))
+    beside = f"beside a curve of {curve.tried.effect.variable} on joint {joint} it explains nothing"
+    taken = {**dict.fromkeys(own, told), **dict.fromkeys(filled, beside)}
+    kept = tuple(step for step in left if step.effect_at not in filled)
+    refused = (*taken.items(), *discovery.refused)
+    return (
+        replace(discovery, final=final if taken else discovery.final, steps=kept, refused=refused),
+        replace(curve, instead_of=tuple(taken)), "",
+    )  # fmt: skip
 
 
 def imitates(named: int, gap: float) -> bool:

@@ -143,7 +143,8 @@ def _random_rows(model: RobotModel) -> Array:
 
 
 def _random_observed(model: RobotModel, rng: np.random.Generator, count: int) -> Array | None:
-    """Random states, loads and times, (N, no); times lie where something happens by the shapes given in s."""
+    """Random states, loads and times, (N, no); loads and times lie where something happens by the shapes in N.m, N and
+    s."""
     if not model.observed:
         return None
     values = rng.uniform(-1, 1, size=(count, len(model.observed)))
@@ -151,6 +152,8 @@ def _random_observed(model: RobotModel, rng: np.random.Generator, count: int) ->
     if "clock" in names:
         scales = [v.start for v in model.shapes if v.unit == "s" and v.start > 0] or [1.0]
         values[:, names.index("clock")] = rng.choice(scales, count) * rng.uniform(0, 3, count)
+    if sizes := [abs(v.start) for v in model.shapes if v.unit in ("N.m", "N")]:
+        values[:, [name.startswith("load") for name in names]] *= max(sizes)
     return np.asarray(values)
 
 

@@ -304,7 +304,8 @@ class CurveResult(_Document):
     """The form of what is missing on a joint and has no name: a torque that is a curve of one variable.
 
     Attributes:
-        effect: under which it can be listed in a robot description; title, variable: in words; unit: of the variable.
+        joint: from 1; effect: under which it can be listed in a robot description; title, variable: in words.
+        unit: of the variable.
         at: (K,) values of the variable; torque: (K,) in the unit of the torque of the joint, less what the parameters
             of the model can make themselves.
         share_of_gap: part of the squared gap that it closes; delta_bic: gain in BIC over the model without it.

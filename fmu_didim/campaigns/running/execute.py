@@ -214,7 +214,7 @@ def _true(truth: Truth | None, own: Mapping[str, str], name: str) -> float | Non
     return value if with_it == own.get(name.partition("[")[0], "") else None
 
 
-_OF_FINDINGS = {"answer", "findings", "gap", "ratio_interval", "error_percent"}
+_OF_FINDINGS = {"answer", "findings", "curves", "gap", "ratio_interval", "error_percent"}
 """Entries of ``findings.json`` that a row holds, as JSON."""
 
 

@@ -218,21 +218,32 @@ def _candidates(builder: LoopModelBuilder, options: Options) -> list[EffectAtJoi
     return [a for a in candidates if not builder.at(a).is_present]
 
 
+def beside_others(
+    builder: LoopModelBuilder, fit: Fit, effect_at: EffectAtJoint, options: Options
+) -> tuple[Fit | None, bool]:
+    """The fit without one of its effects, None where that cannot be simulated; and whether all else in the model has
+    made the effect superfluous."""
+    index = fit.model.added_effects.index(effect_at)
+    kept = [i for i, parameter in enumerate(fit.model.free_parameters) if parameter.effect != index]
+    smaller = builder.without(fit.model, index)
+    try:
+        without = minimise(smaller, fit.noise, jacobian=fit.jacobian[:, :, kept], stopping=Stopping(updates=1))
+    except SimulationError:
+        return None, False
+    gain = bic_gain(without, fit, builder.at(effect_at).cost, fit.noise)
+    size, _ = explained_gap(without, fit, fit.noise)
+    return without, gain < options.threshold or size < KEPT_GAIN * options.smallest_gain
+
+
 def _backward(
     builder: LoopModelBuilder, fit: Fit, steps: list[Step], options: Options, progress: Progress
 ) -> tuple[Fit, list[Step]]:
     """Take out effects that the newest one has made superfluous."""
     for step in steps[:-1]:
-        index = fit.model.added_effects.index(step.effect_at)
-        kept = [i for i, parameter in enumerate(fit.model.free_parameters) if parameter.effect != index]
-        smaller = builder.without(fit.model, index)
-        try:
-            without = minimise(smaller, fit.noise, jacobian=fit.jacobian[:, :, kept], stopping=Stopping(updates=1))
-        except SimulationError:
+        without, is_superfluous = beside_others(builder, fit, step.effect_at, options)
+        if without is None:
             continue
-        gain = bic_gain(without, fit, builder.at(step.effect_at).cost, fit.noise)
-        size, _ = explained_gap(without, fit, fit.noise)
-        if gain < options.threshold or size < KEPT_GAIN * options.smallest_gain:
+        if is_superfluous:
             progress.say(f"taken out again: {step.effect_at.effect} on joint {step.effect_at.joint}")
             fit = minimise(without.model, fit.noise)
             steps = [s for s in steps if s is not step]

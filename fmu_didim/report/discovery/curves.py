@@ -16,7 +16,8 @@ LISTED = 9
 """[points] Of a curve that the terminal shows."""
 WHAT_IT_IS = (
     "A sum of cubic splines of one variable, fitted in the closed loop beside the parameters of the model; what these "
-    "can make themselves, such as gravity in a curve of the position, is not in it. The band is its 95 % interval."
+    "can make themselves, such as gravity in a curve of the position, is not in it. The band is its 95 % interval by "
+    "the noise; what is narrower than a ninth of the range is smoothed."
 )
 
 

@@ -12,6 +12,7 @@ import casadi as ca
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from scipy.interpolate import BSpline
 
 import fmu_didim
 from fmu_didim.base.documents import validate
@@ -97,6 +98,15 @@ def compensator(x: ProjectedMotion) -> float:
     return (x.p["Fgc"] + x.p["kgc"] * (length(q) - rest)) * (length(q + h) - length(q - h)) / (2 * h)
 
 
+def curve(symbol: str, x: float, p: Mapping[str, float]) -> float:
+    """By scipy: cubic splines on equally spaced knots, the first and the last one centred a knot beyond the ends."""
+    low, high = p[f"{symbol}from"], p[f"{symbol}to"]
+    step = (high - low) / 9
+    knots = low + step * (np.arange(16) - 3)
+    sizes = [p[f"c{symbol}{letter}"] for letter in "abcdefghijkl"]
+    return float(BSpline(knots, sizes, 3)(min(max(x, low), high - 1e-12)))
+
+
 def both(value: float) -> np.ndarray:
     return np.array([value, value])
 
@@ -141,6 +151,11 @@ EQUATIONS: Mapping[str, Callable[[ProjectedMotion], float | np.ndarray]] = {
     "external_force": lambda x: (
         x.p["Fext"] * (step_at(x.t, x.p["t_on"], x.p["w_edge"]) - step_at(x.t, x.p["t_off"], x.p["w_edge"]))
     ),
+    "curve_of_position": lambda x: curve("x", x.q[x.j], x.p),
+    "curve_of_velocity": lambda x: curve("v", x.dq[x.j], x.p),
+    "curve_of_load": lambda x: curve("l", x.load[x.j], x.p),
+    "curve_of_time": lambda x: curve("t", x.t, x.p),
+    "curve_of_neighbour": lambda x: curve("n", x.q[x.j - 1], x.p),
     "payload_change": lambda x: step_at(x.t, x.p["t_load"], x.p["w_load"]) * x.moved_mass(),
 }
 FIRST_OF_TWO = ("coupling_friction", "wrist_friction")

@@ -20,6 +20,7 @@ Discover = Callable[[Path, Path], Mapping[str, Any]]
 """(case file, folder for the results) -> verdict (the ``answer``), findings and gap, as in ``findings.json``."""
 RUNS = {"estimation": "train", "validation": "test"}
 """Label of an experiment of the project -> name of the run in a blind case, and in a line."""
+CURVE = ("joint", "variable", "at", "torque", "half_width")
 VERDICTS = ("nothing", "named", "named_with_remainder", "unknown", "disagreement")
 
 
@@ -80,6 +81,7 @@ def reduced(found: Mapping[str, Any]) -> dict[str, Any]:
         "verdict": found["verdict"],
         "findings": findings,
         "gap": {key: gap.get(key) for key in ("train", "test", "ratio_interval")},
+        "curves": [{key: curve[key] for key in CURVE} for curve in found.get("curves", ())],
     }
 
 

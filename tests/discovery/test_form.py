@@ -1,0 +1,241 @@
+"""The form of what has no name: the curve, what it takes back, and what it leaves alone."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from fmu_didim import discover
+from fmu_didim.base.errors import SimulationError
+from fmu_didim.discovery import form
+from fmu_didim.discovery.form import _Beside, imitates, with_curves
+from fmu_didim.discovery.progress import Progress
+from fmu_didim.discovery.selection.decide import Options
+from fmu_didim.discovery.selection.rounds import Discovery
+from fmu_didim.dynamics.effects import EFFECTS, Curve
+from fmu_didim.dynamics.robot import RobotModel, read_robot
+from fmu_didim.fit.base_projection import BaseProjection
+from fmu_didim.model.loop_model import EffectAtJoint
+from fmu_didim.results.findings import load_findings
+from tests.discovery.helpers import blind_case
+from tests.tools.blind.curves import hidden_function, within_band
+
+# ---- on data of an independent simulator
+
+
+@pytest.mark.gate
+@pytest.mark.parametrize(
+    ("effect", "seed", "variable", "within"),
+    [
+        ("unknown_hump", 5, "the velocity of the joint", 0.9),
+        # Narrower than what the splines follow: they smooth it.
+        pytest.param("unknown_detent", 5, "the position of the joint", 0.5, marks=pytest.mark.slow),
+        pytest.param("unknown_swell", 6, "the time", 0.9, marks=pytest.mark.slow),
+        pytest.param("unknown_neighbour", 5, "the position of the neighbour", 0.9, marks=pytest.mark.slow),
+    ],
+)
+def test_what_no_effect_explains_is_drawn_as_a_curve(
+    tmp_path: Path, effect: str, seed: int, variable: str, within: float
+) -> None:
+    """Effects that together imitate it lose their names; the curve is the function that is hidden."""
+    case = blind_case(tmp_path / "case", (effect,), seed=seed, level=2.0)
+    found = discover(case, tmp_path / "out").document
+    _, hidden_variable, joint, function = hidden_function(tmp_path / "case", tmp_path / "case.truth.yaml")
+    assert found.answer == "unknown" and not found.findings
+    (curve,) = found.curves
+    assert (curve.joint, curve.variable) == (joint, variable) == (joint, hidden_variable)
+    assert within_band(curve.model_dump(), function) >= within
+    assert curve.share_of_gap > 0.85
+    assert curve.ratio_interval is not None and curve.ratio_interval[1] < 1.0
+    for taken, _ in curve.instead_of:
+        assert any(name == taken and "a curve of" in why for name, _, why in found.refused)
+    # Its robot has the curve as an effect, whose torque is the one that is drawn, and is an FMU.
+    robot = read_robot(tmp_path / "out" / found.files[f"curve_robot_{joint}"])
+    assert curve.effect in robot.joints[joint - 1].effects
+    assert RobotModel(robot).joint_count == len(found.torque_unit)
+    assert (tmp_path / "out" / found.files[f"curve_fmu_{joint}"]).is_file()
+    table = np.loadtxt(tmp_path / "out" / found.files[f"curve_{joint}"], delimiter=",", skiprows=1)
+    np.testing.assert_allclose(table, np.column_stack([curve.at, curve.torque, curve.half_width]), rtol=1e-6, atol=1e-9)
+    assert load_findings(tmp_path / "out").curves == found.curves
+    page = (tmp_path / "out" / "discovery.html").read_text(encoding="utf-8")
+    assert "The form of what has no name" in page
+
+
+# ---- least squares of splines beside a model
+
+
+def beside(base: np.ndarray, deviation: float) -> _Beside:
+    weight = np.array([1 / deviation])
+    return _Beside(BaseProjection.of(base[:, None, :], weight), weight, (base.shape[0], 1))
+
+
+def test_amplitudes_and_their_covariance_beside_a_model() -> None:
+    """Monte Carlo: the scatter of the amplitudes is what the covariance says; what the model makes is in no curve."""
+    rng = np.random.default_rng(3)
+    x = rng.uniform(-1.0, 1.0, 400)
+    curve = EFFECTS["curve_of_position"]
+    assert isinstance(curve, Curve)
+    columns = curve.basis(x, -1.0, 1.0)[:, None, :]
+    base = np.column_stack([np.ones_like(x), x])
+    one = beside(base, 0.3)
+    truth = np.exp(-((x / 0.3) ** 2))
+    drawn = []
+    for _ in range(300):
+        target = truth + base @ rng.normal(scale=5.0, size=2) + rng.normal(scale=0.3, size=x.size)
+        sizes, covariance, rank = one.solved(columns, target[:, None])
+        drawn.append(sizes)
+    assert rank == 8  # twelve splines: the model makes a constant and a line, and the outermost two hardly show
+    at = np.linspace(-0.9, 0.9, 13)
+    shown = curve.basis(at, -1.0, 1.0)
+    scatter = (np.array(drawn) @ shown.T).std(axis=0)
+    told = np.sqrt(np.einsum("ij,jk,ik->i", shown, covariance, shown))
+    np.testing.assert_allclose(told, scatter, rtol=0.2)
+    mean = np.mean(drawn, axis=0)
+    off = np.exp(-((at / 0.3) ** 2)) - shown @ mean
+    line = np.polyfit(at, off, 1)
+    assert np.abs(off - np.polyval(line, at)).max() < 0.06  # of one; splines two ninths apart
+
+
+def test_the_splines_are_those_of_the_effect() -> None:
+    """All amplitudes equal make a constant, also beyond the range."""
+    curve = EFFECTS["curve_of_time"]
+    assert isinstance(curve, Curve)
+    table = curve.basis(np.linspace(-3.0, 9.0, 50), 0.0, 6.0)
+    np.testing.assert_allclose(table.sum(axis=1), 1.0, rtol=1e-12)
+    assert curve.shape_values(0.0, 6.0) == {"tfrom": 0.0, "tto": 6.0}
+
+
+def test_curves_are_never_proposed_as_an_explanation() -> None:
+    curves = [effect for effect in EFFECTS.values() if isinstance(effect, Curve)]
+    assert len(curves) == 5 and not any(effect.is_proposed for effect in curves)
+
+
+# ---- decisions, by hand
+
+
+@pytest.mark.parametrize(("named", "gap", "taken"), [(1, 0.5, False), (1, 0.7, True), (2, 0.1, True), (3, 2.0, True)])
+def test_a_single_effect_that_leaves_little_keeps_its_name(named: int, gap: float, taken: bool) -> None:
+    assert imitates(named, gap) is taken
+
+
+class Hand:
+    """Decisions on one joint, with all fits replaced: what was named gains ``named`` in BIC, curves as given."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch, **given: Any) -> None:
+        self.named = [EffectAtJoint(name, 1) for name in given.get("effects", ())]
+        self.given = given
+        self.fit = SimpleNamespace(
+            residual=np.zeros((4, 1)), noise=None, values=np.zeros(1), name="final",
+            model=SimpleNamespace(added_effects=tuple(self.named)),
+        )  # fmt: skip
+        self.fit.torque_alone = self.fit
+        monkeypatch.setattr(form, "joint_gaps", lambda residual, noise: np.array([given.get("gap", 1.0)]))
+        monkeypatch.setattr(form, "minimise", lambda model, noise, **_: SimpleNamespace(model=model, noise=noise))
+        monkeypatch.setattr(form, "bic_gain", lambda *_: given.get("gain", 0.0))
+        monkeypatch.setattr(form, "_tried", lambda *_: [self.curve(name, gain) for name, gain in given["curves"]])
+        monkeypatch.setattr(form, "_fitted", self.fitted)
+        monkeypatch.setattr(form, "unconfirmed", lambda *_, **__: given.get("against", ""))
+        monkeypatch.setattr(form, "beside_others", lambda *_: (None, False))
+
+    def curve(self, name: str, gain: float) -> Any:
+        return SimpleNamespace(
+            effect=SimpleNamespace(variable=name), effect_at=EffectAtJoint(name, 1), delta_bic=gain
+        )  # fmt: skip
+
+    def fitted(self, builder: Any, before: Any, ranked: Any) -> Any:
+        if self.given.get("fails"):
+            raise SimulationError("It diverges.", next_step="Change it.")
+        gain = self.given.get("in_loop", ranked[0].delta_bic)
+        return form.FoundCurve(ranked[0], before, before, gain, np.eye(1), ())
+
+    def run(self) -> tuple[Any, Any, list[str]]:
+        steps = tuple(SimpleNamespace(effect_at=a) for a in self.named)
+        discovery = Discovery(self.fit, self.fit, steps, ())  # type: ignore[arg-type]
+        builder: Any = SimpleNamespace(
+            effect=lambda a: SimpleNamespace(is_of_log=self.given.get("is_of_log", False)),
+            at=lambda a: SimpleNamespace(cost=1.0),
+            without=lambda model, i: SimpleNamespace(
+                added_effects=tuple(a for k, a in enumerate(model.added_effects) if k != i)
+            ),
+        )
+        return with_curves(discovery, builder, Options(), Progress())
+
+
+ONE, TWO = ("spring",), ("spring", "torque_ripple")
+
+
+@pytest.mark.parametrize(
+    ("given", "left", "is_drawn", "is_doubted"),
+    [
+        # Nothing was named: a curve that gains is drawn, another one is not.
+        ({"curves": [("q", 300.0)]}, [], True, False),
+        ({"curves": [("q", 9.0)]}, [], False, False),
+        ({"curves": [("q", 300.0)], "gap": 0.5}, [], False, False),  # no gap remains: nobody asks
+        ({"curves": []}, [], False, False),  # the plant does not give its motion
+        # Held-out data speak against it.
+        ({"curves": [("q", 300.0)], "against": "held-out RMS ratio 1.2"}, [], False, False),
+        # To first order only.
+        ({"curves": [("q", 300.0)], "in_loop": 5.0}, [], False, False),
+        ({"curves": [("q", 300.0)], "fails": True}, [], False, False),
+        # Effects that explain nearly as much keep their names; those far behind do not.
+        ({"effects": TWO, "gain": 100.0, "curves": [("q", 119.0)]}, [*TWO], False, False),
+        ({"effects": TWO, "gain": 100.0, "curves": [("q", 121.0)]}, [], True, False),
+        ({"effects": TWO, "gain": 100.0, "curves": [("q", 121.0)], "in_loop": 110.0}, [*TWO], False, False),
+        ({"effects": TWO, "gain": 100.0, "curves": [("q", 121.0)], "gap": 0.3}, [], True, False),
+        ({"effects": TWO, "gain": 100.0, "curves": [("q", 300.0)], "against": "no"}, [*TWO], False, False),
+        # A single one that leaves little keeps its name, with a doubt.
+        ({"effects": ONE, "gain": 100.0, "curves": [("q", 300.0)], "gap": 0.5}, [*ONE], True, True),
+        ({"effects": ONE, "gain": 100.0, "curves": [("q", 300.0)], "gap": 0.7}, [], True, False),
+        # What changes the log as a whole is on no joint: it stays.
+        ({"effects": ONE, "gain": 100.0, "curves": [("q", 300.0)], "is_of_log": True}, [*ONE], True, False),
+    ],
+)
+def test_which_names_are_taken_back(
+    monkeypatch: pytest.MonkeyPatch, given: dict[str, Any], left: list[str], is_drawn: bool, is_doubted: bool
+) -> None:
+    discovery, curves, _ = Hand(monkeypatch, **given).run()
+    assert [step.effect_at.effect for step in discovery.steps] == left
+    assert bool(curves) is is_drawn
+    assert any(curve.doubted is not None for curve in curves) is is_doubted
+    taken = [a.effect for a, why in discovery.refused if "explains far more: BIC" in why]
+    assert taken == [name for name in given.get("effects", ()) if name not in left]
+    assert [a.effect for a in (curves[0].instead_of if curves else ())] == taken
+    assert [a.effect for a in discovery.final.model.added_effects] == left
+
+
+def test_that_no_curve_explains_it_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+    _, _, notes = Hand(monkeypatch, curves=[("the position", 3.0), ("the time", -5.0)]).run()
+    assert notes == ["Joint 1: no curve of the position or the time alone explains what remains."]
+    _, _, notes = Hand(monkeypatch, curves=[("the time", 300.0)], against="held-out RMS ratio 1.2").run()
+    assert "not what was held out (held-out RMS ratio 1.2): it is not shown" in notes[0]
+
+
+def test_nothing_is_looked_at_when_the_time_is_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    hand = Hand(monkeypatch, curves=[("q", 300.0)])
+    monkeypatch.setattr(Progress, "is_time_up", True)
+    assert hand.run()[1] == ()
+
+
+@pytest.mark.parametrize("is_filled", [False, True])
+def test_what_only_filled_the_gaps_of_imitators_goes_with_them(
+    monkeypatch: pytest.MonkeyPatch, is_filled: bool
+) -> None:
+    """An effect on another joint that explains nothing beside the curve."""
+    hand = Hand(monkeypatch, effects=TWO, gain=100.0, curves=[("q", 300.0)])
+    other = EffectAtJoint("base_tilt", 2)
+    hand.named.append(other)
+    hand.fit.model = replace_added(hand.fit.model, (*hand.fit.model.added_effects, other))
+    monkeypatch.setattr(form, "joint_gaps", lambda residual, noise: np.array([1.0, 0.1]))
+    monkeypatch.setattr(form, "beside_others", lambda *_: (None, is_filled))
+    monkeypatch.setattr(form, "_joints", lambda *_: [1])
+    discovery, (curve,), _ = hand.run()
+    assert [s.effect_at.effect for s in discovery.steps] == ([] if is_filled else ["base_tilt"])
+    assert (other in curve.instead_of) is is_filled
+
+
+def replace_added(model: Any, added: tuple[EffectAtJoint, ...]) -> Any:
+    return SimpleNamespace(**{**vars(model), "added_effects": added})

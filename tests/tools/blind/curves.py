@@ -1,0 +1,129 @@
+"""Curves of what has no name against the function that a case hides.
+
+python -m tests.tools.blind.curves FOLDER LINES [--figures JSON]    FOLDER of cases, LINES that discovery wrote of them
+"""
+
+from __future__ import annotations
+
+import argparse
+import re
+import sys
+from collections import defaultdict
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from tests.figures import command_of, write_figures
+from tests.tools.blind.harness import read_lines
+
+Array = np.ndarray
+VARIABLES = {
+    "q": "the position of the joint", "dq": "the velocity of the joint", "t": "the time",
+    "other q": "the position of the neighbour",
+}  # fmt: skip
+"""Of a hidden function -> in words, as of a curve."""
+MOSTLY = 0.9
+"""[1] Part of the range in which a function must lie in the band."""
+INSIDE = (0.05, 0.95)
+"""[1] Part of the range of a curve that is compared: at its ends hardly a sample lies."""
+
+
+@dataclass(frozen=True)
+class Compared:
+    """A case and its curve: the hidden function, the answer, whether its variable was found on its joint, and the part
+    of the range where the function lies in the 95 % interval; NaN without a curve."""
+
+    hidden: str
+    rate_hz: float
+    answer: str
+    is_found: bool
+    within: float
+
+
+def hidden_function(folder: Path, truth_file: Path | None = None) -> tuple[str, str, int, Callable[[Array], Array]]:
+    """Name, variable in words, joint and function of what a case hides, in the angles of the case.
+
+    Args:
+        truth_file: where the truth stands, if not in the folder.
+    """
+    truth = yaml.safe_load((truth_file or folder / "truth.yaml").read_text(encoding="utf-8"))["truth"][0]
+    case = yaml.safe_load((folder / "case.yaml").read_text(encoding="utf-8"))
+    turned = re.search(r"s=(-?1) ", " ".join(case["robot"]["torque_equation"]))
+    signs = [1.0, float(turned[1]) if turned else 1.0]
+    joint, (text, variable) = int(truth["joint"]), truth["form"].split(", x = ")
+    own, seen = signs[joint - 1], signs[2 - joint if variable == "other q" else joint - 1]
+    seen = 1.0 if variable == "t" else seen
+
+    def function(x: Array) -> Array:
+        return own * np.asarray(eval(text, {"exp": np.exp, "x": seen * x}), dtype=float)
+
+    return truth["effect"], VARIABLES[variable], joint, function
+
+
+def within_band(curve: Mapping[str, Any], function: Callable[[Array], Array]) -> float:
+    """Part of the range in which the function lies in the band: after least squares of its size, its sign, and of what
+    the model makes itself, a constant, a line, sine and cosine, and friction, which belong to no curve."""
+    at, torque, half = (np.array(curve[key]) for key in ("at", "torque", "half_width"))
+    low, high = (at[0] + part * (at[-1] - at[0]) for part in INSIDE)
+    seen = (at >= low) & (at <= high)
+    own = [np.ones_like(at), at]
+    if "position" in curve["variable"]:
+        own += [np.sin(at), np.cos(at)]
+    if "velocity" in curve["variable"]:
+        own += [np.tanh(at / 0.01)]
+    table = np.column_stack([function(at), *own])[seen]
+    weight = 1 / half[seen]
+    sizes = np.linalg.lstsq(table * weight[:, None], torque[seen] * weight, rcond=None)[0]
+    return float(np.mean(np.abs(table @ sizes - torque[seen]) <= half[seen]))
+
+
+def compared(folder: Path, line: Mapping[str, Any]) -> Compared:
+    """The answer to a case against what it hides."""
+    case = folder / line["case"]
+    name, variable, joint, function = hidden_function(case)
+    rate = float(yaml.safe_load((case / "case.yaml").read_text(encoding="utf-8"))["measurement"]["rate_hz"])
+    own = [c for c in line["curves"] if c["joint"] == joint and c["variable"] == variable]
+    within = within_band(own[0], function) if own else float("nan")
+    return Compared(name, rate, line["verdict"], bool(own), within)
+
+
+def figures(found: list[Compared]) -> dict[str, str]:
+    """Cases by hidden function and rate: refused, variable found, function in the band on nine tenths of the range."""
+    groups = defaultdict(list)
+    for one in found:
+        groups[one.hidden.removeprefix("unknown_"), one.rate_hz].append(one)
+        groups["all", one.rate_hz].append(one)
+    shown = {}
+    for (name, rate), own in sorted(groups.items()):
+        key, count = f"{name}_{rate:g}hz", len(own)
+        shown[f"{key}_refused"] = f"{sum(one.answer == 'unknown' for one in own)} of {count}"
+        shown[f"{key}_variable"] = f"{sum(one.is_found for one in own)} of {count}"
+        shown[f"{key}_within"] = f"{sum(one.within >= MOSTLY for one in own)} of {sum(one.is_found for one in own)}"
+    return shown
+
+
+def main() -> int:
+    """0: compared."""
+    parser = argparse.ArgumentParser(prog="python -m tests.tools.blind.curves", description="Curves against the truth.")
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("lines", type=Path)
+    parser.add_argument("--figures", type=Path)
+    options = parser.parse_args()
+    found = [compared(options.folder, line) for line in read_lines(options.lines)]
+    shown = figures(found)
+    for one in found:
+        text = f"{one.hidden:20s} {one.rate_hz:4g} Hz  {one.answer:22s}"
+        print(text, f"variable {one.is_found!s:5s} in band {one.within:.2f}")
+    for name, text in shown.items():
+        print(f"{name:28s} {text}")
+    if options.figures:
+        write_figures(options.figures, command_of("tests.tools.blind.curves", sys.argv[1:]), shown)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
