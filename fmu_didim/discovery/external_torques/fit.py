@@ -38,9 +38,12 @@ UNBOUNDED = 0.5
 STAIRCASE = 0.25
 """[1] Fraction of the external torques that may follow each other without a pause: more only copy another effect."""
 COMES_BACK = 0.5
-"""[1] Fraction of the impulse that acts again one period of the motion later or earlier, from which it belongs to the
-machine. By overlap: where a load is a smooth function of the motion, its edges lie somewhat elsewhere in each period
-(0.1 to 0.3 s for a spring, period 8 s), most of it does not."""
+"""[1] Fraction of the impulse that is there again one period later, from which it belongs to the machine."""
+SAME_PHASE = 0.05
+"""[1] Fraction of a period within which two phases are the same,"""
+SAME_PHASE_S = 0.1
+"""[s] but no longer than this: the edges of what a smooth load along the motion leaves lie farther apart (0.1 to 0.3 s
+for a spring, period 8 s), but there what repeats explains more than the external torques."""
 SHARE = 0.6
 """[1] Fraction of the gap that external torques must explain to be accepted."""
 DELAY_START = 0.1
@@ -125,11 +128,12 @@ def find_external_torques(fit: Fit, *, say: Callable[[str], None] = lambda text:
         return None
     _, label, torques = best
     time, period = fit.model.experiments[label].reference.time, motion_period(fit.model, label)
-    if _is_staircase(torques) or _comes_back(torques, period) or _is_lasting(torques, time):
+    repeats = 0.0 if period is None else repeating_share(fit, label, torques[0].joint, period)
+    if _is_staircase(torques) or _comes_back(torques, period, best[0], repeats) or _is_lasting(torques, time):
         return None
     say(f"{len(torques)} torques from outside on joint {torques[0].joint}")
     fitted = _fitted(fit, label, torques)
-    return None if fitted is None or _comes_back(fitted.external_torques, period) else fitted
+    return None if fitted is None or _comes_back(fitted.external_torques, period, fitted.share, repeats) else fitted
 
 
 def _is_staircase(external_torques: list[ExternalTorque]) -> bool:
@@ -145,10 +149,25 @@ def _is_lasting(external_torques: list[ExternalTorque], time: Array) -> bool:
     return bool(long or lengths[~bounded].sum() > UNBOUNDED * lengths.sum())
 
 
-def _comes_back(external_torques: Sequence[ExternalTorque], period: float | None) -> bool:
-    """Whether most of the impulse acts in the same direction one period of the motion later, or did one before."""
+def _comes_back(external_torques: Sequence[ExternalTorque], period: float | None, share: float, repeats: float) -> bool:
+    """Whether most of the impulse comes back one period of the motion later, or was there one before.
+
+    Args:
+        share: of the gap that the external torques explain; repeats: that repeats with the motion. Where that is more,
+            it is enough that they overlap.
+    """
     if period is None or not external_torques:
         return False
+    begins = np.array([p.begin_s for p in external_torques])
+    near = min(SAME_PHASE * period, SAME_PHASE_S)
+    alike = [any(np.abs(begins - (b + k * period)).min() < near for k in (-1, 1)) for b in begins]
+    impulses = [abs(p.torque) * (p.end_s - p.begin_s) for p in external_torques]
+    again = float(np.average(alike, weights=impulses))
+    return max(again, _overlap(external_torques, period) if repeats > share else 0.0) >= COMES_BACK
+
+
+def _overlap(external_torques: Sequence[ExternalTorque], period: float) -> float:
+    """Fraction of the impulse that acts in the same direction one period of the motion later, or did one before."""
     edges = np.unique([at + k * period for p in external_torques for at in (p.begin_s, p.end_s) for k in (-1, 0, 1)])
     middles, lengths = (edges[:-1] + edges[1:]) / 2, np.diff(edges)
 
@@ -158,8 +177,21 @@ def _comes_back(external_torques: Sequence[ExternalTorque], period: float | None
 
     own = torque(middles)
     again = np.max([torque(middles + k * period) * np.sign(own) for k in (-1, 1)], axis=0)
-    back = np.minimum(np.abs(own), np.maximum(again, 0.0))
-    return bool(back @ lengths >= COMES_BACK * (np.abs(own) @ lengths))
+    return float(np.minimum(np.abs(own), np.maximum(again, 0.0)) @ lengths / (np.abs(own) @ lengths))
+
+
+def repeating_share(fit: Fit, label: str, joint: int, period: float) -> float:
+    """Share of the gap of a joint, from 1, that is the same in each period of the motion of an experiment."""
+    rows, time = fit.model.experiments.rows[label], fit.model.experiments[label].time
+    residual, variance = fit.residual[rows, joint - 1], float(fit.noise.deviation[joint - 1]) ** 2
+    gap = float(np.sum(residual**2)) - residual.size * variance
+    most = int(np.ptp(time) // period)
+    shifted = [np.interp(time + k * period, time, residual, left=np.nan, right=np.nan) for k in range(-most, most + 1)]
+    count = np.sum(np.isfinite(shifted), axis=0)
+    mean = np.nansum(shifted, axis=0) / count
+    several = count > 1
+    same = float(np.sum(mean[several] ** 2 - variance / count[several]))
+    return same / gap if gap > 0 else 0.0
 
 
 def _fitted(fit: Fit, label: str, external_torques: list[ExternalTorque]) -> FittedExternalTorques | None:

@@ -92,7 +92,7 @@ def test_sizes_of_steps_by_least_squares_with_idle_columns() -> None:
 # ---- the best of all experiments and joints
 
 
-FITTED = SimpleNamespace(external_torques=())
+FITTED = SimpleNamespace(external_torques=(), share=0.9)
 
 
 class Search:
@@ -108,6 +108,7 @@ class Search:
         monkeypatch.setattr(fit, "step_response", self.response)
         monkeypatch.setattr(fit, "linear_external_torques", self.linear)
         monkeypatch.setattr(fit, "motion_period", lambda model, label: more.get("period"))
+        monkeypatch.setattr(fit, "repeating_share", lambda *_: more.get("repeats", 1.0))
         monkeypatch.setattr(fit, "_fitted", lambda *arguments: self.fitted.append(arguments) or self.answer)
 
     def response(self, fit: Any, label: str, joint: int) -> Any:
@@ -127,9 +128,11 @@ def find(monkeypatch: pytest.MonkeyPatch, shares: Any, **more: Any) -> tuple[Any
     return found, search, said
 
 
-def is_refused(monkeypatch: pytest.MonkeyPatch, torques: list[ExternalTorque], period: float | None = None) -> bool:
+def is_refused(
+    monkeypatch: pytest.MonkeyPatch, torques: list[ExternalTorque], period: float | None = None, repeats: float = 1.0
+) -> bool:
     """Whether torques that explain nearly all are not even fitted."""
-    found, search, said = find(monkeypatch, {("x", 1, False): 0.9}, torques=torques, period=period)
+    found, search, said = find(monkeypatch, {("x", 1, False): 0.9}, torques=torques, period=period, repeats=repeats)
     assert (found is None) == (not search.fitted) == (not said)
     return found is None
 
@@ -156,7 +159,7 @@ def test_joints_that_cannot_be_moved_are_left_out(monkeypatch: pytest.MonkeyPatc
 
 
 def test_torques_that_come_back_once_they_are_fitted_are_none(monkeypatch: pytest.MonkeyPatch) -> None:
-    answer = SimpleNamespace(external_torques=(torque(1, 2), torque(4, 5)))
+    answer = SimpleNamespace(external_torques=(torque(1, 2), torque(4, 5)), share=0.9)
     found, search, _ = find(monkeypatch, {("x", 1, False): 0.9}, period=3.0, answer=answer)
     assert found is None and len(search.fitted) == 1
     assert find(monkeypatch, {("x", 1, False): 0.9}, period=2.0, answer=answer)[0] is answer
@@ -204,8 +207,8 @@ def test_torques_that_last_may_as_well_be_a_load(
         ([torque(1, 2), torque(4.49, 5.49)], 3.0, True),
         ([torque(1, 2), torque(4.51, 5.51)], 3.0, False),
         ([torque(3.507, 5.981, 0.081), torque(11.29, 13.711, 0.078), torque(19.588, 21.527, 0.084)], 8.0, True),
-        ([torque(1, 2), torque(4, 5, 0.3)], 3.0, False),  # of another size
-        ([torque(1, 2), torque(4, 5, -1.0)], 3.0, False),  # of the other direction
+        ([torque(1, 2), torque(4.3, 5.1, 0.3)], 3.0, False),  # of another size
+        ([torque(1, 2), torque(4.3, 5.1, -1.0)], 3.0, False),  # of the other direction
         ([torque(1, 2), torque(4, 5)], None, False),
         ([torque(1, 2), torque(4, 5)], 2.0, False),
         # By impulse: half of it must come back.
@@ -218,6 +221,33 @@ def test_a_torque_that_comes_back_belongs_to_the_machine(
     monkeypatch: pytest.MonkeyPatch, torques: list[ExternalTorque], period: float | None, back: bool
 ) -> None:
     assert is_refused(monkeypatch, torques, period) is back
+
+
+@pytest.mark.parametrize(("repeats", "back"), [(0.91, True), (0.89, False)])
+def test_overlap_counts_where_more_repeats_than_the_torques_explain(
+    monkeypatch: pytest.MonkeyPatch, repeats: float, back: bool
+) -> None:
+    """Pulses every second overlap with themselves a period of 2.24 s later, a spring does so, too; what repeats with
+    the motion is more than the windows only of the spring."""
+    pulses = [torque(0.344 + k, 0.844 + k) for k in range(9)]
+    assert is_refused(monkeypatch, pulses, 2.24, repeats) is back
+    # Edges at the same phase are enough.
+    assert is_refused(monkeypatch, [torque(1, 2), torque(4, 5)], 3.0, repeats)
+
+
+def test_the_share_that_repeats() -> None:
+    """A function of the phase repeats whole; an event in one period of four to a quarter; noise not at all."""
+    time, rng = np.arange(800) * 0.01, np.random.default_rng(2)
+    phase = np.sin(2 * np.pi * time / 2.0)
+    event = np.where((time > 3.0) & (time < 3.5), 4.0, 0.0)
+    for residual, share in ((phase, 1.0), (event, 0.25), (phase + event, None)):
+        table = (residual + 0.2 * rng.standard_normal(time.size))[:, None]
+        model = SimpleNamespace(
+            experiments=type("Of", (dict,), {"rows": {"x": slice(0, 800)}})(x=SimpleNamespace(time=time))
+        )
+        found = SimpleNamespace(residual=table, noise=SimpleNamespace(deviation=np.array([0.2])), model=model)
+        got = fit.repeating_share(found, "x", 1, 2.0)  # type: ignore[arg-type]
+        assert got == pytest.approx(share, abs=0.03) if share is not None else 0.3 < got < 0.7
 
 
 # ---- against what looks like them
