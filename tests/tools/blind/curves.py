@@ -9,7 +9,7 @@ import argparse
 import re
 import sys
 from collections import defaultdict
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -106,13 +106,14 @@ def figures(found: list[Compared]) -> dict[str, str]:
     return shown
 
 
-def main() -> int:
+def main(arguments: Sequence[str] | None = None) -> int:
     """0: compared."""
+    given = list(sys.argv[1:] if arguments is None else arguments)
     parser = argparse.ArgumentParser(prog="python -m tests.tools.blind.curves", description="Curves against the truth.")
     parser.add_argument("folder", type=Path)
     parser.add_argument("lines", type=Path)
     parser.add_argument("--figures", type=Path)
-    options = parser.parse_args()
+    options = parser.parse_args(given)
     found = [compared(options.folder, line) for line in read_lines(options.lines)]
     shown = figures(found)
     for one in found:
@@ -121,7 +122,7 @@ def main() -> int:
     for name, text in shown.items():
         print(f"{name:28s} {text}")
     if options.figures:
-        write_figures(options.figures, command_of("tests.tools.blind.curves", sys.argv[1:]), shown)
+        write_figures(options.figures, command_of("tests.tools.blind.curves", given), shown)
     return 0
 
 
