@@ -27,7 +27,7 @@ from fmu_didim.workflow.naming.findings import (
 )
 from fmu_didim.workflow.naming.in_loop import LoopEntry
 from fmu_didim.workflow.naming.logs import Logs
-from fmu_didim.workflow.naming.named import INTERVAL, Gain
+from fmu_didim.workflow.naming.named import INTERVAL, Gain, Member
 from fmu_didim.workflow.naming.regression import JointFit, JointProblem
 
 NEAR = 6.0
@@ -106,14 +106,9 @@ def of_gains(gains: Sequence[Gain]) -> Iterator[Diagnostic]:
             )  # fmt: skip
 
 
-def of_the_law(
-    logs: Logs, tied_with: Sequence[Candidate], values: Sequence[Mapping[str, float]], gains: Sequence[Gain]
-) -> Iterator[Diagnostic]:
-    """What is to be known of a law that fits.
-
-    Args:
-        tied_with: the candidates that the data do not exclude, the winner first; values: of the winner, joint by joint.
-    """
+def of_the_law(logs: Logs, members: Sequence[Member]) -> Iterator[Diagnostic]:
+    """What is to be known of a law that fits; ``members``: those that the data do not exclude, the winner first."""
+    tied_with = [member.candidate for member in members]
     best = tied_with[0]
     different = [other.words for other in tied_with[1:] if not same_in_effect(other, best)]
     if different:
@@ -125,7 +120,7 @@ def of_the_law(
         )
         yield Diagnostic(SAME_IN_EFFECT, f"{text}Kp = Kv Kp' + Ki', Ki = Kv Ki', Kd = Kp'.")
     if best.law.name == "P-PI+1":
-        for j, own in enumerate(values, start=1):
+        for j, own in enumerate(members[0].values, start=1):
             kv, kp, ki = (own[name] for name in ("Kv", "Kp", "Ki"))
             text = f"Kv = {ki / kp:.4g}, Ki = {kv * kp:.4g} is the same in effect as Kv = {kv:.4g}, Ki = {ki:.4g}: "
             text += "with whole feed-forward Kv and Ki/Kp may be exchanged."
@@ -139,7 +134,7 @@ def of_the_law(
             RATE_ASSUMED, f"The control rate is taken to be {1 / logs.step:.6g} Hz, that of the log.",
             value=1 / logs.step, unit="Hz",
         )  # fmt: skip
-    yield from of_gains(gains)
+    yield from of_gains(members[0].gains)
 
 
 def of_integrator(contest: Contest, best: Entry) -> Iterator[Diagnostic]:

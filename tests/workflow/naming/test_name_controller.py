@@ -11,11 +11,21 @@ import yaml
 
 from fmu_didim import InputError, load_case, name_controller, simulate
 from fmu_didim.cli.main import main
-from fmu_didim.workflow.naming.named import NamedController
+from fmu_didim.workflow.naming.catalogue import candidates
+from fmu_didim.workflow.naming.named import Gain, Member, NamedController
 from tests.conftest import ROOT
 from tests.workflow.naming.machine import HIDDEN, logged, scara, written
 
 LAW = {"cascade": "P-PI+ff", "pid": "PID", "pd": "PD", "whole": "PID"}
+
+
+def test_an_interval_spans_those_of_the_same_law_in_the_set() -> None:
+    law = candidates(["lag"])[1]
+    one = Member(law, (Gain("Kp", 1, 10.0, 1.0, ""),))
+    other = Member(law.without("lag"), (Gain("Kp", 1, 20.0, 1.0, ""),))
+    another = Member(candidates()[-1], (Gain("Kp", 1, 90.0, 1.0, ""),))
+    assert one.beside([]).gains[0].interval == pytest.approx((8.04, 11.96), abs=1e-3)
+    assert one.beside([other, another]).gains[0].interval == pytest.approx((8.04, 21.96), abs=1e-3)
 
 
 def codes(found: NamedController) -> set[str]:
@@ -47,6 +57,10 @@ def test_a_law_that_cannot_be_told_apart_is_told_as_a_set(tmp_path: Path) -> Non
     assert found.candidate.law.name == "PD"
     assert any("lag of the command" in words for words in found.tied)
     within(found, "Kp", HIDDEN["pd"]["Kp"][0], 1)
+    for gain in found.gains:  # whichever of the set it is
+        if gain.name in HIDDEN["pd"]:
+            low, high = gain.interval
+            assert low - gain.deviation < HIDDEN["pd"][gain.name][gain.joint - 1] < high + gain.deviation
 
 
 @pytest.mark.slow
