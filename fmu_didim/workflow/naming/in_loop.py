@@ -33,7 +33,6 @@ from fmu_didim.workflow.naming.contest import Contest
 from fmu_didim.workflow.naming.logs import Logs
 from fmu_didim.workflow.naming.named import Member, gains_of
 from fmu_didim.workflow.naming.regression import JointProblem
-from fmu_didim.workflow.naming.starts import with_extras
 
 IN_LOOP: tuple[Extra, ...] = ("acceleration", "filter", "lag")
 """Extras that are tried in the loop; a delay of a slow log is one with its lag."""
@@ -44,6 +43,8 @@ FIRST = 4
 HOPELESS = 2.0
 """[1] What a law leaves in the regression along the spline, over what the best one leaves there, at a joint: above it
 the law is not tried in the loop. What the spline misses is left by all, the right one among them."""
+LEAST_TIME = 0.2
+"""[control periods] At which a time begins at least: at zero nothing shows in which direction to go."""
 LAGS = 10
 """[samples] Over which neighbouring residuals are compared."""
 
@@ -155,22 +156,13 @@ class LoopContest:
         return found
 
     def fit(self, candidate: Candidate) -> None:
-        """A candidate from the best start that can be simulated."""
+        """A candidate from where the regression leaves it."""
         if candidate in self.entries or candidate in self.failed:
             return
         self.progress(f"fitting {candidate.words}")
-        best: LoopEntry | None = None
-        for start in self._starts(candidate):
-            try:
-                found = self._fitted(candidate, start)
-            except FmuDidimError as error:
-                self.failed[candidate] = error.what
-                continue
-            if best is None or found.cost < best.cost:
-                best = found
-        if best is not None:
-            self.failed.pop(candidate, None)
-            self.entries[candidate] = best
+        found = self.fit_from(candidate, self._start(candidate))
+        if found is not None:
+            self.entries[candidate] = found
 
     def fit_from(self, candidate: Candidate, start: Sequence[Mapping[str, float]]) -> LoopEntry | None:
         """A candidate from these values; None where it cannot be simulated or has what is not tried in the loop."""
@@ -200,16 +192,20 @@ class LoopContest:
         plant = {n: e for n, e in (self.case.content.get("identify") or {}).items() if e.get("of", "plant") == "plant"}
         return self.case.with_(controller=block, identify={**plant, **free}, loop={"rate_hz": 1 / self.logs.step})
 
-    def _starts(self, candidate: Candidate) -> list[list[dict[str, float]]]:
-        """From a simpler candidate of the same law, or from the regression."""
-        n = len(self.problems)
-        for extra in (*candidate.extras, None):
-            for rate in candidate.law.rates:
-                before = Candidate(candidate.law, rate, candidate.without(extra).extras if extra else candidate.extras)
-                if before in self.entries:
-                    known = self.entries[before].values(n)
-                    return [[with_extras(self.problems[j], candidate, [one])[0] for j, one in enumerate(known)]]
-        return [[dict(fit.values) for fit in self.rough.fit(candidate).joints]]
+    def _start(self, candidate: Candidate) -> list[dict[str, float]]:
+        """From the regression, joint by joint; a time that is none there begins a little above it."""
+        least = dict.fromkeys(TIMES, LEAST_TIME * self.logs.step)
+        fits = self.rough.fit(candidate).joints
+        return [{name: max(value, least.get(name, -np.inf)) for name, value in fit.values.items()} for fit in fits]
+
+    def settled(self, entry: LoopEntry) -> Member:
+        """The same as ``member``; without a standard deviation where the loop does not determine all gains, as of a
+        filter that is none."""
+        try:
+            return self.member(entry)
+        except FmuDidimError:
+            found = entry.values(len(self.problems))
+            return Member(entry.candidate, gains_of(found, [dict.fromkeys(one, np.inf) for one in found]))
 
     def member(self, entry: LoopEntry) -> Member:
         """The law of an entry with its gains at the end of an efficient fit, and their standard deviations.

@@ -119,7 +119,7 @@ def _in_loop(logs: Logs, progress: Callable[[str], None]) -> NamedController:
             "rate.",
         )  # fmt: skip
     told = refusal_in_loop(entries[0])
-    members = tuple(contest.member(entry) for entry in (entries[:1] if told else tied(entries)))
+    members = tuple(contest.settled(entry) for entry in (entries[:1] if told else tied(entries)))
     if not told:
         slow = "The positions do not show each tick: the law was named in the loop with the robot of the case."
         told = [Diagnostic(FROM_SLOW_POSITIONS, slow, "controller"), *_told(logs, members)]
