@@ -22,6 +22,7 @@ from tests.tools.blind.publish import figures as of_cases
 from tests.tools.blind.publish import read_rows
 from tests.tools.blind.score import score
 from tests.tools.foreign.__main__ import texts as of_fmus
+from tests.tools.hidden_controllers.__main__ import texts as of_controllers
 
 FILES = sorted(FOLDER.glob("*.json"))
 MATRIX = ROOT / "docs" / "discovery_matrix.csv"
@@ -136,6 +137,7 @@ def test_figures_of_discovery_are_those_of_its_table() -> None:
         ("speed", lambda data: of_benchmarks(data, list(BENCHMARKS))),
         ("foreign", of_fmus),
         ("benchmark", of_methods),
+        ("controllers", of_controllers),
     ],
 )
 def test_what_is_shown_follows_from_what_was_measured(name: str, texts: Callable[[Any], Mapping[str, Any]]) -> None:

@@ -2,9 +2,10 @@
 
     python -m tests.tools.hidden_controllers make FOLDER --seeds 1 20      write cases, to be looked at by hand
     python -m tests.tools.hidden_controllers run FILE --seeds 1 20         name the laws; one JSON line a case
-    python -m tests.tools.hidden_controllers publish FILE --figures docs/figures/controllers.json
+    python -m tests.tools.hidden_controllers publish FILE [FILE ...] --figures docs/figures/controllers.json
 
-``run`` goes on with a FILE that holds some of the cases. Seconds are those of the processor.
+``run`` goes on with a FILE that holds some of the cases. ``publish`` takes a file of figures, too, which holds its
+cases. Seconds are those of the processor.
 """
 
 from __future__ import annotations
@@ -16,9 +17,10 @@ import os
 import sys
 import tempfile
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from multiprocessing import get_context
 from pathlib import Path
+from typing import Any
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # several cases run at once
 
@@ -39,7 +41,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         formatter_class=argparse.RawTextHelpFormatter,
     )  # fmt: skip
     parser.add_argument("what", choices=("make", "run", "publish"))
-    parser.add_argument("path", type=Path, help="folder of cases, or file of JSON lines")
+    parser.add_argument("paths", type=Path, nargs="+", metavar="FILE", help="folder of cases, or file of JSON lines")
     parser.add_argument("--seeds", type=int, nargs=2, default=(1, 20), metavar=("FIRST", "LAST"))
     parser.add_argument("--robots", nargs="+", choices=ROBOTS, default=ROBOTS)
     parser.add_argument("--rates", nargs="+", type=float, default=RATES, metavar="HZ", help="of the log (200 20)")
@@ -50,19 +52,20 @@ def main(arguments: Sequence[str] | None = None) -> int:
     given = list(sys.argv[1:] if arguments is None else arguments)
     options = parser.parse_args(given)
     if options.what == "publish":
-        _publish(options.path, options.figures, given, options.tree)
+        _publish(options.paths, options.figures, given, options.tree)
         return 0
+    (path,) = options.paths
     keys = list(_keys(options))
     if options.what == "make":
         for key in keys:
-            folder = options.path / "_".join(f"{part:g}" if isinstance(part, float) else str(part) for part in key)
+            folder = path / "_".join(f"{part:g}" if isinstance(part, float) else str(part) for part in key)
             folder.mkdir(parents=True, exist_ok=True)
             drawn = draw(*key)
             drawn.write(folder)
             (folder / "truth.json").write_text(json.dumps(dict(drawn.truth), indent=1), encoding="utf-8")
         return 0
-    known = {key_of(row) for row in read_rows(options.path)}
-    with options.path.open("a", encoding="utf-8") as stream:
+    known = {key_of(row) for row in read_rows(path)}
+    with path.open("a", encoding="utf-8") as stream:
         for row in _all([key for key in keys if key not in known], options.jobs):
             stream.write(json.dumps(row) + "\n")
             stream.flush()
@@ -83,7 +86,9 @@ def key_of(row: Row) -> Key:
 
 
 def read_rows(path: Path) -> list[Row]:
-    """The lines of a file; none where it is not there."""
+    """The lines of a file, or the cases of a file of figures; none where it is not there."""
+    if path.suffix == ".json":
+        return list(json.loads(path.read_text(encoding="utf-8"))["data"]["rows"])
     text = path.read_text(encoding="utf-8") if path.exists() else ""
     return [json.loads(line) for line in text.splitlines()]
 
@@ -112,19 +117,25 @@ def one(key: Key) -> Row:
     return own | row | {"seconds": time.process_time() - began}
 
 
-def _publish(path: Path, figures: Path | None, given: Sequence[str], tree: str) -> None:
-    rows = sorted(read_rows(path), key=key_of)
-    found = {**totals(rows), "table": lines(rows)}
+def texts(data: Mapping[str, Any]) -> dict[str, str | list[str]]:
+    """What the page shows of the rows of cases."""
+    rows: list[Row] = list(data["rows"])
+    found: dict[str, str | list[str]] = {**totals(rows), "table": lines(rows)}
     for robot, rate in itertools.product(ROBOTS, RATES):
         own = [row for row in rows if (row["robot"], row["log_hz"]) == (robot, rate)]
         if own:
             found |= {f"{robot}_{rate:g}.{name}": text for name, text in totals(own).items()}
             seeds = sorted({row["seed"] for row in own})
             found[f"{robot}_{rate:g}.seeds"] = f"{len(seeds)} ({seeds[0]} to {seeds[-1]})"
-            found[f"{robot}_{rate:g}.seconds"] = f"{sum(row['seconds'] for row in own) / len(own):.0f}"
+            found[f"{robot}_{rate:g}.seconds"] = f"{sum(row['seconds'] for row in own) / len(own):.0f} s"
+    return found
+
+
+def _publish(paths: Sequence[Path], figures: Path | None, given: Sequence[str], tree: str) -> None:
+    data = {"tree": tree, "rows": sorted((row for path in paths for row in read_rows(path)), key=key_of)}
+    found = texts(data)
     if figures is not None:
-        command = command_of("tests.tools.hidden_controllers", given)
-        write_figures(figures, command, found, data={"tree": tree, "rows": rows})
+        write_figures(figures, command_of("tests.tools.hidden_controllers", given), found, data=data)
     for name, text in found.items():
         print(f"{name}: {text}" if isinstance(text, str) else "\n".join(text))
 
