@@ -187,6 +187,7 @@ STATED: Mapping[str, Mapping[str, str]] = {
         "or less than 2 % of the change": THRESHOLD, "have been seen with 95 %": MEANS,
     },
     "watch": {"chance allows with p = 0.001": THRESHOLD, "an interval of 95 %": MEANS},
+    "name-a-controller": {"noise of 1 % of the torque": MADE},
     "find-an-effect": {"stops after 60 s": "what the option says"},
     "choose-a-motion": {"0.1 Hz is usual": "an example"},
     "modelica": {"FMI 2.0 or 3.0": "versions"},

@@ -18,9 +18,8 @@ from fmu_didim.workflow.naming.contest import Entry
 from fmu_didim.workflow.naming.in_loop import LoopContest, LoopEntry
 from fmu_didim.workflow.naming.logs import Logs
 from fmu_didim.workflow.naming.named import Gain, Member
+from fmu_didim.workflow.naming.verdict import near_best
 
-NEAR = 6.0
-"""[1] -2 log likelihood + 2 (free values) above the least, within which a law is not excluded: odds of 20 to 1."""
 WHITE = 1e-4
 """[1] Chance of residuals as alike as these by white noise, from which the robot, or the law, lacks nothing."""
 APART = 4.0
@@ -71,8 +70,7 @@ def confirmed(logs: Logs, tied: Sequence[Entry], known: Sequence[Member], progre
     if not white:
         text = "In the loop with the robot of the case the law leaves more than white noise."
         return Confirmed(tuple(known), False, (Diagnostic(NOT_CONFIRMED, text),))
-    least = min(entry.akaike for entry in white)
-    out = {entry.candidate for entry in found if entry.akaike > least + NEAR}
+    out = {entry.candidate for entry in found if entry not in near_best([*white, entry])}
     best = min(white, key=lambda entry: entry.bic)
     try:
         first = contest.member(best)

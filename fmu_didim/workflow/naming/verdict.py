@@ -31,7 +31,8 @@ from fmu_didim.workflow.naming.named import INTERVAL, Gain, Member
 from fmu_didim.workflow.naming.regression import JointFit, JointProblem
 
 NEAR = 6.0
-"""[1] J + 2 (free values) above the least within which a law is not excluded: odds of 20 to 1."""
+"""[1] J + 2 (free values), or BIC, above the least within which a law is not excluded: odds of 20 to 1. By the second a
+simpler law stays beside one that chance, which has many laws to choose from, lets look a little better."""
 BY_CHANCE = 1e-4
 """[1] Chance with which a right law would be refused at a joint."""
 LEAST_EXCESS = 1.12
@@ -67,16 +68,24 @@ class Contestant(Protocol):
     @property
     def akaike(self) -> float: ...
 
+    @property
+    def bic(self) -> float: ...
+
 
 Fitted = TypeVar("Fitted", bound=Contestant)
 
 
+def near_best(entries: Sequence[Fitted]) -> list[Fitted]:
+    """What the data do not exclude: by -2 log likelihood + 2 (free values), or by BIC, within ``NEAR`` of the least."""
+    akaike, bic = min(entry.akaike for entry in entries), min(entry.bic for entry in entries)
+    return [entry for entry in entries if entry.akaike - akaike <= NEAR or entry.bic - bic <= NEAR]
+
+
 def tied(entries: Sequence[Fitted]) -> list[Fitted]:
-    """The winner, and the laws that the data do not exclude: -2 log likelihood + 2 (free values) within ``NEAR`` of the
-    least. Left out is what only adds an extra or a gain to one that is in.
+    """The winner, and the laws that the data do not exclude. Left out is what only adds an extra or a gain to one that
+    is in.
     """
-    least = min(entry.akaike for entry in entries)
-    near = [entry for entry in entries if entry is entries[0] or entry.akaike - least <= NEAR]
+    near = [entries[0], *(entry for entry in near_best(entries) if entry is not entries[0])]
     known = [entry.candidate for entry in near]
     others = [entry for entry in near[1:] if not any(_adds(entry.candidate, other) for other in known)]
     return [near[0], *sorted(others, key=lambda one: one.akaike)]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -11,8 +12,9 @@ import yaml
 
 from fmu_didim import InputError, load_case, name_controller, simulate
 from fmu_didim.cli.main import main
-from fmu_didim.workflow.naming.catalogue import candidates
+from fmu_didim.workflow.naming.catalogue import Candidate, candidates
 from fmu_didim.workflow.naming.named import Gain, Member, NamedController
+from fmu_didim.workflow.naming.verdict import tied
 from tests.conftest import ROOT
 from tests.workflow.naming.machine import HIDDEN, logged, scara, written
 
@@ -26,6 +28,25 @@ def test_an_interval_spans_those_of_the_same_law_in_the_set() -> None:
     another = Member(candidates()[-1], (Gain("Kp", 1, 90.0, 1.0, ""),))
     assert one.beside([]).gains[0].interval == pytest.approx((8.04, 11.96), abs=1e-3)
     assert one.beside([other, another]).gains[0].interval == pytest.approx((8.04, 21.96), abs=1e-3)
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """A law as a contest leaves it."""
+
+    candidate: Candidate
+    akaike: float
+    bic: float
+
+
+def test_a_simpler_law_stays_in_the_set_where_one_criterion_does_not_exclude_it() -> None:
+    """One of many extras looks better by chance: J + 2 (free values) alone would exclude the right law."""
+    law = candidates(["lag"])[1]
+    best, simple = Fitted(law.with_extra("acceleration"), 0.0, 0.0), Fitted(law, 7.8, 0.1)
+    richer, far = Fitted(law.with_extra("filter"), 4.6, 4.6), Fitted(candidates()[-1], 7.8, 7.8)
+    assert tied([best, simple, richer, far]) == [best, simple]  # the richer one only adds to the simple one
+    assert tied([simple, Fitted(law.with_extra("acceleration"), 0.0, 5.0)]) == [simple]
+    assert tied([best, Fitted(law, 7.8, 6.1)]) == [best]
 
 
 def codes(found: NamedController) -> set[str]:
