@@ -126,7 +126,7 @@ def texts(data: Mapping[str, Any]) -> dict[str, str | list[str]]:
         if own:
             found |= {f"{robot}_{rate:g}.{name}": text for name, text in totals(own).items()}
             seeds = sorted({row["seed"] for row in own})
-            found[f"{robot}_{rate:g}.seeds"] = f"{len(seeds)} ({seeds[0]} to {seeds[-1]})"
+            found[f"{robot}_{rate:g}.seeds"] = ", ".join(map(str, seeds))
             found[f"{robot}_{rate:g}.seconds"] = f"{sum(row['seconds'] for row in own) / len(own):.0f} s"
     return found
 
