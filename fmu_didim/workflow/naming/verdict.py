@@ -14,6 +14,7 @@ from fmu_didim.data.signals import Array
 from fmu_didim.workflow.naming.catalogue import EQUAL_EFFECT, SPECIAL_OF, Candidate, same_in_effect
 from fmu_didim.workflow.naming.contest import Contest, Entry
 from fmu_didim.workflow.naming.findings import (
+    CLOCK_REBUILT,
     CLOCKS_APART,
     DELAY_OR_CLOCK,
     INTEGRATOR_UNSEEN,
@@ -143,6 +144,8 @@ def of_the_law(logs: Logs, members: Sequence[Member]) -> Iterator[Diagnostic]:
             RATE_ASSUMED, f"The control rate is taken to be {1 / logs.step:.6g} Hz, that of the log.",
             value=1 / logs.step, unit="Hz",
         )  # fmt: skip
+    if logs.is_rebuilt:
+        yield Diagnostic(CLOCK_REBUILT, "The stamps of the log jitter, and were put right but for a constant.")
     yield from of_gains(members[0].gains)
 
 

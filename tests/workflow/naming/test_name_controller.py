@@ -183,6 +183,21 @@ def test_a_torque_log_that_is_late_is_told(tmp_path: Path) -> None:
     assert early.verdict == "refused"
 
 
+@pytest.mark.gate
+def test_stamps_that_were_put_right_are_a_doubt(tmp_path: Path) -> None:
+    """The log is late by two fifths of a control period then, and gains are off by more than their intervals."""
+    content = logged(tmp_path, HIDDEN["cascade"], 1)
+    path = tmp_path / "machine.csv"
+    header, table = path.read_text(encoding="utf-8").splitlines()[0], np.loadtxt(path, delimiter=",", skiprows=1)
+    table[:, 0] += np.random.default_rng(1).uniform(0, 0.004, len(table))
+    np.savetxt(path, table, delimiter=",", header=header, comments="")
+    for kind in ("torque", "positions"):
+        content["train"][kind] |= {"time": {"name": "t", "jittered": True}}
+    found = name_controller(content)
+    assert found.verdict != "valid"
+    assert found.verdict == "refused" or "law-clock-rebuilt" in codes(found)
+
+
 @pytest.mark.slow
 def test_a_rate_that_is_not_known_is_told(tmp_path: Path) -> None:
     found = name_controller(logged(tmp_path, HIDDEN["cascade"], 1, loop={}))
