@@ -96,7 +96,7 @@ class ControllerSource(ComponentSource):
         kind: as of a plant; or ``tracking``, where nobody knows the controller: a virtual one follows the measured
             positions.
         bandwidth_hz: of ``tracking``: up to which frequency positions are followed; by default the highest at which
-            their noise hardly shows in the accelerations that are compared.
+            their noise hardly shows in the accelerations that are compared, and no higher than the torque log shows.
     """
 
     kind: Literal["fmu", "model", "control", "tracking"] = "fmu"  # type: ignore[assignment]

@@ -87,7 +87,8 @@ class Trajectory:
             row = int(np.flatnonzero(np.diff(time) <= 0)[0]) + 1
             raise InputError(
                 "Time does not increase.", where=where, got=f"row {row}: t = {time[row]:g} s after {time[row - 1]:g} s",
-                next_step="Sort the rows by time and remove duplicates.",
+                next_step="Sort the rows by time and remove duplicates; where an even clock took them and stamps alone "
+                "are late by chance: time: {name: ..., jittered: true}.",
             )  # fmt: skip
         object.__setattr__(self, "time", time)
         object.__setattr__(self, "values", values)

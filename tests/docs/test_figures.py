@@ -22,6 +22,7 @@ from tests.tools.blind.publish import figures as of_cases
 from tests.tools.blind.publish import read_rows
 from tests.tools.blind.score import score
 from tests.tools.foreign.__main__ import texts as of_fmus
+from tests.tools.hidden_controllers.__main__ import texts as of_controllers
 
 FILES = sorted(FOLDER.glob("*.json"))
 MATRIX = ROOT / "docs" / "discovery_matrix.csv"
@@ -136,6 +137,7 @@ def test_figures_of_discovery_are_those_of_its_table() -> None:
         ("speed", lambda data: of_benchmarks(data, list(BENCHMARKS))),
         ("foreign", of_fmus),
         ("benchmark", of_methods),
+        ("controllers", of_controllers),
     ],
 )
 def test_what_is_shown_follows_from_what_was_measured(name: str, texts: Callable[[Any], Mapping[str, Any]]) -> None:
@@ -186,6 +188,7 @@ STATED: Mapping[str, Mapping[str, str]] = {
         "or less than 2 % of the change": THRESHOLD, "have been seen with 95 %": MEANS,
     },
     "watch": {"chance allows with p = 0.001": THRESHOLD, "an interval of 95 %": MEANS},
+    "name-a-controller": {"noise of 1 % of the torque": MADE},
     "find-an-effect": {"stops after 60 s": "what the option says"},
     "choose-a-motion": {"0.1 Hz is usual": "an example"},
     "modelica": {"FMI 2.0 or 3.0": "versions"},

@@ -46,6 +46,7 @@ class Tracking:
         runs: label -> measured positions; logs: label -> torque of each fitted one, with the motion that it belongs to.
         loads: label of a run with a load -> label of the run that describes it.
         compared_hz: to which both torques are filtered before they are compared; None where the log is too slow for it.
+        reason: what sets the bandwidth, in words.
         border_hz: bandwidth by which the borders of the runs are left out; states_rate: whether the case says at which
             rate the real controller runs.
     """
@@ -59,22 +60,25 @@ class Tracking:
     states_rate: bool
     compared_hz: float | None = None
     loads: Mapping[str, str] = field(default_factory=dict)
+    reason: str = ""
 
     @classmethod
     def of(
         cls, parameters: RobotParameters, runs: Mapping[str, Positions], logs: Mapping[str, Measured], *,
         bandwidth_hz: float, step: float, border_hz: float, states_rate: bool, loads: Mapping[str, str] = NO_LOADS,
+        reason: str = "",
     ) -> Tracking:  # fmt: skip
         """The virtual controller for measured positions and torques."""
         logs = {label: replace(log, motion=runs[label].smooth(bandwidth_hz)) for label, log in logs.items()}
         law = virtual_law(parameters, logs, bandwidth_hz, step, loads)
         compared = compared_hz(max(bandwidth_hz, border_hz), min(log.rate_hz for log in logs.values()))
-        return cls(law, law.component(), bandwidth_hz, runs, logs, border_hz, states_rate, compared, loads)
+        return cls(law, law.component(), bandwidth_hz, runs, logs, border_hz, states_rate, compared, loads, reason)
 
     @property
     def chosen(self) -> str:
         """The choice, in words."""
-        return f"a bandwidth of {self.bandwidth_hz:.3g} Hz and a torque held for {1000 * self.step:.3g} ms"
+        why = f" ({self.reason})" if self.reason else ""
+        return f"a bandwidth of {self.bandwidth_hz:.3g} Hz{why} and a torque held for {1000 * self.step:.3g} ms"
 
     def others(self) -> dict[str, Tracking]:
         """Other choices that are as good a guess, in words: half and twice the bandwidth, as far as the positions allow
@@ -155,10 +159,10 @@ def tracking_of(
         measured[label] = Measured(time, log.torque, positions.smooth(HIGHEST * positions.rate_hz))
     followed, slowest = [runs[label] for label in fitted], min(log.rate_hz for log in measured.values())
     bandwidth = bandwidth_of(followed, document.controller.bandwidth_hz, slowest)
-    measured = {label: log.inside(*_borders(runs[label], bandwidth)) for label, log in measured.items()}
+    measured = {label: log.inside(*_borders(runs[label], bandwidth.hz)) for label, log in measured.items()}
     return Tracking.of(
-        parameters, runs, measured, bandwidth_hz=bandwidth, step=step, border_hz=bandwidth,
-        states_rate=document.loop.rate_hz is not None,
+        parameters, runs, measured, bandwidth_hz=bandwidth.hz, step=step, border_hz=bandwidth.hz,
+        states_rate=document.loop.rate_hz is not None, reason=bandwidth.reason,
         loads={k: run.load.same_as or k for k, run in document.runs.items() if run.load is not None},
     )  # fmt: skip
 

@@ -38,6 +38,9 @@ run twice, takes off less than 1e-3 of an acceleration, and what it takes off ab
 OF_THE_LOG = 0.5
 """[1] Of the rate of a torque log, the highest bandwidth with which torques are filtered: what is followed above half
 of its rate would fold into what is compared. Other logs are compared as they are."""
+SHOWN = OF_THE_LOG / COMPARED
+"""[1] Of the rate of a torque log, the highest bandwidth that is chosen: with it the low-pass takes off only what lies
+above half of that rate, which the log folds into the rest. A higher one lets in noise alone."""
 NOISE = 0.007
 """[1] Part of the deviation of an acceleration that its noise may have, up to where torques are compared, if the
 bandwidth is chosen: it draws inertias to zero by its square, 5e-5, and by 32 times as much with twice the bandwidth."""
@@ -146,9 +149,18 @@ def _is_clean(run: Positions, bandwidth_hz: float, log_rate_hz: float) -> bool:
     return run.noise_share(cutoff) <= NOISE
 
 
-def bandwidth_of(runs: Sequence[Positions], stated: float | None, log_rate_hz: float) -> float:
-    """The bandwidth up to which positions are followed, Hz: the stated one, else the highest at which noise hardly
-    shows in the accelerations that are compared.
+@dataclass(frozen=True)
+class Bandwidth:
+    """Up to which positions are followed, Hz, and what sets it, in words."""
+
+    hz: float
+    reason: str
+
+
+def bandwidth_of(runs: Sequence[Positions], stated: float | None, log_rate_hz: float) -> Bandwidth:
+    """The bandwidth up to which positions are followed: the stated one, else the highest at which noise hardly shows in
+    the accelerations that are compared, and no higher than a torque log shows: above ``SHOWN`` of its rate the low-pass
+    takes off nothing below half of it.
 
     Raises:
         InputError: the motion reaches as high, so that positions at this rate, or with this noise, cannot be followed.
@@ -164,6 +176,9 @@ def bandwidth_of(runs: Sequence[Positions], stated: float | None, log_rate_hz: f
     clean = next((b for b in tried if all(_is_clean(run, b, log_rate_hz) for run in runs)), float(tried[-1]))
     bandwidth = clean if stated is None else stated
     motion = max(run.motion_hz(min(clean, bandwidth)) for run in runs)  # above, noise would look like motion
+    shown = SHOWN * log_rate_hz
+    if stated is None:
+        bandwidth = min(clean, max(shown, FOLLOWS * motion))
     if bandwidth < FOLLOWS * motion:
         needed = FOLLOWS * motion
         raise InputError(
@@ -174,4 +189,10 @@ def bandwidth_of(runs: Sequence[Positions], stated: float | None, log_rate_hz: f
             next_step=f"Log positions at {needed / HIGHEST:.3g} Hz or more, less noisy ones, or move slower."
             if stated is None else f"Give {needed:.3g} Hz or more, or leave bandwidth_hz out.",
         )  # fmt: skip
-    return float(bandwidth)
+    if stated is not None:
+        reason = "as the case states" + (f", of which the torque log shows {shown:.3g} Hz" if stated > shown else "")
+    elif bandwidth < clean:
+        reason = f"all that a torque log at {log_rate_hz:.4g} Hz shows"
+    else:
+        reason = "set by the rate of the positions" if clean == tried[0] else "set by the noise of the positions"
+    return Bandwidth(float(bandwidth), reason)

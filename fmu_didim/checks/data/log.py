@@ -13,6 +13,7 @@ from fmu_didim.checks.data.expected import Expected
 from fmu_didim.checks.judgement import MATTERS
 from fmu_didim.cosim import Indices, grid_places, period_change
 from fmu_didim.cosim.instants import PeriodChange
+from fmu_didim.data.even_clock import EvenClock, even_clock
 from fmu_didim.data.filters import running_maximum, running_median
 from fmu_didim.data.signals import Array
 from fmu_didim.fit.base_projection import BaseProjection
@@ -131,7 +132,8 @@ STAMPS_JITTER = CATALOGUE(
     "stamps-jitter", DOUBT, rank=19,
     meaning="The stamps of the log scatter about equal steps: if they are those of arrival, not of measurement, the "
     "torque is compared at wrong instants.",
-    next_step="Find out what the stamps mean; if the samples were taken at equal steps, stamp them so.",
+    next_step="Find out what the stamps mean; if the samples were taken at equal steps, say so where the file is "
+    "named: time: {name: ..., jittered: true}, of torque and positions alike.",
 )  # fmt: skip
 PERIOD_CHANGES = CATALOGUE(
     "period-changes", DOUBT, rank=3,
@@ -224,12 +226,25 @@ def _of_stamps(experiment: Experiment, label: str, control_rate_hz: float) -> It
         slope, origin = np.polyfit(places, stamps, 1)
         scatter = min(float(np.std(stamps - origin - slope * places)), scatter_of_steps(stamps, places)) / slope
         if scatter > JITTER:
-            text = f"The stamps scatter by {1000 * scatter * slope:.3g} ms about steps of {1000 * slope:.4g} ms."
-            yield Diagnostic(STAMPS_JITTER, text, label, scatter, JITTER, "1")
+            text = f"The stamps scatter by {1000 * scatter * slope:.3g} ms about steps of {1000 * slope:.4g} ms"
+            yield _of_jitter(even_clock(stamps), text, label, scatter)
     rate = float(places[-1] / (stamps[-1] - stamps[0]))
     if experiment.rate_hz > rate * (1 + REFERENCE_STEP):
         text = f"rate_hz requests {experiment.rate_hz:.4g} Hz, but the log has {rate:.4g} Hz."
         yield Diagnostic(RATE_ABOVE_LOG, text, label, experiment.rate_hz, rate, "Hz")
+
+
+def _of_jitter(clock: EvenClock, text: str, label: str, scatter: float) -> Diagnostic:
+    """Scattered stamps: whether they are those of an even clock, and what to do then."""
+    if clock.fault:
+        text += f", and are not those of an even clock with all its rows: {clock.fault}."
+        step = "Find out what the stamps mean. Rows that a reader dropped or read twice cannot be counted: log the "
+        step += "machine's own clock, too, and take its stamps."
+        return Diagnostic(STAMPS_JITTER, text, label, scatter, JITTER, "1", step)
+    text += (
+        f", as readings of an even clock of {1 / clock.period:.6g} Hz do that a program stamps late: no row is missing."
+    )
+    return Diagnostic(STAMPS_JITTER, text, label, scatter, JITTER, "1")
 
 
 def _upsampled(experiment: Experiment, label: str, control_rate_hz: float) -> Iterator[Diagnostic]:

@@ -9,8 +9,9 @@ import numpy as np
 
 from fmu_didim.base.diagnostics import Diagnostic
 from fmu_didim.base.errors import InputError
+from fmu_didim.data.even_clock import even_clock
 from fmu_didim.data.signals import Array
-from fmu_didim.data.tables.codes import COUNTED_TIME, STAMPS_ON_GRID, TIME_CONTRADICTS
+from fmu_didim.data.tables.codes import COUNTED_TIME, STAMPS_ON_GRID, STAMPS_REBUILT, TIME_CONTRADICTS
 from fmu_didim.data.tables.columns import TimeColumn
 from fmu_didim.data.tables.table import SignalTable, split_unit
 from fmu_didim.data.units import known_unit
@@ -37,7 +38,7 @@ def clock_column(table: SignalTable, time: TimeColumn, names: Sequence[str]) -> 
     own = {table.times[name] for name in names if name in table.times}
     if time.name is not None:
         own = own and own | {table.column(time.name)}
-    elif time.rate_hz is not None:
+    elif time.rate_hz is not None and not time.jittered:
         return None
     else:
         own = own or set(table.times.values())
@@ -95,7 +96,8 @@ def instants(table: SignalTable, time: TimeColumn, clock: str | None, count: int
     """(N,) instants of the rows in s, and the diagnostics of how they were found.
 
     Raises:
-        InputError: the unit is not a unit of time, or the stamps are not rounded instants of the given rate.
+        InputError: the unit is not a unit of time, or the stamps are not rounded instants of the given rate, or not
+            jittered ones of an even clock.
     """
     if clock is None:
         assert time.rate_hz is not None
@@ -103,6 +105,8 @@ def instants(table: SignalTable, time: TimeColumn, clock: str | None, count: int
     seconds = _seconds(table, clock, time)
     stamps = table.columns[clock]
     stamps = stamps if seconds == 1.0 else stamps * seconds
+    if time.jittered:
+        return _of_even_clock(stamps, time.rate_hz, table.source)
     return (stamps, []) if time.rate_hz is None else _on_grid(stamps, time.rate_hz, table.source)
 
 
@@ -133,6 +137,21 @@ def _counted(table: SignalTable, time: TimeColumn) -> list[Diagnostic]:
         text += f" By its column {beside} they come at {rate:.6g} Hz."
         return [Diagnostic(TIME_CONTRADICTS, text, table.source, rate, time.rate_hz, "Hz")]
     return [Diagnostic(COUNTED_TIME, f"{text} Its column {beside} was not used.", table.source)]
+
+
+def _of_even_clock(stamps: Array, rate: float | None, source: str) -> tuple[Array, list[Diagnostic]]:
+    """The instants of the even clock behind jittered stamps."""
+    clock = even_clock(stamps, rate)
+    if clock.fault:
+        raise InputError(
+            "The stamps are not jittered readings of an even clock.", where=source, got=clock.fault,
+            next_step="Leave out time: {jittered: true}, so that the stamps count; or give a log without missing rows.",
+        )  # fmt: skip
+    text = (
+        f"Its stamps scatter by {1000 * clock.scatter:.3g} ms ({1000 * clock.largest:.3g} ms at most) about the "
+        f"instants of an even clock of {1 / clock.period:.6g} Hz, which were taken instead, as the case asks for."
+    )
+    return clock.instants(stamps.size), [Diagnostic(STAMPS_REBUILT, text, source, 1000 * clock.scatter, None, "ms")]
 
 
 def _on_grid(stamps: Array, rate: float, source: str) -> tuple[Array, list[Diagnostic]]:

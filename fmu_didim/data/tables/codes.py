@@ -39,3 +39,10 @@ STAMPS_ON_GRID = CATALOGUE(
     meaning="The stamps of a file were taken as rounded: each row belongs to the nearest instant of the rate given.",
     next_step="Nothing if the clock of the logger only rounds; else leave out time: {rate_hz: ...}.",
 )  # fmt: skip
+STAMPS_REBUILT = CATALOGUE(
+    "stamps-rebuilt", REMARK, rank=92,
+    meaning="The stamps of a file are jittered readings of an even clock, as the case says: its instants were taken "
+    "instead. How late stamps are on average cannot be seen: all instants may be late by a constant.",
+    next_step="Nothing if torque and positions stand in the same rows; else look for a late clock (torque: "
+    "{log_shift_s: ...}, or fmu-didim discover).",
+)  # fmt: skip

@@ -71,12 +71,15 @@ class TimeColumn(Strict):
         unit: such as ms; by default what the file states, else s.
         rate_hz: rows are 1 / rate apart. Without ``name``: where the file has no reliable time column.
             With it: the stamps are rounded, and each row belongs to the nearest instant of that rate.
+        jittered: the stamps are jittered readings of an even clock, whose instants are taken instead: of the rate that
+            is given, or that fits. Refused where rows are missing or the period changes.
         start_s: instant of the first row, where there is no time column.
     """
 
     name: str | None = None
     unit: str | None = None
     rate_hz: Positive | None = None
+    jittered: bool = False
     start_s: float = Field(default=0.0, allow_inf_nan=False)
 
     @model_validator(mode="before")
@@ -91,6 +94,8 @@ class TimeColumn(Strict):
             raise ValueError(f"'{self.unit}' is not a unit of time; valid: s, ms, us, ns, min")
         if self.start_s and (self.name is not None or self.rate_hz is None):
             raise ValueError("start_s goes with rate_hz and without name")
+        if self.jittered and self.start_s:
+            raise ValueError("jittered: the stamps say when the first row is, not start_s")
         return self
 
 

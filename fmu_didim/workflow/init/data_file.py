@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -12,6 +12,7 @@ import numpy as np
 from fmu_didim.data.tables import SignalTable, TimeColumn
 from fmu_didim.data.tables.clock import instants
 from fmu_didim.workflow.init.roles import Guess, Role, guesses, time_column
+from fmu_didim.workflow.init.values import measured_by_values
 
 WORDS_OF_LOOPS = r"loop|instants?|cycles?|takte?|zyklus"
 """In the name of a file: a control loop wrote it."""
@@ -30,7 +31,14 @@ class DataFile:
     @cached_property
     def guesses(self) -> list[Guess]:
         """The guess for each column."""
-        return guesses(self.table, self.joints)
+        return [self._by_values(one) for one in guesses(self.table, self.joints)]
+
+    def _by_values(self, one: Guess) -> Guess:
+        """A position whose name does not say whether it was measured, and whose values do."""
+        if one.role != "q" or one.side:
+            return one
+        why = measured_by_values(self.table.columns[one.name])
+        return replace(one, side="measured", why=why) if why else one
 
     def clock(self, *roles: str) -> str | None:
         """The time column of the columns with these roles, of all where there are none."""

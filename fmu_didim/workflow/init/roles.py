@@ -43,7 +43,7 @@ class Guess:
 
     Attributes:
         name, unit: of the column in the file; role: what it is; joint: counted from 1, None if its name has no number.
-        side: whether its name says that it is a set point or a measurement.
+        side: whether its name says that it is a set point or a measurement; why: what else says so than its name.
     """
 
     name: str
@@ -51,6 +51,7 @@ class Guess:
     role: Role
     joint: int | None
     side: Side
+    why: str = ""
 
     @property
     def list_name(self) -> str:

@@ -200,6 +200,7 @@ def _experiment(found: Inventory, run: FilesOfRun, joints: int, out: Path) -> di
         "reference": {**reference, "columns": motion}, "torque": log, "torque_note": comment,
         "reference_notes": [*([_BY_ORDER] if run.is_guess else []), *([notes] if notes else [])],
         "asked": _asked(run, joints), "columns_named": False, "positions": _positions(run, joints, out),
+        "positions_note": _why_measured(run),
         "reference_columns": ", ".join(run.reference.table.columns),
         "torque_columns": ", ".join(run.torque.table.columns),
     }  # fmt: skip
@@ -238,6 +239,12 @@ def _positions(run: FilesOfRun, joints: int, out: Path) -> dict[str, Any] | None
             entry.pop("time_note", None)
             return {**entry, "columns": {f"q{j}": _entry(meant) for j, meant in enumerate(each, start=1)}}
     return None
+
+
+def _why_measured(run: FilesOfRun) -> str:
+    """What says that positions were measured where their names do not."""
+    found = [f"{g.name}: {g.why}" for g in run.reference.guesses if g.why]
+    return f"; no name says so, but values do ({found[0]}): set points would go to reference:" if found else ""
 
 
 def _torque_columns(data: DataFile, joints: int) -> tuple[dict[str, Any], str]:
@@ -322,7 +329,7 @@ def _guessed(found: Inventory) -> Iterator[tuple[str, str, str]]:
                 yield data.path.name, clock, f"time{f', {rate:g} Hz' if rate else ''}"
         for g in data.guesses:
             joint = f" of joint {g.joint}" if g.joint is not None and g.role != "other" else ""
-            side = f" ({g.side})" if g.side else ""
+            side = f" ({g.side}{': ' if g.why else ''}{g.why})" if g.side else ""
             yield data.path.name, g.name, f"{words.get(g.role, g.role)}{joint}{side}"
         if data.is_loop_log:
             yield data.path.name, "", "instants of the controller"

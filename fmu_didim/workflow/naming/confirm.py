@@ -17,10 +17,9 @@ from fmu_didim.workflow.naming.catalogue import Candidate, same_in_effect
 from fmu_didim.workflow.naming.contest import Entry
 from fmu_didim.workflow.naming.in_loop import LoopContest, LoopEntry
 from fmu_didim.workflow.naming.logs import Logs
-from fmu_didim.workflow.naming.named import Gain, gains_of
+from fmu_didim.workflow.naming.named import Gain, Member
+from fmu_didim.workflow.naming.verdict import near_best
 
-NEAR = 6.0
-"""[1] -2 log likelihood + 2 (free values) above the least, within which a law is not excluded: odds of 20 to 1."""
 WHITE = 1e-4
 """[1] Chance of residuals as alike as these by white noise, from which the robot, or the law, lacks nothing."""
 APART = 4.0
@@ -49,18 +48,17 @@ class Confirmed:
     """What the loop says of laws that tie.
 
     Attributes:
-        candidates: those that are left, the best first; entry: the best in the loop, where it leaves white noise.
-        gains: of that, with their deviations; told: what is to be known.
+        members: the laws that are left, the best first, with gains of the loop where it is fitted.
+        in_loop: whether the best leaves white noise there; told: what is to be known.
     """
 
-    candidates: tuple[Candidate, ...]
-    gains: tuple[Gain, ...] | None
-    values: tuple[Mapping[str, float], ...] | None
+    members: tuple[Member, ...]
+    in_loop: bool
     told: tuple[Diagnostic, ...] = ()
 
 
-def confirmed(logs: Logs, tied: Sequence[Entry], gains: Sequence[Gain], progress: Callable[[str], None]) -> Confirmed:
-    """Laws that a regression could not tell apart, in the loop; ``gains``: of the first of them."""
+def confirmed(logs: Logs, tied: Sequence[Entry], known: Sequence[Member], progress: Callable[[str], None]) -> Confirmed:
+    """Laws that a regression could not tell apart, in the loop; ``known``: with the gains that they have there."""
     contest = LoopContest(logs, progress=progress)
     found: list[LoopEntry] = []
     for entry in tied[:MOST]:
@@ -68,24 +66,30 @@ def confirmed(logs: Logs, tied: Sequence[Entry], gains: Sequence[Gain], progress
         fitted = contest.fit_from(entry.candidate, [fit.values for fit in entry.joints])
         if fitted is not None:
             found.append(fitted)
-    known = tuple(entry.candidate for entry in tied)
     white = [entry for entry in found if np.min(entry.whiteness) > WHITE / entry.whiteness.size]
     if not white:
         text = "In the loop with the robot of the case the law leaves more than white noise."
-        return Confirmed(known, None, None, (Diagnostic(NOT_CONFIRMED, text),))
-    least = min(entry.akaike for entry in white)
-    out = {entry.candidate for entry in found if entry.akaike > least + NEAR}
+        return Confirmed(tuple(known), False, (Diagnostic(NOT_CONFIRMED, text),))
+    out = {entry.candidate for entry in found if entry not in near_best([*white, entry])}
     best = min(white, key=lambda entry: entry.bic)
     try:
-        settled, deviation = contest.deviations(best)
+        first = contest.member(best)
     except FmuDidimError as error:
-        return Confirmed(known, None, None, (Diagnostic(NOT_CONFIRMED, f"The loop could not be fitted: {error.what}"),))
-    values = settled.values(len(logs.joints))
-    own = gains_of(values, deviation)
-    kept = (one for one in known if one not in out or same_in_effect(one, best.candidate))
-    left = (best.candidate, *(one for one in kept if one != best.candidate))
-    told = list(_apart(gains, own)) if best.candidate == known[0] else []
-    return Confirmed(left, own, tuple(values), tuple(told))
+        text = f"The loop could not be fitted: {error.what}"
+        return Confirmed(tuple(known), False, (Diagnostic(NOT_CONFIRMED, text),))
+    kept = (m for m in known if m.candidate not in out or same_in_effect(m.candidate, best.candidate))
+    fitted_in_loop = {entry.candidate: entry for entry in white}
+    left = [_settled(contest, member, fitted_in_loop) for member in kept if member.candidate != best.candidate]
+    told = _apart(known[0].gains, first.gains) if best.candidate == known[0].candidate else ()
+    return Confirmed((first, *left), True, tuple(told))
+
+
+def _settled(contest: LoopContest, member: Member, entries: Mapping[Candidate, LoopEntry]) -> Member:
+    """The same law with gains of the loop, where it can be fitted there."""
+    try:
+        return contest.member(entries[member.candidate]) if member.candidate in entries else member
+    except FmuDidimError:
+        return member
 
 
 def _apart(gains: Sequence[Gain], own: Sequence[Gain]) -> Iterator[Diagnostic]:

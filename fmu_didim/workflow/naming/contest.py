@@ -62,7 +62,7 @@ class Contest:
 
     def run(self) -> list[Entry]:
         """All entries, the best first."""
-        self._search()
+        self.search()
         problems = [p.with_noise_of(fit) for p, fit in zip(self.problems, self.ranked[0].joints, strict=True)]
         other = any(
             new.noise.position == 0 < old.noise.position for new, old in zip(problems, self.problems, strict=True)
@@ -70,7 +70,7 @@ class Contest:
         self.problems = problems
         if other:
             self.entries = {}
-            self._search()
+            self.search()
         else:
             self._again()
         return self.ranked
@@ -87,7 +87,8 @@ class Contest:
         """The best first."""
         return sorted(self.entries.values(), key=lambda entry: entry.bic)
 
-    def _search(self) -> None:
+    def search(self) -> None:
+        """Fit all that may be the best, with the levels of noise at hand."""
         for candidate in candidates():
             self.fit(candidate)
         for entry in self._of_each_law():

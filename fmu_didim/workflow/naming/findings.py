@@ -44,6 +44,13 @@ DELAY_OR_CLOCK = CATALOGUE(
     "positions.",
     next_step="Check that both were logged by one clock.",
 )  # fmt: skip
+CLOCK_REBUILT = CATALOGUE(
+    "law-clock-rebuilt", DOUBT, rank=21,
+    meaning="The stamps of a log jitter and were put right, as the case asks for, which leaves a constant within the "
+    "jitter unknown. A log that is late against the reference by a part of a control period moves all gains.",
+    next_step="Log set points, torque and positions in the same rows, or take the stamps of the machine's own clock; "
+    "else move the log by a part of its jitter (offset_s) and see what it does to the gains.",
+)  # fmt: skip
 INTEGRATOR_UNSEEN = CATALOGUE(
     "law-integrator-unseen", REMARK, rank=60,
     meaning="The law was named without an integrator, and a weak one would not have shown in this log.",

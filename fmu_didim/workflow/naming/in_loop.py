@@ -5,12 +5,15 @@
 
 Each law with its gains runs in the loop with the robot of the case; both are fitted to torque and positions at once.
 Whatever is named depends on the robot description: a law that fits none may be a robot that lacks something.
+
+A regression along a spline through the positions, which costs a hundredth, says where to begin and what is hopeless: it
+misses what happens between the samples, alike for all laws.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -25,15 +28,23 @@ from fmu_didim.estimators.joint import motion_minimum
 from fmu_didim.fit.fit import Fit
 from fmu_didim.fit.noise.weighting import NoiseOfResidual
 from fmu_didim.fit.solver.least_squares import minimise
-from fmu_didim.workflow.naming.catalogue import EQUAL_EFFECT, LAWS, TIMES, Candidate, Extra, candidates, simpler, takes
+from fmu_didim.workflow.naming.catalogue import EQUAL_EFFECT, LAWS, TIMES, Candidate, Extra, simpler, takes
+from fmu_didim.workflow.naming.contest import Contest
 from fmu_didim.workflow.naming.logs import Logs
+from fmu_didim.workflow.naming.named import Member, gains_of
 from fmu_didim.workflow.naming.regression import JointProblem
-from fmu_didim.workflow.naming.starts import law_starts, with_extras
 
 IN_LOOP: tuple[Extra, ...] = ("acceleration", "filter", "lag")
 """Extras that are tried in the loop; a delay of a slow log is one with its lag."""
 LEADERS, MOST_EXTRAS = 3, 2
 """[candidates, extras] Whose neighbours are tried, and how many extras one has at most."""
+FIRST = 4
+"""[candidates] The first ones of the regression, which are tried in any case."""
+HOPELESS = 2.0
+"""[1] What a law leaves in the regression along the spline, over what the best one leaves there, at a joint: above it
+the law is not tried in the loop. What the spline misses is left by all, the right one among them."""
+LEAST_TIME = 0.2
+"""[control periods] At which a time begins at least: at zero nothing shows in which direction to go."""
 LAGS = 10
 """[samples] Over which neighbouring residuals are compared."""
 
@@ -99,21 +110,36 @@ class LoopContest:
     progress: Callable[[str], None] = lambda text: None
 
     def __post_init__(self) -> None:
-        self.problems = [JointProblem.of(runs) for runs in self.logs.joints]
+        problems = [JointProblem.of(runs) for runs in self.logs.joints]
+        self.problems = [replace(p, noise=replace(p.noise, position=0.0)) for p in problems]
+        self.rough = Contest(self.problems)
         self.case = with_measured(self.logs.case)
 
     def run(self) -> list[LoopEntry]:
         """All entries, the best first."""
-        for candidate in candidates():
-            if candidate.rate == candidate.law.rates[0]:
-                self.fit(candidate)
+        self.progress("regression along the positions")
+        self.rough.search()
+        known = [_in_loop(entry.candidate) for entry in self.rough.ranked]
+        self.least = self._left(known[0])
+        firsts = list(dict.fromkeys(known))[:FIRST]
+        of_laws = {candidate.law.name: candidate for candidate in reversed(known)}
+        for candidate in [*firsts, *filter(self._has_hope, reversed(of_laws.values()))]:
+            self.fit(candidate)
         looked: set[Candidate] = set()
         while new := [e.candidate for e in self.ranked[:LEADERS] if e.candidate not in looked]:
             looked.update(new)
             for candidate in new:
-                for other in self._neighbours(candidate):
+                for other in filter(self._has_hope, self._neighbours(candidate)):
                     self.fit(other)
         return self.ranked
+
+    def _left(self, candidate: Candidate) -> Array:
+        """(n,) RMS that a law leaves in the regression, over the noise of the torque."""
+        joints = self.rough.fit(candidate).joints
+        return np.array([np.sqrt(fit.cost / fit.samples) for fit in joints])
+
+    def _has_hope(self, candidate: Candidate) -> bool:
+        return bool(np.all(self._left(candidate) <= HOPELESS * np.maximum(self.least, 1.0)))
 
     @property
     def ranked(self) -> list[LoopEntry]:
@@ -130,22 +156,13 @@ class LoopContest:
         return found
 
     def fit(self, candidate: Candidate) -> None:
-        """A candidate from the best start that can be simulated."""
+        """A candidate from where the regression leaves it."""
         if candidate in self.entries or candidate in self.failed:
             return
         self.progress(f"fitting {candidate.words}")
-        best: LoopEntry | None = None
-        for start in self._starts(candidate):
-            try:
-                found = self._fitted(candidate, start)
-            except FmuDidimError as error:
-                self.failed[candidate] = error.what
-                continue
-            if best is None or found.cost < best.cost:
-                best = found
-        if best is not None:
-            self.failed.pop(candidate, None)
-            self.entries[candidate] = best
+        found = self.fit_from(candidate, self._start(candidate))
+        if found is not None:
+            self.entries[candidate] = found
 
     def fit_from(self, candidate: Candidate, start: Sequence[Mapping[str, float]]) -> LoopEntry | None:
         """A candidate from these values; None where it cannot be simulated or has what is not tried in the loop."""
@@ -175,26 +192,35 @@ class LoopContest:
         plant = {n: e for n, e in (self.case.content.get("identify") or {}).items() if e.get("of", "plant") == "plant"}
         return self.case.with_(controller=block, identify={**plant, **free}, loop={"rate_hz": 1 / self.logs.step})
 
-    def _starts(self, candidate: Candidate) -> list[list[dict[str, float]]]:
-        """From a simpler candidate of the same law, or from the rough gains of the slow logs."""
-        n = len(self.problems)
-        for extra in (*candidate.extras, None):
-            for rate in candidate.law.rates:
-                before = Candidate(candidate.law, rate, candidate.without(extra).extras if extra else candidate.extras)
-                if before in self.entries:
-                    known = self.entries[before].values(n)
-                    return [[with_extras(self.problems[j], candidate, [one])[0] for j, one in enumerate(known)]]
-        rough = [law_starts(problem, candidate.law) for problem in self.problems]
-        ways = range(max(map(len, rough)))
-        return [[dict(one[min(way, len(one) - 1)]) for one in rough] for way in ways]
+    def _start(self, candidate: Candidate) -> list[dict[str, float]]:
+        """From the regression, joint by joint; a time that is none there begins a little above it."""
+        least = dict.fromkeys(TIMES, LEAST_TIME * self.logs.step)
+        fits = self.rough.fit(candidate).joints
+        return [{name: max(value, least.get(name, -np.inf)) for name, value in fit.values.items()} for fit in fits]
 
-    def deviations(self, entry: LoopEntry) -> tuple[LoopEntry, list[dict[str, float]]]:
-        """The entry at the end of an efficient fit, and the standard deviations of its values."""
+    def settled(self, entry: LoopEntry) -> Member:
+        """The same as ``member``; without a standard deviation where the loop does not determine all gains, as of a
+        filter that is none."""
+        try:
+            return self.member(entry)
+        except FmuDidimError:
+            found = entry.values(len(self.problems))
+            return Member(entry.candidate, gains_of(found, [dict.fromkeys(one, np.inf) for one in found]))
+
+    def member(self, entry: LoopEntry) -> Member:
+        """The law of an entry with its gains at the end of an efficient fit, and their standard deviations.
+
+        Raises:
+            FmuDidimError: the loop cannot be fitted.
+        """
         minimum = motion_minimum(entry.fit.model.with_values(entry.fit.values), tolerance=1e-6, progress=no_progress)
-        counts = minimum.fit.model.output_counts
-        variance = np.nansum(minimum.fit.residual**2, axis=0) / counts
-        settled = LoopEntry(entry.candidate, minimum.fit, float(np.sum(counts * np.log(variance))))
-        return settled, settled.values(len(self.problems), minimum.known.deviation)
+        found, n = LoopEntry(entry.candidate, minimum.fit, entry.cost), len(self.problems)
+        return Member(entry.candidate, gains_of(found.values(n), found.values(n, minimum.known.deviation)))
+
+
+def _in_loop(candidate: Candidate) -> Candidate:
+    """A candidate without what is not tried in the loop."""
+    return replace(candidate, extras=tuple(extra for extra in candidate.extras if extra in IN_LOOP)[:MOST_EXTRAS])
 
 
 def _block(candidate: Candidate, logs: Logs) -> Any:

@@ -42,6 +42,7 @@ class Logs:
             at each tick, so that they show what the controller saw.
         labels: of the runs; kinds: type of each joint; unit: of the command.
         torque_hz, positions_hz: rates of the logs; no positions: 0. is_unknown: whether the case guesses no controller.
+        is_rebuilt: whether jittered stamps of a log were put right.
     """
 
     case: Case
@@ -54,6 +55,7 @@ class Logs:
     torque_hz: float
     positions_hz: float
     is_unknown: bool
+    is_rebuilt: bool = False
 
 
 def logs_of(case: Case | Path | str | Mapping[str, Any]) -> Logs:
@@ -110,7 +112,13 @@ def logs_of(case: Case | Path | str | Mapping[str, Any]) -> Logs:
     return Logs(
         ready, joints, step, known, bool(runs) and all(on_ticks), labels, kinds, min(torque_hz),
         min(positions_hz, default=0.0), document.controller.is_tracking,
+        any(_is_rebuilt(document.runs[label]) for label in labels),
     )  # fmt: skip
+
+
+def _is_rebuilt(run: ExperimentSource) -> bool:
+    files = (run.torque, run.positions, *run.measured_files)
+    return any(file is not None and file.time is not None and file.time.jittered for file in files)
 
 
 def _document(case: Case | Path | str | Mapping[str, Any]) -> tuple[CaseDocument, Path]:

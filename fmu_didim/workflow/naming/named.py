@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -30,19 +30,49 @@ INTERVAL = 1.959964
 
 @dataclass(frozen=True)
 class Gain:
-    """A value of a law at a joint, with its standard deviation; unit: s of times, none of gains."""
+    """A value of a law at a joint, with its standard deviation; unit: s of times, none of gains.
+
+    Attributes:
+        rivals: the same value of the same law with other extras, or another way to the velocity, which the data do not
+            exclude: the interval spans theirs, too.
+    """
 
     name: str
     joint: int
     value: float
     deviation: float
     unit: str
+    rivals: tuple[Gain, ...] = ()
 
     @property
     def interval(self) -> tuple[float, float]:
-        """Of 95 %; times are not negative."""
+        """Of 95 %, whichever law of the set it is; times are not negative."""
         low, high = self.value - INTERVAL * self.deviation, self.value + INTERVAL * self.deviation
-        return (max(low, 0.0) if self.unit == "s" else low), high
+        own = (max(low, 0.0) if self.unit == "s" else low), high
+        lows, highs = zip(own, *(rival.interval for rival in self.rivals), strict=True)
+        return min(lows), max(highs)
+
+
+@dataclass(frozen=True)
+class Member:
+    """A law that the data do not exclude, with its gains at all joints."""
+
+    candidate: Candidate
+    gains: tuple[Gain, ...]
+
+    @property
+    def values(self) -> list[dict[str, float]]:
+        """Joint by joint."""
+        count = max(gain.joint for gain in self.gains)
+        return [{g.name: g.value for g in self.gains if g.joint == j} for j in range(1, count + 1)]
+
+    def beside(self, others: Sequence[Member]) -> Member:
+        """The same, its intervals spanning those of others of the same law."""
+        alike = [gain for other in others if other.candidate.law is self.candidate.law for gain in other.gains]
+        return replace(self, gains=tuple(
+            replace(one, rivals=tuple(g for g in alike if (g.name, g.joint) == (one.name, one.joint)))
+            for one in self.gains
+        ))  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -65,18 +95,15 @@ class NamedController:
     """A control law that was named.
 
     Attributes:
-        name: of the case; candidate: the law; gains: of all joints.
-        tied: laws that the data cannot tell from it, in words, itself first.
+        name: of the case.
+        members: the law that was named, and after it those that the data cannot tell from it, each with its gains.
         ranked: the contest, the best first; leaves: (n,) RMS of the residual over that of the noise.
         controller: its description, as ``controller: {source: ...}`` reads it; delay_samples: of the loop, beside it.
         judgement: verdict and reasons; way: how the gains were found; provenance: versions and files.
     """
 
     name: str
-    candidate: Candidate
-    gains: tuple[Gain, ...]
-    tied: tuple[str, ...]
-    tied_laws: tuple[str, ...]
+    members: tuple[Member, ...]
     ranked: tuple[Ranked, ...]
     leaves: tuple[float, ...]
     controller: Mapping[str, Any]
@@ -87,6 +114,26 @@ class NamedController:
 
     def __repr__(self) -> str:
         return f"NamedController({self.name!r}, {self.candidate.words}, {self.verdict})"
+
+    @property
+    def candidate(self) -> Candidate:
+        """The law that was named."""
+        return self.members[0].candidate
+
+    @property
+    def gains(self) -> tuple[Gain, ...]:
+        """Of all joints; their intervals span those of the same law with other extras that the data do not exclude."""
+        return self.members[0].beside(self.members[1:]).gains
+
+    @property
+    def tied(self) -> tuple[str, ...]:
+        """Laws that the data cannot tell from each other, in words, the named one first."""
+        return tuple(member.candidate.words for member in self.members)
+
+    @property
+    def tied_laws(self) -> tuple[str, ...]:
+        """Their names in the catalogue, each once."""
+        return tuple(dict.fromkeys(member.candidate.law.name for member in self.members))
 
     @property
     def verdict(self) -> str:
@@ -145,12 +192,12 @@ class NamedController:
             "velocity": self.candidate.rate,
             "extras": list(self.candidate.extras),
             "way": self.way,
-            "gains": [
-                {"name": g.name, "joint": g.joint, "value": g.value, "deviation": _finite(g.deviation),
-                 "low": _finite(g.interval[0]), "high": _finite(g.interval[1]), "unit": g.unit}
-                for g in self.gains
-            ],
+            "gains": _saved(self.gains),
             "tied": list(self.tied),
+            "set": [
+                {"law": m.candidate.law.name, "words": m.candidate.words, "gains": _saved(m.gains)}
+                for m in self.members
+            ],
             "contest": [
                 {"law": r.law, "words": r.words, "bic": r.bic, "leaves": r.leaves} for r in self.ranked
             ],
@@ -173,6 +220,8 @@ class NamedController:
         if len(self.tied) > 1:
             lines += ["Or, as the data cannot tell them apart:"]
             lines += [line for text in self.tied[1:] for line in wrapped(text, "  ", "    ")]
+            if any(gain.rivals for gain in self.gains):
+                lines += wrapped("Intervals span those of all laws in this set that have the same gains.")
         lines += ["", *self._gain_lines(), "", *self._contest_lines(), ""]
         for d in self.diagnostics:
             lines += wrapped(f"{d.code.severity.value.upper()} {d.code.name}: {d}", "", "  ")
@@ -208,6 +257,14 @@ def gains_of(values: Sequence[Mapping[str, float]], deviations: Sequence[Mapping
         for j, (found, deviation) in enumerate(zip(values, deviations, strict=True), start=1)
         for name, value in found.items()
     )
+
+
+def _saved(gains: Sequence[Gain]) -> list[dict[str, Any]]:
+    return [
+        {"name": g.name, "joint": g.joint, "value": g.value, "deviation": _finite(g.deviation),
+         "low": _finite(g.interval[0]), "high": _finite(g.interval[1]), "unit": g.unit}
+        for g in gains
+    ]  # fmt: skip
 
 
 def _finite(value: float) -> float | None:

@@ -28,7 +28,9 @@ from fmu_didim.data.signals import Array
 from fmu_didim.workflow.naming.catalogue import TIMES, Candidate, Complex, JointSignals
 
 MOTION_OVER_NOISE = 1.5
-"""[1] Power of the torque over that of its noise, from which a frequency belongs to the motion."""
+"""[1] Power of the torque over that of the noise, from which a frequency belongs to the motion: noise of the torque,
+and of the positions as the law makes it larger, once a law is known. Where that is more than the motion, a frequency
+tells nothing of the law, but products of noise with itself scatter J, more than a sum of squares does."""
 SMOOTHED = 15
 """[frequencies] Over which that power is averaged."""
 LOWEST_SPLIT, HIGHEST_SPLIT = 0.05, 0.5
@@ -45,6 +47,8 @@ LEAST_NOISE = 1e-6
 """[1] Of the deviation of the torque, what its noise counts as at least: rounding of a log."""
 INSIDE = 0.95
 """[1] Of a limit, below which a torque is none of its samples."""
+AT_BORDER = (-1, 0, 1)
+"""[samples] From the first one of a run, where differences and filters reach over its border."""
 KEPT = 60
 """[1] Tables of columns that are kept."""
 ROUGHLY = 1.4
@@ -103,14 +107,14 @@ class JointFit:
     """A law that was fitted at a joint.
 
     Attributes:
-        values: of its parameters; ramps: further free values, see ``_compared``.
+        values: of its parameters; transients: further free values, see ``_compared``.
         cost: J; samples: real numbers that it is of.
         beyond, beyond_samples: the same above the frequencies of the motion, where no law is fitted.
     """
 
     candidate: Candidate
     values: Mapping[str, float]
-    ramps: int
+    transients: int
     cost: float
     samples: int
     beyond: float
@@ -119,7 +123,7 @@ class JointFit:
     @property
     def count(self) -> int:
         """Free values."""
-        return len(self.values) + self.ramps
+        return len(self.values) + self.transients
 
     @property
     def x(self) -> Array:
@@ -129,10 +133,12 @@ class JointFit:
 
 @dataclass(frozen=True)
 class JointProblem:
-    """The runs of one joint, with the levels of its noise."""
+    """The runs of one joint, with the levels of its noise; densities: of each run, what a law that is near makes of
+    both, (W,), once there is one."""
 
     runs: tuple[JointSignals, ...]
     noise: NoiseLevels
+    densities: tuple[Array, ...] = ()
 
     @classmethod
     def of(cls, runs: Sequence[JointSignals], torque_std: float | None = None) -> JointProblem:
@@ -149,13 +155,17 @@ class JointProblem:
         """Of each run, rad/s, without zero."""
         return tuple(np.asarray(2 * np.pi * np.fft.rfftfreq(run.rows.size, run.sample_s)[1:]) for run in self.runs)
 
+    @property
+    def _densities(self) -> Sequence[Array | float]:
+        return self.densities or [self.noise.torque] * len(self.runs)
+
     @cached_property
     def moving(self) -> tuple[int, ...]:
         """Of each run, how many frequencies from the lowest on the motion has."""
         found = []
-        for torque in self.torques:
+        for torque, density in zip(self.torques, self._densities, strict=True):
             power = np.convolve(np.abs(torque) ** 2, np.ones(SMOOTHED) / SMOOTHED, mode="same")
-            seen = np.flatnonzero(power > MOTION_OVER_NOISE * self.noise.torque)
+            seen = np.flatnonzero(power > MOTION_OVER_NOISE * density)
             last, count = int(seen[-1]) + 1 if seen.size else 1, torque.size
             found.append(int(np.clip(last, LOWEST_SPLIT * count, HIGHEST_SPLIT * count)))
         return tuple(found)
@@ -210,7 +220,7 @@ class JointProblem:
 
     def residual(self, candidate: Candidate, x: Array) -> Array:
         """Real parts, then imaginary ones, over the roots of their densities, at the frequencies of the motion: J is
-        their sum of squares. Of a law with an integrator without a ramp, see ``_compared``."""
+        their sum of squares. Without transients, see ``_compared``."""
         points = self.point(candidate, x)
         found = [self._compared(candidate, i, p, p.transform / np.sqrt(p.density)) for i, p in enumerate(points)]
         return np.concatenate(found)
@@ -232,21 +242,27 @@ class JointProblem:
     def _compared(self, candidate: Candidate, run: int, point: Point, whitened: Complex) -> Array:
         """A whitened table (W, ...) of a run at the frequencies of the motion, as real numbers.
 
-        Noise of the positions, once integrated, is a random walk. Its end is not its beginning, which is a ramp in the
-        eyes of the Fourier transform: the size of that is a free value, which is eliminated.
+        The Fourier transform takes a run for a period. Noise of the positions, which a law differences or filters, does
+        not go on over its border like that: impulses there. Once integrated it is a random walk, whose end is not its
+        beginning: a ramp. Sizes of these are free values, which are eliminated (the transient term of Pintelon and
+        Schoukens, ch. 6).
         """
         count = self.moving[run]
         table = _real([whitened[:count]])
-        if not candidate.law.integrates:
-            return table
-        ramp = _real([self.ramps[run][:count] / np.sqrt(point.density[:count])])
-        ramp = ramp / np.linalg.norm(ramp)
-        return np.asarray(table - np.multiply.outer(ramp, ramp @ table))
+        free = self.borders[run][:count, : _transients(candidate)] / np.sqrt(point.density[:count, None])
+        basis = np.linalg.qr(_real([free]))[0]
+        return np.asarray(table - basis @ (basis.T @ table))
 
     @cached_property
-    def ramps(self) -> tuple[Complex, ...]:
-        """Of each run, the spectrum of a ramp."""
-        return tuple(_spectrum(np.linspace(-1.0, 1.0, run.rows.size)) for run in self.runs)
+    def borders(self) -> tuple[Complex, ...]:
+        """Of each run, the spectra (W, m) of impulses at its border and of a ramp."""
+        found = []
+        for run in self.runs:
+            table = np.zeros((run.rows.size, len(AT_BORDER) + 1))
+            table[list(AT_BORDER), range(len(AT_BORDER))] = 1.0
+            table[:, -1] = np.linspace(-1.0, 1.0, run.rows.size)
+            found.append(_spectrum(table))
+        return tuple(found)
 
     def fit(self, candidate: Candidate, starts: Sequence[Mapping[str, float]]) -> JointFit:
         """The best fit of a law from several starts."""
@@ -273,9 +289,9 @@ class JointProblem:
         values = dict(zip(candidate.names, map(float, x), strict=True))
         within, points = self.residual(candidate, x), zip(self.point(candidate, x), self.moving, strict=True)
         beyond = np.concatenate([2 * np.abs(p.transform[n:]) ** 2 / p.density[n:] for p, n in points])
-        ramps = len(self.runs) if candidate.law.integrates else 0
+        transients = len(self.runs) * _transients(candidate)
         return JointFit(
-            candidate, values, ramps, float(within @ within), within.size, float(beyond.sum()), 2 * beyond.size
+            candidate, values, transients, float(within @ within), within.size, float(beyond.sum()), 2 * beyond.size
         )  # fmt: skip
 
     def is_limited(self, fit: JointFit) -> bool:
@@ -301,8 +317,10 @@ class JointProblem:
         of_both = float(np.sum(np.log(near * density) + power / (near * density)))
         of_torque = power.size * (np.log(max(alone, TINY)) + 1)
         if 2 * (of_both - of_torque) >= SURE:
-            return replace(self, noise=NoiseLevels(alone, 0.0, 1 / np.sqrt(power.size)))
-        return replace(self, noise=_combined(self.noise, power, (density - self.noise.torque) / self._position))
+            return replace(self, noise=NoiseLevels(alone, 0.0, 1 / np.sqrt(power.size)), densities=())
+        found = replace(self, noise=_combined(self.noise, power, (density - self.noise.torque) / self._position))
+        of_fit = tuple(point.density for point in found.point(fit.candidate, fit.x))
+        return replace(found, densities=of_fit)
 
     @property
     def _position(self) -> float:
@@ -388,6 +406,11 @@ def _combined(noise: NoiseLevels, power: Array, gain: Array) -> NoiseLevels:
     weights = np.array([noise.of_position**-2, float(deviation) ** -2])
     position = float(weights @ [noise.position, seen] / weights.sum())
     return replace(noise, position=position, of_position=float(weights.sum() ** -0.5))
+
+
+def _transients(candidate: Candidate) -> int:
+    """Free values of a run beside those of the law."""
+    return len(AT_BORDER) + candidate.law.integrates
 
 
 def _spectrum(table: Array) -> Complex:

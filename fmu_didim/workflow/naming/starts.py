@@ -9,8 +9,9 @@ import numpy as np
 from fmu_didim.workflow.naming.catalogue import EXTRAS, Candidate, Extra, Law
 from fmu_didim.workflow.naming.regression import JointProblem
 
-START_TIME = 2.0
-"""[control periods] Of a filter, a lag and a delay at the start."""
+START_TIMES = (0.5, 2.0)
+"""[control periods] Of a filter, a lag and a delay at the start: from one of them the least may be none at all, where
+the gain of the velocity takes its place."""
 START_LIMIT = 0.98
 """[quantile] Of the size of the torque, at which a limit begins: some of the samples are at it."""
 LEAST = 1e-6
@@ -41,10 +42,10 @@ def law_starts(problem: JointProblem, law: Law) -> list[dict[str, float]]:
     return [{name: float({**one, "feedforward": share}[name]) for name in law.gains} for one in starts]
 
 
-def extra_start(problem: JointProblem, extra: Extra) -> float:
-    """Value of an extra's parameter at the start."""
+def extra_start(problem: JointProblem, extra: Extra, periods: float) -> float:
+    """Value of an extra's parameter at the start; that of a time in control periods."""
     if extra in ("filter", "lag", "delay"):
-        return START_TIME * problem.runs[0].step
+        return periods * problem.runs[0].step
     torque = np.concatenate([run.torque for run in problem.runs])
     if extra == "limit":
         return float(np.quantile(np.abs(torque), START_LIMIT))
@@ -55,9 +56,15 @@ def extra_start(problem: JointProblem, extra: Extra) -> float:
 def with_extras(
     problem: JointProblem, candidate: Candidate, known: Sequence[Mapping[str, float]]
 ) -> list[dict[str, float]]:
-    """Starts of a candidate from values of simpler ones."""
-    fresh = {EXTRAS[extra][0]: extra_start(problem, extra) for extra in candidate.extras}
-    return [{name: start[name] if name in start else fresh[name] for name in candidate.names} for start in known]
+    """Starts of a candidate from values of simpler ones, or of itself with another velocity: as they are, and with
+    times that are fresh."""
+    found = [dict(start) for start in known if set(candidate.names) <= set(start)]
+    for periods in START_TIMES if candidate.times else START_TIMES[:1]:
+        fresh = {EXTRAS[extra][0]: extra_start(problem, extra, periods) for extra in candidate.extras}
+        own = {name: fresh[name] for name in candidate.times}
+        found += [{**fresh, **start, **own} for start in known]
+    ordered = [{name: one[name] for name in candidate.names} for one in found]
+    return [one for k, one in enumerate(ordered) if one not in ordered[:k]]
 
 
 def _linear(problem: JointProblem, names: Sequence[str]) -> dict[str, float]:

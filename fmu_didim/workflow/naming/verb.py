@@ -27,7 +27,7 @@ from fmu_didim.workflow.naming.contest import Contest, Entry
 from fmu_didim.workflow.naming.findings import FROM_SLOW_POSITIONS
 from fmu_didim.workflow.naming.in_loop import LoopContest, LoopEntry
 from fmu_didim.workflow.naming.logs import Logs, logs_of
-from fmu_didim.workflow.naming.named import Gain, NamedController, Ranked, gains_of
+from fmu_didim.workflow.naming.named import Member, NamedController, Ranked, gains_of
 from fmu_didim.workflow.naming.regression import JointProblem
 from fmu_didim.workflow.naming.verdict import (
     deviations,
@@ -86,26 +86,22 @@ def _at_ticks(logs: Logs, progress: Callable[[str], None]) -> NamedController:
     contest = Contest(problems, progress=progress)
     entries = contest.run()
     best, others = entries[0], tied(entries)
-    pairs = list(zip(contest.problems, best.joints, strict=True))
-    excesses = [excess(problem, fit) for problem, fit in pairs]
-    values, gains = [fit.values for fit in best.joints], gains_of(
-        [fit.values for fit in best.joints], [deviations(problem, fit) for problem, fit in pairs]
-    )  # fmt: skip
-    candidates, way = [entry.candidate for entry in others], POSITIONS
+    excesses = [excess(problem, fit) for problem, fit in zip(contest.problems, best.joints, strict=True)]
+    members, way = tuple(_member(contest, entry) for entry in others), POSITIONS
     told = refusal(contest, best, excesses)
     if not told:
-        second = confirmed(logs, others, gains, progress)
-        if second.gains is not None and second.values is not None:
-            candidates, gains, values = list(second.candidates), second.gains, list(second.values)
+        second = confirmed(logs, others, members, progress)
+        members = second.members
+        if second.in_loop:
             way = f"{CLOSED_LOOP}; the law by {POSITIONS}"
-        told = [*second.told, *_told(logs, candidates, values, gains), *of_integrator(contest, best)]
+        told = [*second.told, *_told(logs, members), *of_integrator(contest, best)]
 
     def left(entry: Entry) -> float:
         pairs = zip(contest.problems, entry.joints, strict=True)
         return float(np.sqrt(max(excess(problem, fit)[0] for problem, fit in pairs)))
 
     return _named(
-        logs, candidates, values, gains, told, way=way, leaves=[ratio**0.5 for ratio, _ in excesses],
+        logs, members, told, way=way, leaves=[ratio**0.5 for ratio, _ in excesses],
         ranked=[(e.candidate, e.bic - best.bic, left(e)) for e in entries if np.isfinite(e.bic)],
     )  # fmt: skip
 
@@ -122,42 +118,44 @@ def _in_loop(logs: Logs, progress: Callable[[str], None]) -> NamedController:
             next_step="Check the robot description and its values (fmu-didim check), or log positions at the control "
             "rate.",
         )  # fmt: skip
-    best, deviation = contest.deviations(entries[0])
-    others, values = tied(entries), best.values(len(logs.joints))
-    gains = gains_of(values, deviation)
-    told = refusal_in_loop(best)
+    told = refusal_in_loop(entries[0])
+    members = tuple(contest.settled(entry) for entry in (entries[:1] if told else tied(entries)))
     if not told:
         slow = "The positions do not show each tick: the law was named in the loop with the robot of the case."
-        told = [Diagnostic(FROM_SLOW_POSITIONS, slow, "controller")]
-        told += _told(logs, [entry.candidate for entry in others], values, gains)
-    least = np.maximum(best.fit.deviation, np.finfo(float).tiny)
+        told = [Diagnostic(FROM_SLOW_POSITIONS, slow, "controller"), *_told(logs, members)]
+    least = np.maximum(entries[0].fit.deviation, np.finfo(float).tiny)
 
     def left(entry: LoopEntry) -> float:
         counts = entry.fit.model.output_counts
         return float(np.max(np.sqrt(np.nansum(entry.fit.residual**2, axis=0) / counts) / least))
 
     return _named(
-        logs, [entry.candidate for entry in others], values, gains, told,
+        logs, members, told,
         ranked=[(entry.candidate, entry.bic - entries[0].bic, left(entry)) for entry in entries],
         leaves=[1.0] * len(logs.joints), way=CLOSED_LOOP,
     )  # fmt: skip
 
 
-def _told(
-    logs: Logs, candidates: Sequence[Candidate], values: Sequence[Mapping[str, float]], gains: Sequence[Gain]
-) -> list[Diagnostic]:
-    return [*of_the_law(logs, candidates, values, gains), *scale_of(gains, _guessed(logs))]
+def _member(contest: Contest, entry: Entry) -> Member:
+    pairs = zip(contest.problems, entry.joints, strict=True)
+    return Member(
+        entry.candidate,
+        gains_of([fit.values for fit in entry.joints], [deviations(problem, fit) for problem, fit in pairs]),
+    )
+
+
+def _told(logs: Logs, members: Sequence[Member]) -> list[Diagnostic]:
+    return [*of_the_law(logs, members), *scale_of(members[0].gains, _guessed(logs))]
 
 
 def _named(
-    logs: Logs, candidates: Sequence[Candidate], values: Sequence[Mapping[str, float]], gains: tuple[Gain, ...],
-    told: Sequence[Diagnostic], *, ranked: Sequence[tuple[Candidate, float, float]], leaves: Sequence[float], way: str,
+    logs: Logs, members: tuple[Member, ...], told: Sequence[Diagnostic], *,
+    ranked: Sequence[tuple[Candidate, float, float]], leaves: Sequence[float], way: str,
 ) -> NamedController:  # fmt: skip
-    best = candidates[0]
+    best, values = members[0].candidate, members[0].values
     delays = [v["delay"] / logs.step for v in values if "delay" in v]
     return NamedController(
-        name=logs.case.name, candidate=best, gains=gains, tied=tuple(candidate.words for candidate in candidates),
-        tied_laws=tuple(dict.fromkeys(candidate.law.name for candidate in candidates)),
+        name=logs.case.name, members=members,
         ranked=tuple(Ranked(one.law.name, one.words, float(bic), float(left)) for one, bic, left in ranked),
         leaves=tuple(map(float, leaves)),
         controller=best.description(

@@ -14,6 +14,7 @@ from fmu_didim.data.signals import Array
 from fmu_didim.workflow.naming.catalogue import EQUAL_EFFECT, SPECIAL_OF, Candidate, same_in_effect
 from fmu_didim.workflow.naming.contest import Contest, Entry
 from fmu_didim.workflow.naming.findings import (
+    CLOCK_REBUILT,
     CLOCKS_APART,
     DELAY_OR_CLOCK,
     INTEGRATOR_UNSEEN,
@@ -27,11 +28,12 @@ from fmu_didim.workflow.naming.findings import (
 )
 from fmu_didim.workflow.naming.in_loop import LoopEntry
 from fmu_didim.workflow.naming.logs import Logs
-from fmu_didim.workflow.naming.named import INTERVAL, Gain
+from fmu_didim.workflow.naming.named import INTERVAL, Gain, Member
 from fmu_didim.workflow.naming.regression import JointFit, JointProblem
 
 NEAR = 6.0
-"""[1] J + 2 (free values) above the least within which a law is not excluded: odds of 20 to 1."""
+"""[1] J + 2 (free values), or BIC, above the least within which a law is not excluded: odds of 20 to 1. By the second a
+simpler law stays beside one that chance, which has many laws to choose from, lets look a little better."""
 BY_CHANCE = 1e-4
 """[1] Chance with which a right law would be refused at a joint."""
 LEAST_EXCESS = 1.12
@@ -67,16 +69,24 @@ class Contestant(Protocol):
     @property
     def akaike(self) -> float: ...
 
+    @property
+    def bic(self) -> float: ...
+
 
 Fitted = TypeVar("Fitted", bound=Contestant)
 
 
+def near_best(entries: Sequence[Fitted]) -> list[Fitted]:
+    """What the data do not exclude: by -2 log likelihood + 2 (free values), or by BIC, within ``NEAR`` of the least."""
+    akaike, bic = min(entry.akaike for entry in entries), min(entry.bic for entry in entries)
+    return [entry for entry in entries if entry.akaike - akaike <= NEAR or entry.bic - bic <= NEAR]
+
+
 def tied(entries: Sequence[Fitted]) -> list[Fitted]:
-    """The winner, and the laws that the data do not exclude: -2 log likelihood + 2 (free values) within ``NEAR`` of the
-    least. Left out is what only adds an extra or a gain to one that is in.
+    """The winner, and the laws that the data do not exclude. Left out is what only adds an extra or a gain to one that
+    is in.
     """
-    least = min(entry.akaike for entry in entries)
-    near = [entry for entry in entries if entry is entries[0] or entry.akaike - least <= NEAR]
+    near = [entries[0], *(entry for entry in near_best(entries) if entry is not entries[0])]
     known = [entry.candidate for entry in near]
     others = [entry for entry in near[1:] if not any(_adds(entry.candidate, other) for other in known)]
     return [near[0], *sorted(others, key=lambda one: one.akaike)]
@@ -106,14 +116,9 @@ def of_gains(gains: Sequence[Gain]) -> Iterator[Diagnostic]:
             )  # fmt: skip
 
 
-def of_the_law(
-    logs: Logs, tied_with: Sequence[Candidate], values: Sequence[Mapping[str, float]], gains: Sequence[Gain]
-) -> Iterator[Diagnostic]:
-    """What is to be known of a law that fits.
-
-    Args:
-        tied_with: the candidates that the data do not exclude, the winner first; values: of the winner, joint by joint.
-    """
+def of_the_law(logs: Logs, members: Sequence[Member]) -> Iterator[Diagnostic]:
+    """What is to be known of a law that fits; ``members``: those that the data do not exclude, the winner first."""
+    tied_with = [member.candidate for member in members]
     best = tied_with[0]
     different = [other.words for other in tied_with[1:] if not same_in_effect(other, best)]
     if different:
@@ -125,7 +130,7 @@ def of_the_law(
         )
         yield Diagnostic(SAME_IN_EFFECT, f"{text}Kp = Kv Kp' + Ki', Ki = Kv Ki', Kd = Kp'.")
     if best.law.name == "P-PI+1":
-        for j, own in enumerate(values, start=1):
+        for j, own in enumerate(members[0].values, start=1):
             kv, kp, ki = (own[name] for name in ("Kv", "Kp", "Ki"))
             text = f"Kv = {ki / kp:.4g}, Ki = {kv * kp:.4g} is the same in effect as Kv = {kv:.4g}, Ki = {ki:.4g}: "
             text += "with whole feed-forward Kv and Ki/Kp may be exchanged."
@@ -139,7 +144,9 @@ def of_the_law(
             RATE_ASSUMED, f"The control rate is taken to be {1 / logs.step:.6g} Hz, that of the log.",
             value=1 / logs.step, unit="Hz",
         )  # fmt: skip
-    yield from of_gains(gains)
+    if logs.is_rebuilt:
+        yield Diagnostic(CLOCK_REBUILT, "The stamps of the log jitter, and were put right but for a constant.")
+    yield from of_gains(members[0].gains)
 
 
 def of_integrator(contest: Contest, best: Entry) -> Iterator[Diagnostic]:

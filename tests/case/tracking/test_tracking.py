@@ -118,6 +118,28 @@ def test_less_noise_of_positions_allows_a_higher_bandwidth() -> None:
     assert rough.bandwidth_hz < fine.bandwidth_hz <= 0.2 * 200
 
 
+def bandwidth_at(log_hz: float, **controller: float) -> tuple[float, str]:
+    """Bandwidth, and what is said of it, of a log of the torque at this rate beside positions at 200 Hz."""
+    case = case_of(0, position_std=1e-7, controller={"kind": "tracking", **controller})
+    found = case.with_(train={"torque": {"rate_hz": log_hz}}).tracking
+    assert found is not None
+    return found.bandwidth_hz, found.chosen
+
+
+def test_a_bandwidth_is_no_higher_than_the_torque_log_shows() -> None:
+    """At 1.25 of its rate the low-pass takes off nothing below half of that rate; above, noise alone is let in."""
+    fast, slow = bandwidth_at(100), bandwidth_at(20)
+    assert fast[0] == pytest.approx(0.2 * 200) and "(set by the rate of the positions)" in fast[1]
+    assert slow[0] == pytest.approx(25) and "(all that a torque log at 20 Hz shows)" in slow[1]
+    stated = bandwidth_at(20, bandwidth_hz=40)
+    assert stated[0] == 40 and "as the case states, of which the torque log shows 25 Hz" in stated[1]
+
+
+def test_what_sets_the_bandwidth_is_told() -> None:
+    rough = case_of(0, position_std=1e-4).tracking
+    assert rough is not None and "(set by the noise of the positions)" in rough.chosen
+
+
 def test_a_reference_beside_positions_is_not_followed() -> None:
     with_it, without = case_of(0, reference=True), case_of(0)
     a, b = (case.model.experiments["estimation"].reference for case in (with_it, without))

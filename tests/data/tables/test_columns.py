@@ -161,12 +161,15 @@ ROUNDED = np.rint(1000 * np.arange(100) * 0.0052) / 1000
         (table(GRID), {"rate_hz": 200}, GRID, ["time-counted"]),
         (table(GRID), {"rate_hz": 100}, 2 * GRID, ["time-contradicts-file"]),
         (table(ROUNDED), {"name": "t", "rate_hz": 1 / 0.0052}, np.arange(100) * 0.0052, ["stamps-on-grid"]),
+        (table(ROUNDED), {"jittered": True, "rate_hz": 1 / 0.0052}, np.arange(100) * 0.0052, ["stamps-rebuilt"]),
+        (table(ROUNDED), {"name": "t", "jittered": True}, np.arange(100) * 0.0052, ["stamps-rebuilt"]),
     ],
 )
 def test_instants(given: SignalTable, time: dict[str, Any], expected: Any, told: list[str]) -> None:
     found = selected(given, time=TimeColumn.model_validate(time))
-    assert_allclose(found.signals.time, expected, atol=6e-4 if told == ["stamps-on-grid"] else 1e-12)
-    if told == ["stamps-on-grid"]:
+    by_stamps = told in (["stamps-on-grid"], ["stamps-rebuilt"])
+    assert_allclose(found.signals.time, expected, atol=6e-4 if by_stamps else 1e-12)
+    if by_stamps:
         assert np.ptp(np.diff(found.signals.time)) < 1e-9
     assert codes(found) == told
 
@@ -180,6 +183,9 @@ def test_instants(given: SignalTable, time: dict[str, Any], expected: Any, told:
         (table(GRID, "T"), {}, r"no time column"),  # a temperature
         (table(GRID), {"name": "t", "rate_hz": 150}, r"do not lie near[\s\S]*come at 200 Hz"),
         (table(GRID[:50]), {"name": "t"}, r"no signal of its length"),
+        (table(GRID[::-1]), {"name": "t"}, r"does not increase[\s\S]*jittered"),
+        (table(GRID + 0.005 * (GRID > 0.3)), {"name": "t", "jittered": True}, r"not jittered[\s\S]*lacking near row 6"),
+        (table(GRID), {"name": "t", "jittered": True, "rate_hz": 190}, r"not jittered[\s\S]*200 Hz fits best"),
         (table(GRID, calendar=("t",), units={"t": "s"}), {"name": "t", "unit": "ms"}, r"no unit[\s\S]*Leave out unit"),
     ],
 )

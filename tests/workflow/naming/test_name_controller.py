@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -11,11 +12,41 @@ import yaml
 
 from fmu_didim import InputError, load_case, name_controller, simulate
 from fmu_didim.cli.main import main
-from fmu_didim.workflow.naming.named import NamedController
+from fmu_didim.workflow.naming.catalogue import Candidate, candidates
+from fmu_didim.workflow.naming.named import Gain, Member, NamedController
+from fmu_didim.workflow.naming.verdict import tied
 from tests.conftest import ROOT
 from tests.workflow.naming.machine import HIDDEN, logged, scara, written
 
 LAW = {"cascade": "P-PI+ff", "pid": "PID", "pd": "PD", "whole": "PID"}
+
+
+def test_an_interval_spans_those_of_the_same_law_in_the_set() -> None:
+    law = candidates(["lag"])[1]
+    one = Member(law, (Gain("Kp", 1, 10.0, 1.0, ""),))
+    other = Member(law.without("lag"), (Gain("Kp", 1, 20.0, 1.0, ""),))
+    another = Member(candidates()[-1], (Gain("Kp", 1, 90.0, 1.0, ""),))
+    assert one.beside([]).gains[0].interval == pytest.approx((8.04, 11.96), abs=1e-3)
+    assert one.beside([other, another]).gains[0].interval == pytest.approx((8.04, 21.96), abs=1e-3)
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """A law as a contest leaves it."""
+
+    candidate: Candidate
+    akaike: float
+    bic: float
+
+
+def test_a_simpler_law_stays_in_the_set_where_one_criterion_does_not_exclude_it() -> None:
+    """One of many extras looks better by chance: J + 2 (free values) alone would exclude the right law."""
+    law = candidates(["lag"])[1]
+    best, simple = Fitted(law.with_extra("acceleration"), 0.0, 0.0), Fitted(law, 7.8, 0.1)
+    richer, far = Fitted(law.with_extra("filter"), 4.6, 4.6), Fitted(candidates()[-1], 7.8, 7.8)
+    assert tied([best, simple, richer, far]) == [best, simple]  # the richer one only adds to the simple one
+    assert tied([simple, Fitted(law.with_extra("acceleration"), 0.0, 5.0)]) == [simple]
+    assert tied([best, Fitted(law, 7.8, 6.1)]) == [best]
 
 
 def codes(found: NamedController) -> set[str]:
@@ -47,6 +78,10 @@ def test_a_law_that_cannot_be_told_apart_is_told_as_a_set(tmp_path: Path) -> Non
     assert found.candidate.law.name == "PD"
     assert any("lag of the command" in words for words in found.tied)
     within(found, "Kp", HIDDEN["pd"]["Kp"][0], 1)
+    for gain in found.gains:  # whichever of the set it is
+        if gain.name in HIDDEN["pd"]:
+            low, high = gain.interval
+            assert low - gain.deviation < HIDDEN["pd"][gain.name][gain.joint - 1] < high + gain.deviation
 
 
 @pytest.mark.slow
@@ -146,6 +181,21 @@ def test_a_torque_log_that_is_late_is_told(tmp_path: Path) -> None:
     early = name_controller(logged(tmp_path, HIDDEN["cascade"], 1, late=-2))
     assert "law-clocks-apart" in codes(early)
     assert early.verdict == "refused"
+
+
+@pytest.mark.gate
+def test_stamps_that_were_put_right_are_a_doubt(tmp_path: Path) -> None:
+    """The log is late by two fifths of a control period then, and gains are off by more than their intervals."""
+    content = logged(tmp_path, HIDDEN["cascade"], 1)
+    path = tmp_path / "machine.csv"
+    header, table = path.read_text(encoding="utf-8").splitlines()[0], np.loadtxt(path, delimiter=",", skiprows=1)
+    table[:, 0] += np.random.default_rng(1).uniform(0, 0.004, len(table))
+    np.savetxt(path, table, delimiter=",", header=header, comments="")
+    for kind in ("torque", "positions"):
+        content["train"][kind] |= {"time": {"name": "t", "jittered": True}}
+    found = name_controller(content)
+    assert found.verdict != "valid"
+    assert found.verdict == "refused" or "law-clock-rebuilt" in codes(found)
 
 
 @pytest.mark.slow
