@@ -67,6 +67,22 @@ class Form:
         return len(self.names)
 
 
+@dataclass(frozen=True)
+class Lack:
+    """An effect that both logs have and the model lacks.
+
+    Attributes:
+        kind, joint: of the effect, 0 of none; title: in words; names: of its values, which are compared, too.
+        is_sure: whether each of the logs shows it by itself; else one does, and the other may have as much of it.
+    """
+
+    kind: str
+    joint: int
+    title: str
+    names: tuple[str, ...]
+    is_sure: bool = True
+
+
 @dataclass(frozen=True, eq=False)
 class World:
     """What is taken for given while the values are compared: that both logs are of the model as it is, or that an
@@ -76,7 +92,7 @@ class World:
         difference: of the values.
         fixed: causes that are part of it, with their amounts and deviations.
         gain: chi-square by which the logs are explained better than by the model as it is; cost: values for that.
-        lacks: the effect that both logs have and the model lacks, in words; empty without.
+        lacks: the effects that both logs have and the model lacks.
         residual: (2, n) standard deviations of what is left of each log; None: as it is without an effect.
     """
 
@@ -86,7 +102,7 @@ class World:
     deviations: tuple[Array, ...] = ()
     gain: float = 0.0
     cost: float = 0.0
-    lacks: str = ""
+    lacks: tuple[Lack, ...] = ()
     residual: Array | None = None
 
 
@@ -134,13 +150,11 @@ class Explanation:
         if set(other.causes) <= set(self.causes):
             return True
         mine, theirs = ({form.cause for form in e.world.fixed} for e in (self, other))
-        own, difference = self.world.difference, other.world.difference
-        if not theirs <= mine or own.names != difference.names:
+        if not theirs <= mine:
             return False
-        basis = other.basis
-        if other.world is not self.world:  # the same directions of the values, in units of the noise here
-            basis = own.root @ np.linalg.solve(difference.root, basis)
-            basis = basis / np.linalg.norm(basis, axis=0)
+        basis = other.basis if other.world is self.world else _moved_to(basis_of=other, to=self.world.difference)
+        if basis is None:
+            return False
         outside = basis - self.basis @ (self.basis.T @ basis)
         return bool(np.linalg.norm(outside, axis=0).max(initial=0.0) < SAME_SPAN)
 
@@ -148,6 +162,22 @@ class Explanation:
     def causes(self) -> tuple[tuple[str, int, str], ...]:
         """Of what they are forms."""
         return tuple(form.cause for form in self.forms)
+
+
+def _moved_to(*, basis_of: Explanation, to: Difference) -> Array | None:
+    """Directions of an explanation in units of the noise of another world; None where they move values that are not
+    compared there."""
+    own = basis_of.world.difference
+    moved = np.linalg.solve(own.root, basis_of.basis)
+    absent = [i for i, name in enumerate(own.names) if name not in to.names]
+    if np.abs(moved[absent] / own.deviation[absent, None]).max(initial=0.0) > SAME_SPAN:
+        return None
+    placed = np.zeros((len(to.names), moved.shape[1]))
+    for i, name in enumerate(to.names):
+        if name in own.names:
+            placed[i] = moved[own.names.index(name)]
+    basis = to.root @ placed
+    return np.asarray(basis / np.linalg.norm(basis, axis=0))
 
 
 @dataclass(frozen=True)
@@ -159,7 +189,7 @@ class Contest:
         named: the best of each cause that the data cannot tell from the best; others: what the other causes leave.
         sets: the smallest sets of parameters whose change alone explains it, with what each leaves.
         further: the best cause and the second one that explains most of what it leaves, where that is more than noise.
-        lacks: what both logs have and the model lacks, where that is the answer; empty without.
+        lacks: what both logs have and the model lacks, where that is the answer.
     """
 
     is_changed: bool = False
@@ -167,7 +197,7 @@ class Contest:
     others: tuple[Explanation, ...] = ()
     sets: tuple[tuple[tuple[str, ...], float], ...] = ()
     further: Explanation | None = None
-    lacks: str = ""
+    lacks: tuple[Lack, ...] = ()
 
 
 def contest(worlds: Sequence[World], forms_in: Callable[[World], Sequence[Form]]) -> Contest:
@@ -201,7 +231,7 @@ def contest(worlds: Sequence[World], forms_in: Callable[[World], Sequence[Form]]
     others = sorted((e for e in _best_of_each(tried) if e not in found), key=_bic)
     sets = smallest_sets(first.difference) if still is None else []
     return Contest(
-        True, tuple(found), tuple(others), tuple(sets), further, found[0].world.lacks if found else ""
+        True, tuple(found), tuple(others), tuple(sets), further, found[0].world.lacks if found else ()
     )  # fmt: skip
 
 

@@ -50,7 +50,7 @@ DECIDING = (
     (difference, ("CHANGED", "SEEN")),
     (contest, ("LACK", "PAIRED", "LARGEST_SET")),
     (decide, ("BIC", "NEAR")),
-    (worlds, ("FITTED", "PROMISING", "SPURIOUS", "SECOND", "UPDATES")),
+    (worlds, ("FITTED", "PROMISING", "SPURIOUS", "SECOND", "COMMON", "UPDATES")),
     (answers, ("SAME_ROWS", "SAME_VALUE", "FOLLOWS")),
 )
 """Constants on which a comparison depends, by module."""
@@ -162,9 +162,7 @@ def _text(answer: Change, found: Difference, result: Contest) -> str:
     if result.lacks or any(e.world.fixed for e in result.named[:1]):
         which = f"in the model as it is, {which}"
     if answer == "unchanged" and result.lacks:
-        return (
-            f"beside {result.lacks}, which both logs show, the values differ by no more than noise; {which} ({chance})"
-        )
+        return f"beside {_listed(result)}, the values differ by no more than noise; {which} ({chance})"
     if answer == "unchanged":
         return f"{which} ({chance})"
     if answer == "unknown":
@@ -193,7 +191,17 @@ def _lacks(result: Contest) -> list[Diagnostic]:
     """What both logs have and the model lacks."""
     if not result.lacks:
         return []
-    return [Diagnostic(CHANGE_LACKS, f"Both logs show {result.lacks.lower()}, which the model lacks.")]
+    return [Diagnostic(CHANGE_LACKS, f"The model lacks {_listed(result)}.")]
+
+
+def _listed(result: Contest) -> str:
+    """What both logs have and the model lacks, in words."""
+    parts = []
+    for is_sure, which in ((True, "which both logs show"), (False, "which one log shows, and the other may have, too")):
+        titles = [lack.title for lack in result.lacks if lack.is_sure == is_sure]
+        if titles:
+            parts.append(f"{' and '.join(titles)}, {which}")
+    return ", and ".join(parts)
 
 
 def _rest(result: Contest) -> list[Diagnostic]:

@@ -479,11 +479,15 @@ def _shapes_held(model: LoopModel, first: int) -> LoopModel:
 
 def proposal_of(found: FittedCandidate) -> Proposal:
     """The effect of a candidate with its fitted values, by their plain names."""
-    model, joint = found.fit.model, found.effect_at.joint
-    index = model.added_effects.index(found.effect_at)
+    return fitted_proposal(found.fit, found.effect_at)
+
+
+def fitted_proposal(fit: Fit, effect_at: EffectAtJoint) -> Proposal:
+    """An effect with the values that were fitted, by their plain names."""
+    index = fit.model.added_effects.index(effect_at)
     values = {
-        plain_name(parameter.key, joint) if parameter.owner == PLANT else parameter.key: float(value)
-        for parameter, value in zip(model.free_parameters, found.fit.values, strict=True)
+        plain_name(parameter.key, effect_at.joint) if parameter.owner == PLANT else parameter.key: float(value)
+        for parameter, value in zip(fit.model.free_parameters, fit.values, strict=True)
         if parameter.effect == index
     }
-    return Proposal(found.effect_at, values)
+    return Proposal(effect_at, values)
