@@ -263,8 +263,12 @@ def _gains(machine: Machine) -> Iterator[Form]:
         right = np.where(np.arange(n) == j, torque, 0.0).ravel()
         moved = np.linalg.lstsq(table / size, right, rcond=None)[0] / size
         yield Form(
-            JOINT_TORQUE_SCALE, j + 1, f"torque scale of joint {j + 1}", ("gain",), ("1",), constant(moved[:, None])
+            JOINT_TORQUE_SCALE, j + 1, f"torque scale of joint {j + 1}", ("gain",), ("1",), constant(moved[:, None]),
+            scales=frozenset({j + 1}),
         )  # fmt: skip
     if n > 1:
         moved = np.linalg.lstsq(table / size, torque.ravel(), rcond=None)[0] / size
-        yield Form("torque_scale", 0, "torque scale of all joints", ("gain",), ("1",), constant(moved[:, None]))
+        yield Form(
+            "torque_scale", 0, "torque scale of all joints", ("gain",), ("1",), constant(moved[:, None]),
+            scales=frozenset(range(1, n + 1)),
+        )  # fmt: skip

@@ -45,6 +45,7 @@ class Form:
         names, units: (k + s,) of its amounts, then of x.
         columns: x (s,) -> A (p, k); starts: (m, s) values of x from which its fit begins, (1, 0) of a linear form.
         same_as: name of a parameter whose change alone is the same.
+        scales: joints whose drives give more, or less, than they say, where it is that, in whatever form.
     """
 
     kind: str
@@ -55,6 +56,7 @@ class Form:
     columns: Callable[[Array], Array]
     starts: Array = field(default_factory=lambda: np.zeros((1, 0)))
     same_as: str = ""
+    scales: frozenset[int] = frozenset()
 
     @property
     def cause(self) -> tuple[str, int, str]:
@@ -147,7 +149,7 @@ class Explanation:
 
     def contains(self, other: Explanation) -> bool:
         """Whether all that another can explain this one can, too."""
-        if set(other.causes) <= set(self.causes):
+        if set(other.causes) <= set(self.causes) or self._scales_as(other):
             return True
         mine, theirs = ({form.cause for form in e.world.fixed} for e in (self, other))
         if not theirs <= mine:
@@ -157,6 +159,16 @@ class Explanation:
             return False
         outside = basis - self.basis @ (self.basis.T @ basis)
         return bool(np.linalg.norm(outside, axis=0).max(initial=0.0) < SAME_SPAN)
+
+    def _scales_as(self, other: Explanation) -> bool:
+        """Whether it says all of another one, with gains of drives that amount to those of the other."""
+        rest, theirs = ({f.cause for f in e.forms if not f.scales} for e in (self, other))
+        mine, wanted = ([f.scales for f in e.forms if f.scales] for e in (self, other))
+        if not (mine and wanted and theirs <= rest):
+            return False
+        joints = sorted(frozenset().union(*mine, *wanted))
+        table, right = (np.array([[float(j in own) for own in each] for j in joints]) for each in (mine, wanted))
+        return bool(np.abs(right - table @ np.linalg.lstsq(table, right, rcond=None)[0]).max() < SAME_SPAN)
 
     @property
     def causes(self) -> tuple[tuple[str, int, str], ...]:
@@ -188,7 +200,8 @@ class Contest:
         is_changed: whether anything has.
         named: the best of each cause that the data cannot tell from the best; others: what the other causes leave.
         sets: the smallest sets of parameters whose change alone explains it, with what each leaves.
-        further: the best cause and the second one that explains most of what it leaves, where that is more than noise.
+        further: the best cause and the second one that explains most of what it leaves, where that is more than noise
+            and too small a part of the whole to be named.
         lacks: what both logs have and the model lacks, where that is the answer.
     """
 
@@ -220,7 +233,7 @@ def contest(worlds: Sequence[World], forms_in: Callable[[World], Sequence[Form]]
     tried = [e for e in (*nothing, *alone) if e.forms and (e.world is not first or nothing[0].p_value < CHANGED)]
     if still is None and not any(e.explains for e in of_first):
         tried += _pairs(sorted(of_first, key=_bic)[:PAIRED], able[id(first)], first)
-    found = _named(tried, first)
+    found, beyond = _named(tried, first)
     if still is not None and not (found and still.bic - found[0].bic > BIC):
         return Contest(lacks=still.world.lacks, others=tuple(sorted(_best_of_each(tried), key=_bic)))
     further = None
@@ -228,6 +241,8 @@ def contest(worlds: Sequence[World], forms_in: Callable[[World], Sequence[Form]]
         further = min(_pairs(found[:1], able[id(first)], first), key=_bic, default=None)
         if further is not None and found[0].bic - further.bic < BIC:
             further = None
+    if found and further is None:
+        further = min((e for e in beyond if set(found[0].causes) < set(e.causes)), key=_bic, default=None)
     others = sorted((e for e in _best_of_each(tried) if e not in found), key=_bic)
     sets = smallest_sets(first.difference) if still is None else []
     return Contest(
@@ -265,17 +280,22 @@ def _best_of_each(tried: Sequence[Explanation]) -> list[Explanation]:
     return list(found.values())
 
 
-def _named(tried: Sequence[Explanation], first: World) -> list[Explanation]:
-    """The causes that explain the change and are as near to the best as the data cannot tell, the best first."""
-    able = list[Explanation]()
-    for each in sorted((e for e in _best_of_each(tried) if e.explains), key=lambda e: (e.values, e.bic)):
-        if not any(each.contains(smaller) and smaller.bic - each.bic < BIC for smaller in able):
+def _named(tried: Sequence[Explanation], first: World) -> tuple[list[Explanation], list[Explanation]]:
+    """The causes that explain the change and are as near to the best as the data cannot tell, the best first; and
+    those that are better than one of these by a small part of the change, of which they are a larger form."""
+    every = sorted((e for e in _best_of_each(tried) if e.explains), key=lambda e: (e.values, e.bic))
+    if not every:
+        return [], []
+    near = max(BIC, NEAR * (first.difference.total - min(every, key=_bic).unexplained))
+    able, beyond = list[Explanation](), list[Explanation]()
+    for each in every:
+        smaller = [e for e in able if each.contains(e) and e.bic - each.bic < near]
+        if not smaller:
             able.append(each)
+        elif max(e.bic for e in smaller) - each.bic > BIC:
+            beyond.append(each)
     able = sorted(able, key=_bic)
-    if not able:
-        return []
-    near = max(BIC, NEAR * (first.difference.total - able[0].unexplained))
-    return [e for e in able if e.bic - able[0].bic < near]
+    return [e for e in able if e.bic - able[0].bic < near], beyond
 
 
 def _explanation(world: World, forms: tuple[Form, ...], first: World) -> Explanation:

@@ -31,6 +31,7 @@ from fmu_didim.discovery.screening.catalogue import SignatureCatalogue
 from fmu_didim.discovery.selection.competition import Competition, fitted_proposal
 from fmu_didim.discovery.selection.decide import BIC
 from fmu_didim.dynamics.effects import Effect
+from fmu_didim.dynamics.effects.inserted import InsertedEffect
 from fmu_didim.dynamics.robot import RobotDescription
 from fmu_didim.fit.fit import Fit
 from fmu_didim.fit.fit_uncertainty import fit_uncertainty
@@ -56,9 +57,13 @@ SECOND = 3
 """[effects] That promise most of what the best one leaves, which are fitted with it."""
 UPDATES = 3
 """[sensitivities] Taken anew in the fit of an effect: the first ones are those of values that may be far off."""
+SETTLED = 12
+"""[sensitivities] At most, taken anew in the fit of the best effect: play in a gear needs six to ten."""
 COMMON = 3
 """[searches] At most, each beside the effects that both logs showed in those before."""
 BASE_FIT = Stopping(exact=True)
+DECIDE = ("FITTED", "PROMISING", "SPURIOUS", "SECOND", "COMMON", "UPDATES", "SETTLED")
+"""Those of these numbers on which an answer depends."""
 
 
 @dataclass(frozen=True)
@@ -111,14 +116,16 @@ def worlds_of(
     progress: Progress,
     *,
     covered: frozenset[tuple[str, int]] = frozenset(),
+    between: Array | None = None,
 ) -> list[World]:
     """The worlds in which an effect has come, gone or grown, or is there in both logs; beside the one without.
 
     Args:
         difference: the change of the values without effects; known: those of the log before and after.
         covered: effects at joints for which a cause of the values stands, which are not looked for a second time.
+        between: (p, p) covariance of the values between logs of one state, which is in that of ``known`` before.
     """
-    found, ground = list[World](), _Ground((before, after), difference, known)
+    found, ground = list[World](), _Ground((before, after), difference, known, between)
     for _ in range(COMMON):
         search = _Search(ground, difference.samples, covered, progress)
         found += search.worlds()
@@ -134,15 +141,25 @@ class _Ground:
 
     Attributes:
         sides: the logs; difference: of their values, with those of these effects; known: these of each log.
+        between: covariance of the first of these values between logs of one state, beside their noise.
         gain: chi-square by which these effects explain both logs better; cost: values for that; lacks: these effects.
     """
 
     sides: tuple[LogFit, LogFit]
     difference: Difference
     known: tuple[Known, Known]
+    between: Array | None = None
     gain: float = 0.0
     cost: float = 0.0
     lacks: tuple[Lack, ...] = ()
+
+    def known_of(self, k: int, fit: Fit, names: Sequence[str]) -> Known:
+        """What the fit of a log says of the machine: of that before, which stands for a state, with its spread."""
+        found = _known(fit, names)
+        if k == 0 and self.between is not None:
+            count = len(self.between)
+            found.covariance[:count, :count] += self.between
+        return found
 
 
 @dataclass(frozen=True)
@@ -295,7 +312,7 @@ class _Search:
         found, ground = tried.fits[k], self.ground
         if found is None:
             return None
-        own = _known(found, ground.difference.names)
+        own = ground.known_of(k, found, ground.difference.names)
         pair = (ground.known[0], own) if k == 1 else (own, ground.known[1])
         forms, amounts, deviations = zip(*(_form(ground.sides[k], found, a, when) for a in tried.effects), strict=True)
         fits = [side.fit for side in ground.sides]
@@ -327,7 +344,7 @@ class _Search:
             return None
         free = [p for p in first.model.free_parameters if p.effect is not None and p.name not in ground.known[0].names]
         names = (*ground.known[0].names, *(p.name for p in free))
-        known = _known(first, names), _known(second, names)
+        known = ground.known_of(0, first, names), ground.known_of(1, second, names)
         builder, lacks = ground.sides[0].builder, list(ground.lacks)
         surely = all(self._beyond(k, f, tried.effects) >= BIC for k, f in enumerate((first, second)))
         for a in tried.effects:
@@ -336,7 +353,7 @@ class _Search:
             lacks.append(Lack(a.effect, _joint(effect, a), _place(effect, a), own, is_sure=surely))
         return _Ground(
             (LogFit(first, builder), LogFit(second, ground.sides[1].builder)),
-            _difference(ground.difference, *known, units=[p.unit for p in free]), known,
+            _difference(ground.difference, *known, units=[p.unit for p in free]), known, ground.between,
             ground.gain + gain, ground.cost + self._cost(tried.effects), tuple(lacks),
         )  # fmt: skip
 
@@ -356,17 +373,19 @@ class _Search:
                     best = value, grown
         return None if best is None else best[1]
 
-    def with_second(self) -> list[World]:
-        """The worlds of the best effect of each log and a second one."""
-        worlds = list[World]()
+    def with_second(self) -> Iterator[World]:
+        """The worlds of the best effect of each log, fitted to its end, and of that with a second one: what its fit
+        has not reached yet is no second effect."""
         for k in (0, 1):
             alone = [(self._beyond(k, f, t.effects), t) for t in self.tried if (f := t.fits[k]) is not None]
             gain, first = max(alone, key=lambda each: each[0], default=(0.0, None))
-            if first is not None and gain > BIC:
-                worlds += self._seconds(k, gain, first)
-        return worlds
+            if first is None or gain <= BIC:
+                continue
+            first = _Tried(first.effects, (_settled(first.fits[0]), _settled(first.fits[1])))
+            yield from self._of(first)
+            yield from self._seconds(k, first)
 
-    def _seconds(self, k: int, first_gain: float, first: _Tried) -> Iterator[World]:
+    def _seconds(self, k: int, first: _Tried) -> Iterator[World]:
         sides = [
             side if fit is None else LogFit(fit, side.builder)
             for side, fit in zip(self.ground.sides, first.fits, strict=True)
@@ -374,14 +393,24 @@ class _Search:
         covered = self.covered | {(a.effect, a.joint) for a in first.effects}
         promised = _promised(sides[k], self.ground.known[1 - k], covered, self.progress)
         wanted = {a: p for every in promised for a, gain, p in every[:SECOND] if gain > 0}
+        own = first.fits[k]
+        least = BIC + (0.0 if own is None else self._beyond(k, own, first.effects))
         for effect_at, proposal in wanted.items():
             self.progress.say(f"fitting {effect_at.effect} on joint {effect_at.joint} beside {first.effects[0].effect}")
             found, effects = _fitted(sides[k], effect_at, proposal), (*first.effects, effect_at)
-            if found is None or self._beyond(k, found, effects) - first_gain < BIC:
+            if found is None or self._beyond(k, found, effects) < least:
                 continue
             fits = [found, None] if k == 0 else [None, found]
             alone = first.fits[1 - k] is None
             yield from self._of(_Tried(effects, (fits[0], fits[1])) if alone else self._completed(effects, fits, sides))
+
+
+def _settled(fit: Fit | None) -> Fit | None:
+    """A fit that has come to its end."""
+    if fit is None:
+        return None
+    stopping = Stopping(updates=SETTLED, check_all=False)
+    return minimise(fit.model, fit.noise, stopping=stopping, jacobian=fit.jacobian, outputs=fit.outputs)
 
 
 def _residual(first: Fit, second: Fit) -> Array:
@@ -393,6 +422,12 @@ def _place(effect: Effect, effect_at: EffectAtJoint) -> str:
     """An effect and its joint, where it is of one, in words."""
     joint = _joint(effect, effect_at)
     return f"{effect.title.lower()}{f' on joint {joint}' if joint else ''}"
+
+
+def _is_gain_of_drive(effect: Effect) -> bool:
+    """Whether an effect is one factor behind what the log shows."""
+    is_behind = isinstance(effect, InsertedEffect) and effect.logged == "before"
+    return is_behind and [p.unit for p in effect.own_parameters] == ["1"]
 
 
 def _joint(effect: Effect, effect_at: EffectAtJoint) -> int:
@@ -423,7 +458,9 @@ def _form(side: LogFit, fit: Fit, effect_at: EffectAtJoint, when: str) -> tuple[
     units = tuple("" if (unit := fit.model.free_parameters[i].unit) == "1" else unit for i in own)
     title = f"{_place(effect, effect_at)}, {when}"
     none = np.zeros((len(fit.model.names), 0))
-    form = Form(effect_at.effect, _joint(effect, effect_at), title, names, units, lambda x: none)
+    joint = _joint(effect, effect_at)
+    scales = frozenset({joint} if _is_gain_of_drive(effect) else ())
+    form = Form(effect_at.effect, joint, title, names, units, lambda x: none, scales=scales)
     return form, fit.values[own], deviation[own]
 
 
@@ -435,7 +472,7 @@ def forms_in(world: World, base: Sequence[str], machine: Machine | None) -> list
     """
     names = world.difference.names
     found = [f for f in forms_of(names, world.difference.units, machine) if f.kind != "parameter" or f.names[0] in base]
-    for lack in world.lacks:
+    for lack in (each for each in world.lacks if each.is_sure):  # else it is new, or gone
         table = np.eye(len(names))[:, [names.index(name) for name in lack.names]]
         units = tuple(world.difference.units[names.index(name)] for name in lack.names)
         found.append(Form(lack.kind, lack.joint, f"{lack.title}, changed", lack.names, units, constant(table)))
