@@ -3,6 +3,7 @@
 python -m tests.tools.changes make FOLDER --pairs 200 --seed 1     draw pairs of logs
 python -m tests.tools.changes run FOLDER --out FILE --jobs 2       compare them; what FILE holds is not run again
 python -m tests.tools.changes score FOLDER --out FILE [--figures JSON]    beside the truth
+python -m tests.tools.changes histories FOLDER --out FILE --seed 1    a history of each cause, made, watched and scored
 """
 
 from __future__ import annotations
@@ -17,16 +18,16 @@ from pathlib import Path
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 from tests.figures import command_of, write_figures
-from tests.tools.changes.draw import draw, write
-from tests.tools.changes.run import read_lines, run
-from tests.tools.changes.score import by_cause, criteria, judged, shares, truth_of
+from tests.tools.changes.draw import CAUSES, PLAN, draw, write, write_history
+from tests.tools.changes.run import read_lines, run, run_history
+from tests.tools.changes.score import by_cause, criteria, histories, judged, shares, truth_of
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """0: done; 2: wrong usage."""
     given = list(sys.argv[1:] if arguments is None else arguments)
     parser = argparse.ArgumentParser(prog="python -m tests.tools.changes", description="Pairs of logs, compared.")
-    parser.add_argument("what", choices=("make", "run", "score"))
+    parser.add_argument("what", choices=("make", "run", "score", "histories"))
     parser.add_argument("folder", type=Path, help="folder of pairs")
     parser.add_argument("--pairs", type=int, default=200, help="how many (200)")
     parser.add_argument("--seed", type=int, default=1, help="of the draws (1)")
@@ -43,6 +44,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if options.what == "run":
         run(sorted(path.parent for path in options.folder.glob("*/truth.json")), options.out, jobs=options.jobs)
         return 0
+    if options.what == "histories":
+        return _histories(options)
     lines = read_lines(options.out)
     truths = {line["pair"]: truth_of(options.folder / line["pair"]) for line in lines}
     rows = {line["pair"]: judged(line, truths[line["pair"]]) for line in lines}
@@ -66,6 +69,28 @@ def main(arguments: Sequence[str] | None = None) -> int:
             {"pairs": str(len(lines)), "seeds": ", ".join(map(str, seeds)), "criteria": criteria(found),
              "causes": by_cause(found), **counts},
         )  # fmt: skip
+    return 0
+
+
+def _histories(options: argparse.Namespace) -> int:
+    folders = []
+    for cause in CAUSES:
+        number = PLAN.index(cause) + len(PLAN) * (PLAN.index(cause) // 2 % 2)  # half of them at each rate
+        folders.append(options.folder / f"h{number:03d}")
+        if not folders[-1].exists():
+            write_history(number, options.seed, folders[-1])
+    lines = run(folders, options.out, jobs=options.jobs, what=run_history)
+    truths = [truth_of(options.folder / str(line["pair"])) for line in lines]
+    found = histories(lines, truths)
+    for line, truth in zip(lines, truths, strict=True):
+        print(
+            line["pair"], truth["robot"], truth["rate_hz"], truth["changes"], {k: line[k] for k in line if k != "pair"}
+        )
+    print(found)
+    if options.figures:
+        counts = {name: f"{good} of {count}" for name, (good, count) in found.items()}
+        command = command_of("tests.tools.changes", sys.argv[1:])
+        write_figures(options.figures, command, {"count": str(len(lines)), "seed": str(options.seed), **counts})
     return 0
 
 

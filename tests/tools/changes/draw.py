@@ -236,6 +236,35 @@ def write(pair: Pair, folder: Path) -> None:
     (folder / "truth.json").write_text(json.dumps(truth, indent=1), encoding="utf-8")
 
 
+REFERENCE, STILL, LATER = 8, 2, 2
+"""[logs] Of a history: of the reference, of the same machine after it, and of the changed one."""
+DAY_TO_DAY = 0.03
+"""[1] Standard deviation of the dry friction of each joint from log to log: grease and room are not the same."""
+
+
+def write_history(number: int, seed: int, folder: Path) -> None:
+    """A pair as a history: logs by date along the first motion, and what is true in ``truth.json``."""
+    pair = draw(number, seed)
+    pair = replace(pair, motions=(pair.motions[0], pair.motions[0]), other_motion=False)
+    write(pair, folder)
+    rng = np.random.default_rng([seed, number, 2])
+    deviation = NOISE * root_mean_square(pair.before.simulate(pair.motions[0])[1])
+    (folder / "logs").mkdir()
+    for day in range(REFERENCE + STILL + LATER):
+        plant = pair.after if day >= REFERENCE + STILL else pair.before
+        true = plant.design.true
+        varied = {name: true[name] * (1 + DAY_TO_DAY * rng.normal()) for name in true if name.startswith("Fc")}
+        plant = _with(plant, **varied)
+        torque = plant.simulate(pair.motions[0])[1] + noise(rng, plant.design, deviation)
+        write_torque(folder / "logs" / f"axes_2024-05-{day + 1:02d}.csv", plant, torque, pair.rate_hz)
+
+
+def write_torque(path: Path, plant: Plant, torque: Array, rate_hz: int) -> None:
+    """A table of the torque."""
+    rows = np.column_stack([instants(plant.design), torque])[:: plant.design.rate_hz // rate_hz]
+    table(path, rows, ["t", *(f"tau{j}" for j in range(1, plant.design.count + 1))])
+
+
 def write_log(folder: Path, plant: Plant, motion: Motion, torque: Array, rate_hz: int) -> None:
     """A log as a blind case."""
     folder.mkdir(parents=True, exist_ok=True)
@@ -243,8 +272,7 @@ def write_log(folder: Path, plant: Plant, motion: Motion, torque: Array, rate_hz
     joints = range(1, design.count + 1)
     rows = np.column_stack([time, *motion.at(time)])
     table(folder / "train_reference.csv", rows, ["t", *(f"{s}{j}" for s in ("q", "dq") for j in joints)])
-    rows = np.column_stack([time, torque])[:: design.rate_hz // rate_hz]
-    table(folder / "train_torque.csv", rows, ["t", *(f"tau{j}" for j in joints)])
+    write_torque(folder / "train_torque.csv", plant, torque, rate_hz)
     content = yaml.safe_dump(case_document(design, rate_hz), sort_keys=False)
     (folder / "case.yaml").write_text(content, encoding="utf-8")
 

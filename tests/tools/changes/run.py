@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from multiprocessing import get_context
 from pathlib import Path
@@ -13,6 +13,7 @@ from typing import Any
 import yaml
 
 from tests.tools.blind.translate import translate
+from tests.tools.changes.draw import REFERENCE
 
 Line = Mapping[str, Any]
 SHARP = 0.003
@@ -40,6 +41,18 @@ def run_pair(folder: Path) -> dict[str, Any]:
     return line
 
 
+def run_history(folder: Path) -> dict[str, Any]:
+    """What ``watch`` says of a history, as a line."""
+    from fmu_didim.workflow import watch
+
+    begin = time.process_time()
+    found = watch(folder / "logs", _case(folder, "before"), folder / "result", reference=REFERENCE).document
+    line: dict[str, Any] = {"pair": folder.name, "states": [log.state for log in found.logs[REFERENCE:]]}
+    line |= {"causes": [log.causes for log in found.logs[REFERENCE:]], "verdict": found.verdict}
+    line["onset"] = None if found.onset is None else [log.name for log in found.logs].index(found.onset.log)
+    return line | {"cpu_s": round(time.process_time() - begin, 2)}
+
+
 def _case(folder: Path, place: str) -> Path:
     """The case of a log; dry friction is known to be sharp, as a description says it by its smoothing velocity."""
     case = translate(folder / place, folder / f"{place}_input")
@@ -51,13 +64,15 @@ def _case(folder: Path, place: str) -> Path:
     return case
 
 
-def run(folders: Iterable[Path], out: Path, *, jobs: int = 1) -> list[dict[str, Any]]:
-    """All pairs; lines go to ``out`` as they come, and those that it holds are not run again."""
+def run(
+    folders: Iterable[Path], out: Path, *, jobs: int = 1, what: Callable[[Path], dict[str, Any]] = run_pair
+) -> list[dict[str, Any]]:
+    """All pairs, or histories; lines go to ``out`` as they come, and those that it holds are not run again."""
     lines = read_lines(out) if out.exists() else []
     known = {line["pair"] for line in lines}
     waiting = [folder for folder in folders if folder.name not in known]
     with out.open("a", encoding="utf-8") as stream, ProcessPoolExecutor(jobs, mp_context=get_context("spawn")) as pool:
-        for ready in as_completed([pool.submit(run_pair, folder) for folder in waiting]):
+        for ready in as_completed([pool.submit(what, folder) for folder in waiting]):
             lines.append(ready.result())
             stream.write(json.dumps(lines[-1]) + "\n")
             stream.flush()

@@ -11,6 +11,7 @@ from typing import Any
 from scipy.stats import binomtest
 
 from tests.figures import table
+from tests.tools.changes.draw import REFERENCE, STILL
 
 Named = frozenset[tuple[str, int]]
 KINDS: Mapping[str, tuple[str, ...]] = {
@@ -61,6 +62,35 @@ def _named(part: Sequence[Any], other: str) -> tuple[str, int]:
     kind, joint, title = part
     cause = SAME.get(kind, kind)
     return (f"{cause}, {other}" if title.endswith(f", {other}") else cause), 0 if cause in WHOLE else joint
+
+
+TITLED: Mapping[str, tuple[str, ...]] = {
+    "payload": ("payload on the last link",), "temperature": ("friction of all joints",),
+    "friction": ("friction of joint {j}",), "backlash": ("backlash on joint {j}, {when}",),
+    "belt": ("joint elasticity on joint {j}, {when}",),
+    "torque constant": ("torque scale of joint {j}", "gain of the drive on joint {j}, {when}"),
+    "controller gain": ("gain of the controller on joint {j}, {when}",),
+    "clock": ("time shift of the torque log, {when}",),
+}  # fmt: skip
+"""Titles of a cause on a line of a history."""
+
+
+def histories(lines: Sequence[Mapping[str, Any]], truths: Sequence[Mapping[str, Any]]) -> dict[str, tuple[int, int]]:
+    """Criterion -> how many of how many, of histories of one cause each."""
+    false = seen = right = onset = still = later = 0
+    for line, truth in zip(lines, truths, strict=True):
+        (change,), when = truth["changes"], "gone" if truth["repaired"] else "new"
+        titles = [title.format(j=change["joint"], when=when) for title in TITLED[change["cause"]]]
+        before, after = line["states"][:STILL], line["states"][STILL:]
+        still, later = still + len(before), later + len(after)
+        false += before.count("changed")
+        seen += after.count("changed")
+        right += sum(causes[:1] == [title] for causes in line["causes"][STILL:] for title in titles)
+        onset += line["onset"] is not None and abs(line["onset"] - REFERENCE - STILL) <= 1
+    return {
+        "history_alarm": (false, still), "history_seen": (seen, later), "history_right": (right, later),
+        "onset": (onset, len(lines)),
+    }  # fmt: skip
 
 
 def truth_of(folder: Path) -> dict[str, Any]:
