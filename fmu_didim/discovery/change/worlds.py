@@ -14,6 +14,7 @@ same way: so two that came, or went, together are found.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 
@@ -40,7 +41,7 @@ from fmu_didim.fit.log_noise import residual_noise
 from fmu_didim.fit.noise.noise import Noise
 from fmu_didim.fit.solver.least_squares import minimise
 from fmu_didim.fit.solver.termination import Stopping
-from fmu_didim.model.free_parameter import plain_name
+from fmu_didim.model.free_parameter import FreeParameter, plain_name
 from fmu_didim.model.loop_model import EffectAtJoint, LoopModel
 
 FITTED = 6
@@ -342,19 +343,15 @@ class _Search:
         gain = sum(_gain(*pair) for pair in zip(ground.sides, (first, second), strict=True))
         if gain - self._cost(tried.effects) * float(np.log(self.samples)) < BIC:
             return None
-        free = [p for p in first.model.free_parameters if p.effect is not None and p.name not in ground.known[0].names]
+        surely = all(self._beyond(k, f, tried.effects) >= BIC for k, f in enumerate((first, second)))
+        parts, lacks = zip(*(self._lack(first, a, is_sure=surely) for a in tried.effects), strict=True)
+        free = [p for own in parts for p in own]
         names = (*ground.known[0].names, *(p.name for p in free))
         known = ground.known_of(0, first, names), ground.known_of(1, second, names)
-        builder, lacks = ground.sides[0].builder, list(ground.lacks)
-        surely = all(self._beyond(k, f, tried.effects) >= BIC for k, f in enumerate((first, second)))
-        for a in tried.effects:
-            index = first.model.added_effects.index(a)
-            effect, own = builder.effect(a), tuple(p.name for p in free if p.effect == index)
-            lacks.append(Lack(a.effect, _joint(effect, a), _place(effect, a), own, is_sure=surely))
         return _Ground(
-            (LogFit(first, builder), LogFit(second, ground.sides[1].builder)),
+            (LogFit(first, ground.sides[0].builder), LogFit(second, ground.sides[1].builder)),
             _difference(ground.difference, *known, units=[p.unit for p in free]), known, ground.between,
-            ground.gain + gain, ground.cost + self._cost(tried.effects), tuple(lacks),
+            ground.gain + gain, ground.cost + self._cost(tried.effects), (*ground.lacks, *lacks),
         )  # fmt: skip
 
     def with_common(self) -> _Ground | None:
@@ -403,6 +400,34 @@ class _Search:
             fits = [found, None] if k == 0 else [None, found]
             alone = first.fits[1 - k] is None
             yield from self._of(_Tried(effects, (fits[0], fits[1])) if alone else self._completed(effects, fits, sides))
+            with suppress(FmuDidimError, np.linalg.LinAlgError):  # values that one log does not determine with it
+                yield from self._beside(k, found, first.effects, effect_at)
+
+    def _beside(self, k: int, found: Fit, effects: tuple[EffectAtJoint, ...], second: EffectAtJoint) -> Iterator[World]:
+        """Effects in one of the logs, beside a second one that both have: it shows in the one only once the first are
+        there."""
+        ground = self.ground
+        other = _fitted(ground.sides[1 - k], second, fitted_proposal(found, second))
+        if other is None:
+            return
+        pair = (found, other) if k == 0 else (other, found)
+        free, lack = self._lack(other, second, is_sure=self._beyond(1 - k, other, [second]) >= BIC)
+        names, when = (*ground.known[0].names, *lack.names), "gone" if k == 0 else "new"
+        known = ground.known_of(0, pair[0], names), ground.known_of(1, pair[1], names)
+        forms, amounts, deviations = zip(*(_form(ground.sides[k], found, a, when) for a in effects), strict=True)
+        yield World(
+            _difference(ground.difference, *known, units=[p.unit for p in free]), forms, amounts, deviations,
+            ground.gain + _gain(ground.sides[k], found) + _gain(ground.sides[1 - k], other),
+            ground.cost + self._cost((*effects, second)), (*ground.lacks, lack), residual=_residual(*pair),
+        )  # fmt: skip
+
+    def _lack(self, fit: Fit, effect_at: EffectAtJoint, *, is_sure: bool) -> tuple[list[FreeParameter], Lack]:
+        """An effect of a fit as one that both logs have, with its free parameters."""
+        index, effect = fit.model.added_effects.index(effect_at), self.ground.sides[0].builder.effect(effect_at)
+        free = [p for p in fit.model.free_parameters if p.effect == index]
+        names = tuple(p.name for p in free)
+        title, joint = _place(effect, effect_at), _joint(effect, effect_at)
+        return free, Lack(effect_at.effect, joint, title, names, is_sure=is_sure)
 
 
 def _settled(fit: Fit | None) -> Fit | None:
