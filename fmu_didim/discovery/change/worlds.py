@@ -52,6 +52,8 @@ PROMISING = 0.25
 SPURIOUS = 2.0
 """[1] Times the logarithm of the number of effects that were tried, which each has to gain more: the best of a hundred
 that are not there gains about so much by noise."""
+SOFTER = (1.0, 0.3, 0.1, 0.03, 0.01, 0.003)
+"""[1] Of the stiffness that the slope of a stiff gear promises, tried as starts of the fit."""
 LEFT_OVER = 1e-6
 """[1] Of a signature, below which the values absorb it whole."""
 SECOND = 3
@@ -63,7 +65,7 @@ SETTLED = 12
 COMMON = 3
 """[searches] At most, each beside the effects that both logs showed in those before."""
 BASE_FIT = Stopping(exact=True)
-DECIDE = ("FITTED", "PROMISING", "SPURIOUS", "SECOND", "COMMON", "UPDATES", "SETTLED")
+DECIDE = ("FITTED", "PROMISING", "SPURIOUS", "SECOND", "COMMON", "UPDATES", "SETTLED", "SOFTER")
 """Those of these numbers on which an answer depends."""
 
 
@@ -173,6 +175,14 @@ class _Tried:
 
 def _fitted(side: LogFit, effect_at: EffectAtJoint, proposal: Proposal) -> Fit | None:
     """A log with an effect; None where it cannot be simulated, is no machine's, or does nothing to this log."""
+    neutral = side.builder.effect(effect_at).neutral
+    stiff = [name for name in proposal.values if np.isinf(neutral.get(name, 0.0))]
+    if stiff:  # a soft gear is far from what the slope of a stiff one says
+        softer = [
+            replace(proposal, values={n: v * (part if n in stiff else 1.0) for n, v in proposal.values.items()})
+            for part in SOFTER
+        ]
+        proposal = (side.competition.nearest(softer) or [proposal])[0]
     found = side.competition.refit(proposal, updates=UPDATES)
     if found is None or found.given_up or not np.abs(found.jacobian).max(axis=(0, 1)).all():
         return None

@@ -329,20 +329,26 @@ class Competition:
     def _scanned(self, candidate: ScreenedCandidate) -> list[Proposal]:
         """Starts of a candidate outside the torque balance, the best first: sizes and shapes tried in the loop, with
         the base refitted to first order."""
-        tried: list[tuple[float, int, Proposal]] = []
-        for screened in (candidate, *(candidate.others or ())):
-            for size in SIZES:
-                proposal = screened.signature.proposal(size * screened.coefficients)
-                model = self.builder.build(self.fit.model, [proposal])
-                low, high = model.free_parameters.limits
-                try:
-                    residual = model.output_residual(np.clip(model.start, low, high))
-                except SimulationError:
-                    continue
-                cost = float(np.sum(self.base.rest_of(self.base.weighted(residual)) ** 2))
-                tried.append((cost, len(tried), proposal))
-        found = [proposal for _, _, proposal in sorted(tried)[:STARTS]]
+        found = self.nearest([
+            screened.signature.proposal(size * screened.coefficients)
+            for screened in (candidate, *(candidate.others or ())) for size in SIZES
+        ])  # fmt: skip
         return found or [candidate.signature.proposal(candidate.coefficients)]  # a fit tries smaller ones
+
+    def nearest(self, proposals: Sequence[Proposal]) -> list[Proposal]:
+        """Those from which the loop, with the base refitted to first order, is nearest to the log, the best first;
+        without those that cannot be simulated."""
+        tried: list[tuple[float, int, Proposal]] = []
+        for proposal in proposals:
+            model = self.builder.build(self.fit.model, [proposal])
+            low, high = model.free_parameters.limits
+            try:
+                residual = model.output_residual(np.clip(model.start, low, high))
+            except SimulationError:
+                continue
+            cost = float(np.sum(self.base.rest_of(self.base.weighted(residual)) ** 2))
+            tried.append((cost, len(tried), proposal))
+        return [proposal for _, _, proposal in sorted(tried)[:STARTS]]
 
     def assess(self, effect_at: EffectAtJoint, found: Fit) -> FittedCandidate:
         """The figures by which a fit with one more effect is judged."""
