@@ -289,13 +289,20 @@ def _named(tried: Sequence[Explanation], first: World) -> tuple[list[Explanation
     near = max(BIC, NEAR * (first.difference.total - min(every, key=_bic).unexplained))
     able, beyond = list[Explanation](), list[Explanation]()
     for each in every:
-        smaller = [e for e in able if each.contains(e) and e.bic - each.bic < near]
+        smaller = [e for e in able if each.contains(e) and e.bic - each.bic < _margin(e, each, near)]
         if not smaller:
             able.append(each)
         elif max(e.bic for e in smaller) - each.bic > BIC:
             beyond.append(each)
     able = sorted(able, key=_bic)
     return [e for e in able if e.bic - able[0].bic < near], beyond
+
+
+def _margin(smaller: Explanation, larger: Explanation, near: float) -> float:
+    """By how much a larger explanation has to be better: no form of a cause is exact, and one more effect in a log may
+    be what the form of the first one leaves of what it explains there."""
+    more = {form.cause for form in larger.world.fixed} > {form.cause for form in smaller.world.fixed}
+    return max(BIC, NEAR * smaller.world.gain) if more else near
 
 
 def _explanation(world: World, forms: tuple[Form, ...], first: World) -> Explanation:

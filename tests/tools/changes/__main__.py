@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import argparse
 import os
+import subprocess
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -17,6 +18,7 @@ from pathlib import Path
 # Several pairs run at once: threads of the linear algebra would only get into each other's way.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
+from tests.conftest import ROOT
 from tests.figures import command_of, write_figures
 from tests.tools.changes.draw import CAUSES, PLAN, draw, write, write_history
 from tests.tools.changes.run import read_lines, run, run_history
@@ -66,10 +68,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
         counts = {f"{key}_cases": f"{good} of {count}" for key, (good, count) in shares(found).items()}
         write_figures(
             options.figures, command_of("tests.tools.changes", given),
-            {"pairs": str(len(lines)), "seeds": ", ".join(map(str, seeds)), "criteria": criteria(found),
-             "causes": by_cause(found), **counts},
+            {"pairs": str(len(lines)), "seeds": ", ".join(map(str, seeds)),
+             "tree": _tree(), "criteria": criteria(found), "causes": by_cause(found), **counts},
         )  # fmt: skip
     return 0
+
+
+def _tree() -> str:
+    """The last commit that changed the package."""
+    asked = ["git", "log", "-1", "--format=%h", "--", "fmu_didim"]
+    return subprocess.run(asked, cwd=ROOT, capture_output=True, text=True, check=True).stdout.strip()
 
 
 def _histories(options: argparse.Namespace) -> int:
