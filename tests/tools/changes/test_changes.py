@@ -75,3 +75,16 @@ def test_a_pair_is_drawn_compared_and_not_compared_again(tmp_path: Path) -> None
     found = run(folders, out)
     assert judged(found[0], truth_of(folders[0])).right, found
     assert run(folders, out) == found == read_lines(out)
+
+
+@pytest.mark.slow
+def test_nothing_is_said_to_have_changed_that_has_not_and_no_wrong_cause_is_valid(tmp_path: Path) -> None:
+    """One round of the table on the page of compare, with its seed."""
+    folders = [tmp_path / "pairs" / f"p{number:03d}" for number in range(len(PLAN))]
+    for number, folder in enumerate(folders):
+        write(draw(number, 3), folder)
+    lines = run(folders, tmp_path / "lines", jobs=2)
+    rows = [judged(line, truth_of(folder)) for line, folder in zip(lines, folders, strict=True)]
+    assert shares(rows)["alarm"][0] == 0
+    assert shares(rows)["wrong"][0] == 0
+    assert sum(row.in_set for row in rows if len(row.truth) == 1) >= len(CAUSES) - 1
