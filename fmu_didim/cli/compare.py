@@ -22,7 +22,7 @@ def add_compare(verb: argparse.ArgumentParser) -> None:
     help_ = "the case whose log those of folders stand for, in turn: all of BEFORE are the reference"
     verb.add_argument("--case", type=Path, metavar="CASE.yaml", help=help_)
     add_folder_options(verb)
-    help_ = "compare the values of two cases only, which is faster: effects that the model lacks are not looked for"
+    help_ = "compare the values of cases or logs only, which is faster: effects that the model lacks are not looked for"
     verb.add_argument("--no-effects", dest="effects", action="store_const", const=False, help=help_)
     help_ = "folder for compare.json and compare.html (results/<before>-<after>); of folders as of watch"
     verb.add_argument("--out", type=Path, metavar="DIR", help=help_)
@@ -67,7 +67,6 @@ def _folders(options: argparse.Namespace) -> int:
             "One result is compared with another.", where=str(options.before), got="no AFTER",
             next_step="Give the result, or the case, of a later log, too.",
         )  # fmt: skip
-    _refuse_options(options, ("effects",), "two results or cases", "Leave it out.")
     if options.after is not None:
         _refuse_options(
             options, ("reference", "until"), "one folder", "Leave it out: all logs of BEFORE are the reference."
@@ -76,12 +75,10 @@ def _folders(options: argparse.Namespace) -> int:
 
 
 def _refuse_options(options: argparse.Namespace, names: tuple[str, ...], of: str, step: str) -> None:
-    given = [name for name in names if getattr(options, name) not in (None, False) or
-             (name == "effects" and options.effects is False)]  # fmt: skip
+    given = [name for name in names if getattr(options, name) not in (None, False)]
     if given:
-        shown = {"effects": "--no-effects"}
         raise InputError(
-            f"This option is for {of}.", where=", ".join(shown.get(n, f"--{n.replace('_', '-')}") for n in given),
+            f"This option is for {of}.", where=", ".join(f"--{n.replace('_', '-')}" for n in given),
             next_step=step,
         )  # fmt: skip
 

@@ -18,6 +18,8 @@ def add_watch(verb: argparse.ArgumentParser) -> None:
     help_ = "the case whose log those of the folder stand for, in turn"
     verb.add_argument("--case", type=Path, required=True, metavar="CASE.yaml", help=help_)
     add_folder_options(verb)
+    help_ = "judge values only, which is faster: effects such as backlash are not looked for in logs that are far"
+    verb.add_argument("--no-effects", dest="effects", action="store_const", const=False, help=help_)
     help_ = "folder for watch.json, watch.html and the results of the logs (results/<folder>-watch)"
     verb.add_argument("--out", type=Path, metavar="DIR", help=help_)
     shown = verb.add_mutually_exclusive_group()
@@ -70,7 +72,7 @@ def watch_logs(options: argparse.Namespace, folder: Path, after: Path | None) ->
 
         found = watch(
             folder, options.case, out, after=after, reference=options.reference, until=options.until,
-            by_time=options.by_time, progress=display.say, show=shown,
+            by_time=options.by_time, effects=options.effects is not False, progress=display.say, show=shown,
         )  # fmt: skip
     if not options.quiet and not options.json:
         show(f"\nPage: {out / 'watch.html'}   History: {out / 'watch.json'}   ({since_start():.1f} s)")

@@ -175,13 +175,28 @@ def test_a_machine_that_changes_is_seen_named_and_dated_and_nothing_is_identifie
     assert (answer["answer"], answer["onset"]["log"]) == ("changed", "axis_2024-05-07.csv")
 
 
+@pytest.mark.gate
+def test_an_effect_that_has_come_is_named_and_dated_though_no_value_says_so(case: Path, tmp_path: Path) -> None:
+    logs, late = tmp_path / "logs", {"late_s": 0.01}
+    write_logs(logs, 8, {6: late, 7: late})
+    found = watch(logs, case, tmp_path / "out", reference=5)
+    assert [log.state for log in found.logs[5:]] == ["unchanged", "changed", "changed"]
+    assert [log.causes for log in found.logs[6:]] == [["time shift of the torque log, new"]] * 2
+    assert "clock-late" in found.logs[7].text
+    assert found.onset is not None
+    assert (found.onset.kind, found.onset.log) == ("step", "axis_2024-05-07.csv")
+    assert not any("not among these causes" in remark for remark in found.document.remarks)
+    alone = watch(logs, case, tmp_path / "out", reference=5, effects=False)
+    assert "time shift of the torque log, new" not in str(alone.document)
+    assert all(log.state != "unchanged" for log in alone.logs[6:])
+
+
 @pytest.mark.parametrize(
     ("options", "match"),
     [
         (["logs"], "needs the case"),
         (["case.yaml"], "One result is compared with another"),
         (["logs", "logs", "--case", "case.yaml", "--reference", "3"], "This option is for one folder"),
-        (["logs", "--case", "case.yaml", "--no-effects"], "This option is for two results"),
         (["a.yaml", "b.yaml", "--by-time"], "This option is for folders"),
         (["logs", "logs", "--case", "case.yaml", "--out", "out"], "is there twice"),
     ],

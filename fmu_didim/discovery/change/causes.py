@@ -78,7 +78,7 @@ def forms_of(names: Sequence[str], units: Sequence[str], machine: Machine | None
         placed for form in _of_machine(machine, names) if (placed := _placed(form, machine, names)) is not None
     ]  # fmt: skip
     singles = [
-        Form("parameter", 0, f"{name} alone", (name,), (units[i],), _constant(np.eye(len(names))[:, [i]]))
+        Form("parameter", 0, f"{name} alone", (name,), (units[i],), constant(np.eye(len(names))[:, [i]]))
         for i, name in enumerate(names)
     ]
     frictions = {form.names[0] for form in rows if form.kind == "friction" and form.cost == 1}
@@ -91,7 +91,8 @@ def forms_of(names: Sequence[str], units: Sequence[str], machine: Machine | None
     return [*named, *kept]
 
 
-def _constant(columns: Array) -> Callable[[Array], Array]:
+def constant(columns: Array) -> Callable[[Array], Array]:
+    """The directions of a linear form."""
     return lambda x: columns
 
 
@@ -154,7 +155,7 @@ def _friction(
             names = tuple(base.names[i] for i in each)
             yield Form(
                 "friction", joint, f"friction of joint {joint}", names, tuple(unit[name] for name in names),
-                _constant(eye[:, each]),
+                constant(eye[:, each]),
             )  # fmt: skip
     if len(groups) < 2:
         return
@@ -166,12 +167,12 @@ def _friction(
     if columns.any(axis=0).all():
         yield Form(
             "friction_everywhere", 0, title, tuple(f"{stem} of all" for stem in stems), ("1",) * len(stems),
-            _constant(columns),
+            constant(columns),
         )  # fmt: skip
     names = tuple(base.names[i] for i in every)
     title = f"friction of joints {', '.join(map(str, groups))}, each by itself"
     yield Form(
-        "friction_of_each", 0, title, names, tuple(unit[name] for name in names), _constant(eye[:, every])
+        "friction_of_each", 0, title, names, tuple(unit[name] for name in names), constant(eye[:, every])
     )  # fmt: skip
 
 
@@ -188,7 +189,7 @@ def _payload(parameters: RobotParameters) -> Iterator[Form]:
     if not np.abs(table).any():
         return
     if np.abs(origin := column(np.zeros(3))).any():
-        yield Form("payload", joint, title, ("mass",), ("kg",), _constant(origin[:, None]))
+        yield Form("payload", joint, title, ("mass",), ("kg",), constant(origin[:, None]))
     whole = table[:, None] / np.linalg.norm(table)
     for k in range(3):
         h = STEP * size * np.eye(3)[k]
@@ -211,7 +212,7 @@ def _payload(parameters: RobotParameters) -> Iterator[Form]:
     rank = int((sizes > RANK * sizes[0]).sum())
     if rank > 1 + len(places):
         names = tuple(f"direction {k + 1}" for k in range(rank))
-        yield Form("payload", joint, title, names, ("",) * rank, _constant(left[:, :rank]))
+        yield Form("payload", joint, title, names, ("",) * rank, constant(left[:, :rank]))
 
 
 def _length(parameters: RobotParameters) -> float:
@@ -252,7 +253,7 @@ def _gains(machine: Machine) -> Iterator[Form]:
     n = parameters.joint_count
     if (logged := machine.logged) is None:
         if n == 1 and not parameters.base.known.any():
-            yield Form(JOINT_TORQUE_SCALE, 1, "torque scale of joint 1", ("gain",), ("1",), _constant(value[:, None]))
+            yield Form(JOINT_TORQUE_SCALE, 1, "torque scale of joint 1", ("gain",), ("1",), constant(value[:, None]))
         return
     weight = 1 / np.maximum(logged.noise, np.finfo(float).tiny)
     table = (logged.regressor * weight[:, None]).reshape(-1, value.size)
@@ -262,8 +263,12 @@ def _gains(machine: Machine) -> Iterator[Form]:
         right = np.where(np.arange(n) == j, torque, 0.0).ravel()
         moved = np.linalg.lstsq(table / size, right, rcond=None)[0] / size
         yield Form(
-            JOINT_TORQUE_SCALE, j + 1, f"torque scale of joint {j + 1}", ("gain",), ("1",), _constant(moved[:, None])
+            JOINT_TORQUE_SCALE, j + 1, f"torque scale of joint {j + 1}", ("gain",), ("1",), constant(moved[:, None]),
+            scales=frozenset({j + 1}),
         )  # fmt: skip
     if n > 1:
         moved = np.linalg.lstsq(table / size, torque.ravel(), rcond=None)[0] / size
-        yield Form("torque_scale", 0, "torque scale of all joints", ("gain",), ("1",), _constant(moved[:, None]))
+        yield Form(
+            "torque_scale", 0, "torque scale of all joints", ("gain",), ("1",), constant(moved[:, None]),
+            scales=frozenset(range(1, n + 1)),
+        )  # fmt: skip

@@ -45,6 +45,7 @@ class Form:
         names, units: (k + s,) of its amounts, then of x.
         columns: x (s,) -> A (p, k); starts: (m, s) values of x from which its fit begins, (1, 0) of a linear form.
         same_as: name of a parameter whose change alone is the same.
+        scales: joints whose drives give more, or less, than they say, where it is that, in whatever form.
     """
 
     kind: str
@@ -55,6 +56,7 @@ class Form:
     columns: Callable[[Array], Array]
     starts: Array = field(default_factory=lambda: np.zeros((1, 0)))
     same_as: str = ""
+    scales: frozenset[int] = frozenset()
 
     @property
     def cause(self) -> tuple[str, int, str]:
@@ -67,6 +69,22 @@ class Form:
         return len(self.names)
 
 
+@dataclass(frozen=True)
+class Lack:
+    """An effect that both logs have and the model lacks.
+
+    Attributes:
+        kind, joint: of the effect, 0 of none; title: in words; names: of its values, which are compared, too.
+        is_sure: whether each of the logs shows it by itself; else one does, and the other may have as much of it.
+    """
+
+    kind: str
+    joint: int
+    title: str
+    names: tuple[str, ...]
+    is_sure: bool = True
+
+
 @dataclass(frozen=True, eq=False)
 class World:
     """What is taken for given while the values are compared: that both logs are of the model as it is, or that an
@@ -76,7 +94,7 @@ class World:
         difference: of the values.
         fixed: causes that are part of it, with their amounts and deviations.
         gain: chi-square by which the logs are explained better than by the model as it is; cost: values for that.
-        lacks: the effect that both logs have and the model lacks, in words; empty without.
+        lacks: the effects that both logs have and the model lacks.
         residual: (2, n) standard deviations of what is left of each log; None: as it is without an effect.
     """
 
@@ -86,7 +104,7 @@ class World:
     deviations: tuple[Array, ...] = ()
     gain: float = 0.0
     cost: float = 0.0
-    lacks: str = ""
+    lacks: tuple[Lack, ...] = ()
     residual: Array | None = None
 
 
@@ -131,23 +149,47 @@ class Explanation:
 
     def contains(self, other: Explanation) -> bool:
         """Whether all that another can explain this one can, too."""
-        if set(other.causes) <= set(self.causes):
+        if set(other.causes) <= set(self.causes) or self._scales_as(other):
             return True
         mine, theirs = ({form.cause for form in e.world.fixed} for e in (self, other))
-        own, difference = self.world.difference, other.world.difference
-        if not theirs <= mine or own.names != difference.names:
+        if not theirs <= mine:
             return False
-        basis = other.basis
-        if other.world is not self.world:  # the same directions of the values, in units of the noise here
-            basis = own.root @ np.linalg.solve(difference.root, basis)
-            basis = basis / np.linalg.norm(basis, axis=0)
+        basis = other.basis if other.world is self.world else _moved_to(basis_of=other, to=self.world.difference)
+        if basis is None:
+            return False
         outside = basis - self.basis @ (self.basis.T @ basis)
         return bool(np.linalg.norm(outside, axis=0).max(initial=0.0) < SAME_SPAN)
+
+    def _scales_as(self, other: Explanation) -> bool:
+        """Whether it says all of another one, with gains of drives that amount to those of the other."""
+        rest, theirs = ({f.cause for f in e.forms if not f.scales} for e in (self, other))
+        mine, wanted = ([f.scales for f in e.forms if f.scales] for e in (self, other))
+        if not (mine and wanted and theirs <= rest):
+            return False
+        joints = sorted(frozenset().union(*mine, *wanted))
+        table, right = (np.array([[float(j in own) for own in each] for j in joints]) for each in (mine, wanted))
+        return bool(np.abs(right - table @ np.linalg.lstsq(table, right, rcond=None)[0]).max() < SAME_SPAN)
 
     @property
     def causes(self) -> tuple[tuple[str, int, str], ...]:
         """Of what they are forms."""
         return tuple(form.cause for form in self.forms)
+
+
+def _moved_to(*, basis_of: Explanation, to: Difference) -> Array | None:
+    """Directions of an explanation in units of the noise of another world; None where they move values that are not
+    compared there."""
+    own = basis_of.world.difference
+    moved = np.linalg.solve(own.root, basis_of.basis)
+    absent = [i for i, name in enumerate(own.names) if name not in to.names]
+    if np.abs(moved[absent] / own.deviation[absent, None]).max(initial=0.0) > SAME_SPAN:
+        return None
+    placed = np.zeros((len(to.names), moved.shape[1]))
+    for i, name in enumerate(to.names):
+        if name in own.names:
+            placed[i] = moved[own.names.index(name)]
+    basis = to.root @ placed
+    return np.asarray(basis / np.linalg.norm(basis, axis=0))
 
 
 @dataclass(frozen=True)
@@ -158,8 +200,9 @@ class Contest:
         is_changed: whether anything has.
         named: the best of each cause that the data cannot tell from the best; others: what the other causes leave.
         sets: the smallest sets of parameters whose change alone explains it, with what each leaves.
-        further: the best cause and the second one that explains most of what it leaves, where that is more than noise.
-        lacks: what both logs have and the model lacks, where that is the answer; empty without.
+        further: the best cause and the second one that explains most of what it leaves, where that is more than noise
+            and too small a part of the whole to be named.
+        lacks: what both logs have and the model lacks, where that is the answer.
     """
 
     is_changed: bool = False
@@ -167,7 +210,7 @@ class Contest:
     others: tuple[Explanation, ...] = ()
     sets: tuple[tuple[tuple[str, ...], float], ...] = ()
     further: Explanation | None = None
-    lacks: str = ""
+    lacks: tuple[Lack, ...] = ()
 
 
 def contest(worlds: Sequence[World], forms_in: Callable[[World], Sequence[Form]]) -> Contest:
@@ -190,7 +233,7 @@ def contest(worlds: Sequence[World], forms_in: Callable[[World], Sequence[Form]]
     tried = [e for e in (*nothing, *alone) if e.forms and (e.world is not first or nothing[0].p_value < CHANGED)]
     if still is None and not any(e.explains for e in of_first):
         tried += _pairs(sorted(of_first, key=_bic)[:PAIRED], able[id(first)], first)
-    found = _named(tried, first)
+    found, beyond = _named(tried, first)
     if still is not None and not (found and still.bic - found[0].bic > BIC):
         return Contest(lacks=still.world.lacks, others=tuple(sorted(_best_of_each(tried), key=_bic)))
     further = None
@@ -198,10 +241,12 @@ def contest(worlds: Sequence[World], forms_in: Callable[[World], Sequence[Form]]
         further = min(_pairs(found[:1], able[id(first)], first), key=_bic, default=None)
         if further is not None and found[0].bic - further.bic < BIC:
             further = None
+    if found and further is None:
+        further = min((e for e in beyond if set(found[0].causes) < set(e.causes)), key=_bic, default=None)
     others = sorted((e for e in _best_of_each(tried) if e not in found), key=_bic)
     sets = smallest_sets(first.difference) if still is None else []
     return Contest(
-        True, tuple(found), tuple(others), tuple(sets), further, found[0].world.lacks if found else ""
+        True, tuple(found), tuple(others), tuple(sets), further, found[0].world.lacks if found else ()
     )  # fmt: skip
 
 
@@ -235,17 +280,29 @@ def _best_of_each(tried: Sequence[Explanation]) -> list[Explanation]:
     return list(found.values())
 
 
-def _named(tried: Sequence[Explanation], first: World) -> list[Explanation]:
-    """The causes that explain the change and are as near to the best as the data cannot tell, the best first."""
-    able = list[Explanation]()
-    for each in sorted((e for e in _best_of_each(tried) if e.explains), key=lambda e: (e.values, e.bic)):
-        if not any(each.contains(smaller) and smaller.bic - each.bic < BIC for smaller in able):
+def _named(tried: Sequence[Explanation], first: World) -> tuple[list[Explanation], list[Explanation]]:
+    """The causes that explain the change and are as near to the best as the data cannot tell, the best first; and
+    those that are better than one of these by a small part of the change, of which they are a larger form."""
+    every = sorted((e for e in _best_of_each(tried) if e.explains), key=lambda e: (e.values, e.bic))
+    if not every:
+        return [], []
+    near = max(BIC, NEAR * (first.difference.total - min(every, key=_bic).unexplained))
+    able, beyond = list[Explanation](), list[Explanation]()
+    for each in every:
+        smaller = [e for e in able if each.contains(e) and e.bic - each.bic < _margin(e, each, near)]
+        if not smaller:
             able.append(each)
+        elif max(e.bic for e in smaller) - each.bic > BIC:
+            beyond.append(each)
     able = sorted(able, key=_bic)
-    if not able:
-        return []
-    near = max(BIC, NEAR * (first.difference.total - able[0].unexplained))
-    return [e for e in able if e.bic - able[0].bic < near]
+    return [e for e in able if e.bic - able[0].bic < near], beyond
+
+
+def _margin(smaller: Explanation, larger: Explanation, near: float) -> float:
+    """By how much a larger explanation has to be better: no form of a cause is exact, and one more effect in a log may
+    be what the form of the first one leaves of what it explains there."""
+    more = {form.cause for form in larger.world.fixed} > {form.cause for form in smaller.world.fixed}
+    return max(BIC, NEAR * smaller.world.gain) if more else near
 
 
 def _explanation(world: World, forms: tuple[Form, ...], first: World) -> Explanation:

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from datetime import UTC, datetime
-from functools import partial
 
 import numpy as np
 
 from fmu_didim.base.constants import recorded
 from fmu_didim.base.diagnostics import Diagnostic
-from fmu_didim.base.errors import FmuDidimError
 from fmu_didim.base.version import __version__
 from fmu_didim.checks.judgement import judgement
 from fmu_didim.discovery.change import answers, contest, difference, worlds
@@ -26,10 +24,11 @@ from fmu_didim.discovery.change.answers import (
     residual_diagnostics,
 )
 from fmu_didim.discovery.change.causes import JOINT_TORQUE_SCALE
-from fmu_didim.discovery.change.contest import Contest, Explanation, World
+from fmu_didim.discovery.change.contest import Contest, Explanation
 from fmu_didim.discovery.change.difference import CHANGED, SEEN, Difference
+from fmu_didim.discovery.change.explain import explained
 from fmu_didim.discovery.change.words import cause_text
-from fmu_didim.discovery.change.worlds import Known, LogFit, forms_in, worlds_of
+from fmu_didim.discovery.change.worlds import Known, LogFit
 from fmu_didim.discovery.progress import Progress
 from fmu_didim.discovery.selection import decide
 from fmu_didim.dynamics.effects import EFFECTS
@@ -50,7 +49,7 @@ DECIDING = (
     (difference, ("CHANGED", "SEEN")),
     (contest, ("LACK", "PAIRED", "LARGEST_SET")),
     (decide, ("BIC", "NEAR")),
-    (worlds, ("FITTED", "PROMISING", "SPURIOUS", "SECOND", "UPDATES")),
+    (worlds, worlds.DECIDE),
     (answers, ("SAME_ROWS", "SAME_VALUE", "FOLLOWS")),
 )
 """Constants on which a comparison depends, by module."""
@@ -103,15 +102,10 @@ def compared(
     found, left = answers.difference(before, after)
     refuse_same_data(before, after)
     robot = machine(before, after)
-    every, forms = [World(found)], partial(forms_in, base=found.names, machine=robot)
-    if logs is not None:
-        values = (_known(before, found), _known(after, found))
-        covered = frozenset((form.kind, form.joint) for form in forms(every[0]))
-        try:
-            every += worlds_of(*logs, found, values, progress or Progress(), covered=covered)
-        except FmuDidimError as error:  # a loop that fails with an effect in it: values can still be compared
-            logs, why_no_logs = None, f"{error.what.rstrip('.')} ({error.got})"
-    result = contest.contest(every, forms)
+    values = (_known(before, found), _known(after, found))
+    result, failed = explained(found, values, robot, logs, progress or Progress())
+    if failed:
+        logs, why_no_logs = None, failed
     is_changed = result.is_changed
     residual = residual_changes(before, after, result.named[0].world.residual if result.named else None)
     notes = [f"{name} {why}, and is not compared." for name, why in left.items()]
@@ -162,9 +156,7 @@ def _text(answer: Change, found: Difference, result: Contest) -> str:
     if result.lacks or any(e.world.fixed for e in result.named[:1]):
         which = f"in the model as it is, {which}"
     if answer == "unchanged" and result.lacks:
-        return (
-            f"beside {result.lacks}, which both logs show, the values differ by no more than noise; {which} ({chance})"
-        )
+        return f"beside {_listed(result)}, the values differ by no more than noise; {which} ({chance})"
     if answer == "unchanged":
         return f"{which} ({chance})"
     if answer == "unknown":
@@ -193,15 +185,27 @@ def _lacks(result: Contest) -> list[Diagnostic]:
     """What both logs have and the model lacks."""
     if not result.lacks:
         return []
-    return [Diagnostic(CHANGE_LACKS, f"Both logs show {result.lacks.lower()}, which the model lacks.")]
+    return [Diagnostic(CHANGE_LACKS, f"The model lacks {_listed(result)}.")]
+
+
+def _listed(result: Contest) -> str:
+    """What both logs have and the model lacks, in words."""
+    parts = []
+    for is_sure, which in ((True, "which both logs show"), (False, "which one log shows, and the other may have, too")):
+        titles = [lack.title for lack in result.lacks if lack.is_sure == is_sure]
+        if titles:
+            parts.append(f"{' and '.join(titles)}, {which}")
+    return ", and ".join(parts)
 
 
 def _rest(result: Contest) -> list[Diagnostic]:
     """What a cause leaves that is more than noise."""
-    if not result.named or not result.named[0].leaves_more_than_noise:
+    if not result.named or not (result.named[0].leaves_more_than_noise or result.further):
         return []
     best = result.named[0]
     text = f"What the best cause leaves is more than noise (chi-square {best.left:.4g} of {best.count} values)."
+    if not best.leaves_more_than_noise:
+        text = "The best cause leaves a small part of the change in the logs."
     if result.further is not None:
         second = cause_text(result.further)
         text += f" Most of that would be explained by a second one: {second}."

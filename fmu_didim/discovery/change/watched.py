@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
-from functools import partial
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from fmu_didim.base.constants import recorded
 from fmu_didim.base.diagnostics import Diagnostic
@@ -16,7 +16,7 @@ from fmu_didim.base.errors import FmuDidimError, InputError
 from fmu_didim.base.version import __version__
 from fmu_didim.checks.judgement import judgement
 from fmu_didim.data.signals import Array
-from fmu_didim.discovery.change import contest, difference, period, watch_doubts
+from fmu_didim.discovery.change import contest, difference, period, watch_doubts, worlds
 from fmu_didim.discovery.change import onset as onsets
 from fmu_didim.discovery.change.answers import (
     CHANGE_PRIOR,
@@ -27,13 +27,14 @@ from fmu_didim.discovery.change.answers import (
     refuse_other_models,
     same_rows,
 )
-from fmu_didim.discovery.change.contest import World
 from fmu_didim.discovery.change.difference import CHANGED, Difference
+from fmu_didim.discovery.change.explain import explained, shows_effect
 from fmu_didim.discovery.change.onset import After, onset
 from fmu_didim.discovery.change.period import LogValues, Period
 from fmu_didim.discovery.change.watch_doubts import OTHER_MOTION, OTHER_RATE, of_logs, of_reference
 from fmu_didim.discovery.change.words import cause_text
-from fmu_didim.discovery.change.worlds import forms_in
+from fmu_didim.discovery.change.worlds import Known, LogFit
+from fmu_didim.discovery.progress import Progress
 from fmu_didim.discovery.selection import decide
 from fmu_didim.fit.statistics import CONFIDENCE
 from fmu_didim.results.watch import LogValue, OnsetResult, WatchDocument, WatchedLog, WatchedValue
@@ -45,19 +46,22 @@ DECIDING = (
     (contest, ("LACK", "PAIRED")),
     (onsets, ("FEWEST_OF_DRIFT", "MOST_ENDS")),
     (decide, ("BIC", "NEAR")),
+    (worlds, worlds.DECIDE),
 )
 """Constants on which a history depends, by module."""
 NAMED = 12
 """[logs] The latest that are changed, whose causes are looked for: seconds each where none explains a change alone."""
+NAMED_WITH_EFFECTS = 4
+"""[logs] The same where effects are looked for, too: some ten seconds each."""
 DAY_S = 86400.0
 """[s] Of a day."""
 APART = 1e-8
 """[days] Between logs of one date, a millisecond, so that time increases."""
 EFFECTS_NOT_TRIED = (
     "Effects that have come or gone, such as backlash, another gain of the controller or a late clock, are not among "
-    "these causes: fmu-didim compare BEFORE.yaml AFTER.yaml, with a case of a log of the reference and one of a "
-    "changed log, looks for them, too."
+    "these causes: {0}."
 )
+NOT_ASKED = "that was not asked for"
 SAME_RATE = 1e-3
 """[1] Relative difference of two rates, up to which they are one: clocks drift by less."""
 KNOWN_ROWS = 1e4
@@ -85,6 +89,36 @@ class Entry:
     result: str = ""
 
 
+@dataclass
+class EffectSearch:
+    """How effects are looked for in logs.
+
+    Attributes:
+        fit_of: the log of this digest, from which this was identified, with its loop; raises FmuDidimError where there
+            is none, or it tells nothing.
+        progress: how far it is; failed: why they were not looked for in a log, of the last one; empty where they were.
+    """
+
+    fit_of: Callable[[str, Answer], LogFit]
+    progress: Progress
+    failed: str = ""
+    _before: LogFit | None = field(default=None, init=False)
+
+    def logs(self, before: Entry, after: Entry) -> tuple[LogFit, LogFit] | None:
+        """A log of the reference, and one that is judged; None where effects cannot be looked for."""
+        try:
+            if self._before is None:
+                self._before = self._of(before)
+            return self._before, self._of(after)
+        except FmuDidimError as error:
+            self.failed = f"{error.what.rstrip('.')} ({error.got})" if error.got else error.what.rstrip(".")
+            return None
+
+    def _of(self, entry: Entry) -> LogFit:
+        assert entry.answer is not None
+        return self.fit_of(entry.digest, entry.answer)
+
+
 @dataclass(frozen=True)
 class _Reference:
     """The reference, and what of each log is compared with it."""
@@ -96,6 +130,7 @@ class _Reference:
     residuals: Period | None
     motions: frozenset[str]
     rates: tuple[float, ...]
+    search: EffectSearch | None
 
     @property
     def first(self) -> Answer:
@@ -103,20 +138,27 @@ class _Reference:
         return self.entries[0].answer
 
 
-def watched(name: str, entries: Sequence[Entry], *, order: str) -> WatchDocument:
+def watched(
+    name: str,
+    entries: Sequence[Entry],
+    *,
+    order: str,
+    search: EffectSearch | None = None,
+    why_no_effects: str = NOT_ASKED,
+) -> WatchDocument:
     """The history of a machine.
 
     Args:
         name: of the case; entries: in order of their dates, those of the reference first; order: by what.
+        search: for effects that have come, gone or grown; why_no_effects: why they are not looked for without one.
 
     Raises:
         InputError: no log of the reference gives values.
     """
     entries = _without_repeated(entries)
-    reference = _reference(entries)
+    reference = _reference(entries, search)
     lines = [_line(entry, reference) for entry in entries]
-    far = [k for k, line in enumerate(lines) if line.p_value is not None and line.p_value < CHANGED]
-    for k in far[-NAMED:]:
+    for k in _asked(entries, lines, reference):
         lines[k] = _line(entries[k], reference, named=True)
     later = [line for line, entry in zip(lines, entries, strict=True) if not entry.is_reference]
     begun = _began(entries, lines, reference)
@@ -126,7 +168,8 @@ def watched(name: str, entries: Sequence[Entry], *, order: str) -> WatchDocument
         *_prior(reference.first),
     ])  # fmt: skip
     changed = [line for line in later if line.state == "changed"]
-    remarks = [*map(str, found.remarks), _expected(later), EFFECTS_NOT_TRIED if changed else ""]
+    why = why_no_effects if search is None else search.failed
+    remarks = [*map(str, found.remarks), _expected(later), EFFECTS_NOT_TRIED.format(why) if changed and why else ""]
     return WatchDocument(
         name=name, answer="changed" if changed else "unchanged", text=_text(later, begun), verdict=found.verdict,
         reasons=found.saved(), conditions=found.conditions, order=order, false_alarms=CHANGED,
@@ -161,7 +204,20 @@ def _same(one: Answer | None, other: Answer | None) -> bool:
     return max(shares, default=0.0) >= SAME_ROWS
 
 
-def _reference(entries: Sequence[Entry]) -> _Reference:
+def _asked(entries: Sequence[Entry], lines: Sequence[WatchedLog], reference: _Reference) -> list[int]:
+    """The latest logs whose causes are looked for: those whose values are far, and where effects are looked for, those
+    whose residual is, or whose identification is doubtful."""
+    far = []
+    for k, (entry, line) in enumerate(zip(entries, lines, strict=True)):
+        is_far = line.p_value is not None and line.p_value < CHANGED
+        if line.p_value is not None and entry.answer is not None and reference.search is not None:
+            is_far |= not entry.is_reference and bool(_doubts(line, entry.answer, reference))
+        if is_far:
+            far.append(k)
+    return far[-(NAMED if reference.search is None else NAMED_WITH_EFFECTS) :]
+
+
+def _reference(entries: Sequence[Entry], search: EffectSearch | None) -> _Reference:
     usable = [e for e in entries if e.is_reference and e.answer is not None and not _why_no_values(e.answer)]
     if not usable:
         why = [
@@ -194,7 +250,7 @@ def _reference(entries: Sequence[Entry]) -> _Reference:
         Period(names, [_known(answer, names) for answer in answers]),
         Period(labels, known) if len(known) == len(residuals) else None,
         frozenset(motion for answer in answers for motion in _motions(answer)),
-        tuple(rate for answer in answers if (rate := _rate(answer)) is not None),
+        tuple(rate for answer in answers if (rate := _rate(answer)) is not None), search,
     )  # fmt: skip
 
 
@@ -269,7 +325,7 @@ def _line(entry: Entry, reference: _Reference, *, named: bool = False) -> Watche
     line = blank.model_copy(update={"values": own, "notes": _notes(answer, reference)})
     if entry.is_reference:
         return line.model_copy(update={"state": "reference", "text": "reference"})
-    return _judged(line, answer, reference, named=named)
+    return _judged(line, entry, answer, reference, named=named)
 
 
 def _notes(answer: Answer, reference: _Reference) -> list[str]:
@@ -283,20 +339,23 @@ def _notes(answer: Answer, reference: _Reference) -> list[str]:
     return notes
 
 
-def _judged(line: WatchedLog, answer: Answer, reference: _Reference, *, named: bool) -> WatchedLog:
-    """A log behind the reference, with its state."""
+def _judged(line: WatchedLog, entry: Entry, answer: Answer, reference: _Reference, *, named: bool) -> WatchedLog:
+    """A log behind the reference, with its state: changed where its values say so, or where an effect explains what is
+    doubted of it."""
     log = _known(answer, reference.names)
     found = reference.period.distance(log)
-    doubts, is_changed = list[str](), found.p_value < CHANGED
-    if line.verdict != "valid":
-        doubts.append(f"its identification is {line.verdict} ({', '.join(line.codes)})")
-    if (residual := _residual(answer)) is not None and reference.residuals is not None:
-        doubts += _residual_doubt(residual, reference.residuals)
+    doubts, is_changed = _doubts(line, answer, reference), found.p_value < CHANGED
+    moved = _moved(found.of_each, reference.names) if is_changed else []
+    causes, told, by_effect = _causes(log, entry, answer, reference) if named else ([], "", False)
+    if doubts and by_effect:
+        is_changed = True
+    elif not is_changed:
+        causes, told = [], ""
     if is_changed and OTHER_MOTION in line.notes:
         doubts.append(f"it was recorded {OTHER_MOTION}, which moves values that absorb what the model lacks")
-    moved = _moved(found.of_each, reference.names) if is_changed else []
-    causes, told = _causes(log, answer, reference) if is_changed and named else ([], "")
     which = f"{', '.join(moved)} moved" if moved else "no value by itself moved, but all together have"
+    if found.p_value >= CHANGED:
+        which = "the values are no farther apart than those of the reference"
     text = f"{told}; {which}" if is_changed and told else which if is_changed else "no more than the reference allows"
     state = "changed" if is_changed and OTHER_MOTION not in line.notes else "doubtful" if doubts else "unchanged"
     if doubts:
@@ -306,14 +365,23 @@ def _judged(line: WatchedLog, answer: Answer, reference: _Reference, *, named: b
     )
 
 
-def _residual_doubt(residual: LogValues, reference: Period) -> list[str]:
-    found = reference.distance(residual)
-    if found.p_value >= CHANGED:
+def _doubts(line: WatchedLog, answer: Answer, reference: _Reference) -> list[str]:
+    """What speaks against a log whatever its values are."""
+    doubts = _residual_doubt(answer, reference)
+    if line.verdict != "valid":
+        doubts.insert(0, f"its identification is {line.verdict} ({', '.join(line.codes)})")
+    return doubts
+
+
+def _residual_doubt(answer: Answer, reference: _Reference) -> list[str]:
+    """That the residual is not as large as in the reference; nothing where it is, or is not known."""
+    residual, period = _residual(answer), reference.residuals
+    if residual is None or period is None or (found := period.distance(residual)).p_value >= CHANGED:
         return []
     most = int(np.argmin(found.of_each))
-    ratio = float(np.exp(residual.value[most] - reference.mean[0][most]))
+    ratio = float(np.exp(residual.value[most] - period.mean[0][most]))
     return [
-        f"the residual of {reference.names[most]} is {ratio:.2g} times that of the reference (p = {found.p_value:.1e})"
+        f"the residual of {period.names[most]} is {ratio:.2g} times that of the reference (p = {found.p_value:.1e})"
     ]
 
 
@@ -327,23 +395,33 @@ def _moved(of_each: Array, names: Sequence[str]) -> list[str]:
     return [name for name in names if name in moved]
 
 
-def _causes(log: LogValues, answer: Answer, reference: _Reference) -> tuple[list[str], str]:
-    """Titles of the causes that explain a change, and the same in words with how much."""
+def _causes(log: LogValues, entry: Entry, answer: Answer, reference: _Reference) -> tuple[list[str], str, bool]:
+    """Titles of the causes that explain a change, the same in words with how much, and whether the best is an
+    effect."""
     mean, covariance = reference.period.mean
+    names, between = reference.names, np.diag(reference.period.between**2)
     change = Difference(
-        reference.names, reference.units, mean, log.value, reference.period.spread_of(log) + covariance,
+        names, reference.units, mean, log.value, reference.period.spread_of(log) + covariance,
         min(log.freedom, *(one.freedom for one in reference.period.logs)), answer.samples + reference.first.samples,
     )  # fmt: skip
+    known = Known(names, mean, covariance + between), Known(names, log.value, log.covariance)
+    search, logs = reference.search, None
+    if search is not None:
+        logs = search.logs(reference.entries[-1], entry)
     try:
         robot = machine(reference.first, answer)
-        result = contest.contest([World(change)], partial(forms_in, base=change.names, machine=robot))
+        result, failed = explained(
+            change, known, robot, logs, Progress() if search is None else search.progress, between=between
+        )
     except (FmuDidimError, np.linalg.LinAlgError):
-        return [], ""
+        return [], "", False
+    if search is not None and failed:
+        search.failed = failed
     titles = [" and ".join(form.title for form in e.forms) for e in result.named]
     if not titles:
-        return [], "no cause that was tried explains it" if result.is_changed else ""
+        return [], "no cause that was tried explains it" if result.is_changed else "", False
     words = "; or ".join(cause_text(e) for e in result.named)
-    return titles, words if len(titles) == 1 else f"one of {len(titles)}: {words}"
+    return titles, words if len(titles) == 1 else f"one of {len(titles)}: {words}", shows_effect(result.named[0])
 
 
 def _days(entries: Sequence[Entry]) -> Array:
@@ -360,14 +438,13 @@ def _began(entries: Sequence[Entry], lines: Sequence[WatchedLog], reference: _Re
         (entry, line) for entry, line in zip(entries, lines, strict=True)
         if not entry.is_reference and line.p_value is not None and OTHER_MOTION not in line.notes
     ]  # fmt: skip
-    logs = [_known(e.answer, reference.names) for e, _ in kept if e.answer is not None]
-    mean, covariance = reference.period.mean
+    answers = [e.answer for e, _ in kept if e.answer is not None]
     last = reference.entries[-1]
     days = _days([last, *(entry for entry, _ in kept)])
-    found = onset(After(
-        mean, covariance, np.array([log.value for log in logs]),
-        np.array([reference.period.spread_of(log) for log in logs]), days[1:] - days[0],
-    ))  # fmt: skip
+    parts = [(reference.period, [_known(answer, reference.names) for answer in answers])]
+    if reference.residuals is not None and None not in (residuals := [_residual(answer) for answer in answers]):
+        parts.append((reference.residuals, [r for r in residuals if r is not None]))  # effects show in them
+    found = onset(_after(parts, days[1:] - days[0]))
     names = [entry.name for entry, _ in kept]
     first, end, early, late = (names[k] for k in (found.first, found.last, found.earliest, found.latest))
     between = "" if early == late else f" (95 %: {early} to {late})"
@@ -384,6 +461,17 @@ def _began(entries: Sequence[Entry], lines: Sequence[WatchedLog], reference: _Re
     return OnsetResult(
         kind=found.kind, log=first, last=end, earliest=early, latest=late, gain=found.gain, rivals=list(found.rivals),
         text=text,
+    )  # fmt: skip
+
+
+def _after(parts: Sequence[tuple[Period, list[LogValues]]], days: Array) -> After:
+    """Logs behind a reference by several kinds of numbers, which are independent of each other."""
+    means, covariances = zip(*(period.mean for period, _ in parts), strict=True)
+    spreads = [[period.spread_of(log) for log in logs] for period, logs in parts]
+    return After(
+        np.concatenate(means), block_diag(*covariances),
+        np.hstack([np.array([log.value for log in logs]) for _, logs in parts]),
+        np.array([block_diag(*each) for each in zip(*spreads, strict=True)]), days,
     )  # fmt: skip
 
 

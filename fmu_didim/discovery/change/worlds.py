@@ -13,7 +13,8 @@ same way: so two that came, or went, together are found.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 
@@ -23,14 +24,15 @@ from fmu_didim.base.errors import FmuDidimError
 from fmu_didim.data.signals import Array
 from fmu_didim.discovery.augmentation.builder import LoopModelBuilder
 from fmu_didim.discovery.augmentation.places import Proposal
-from fmu_didim.discovery.change.causes import Machine, forms_of
-from fmu_didim.discovery.change.contest import Form, World
+from fmu_didim.discovery.change.causes import Machine, constant, forms_of
+from fmu_didim.discovery.change.contest import Form, Lack, World
 from fmu_didim.discovery.change.difference import Difference
 from fmu_didim.discovery.progress import Progress
 from fmu_didim.discovery.screening.catalogue import SignatureCatalogue
-from fmu_didim.discovery.selection.competition import Competition
+from fmu_didim.discovery.selection.competition import Competition, fitted_proposal
 from fmu_didim.discovery.selection.decide import BIC
 from fmu_didim.dynamics.effects import Effect
+from fmu_didim.dynamics.effects.inserted import InsertedEffect
 from fmu_didim.dynamics.robot import RobotDescription
 from fmu_didim.fit.fit import Fit
 from fmu_didim.fit.fit_uncertainty import fit_uncertainty
@@ -39,7 +41,7 @@ from fmu_didim.fit.log_noise import residual_noise
 from fmu_didim.fit.noise.noise import Noise
 from fmu_didim.fit.solver.least_squares import minimise
 from fmu_didim.fit.solver.termination import Stopping
-from fmu_didim.model.free_parameter import plain_name
+from fmu_didim.model.free_parameter import FreeParameter, plain_name
 from fmu_didim.model.loop_model import EffectAtJoint, LoopModel
 
 FITTED = 6
@@ -50,13 +52,21 @@ PROMISING = 0.25
 SPURIOUS = 2.0
 """[1] Times the logarithm of the number of effects that were tried, which each has to gain more: the best of a hundred
 that are not there gains about so much by noise."""
+SOFTER = (1.0, 0.3, 0.1, 0.03, 0.01, 0.003)
+"""[1] Of the stiffness that the slope of a stiff gear promises, tried as starts of the fit."""
 LEFT_OVER = 1e-6
 """[1] Of a signature, below which the values absorb it whole."""
 SECOND = 3
 """[effects] That promise most of what the best one leaves, which are fitted with it."""
 UPDATES = 3
 """[sensitivities] Taken anew in the fit of an effect: the first ones are those of values that may be far off."""
+SETTLED = 12
+"""[sensitivities] At most, taken anew in the fit of the best effect: play in a gear needs six to ten."""
+COMMON = 3
+"""[searches] At most, each beside the effects that both logs showed in those before."""
 BASE_FIT = Stopping(exact=True)
+DECIDE = ("FITTED", "PROMISING", "SPURIOUS", "SECOND", "COMMON", "UPDATES", "SETTLED", "SOFTER")
+"""Those of these numbers on which an answer depends."""
 
 
 @dataclass(frozen=True)
@@ -109,43 +119,70 @@ def worlds_of(
     progress: Progress,
     *,
     covered: frozenset[tuple[str, int]] = frozenset(),
+    between: Array | None = None,
 ) -> list[World]:
     """The worlds in which an effect has come, gone or grown, or is there in both logs; beside the one without.
 
     Args:
         difference: the change of the values without effects; known: those of the log before and after.
         covered: effects at joints for which a cause of the values stands, which are not looked for a second time.
+        between: (p, p) covariance of the values between logs of one state, which is in that of ``known`` before.
     """
-    found: list[World] = []
-    sides = (before, after)
-    promised = [_promised(sides[k], known[1 - k], covered, progress) for k in (0, 1)]
-    tried = max(len(every) for own in promised for every in own)
-    wanted: dict[EffectAtJoint, Proposal] = {}
-    for every in (*promised[1], *promised[0]):
-        for effect_at, gain, proposal in every[:FITTED]:
-            if gain > max(PROMISING * every[0][1], 0.0):
-                wanted.setdefault(effect_at, proposal)
-    penalty = SPURIOUS * float(np.log(max(tried, 1))) / float(np.log(difference.samples))
-    promising = [{a for every in own for a, gain, _ in every if gain > 0} for own in promised]
-    alone = _Alone(sides, difference, known, penalty, covered, progress)
-    for effect_at, proposal in wanted.items():
-        progress.say(f"fitting {effect_at.effect} on joint {effect_at.joint}")
-        fits = [
-            _fitted(side, effect_at, proposal) if effect_at in own else None
-            for side, own in zip(sides, promising, strict=True)
-        ]
-        for make in (partial(_in_one, 1, "new"), partial(_in_one, 0, "gone"), _in_both):
-            try:
-                if (world := make(sides, fits, effect_at, difference, known, penalty)) is not None:
-                    found.append(world)
-            except (FmuDidimError, np.linalg.LinAlgError):  # values that one log does not determine with it
-                continue
-        alone.fitted(effect_at, fits)
-    return [*found, *alone.with_second()]
+    found, ground = list[World](), _Ground((before, after), difference, known, between)
+    for _ in range(COMMON):
+        search = _Search(ground, difference.samples, covered, progress)
+        found += search.worlds()
+        if (grown := search.with_common()) is None:
+            return [*found, *search.with_second()]
+        ground = grown
+    return found
+
+
+@dataclass(frozen=True)
+class _Ground:
+    """What worlds are built on: both logs, with the effects that both show.
+
+    Attributes:
+        sides: the logs; difference: of their values, with those of these effects; known: these of each log.
+        between: covariance of the first of these values between logs of one state, beside their noise.
+        gain: chi-square by which these effects explain both logs better; cost: values for that; lacks: these effects.
+    """
+
+    sides: tuple[LogFit, LogFit]
+    difference: Difference
+    known: tuple[Known, Known]
+    between: Array | None = None
+    gain: float = 0.0
+    cost: float = 0.0
+    lacks: tuple[Lack, ...] = ()
+
+    def known_of(self, k: int, fit: Fit, names: Sequence[str]) -> Known:
+        """What the fit of a log says of the machine: of that before, which stands for a state, with its spread."""
+        found = _known(fit, names)
+        if k == 0 and self.between is not None:
+            count = len(self.between)
+            found.covariance[:count, :count] += self.between
+        return found
+
+
+@dataclass(frozen=True)
+class _Tried:
+    """An effect, or two, fitted to each log, beside what both show; None where that is not a machine."""
+
+    effects: tuple[EffectAtJoint, ...]
+    fits: tuple[Fit | None, Fit | None]
 
 
 def _fitted(side: LogFit, effect_at: EffectAtJoint, proposal: Proposal) -> Fit | None:
     """A log with an effect; None where it cannot be simulated, is no machine's, or does nothing to this log."""
+    neutral = side.builder.effect(effect_at).neutral
+    stiff = [name for name in proposal.values if np.isinf(neutral.get(name, 0.0))]
+    if stiff:  # a soft gear is far from what the slope of a stiff one says
+        softer = [
+            replace(proposal, values={n: v * (part if n in stiff else 1.0) for n, v in proposal.values.items()})
+            for part in SOFTER
+        ]
+        proposal = (side.competition.nearest(softer) or [proposal])[0]
     found = side.competition.refit(proposal, updates=UPDATES)
     if found is None or found.given_up or not np.abs(found.jacobian).max(axis=(0, 1)).all():
         return None
@@ -216,111 +253,199 @@ def _gain(side: LogFit, found: Fit) -> float:
     return bic_gain(side.fit, found, 0.0, side.fit.noise)
 
 
-def _in_one(
-    k: int, when: str, sides: tuple[LogFit, LogFit], fitted: Sequence[Fit | None], effect_at: EffectAtJoint,
-    difference: Difference, known: tuple[Known, Known], penalty: float,
-) -> World | None:  # fmt: skip
-    """The effect in one of the logs."""
-    found = fitted[k]
-    if found is None:
-        return None
-    own = _known(found, difference.names)
-    pair = (known[0], own) if k == 1 else (own, known[1])
-    form, amounts, deviations = _form(sides[k], found, effect_at, when)
-    fits = [side.fit for side in sides]
-    fits[k] = found
-    return World(
-        _difference(difference, *pair), (form,), (amounts,), (deviations,), _gain(sides[k], found),
-        sides[k].builder.at(effect_at).cost + penalty, residual=_residual(*fits),
-    )  # fmt: skip
-
-
 @dataclass
-class _Alone:
-    """Effects of one log alone, of which the best is fitted with a second one.
+class _Search:
+    """The effects that either log shows beside what both do.
 
     Attributes:
-        sides, difference, known, penalty, covered, progress: as of the search for the first one.
-        best: by log, what is gained beyond the cost, the effect and its fit.
+        ground: what is built on; samples: of both logs; covered, progress: as of :func:`worlds_of`.
+        penalty: values that an effect costs more, because so many were tried; tried: what was fitted.
     """
 
-    sides: tuple[LogFit, LogFit]
-    difference: Difference
-    known: tuple[Known, Known]
-    penalty: float
+    ground: _Ground
+    samples: int
     covered: frozenset[tuple[str, int]]
     progress: Progress
-    best: dict[int, tuple[float, EffectAtJoint, Fit]] = field(default_factory=dict)
+    penalty: float = 0.0
+    tried: list[_Tried] = field(default_factory=list)
+
+    def worlds(self) -> list[World]:
+        """Those of one effect."""
+        sides, known = self.ground.sides, self.ground.known
+        promised = [_promised(sides[k], known[1 - k], self.covered, self.progress) for k in (0, 1)]
+        count = max(len(every) for own in promised for every in own)
+        self.penalty = SPURIOUS * float(np.log(max(count, 1))) / float(np.log(self.samples))
+        wanted: dict[EffectAtJoint, Proposal] = {}
+        for every in (*promised[1], *promised[0]):
+            for effect_at, gain, proposal in every[:FITTED]:
+                if gain > max(PROMISING * every[0][1], 0.0):
+                    wanted.setdefault(effect_at, proposal)
+        shown = [{a for every in own for a, gain, _ in every if gain > 0} for own in promised]
+        for effect_at, proposal in wanted.items():
+            self.progress.say(f"fitting {effect_at.effect} on joint {effect_at.joint}")
+            fits = [
+                _fitted(side, effect_at, proposal) if effect_at in own else None
+                for side, own in zip(sides, shown, strict=True)
+            ]
+            self.tried.append(self._completed((effect_at,), fits, sides))
+        return [world for tried in self.tried for world in self._of(tried)]
+
+    def _completed(
+        self, effects: tuple[EffectAtJoint, ...], fits: Sequence[Fit | None], sides: Sequence[LogFit]
+    ) -> _Tried:
+        """With the last of these effects in the log that does not promise it, too, where the other one shows it:
+        what one log shows and the other one does not exclude is no change."""
+        found = list(fits)
+        for k in (0, 1):
+            other = found[1 - k]
+            if found[k] is None and other is not None and self._beyond(1 - k, other, effects) > 0:
+                found[k] = _fitted(sides[k], effects[-1], fitted_proposal(other, effects[-1]))
+        return _Tried(effects, (found[0], found[1]))
+
+    def _of(self, tried: _Tried) -> Iterator[World]:
+        """The worlds in which effects are in one log, or in both."""
+        for make in (partial(self._in_one, 1, "new"), partial(self._in_one, 0, "gone"), self._in_both):
+            try:
+                if (world := make(tried)) is not None:
+                    yield world
+            except (FmuDidimError, np.linalg.LinAlgError):  # values that one log does not determine with it
+                continue
+
+    def _cost(self, effects: Sequence[EffectAtJoint]) -> float:
+        return sum(self.ground.sides[0].builder.at(a).cost + self.penalty for a in effects)
 
     def _beyond(self, k: int, found: Fit, effects: Sequence[EffectAtJoint]) -> float:
-        """Chi-square that is gained beyond what so many values cost."""
-        cost = sum(self.sides[k].builder.at(a).cost + self.penalty for a in effects)
-        return _gain(self.sides[k], found) - cost * float(np.log(self.difference.samples))
+        """Chi-square by which a log is explained better beyond what so many values cost."""
+        return _gain(self.ground.sides[k], found) - self._cost(effects) * float(np.log(self.samples))
 
-    def fitted(self, effect_at: EffectAtJoint, fits: Sequence[Fit | None]) -> None:
-        """Take note of an effect that was fitted in each log."""
-        for k, found in enumerate(fits):
-            if found is None:
-                continue
-            gain = self._beyond(k, found, [effect_at])
-            if gain > max(BIC, self.best[k][0] if k in self.best else 0.0):
-                self.best[k] = gain, effect_at, found
-
-    def with_second(self) -> list[World]:
-        """The worlds of the best effect of each log and a second one."""
-        worlds = list[World]()
-        for k, (first_gain, first, fit) in self.best.items():
-            grown = LogFit(fit, self.sides[k].builder)
-            covered = self.covered | {(first.effect, first.joint)}
-            promised = _promised(grown, self.known[1 - k], covered, self.progress)
-            wanted = {a: p for every in promised for a, gain, p in every[:SECOND] if gain > 0}
-            for effect_at, proposal in wanted.items():
-                self.progress.say(f"fitting {effect_at.effect} on joint {effect_at.joint} beside {first.effect}")
-                found = _fitted(grown, effect_at, proposal)
-                if found is None or self._beyond(k, found, [first, effect_at]) - first_gain < BIC:
-                    continue
-                try:
-                    worlds.append(self._world(k, found, (first, effect_at)))
-                except (FmuDidimError, np.linalg.LinAlgError):  # values that the log does not determine with both
-                    continue
-        return worlds
-
-    def _world(self, k: int, found: Fit, effects: tuple[EffectAtJoint, EffectAtJoint]) -> World:
-        """Both effects in one log."""
-        own = _known(found, self.difference.names)
-        pair = (self.known[0], own) if k == 1 else (own, self.known[1])
-        forms, amounts, deviations = zip(
-            *(_form(self.sides[k], found, a, "new" if k == 1 else "gone") for a in effects), strict=True
-        )
-        fits = [side.fit for side in self.sides]
+    def _in_one(self, k: int, when: str, tried: _Tried) -> World | None:
+        """Effects in one of the logs."""
+        found, ground = tried.fits[k], self.ground
+        if found is None:
+            return None
+        own = ground.known_of(k, found, ground.difference.names)
+        pair = (ground.known[0], own) if k == 1 else (own, ground.known[1])
+        forms, amounts, deviations = zip(*(_form(ground.sides[k], found, a, when) for a in tried.effects), strict=True)
+        fits = [side.fit for side in ground.sides]
         fits[k] = found
-        cost = sum(self.sides[k].builder.at(a).cost + self.penalty for a in effects)
         return World(
-            _difference(self.difference, *pair), forms, amounts, deviations, _gain(self.sides[k], found), cost,
+            _difference(ground.difference, *pair), forms, amounts, deviations,
+            ground.gain + _gain(ground.sides[k], found), ground.cost + self._cost(tried.effects), ground.lacks,
             residual=_residual(*fits),
         )  # fmt: skip
 
+    def _in_both(self, tried: _Tried) -> World | None:
+        """Effects in both logs, their values among those that are compared."""
+        grown = self._grown(tried)
+        if grown is None:
+            return None
+        return World(
+            grown.difference, gain=grown.gain, cost=grown.cost, lacks=grown.lacks,
+            residual=_residual(*(side.fit for side in grown.sides)),
+        )  # fmt: skip
 
-def _in_both(
-    sides: tuple[LogFit, LogFit], fitted: Sequence[Fit | None], effect_at: EffectAtJoint, difference: Difference,
-    known: tuple[Known, Known], penalty: float,
-) -> World | None:  # fmt: skip
-    """The effect in both logs, its values among those that are compared."""
-    first, second = fitted
-    if first is None or second is None:
+    def _grown(self, tried: _Tried) -> _Ground | None:
+        """Both logs with these effects; None where they do not explain both together better."""
+        first, second = tried.fits
+        ground = self.ground
+        if first is None or second is None:
+            return None
+        gain = sum(_gain(*pair) for pair in zip(ground.sides, (first, second), strict=True))
+        if gain - self._cost(tried.effects) * float(np.log(self.samples)) < BIC:
+            return None
+        surely = all(self._beyond(k, f, tried.effects) >= BIC for k, f in enumerate((first, second)))
+        parts, lacks = zip(*(self._lack(first, a, is_sure=surely) for a in tried.effects), strict=True)
+        free = [p for own in parts for p in own]
+        names = (*ground.known[0].names, *(p.name for p in free))
+        known = ground.known_of(0, first, names), ground.known_of(1, second, names)
+        return _Ground(
+            (LogFit(first, ground.sides[0].builder), LogFit(second, ground.sides[1].builder)),
+            _difference(ground.difference, *known, units=[p.unit for p in free]), known, ground.between,
+            ground.gain + gain, ground.cost + self._cost(tried.effects), (*ground.lacks, *lacks),
+        )  # fmt: skip
+
+    def with_common(self) -> _Ground | None:
+        """With the effect that both logs show most clearly; None where they show none."""
+        best: tuple[float, _Ground] | None = None
+        for tried in self.tried:
+            if any(f is None or self._beyond(k, f, tried.effects) < BIC for k, f in enumerate(tried.fits)):
+                continue
+            try:
+                grown = self._grown(tried)
+            except (FmuDidimError, np.linalg.LinAlgError):
+                continue
+            if grown is not None:
+                value = grown.gain - grown.cost * float(np.log(self.samples))
+                if best is None or value > best[0]:
+                    best = value, grown
+        return None if best is None else best[1]
+
+    def with_second(self) -> Iterator[World]:
+        """The worlds of the best effect of each log, fitted to its end, and of that with a second one: what its fit
+        has not reached yet is no second effect."""
+        for k in (0, 1):
+            alone = [(self._beyond(k, f, t.effects), t) for t in self.tried if (f := t.fits[k]) is not None]
+            gain, first = max(alone, key=lambda each: each[0], default=(0.0, None))
+            if first is None or gain <= BIC:
+                continue
+            first = _Tried(first.effects, (_settled(first.fits[0]), _settled(first.fits[1])))
+            yield from self._of(first)
+            yield from self._seconds(k, first)
+
+    def _seconds(self, k: int, first: _Tried) -> Iterator[World]:
+        sides = [
+            side if fit is None else LogFit(fit, side.builder)
+            for side, fit in zip(self.ground.sides, first.fits, strict=True)
+        ]
+        covered = self.covered | {(a.effect, a.joint) for a in first.effects}
+        promised = _promised(sides[k], self.ground.known[1 - k], covered, self.progress)
+        wanted = {a: p for every in promised for a, gain, p in every[:SECOND] if gain > 0}
+        own = first.fits[k]
+        least = BIC + (0.0 if own is None else self._beyond(k, own, first.effects))
+        for effect_at, proposal in wanted.items():
+            self.progress.say(f"fitting {effect_at.effect} on joint {effect_at.joint} beside {first.effects[0].effect}")
+            found, effects = _fitted(sides[k], effect_at, proposal), (*first.effects, effect_at)
+            if found is None or self._beyond(k, found, effects) < least:
+                continue
+            fits = [found, None] if k == 0 else [None, found]
+            alone = first.fits[1 - k] is None
+            yield from self._of(_Tried(effects, (fits[0], fits[1])) if alone else self._completed(effects, fits, sides))
+            with suppress(FmuDidimError, np.linalg.LinAlgError):  # values that one log does not determine with it
+                yield from self._beside(k, found, first.effects, effect_at)
+
+    def _beside(self, k: int, found: Fit, effects: tuple[EffectAtJoint, ...], second: EffectAtJoint) -> Iterator[World]:
+        """Effects in one of the logs, beside a second one that both have: it shows in the one only once the first are
+        there."""
+        ground = self.ground
+        other = _fitted(ground.sides[1 - k], second, fitted_proposal(found, second))
+        if other is None:
+            return
+        pair = (found, other) if k == 0 else (other, found)
+        free, lack = self._lack(other, second, is_sure=self._beyond(1 - k, other, [second]) >= BIC)
+        names, when = (*ground.known[0].names, *lack.names), "gone" if k == 0 else "new"
+        known = ground.known_of(0, pair[0], names), ground.known_of(1, pair[1], names)
+        forms, amounts, deviations = zip(*(_form(ground.sides[k], found, a, when) for a in effects), strict=True)
+        yield World(
+            _difference(ground.difference, *known, units=[p.unit for p in free]), forms, amounts, deviations,
+            ground.gain + _gain(ground.sides[k], found) + _gain(ground.sides[1 - k], other),
+            ground.cost + self._cost((*effects, second)), (*ground.lacks, lack), residual=_residual(*pair),
+        )  # fmt: skip
+
+    def _lack(self, fit: Fit, effect_at: EffectAtJoint, *, is_sure: bool) -> tuple[list[FreeParameter], Lack]:
+        """An effect of a fit as one that both logs have, with its free parameters."""
+        index, effect = fit.model.added_effects.index(effect_at), self.ground.sides[0].builder.effect(effect_at)
+        free = [p for p in fit.model.free_parameters if p.effect == index]
+        names = tuple(p.name for p in free)
+        title, joint = _place(effect, effect_at), _joint(effect, effect_at)
+        return free, Lack(effect_at.effect, joint, title, names, is_sure=is_sure)
+
+
+def _settled(fit: Fit | None) -> Fit | None:
+    """A fit that has come to its end."""
+    if fit is None:
         return None
-    gains = [_gain(*pair) for pair in zip(sides, (first, second), strict=True)]
-    cost = sides[0].builder.at(effect_at).cost
-    if min(gains) < BIC + cost * float(np.log(difference.samples)):
-        return None  # what both logs lack shows in each of them
-    own = [name for name, p in zip(first.model.names, first.model.free_parameters, strict=True) if p.effect is not None]
-    names = (*difference.names, *own)
-    pair = _known(first, names), _known(second, names)
-    effect = sides[0].builder.effect(effect_at)
-    return World(
-        _difference(difference, *pair, units=[p.unit for p in first.model.free_parameters if p.name in own]),
-        gain=sum(gains), cost=cost + penalty, lacks=_place(effect, effect_at), residual=_residual(first, second),
-    )  # fmt: skip
+    stopping = Stopping(updates=SETTLED, check_all=False)
+    return minimise(fit.model, fit.noise, stopping=stopping, jacobian=fit.jacobian, outputs=fit.outputs)
 
 
 def _residual(first: Fit, second: Fit) -> Array:
@@ -330,8 +455,19 @@ def _residual(first: Fit, second: Fit) -> Array:
 
 def _place(effect: Effect, effect_at: EffectAtJoint) -> str:
     """An effect and its joint, where it is of one, in words."""
-    whole = effect.is_of_log or effect.acts_on_base
-    return f"{effect.title.lower()}{'' if whole else f' on joint {effect_at.joint}'}"
+    joint = _joint(effect, effect_at)
+    return f"{effect.title.lower()}{f' on joint {joint}' if joint else ''}"
+
+
+def _is_gain_of_drive(effect: Effect) -> bool:
+    """Whether an effect is one factor behind what the log shows."""
+    is_behind = isinstance(effect, InsertedEffect) and effect.logged == "before"
+    return is_behind and [p.unit for p in effect.own_parameters] == ["1"]
+
+
+def _joint(effect: Effect, effect_at: EffectAtJoint) -> int:
+    """0 where it is of none."""
+    return 0 if effect.is_of_log or effect.acts_on_base else effect_at.joint
 
 
 def _known(fit: Fit, names: Sequence[str]) -> Known:
@@ -355,10 +491,11 @@ def _form(side: LogFit, fit: Fit, effect_at: EffectAtJoint, when: str) -> tuple[
     own = [i for i, p in enumerate(fit.model.free_parameters) if p.effect == index]
     names = tuple(plain_name(fit.model.free_parameters[i].key, effect_at.joint) for i in own)
     units = tuple("" if (unit := fit.model.free_parameters[i].unit) == "1" else unit for i in own)
-    joint = 0 if effect.is_of_log or effect.acts_on_base else effect_at.joint
     title = f"{_place(effect, effect_at)}, {when}"
     none = np.zeros((len(fit.model.names), 0))
-    form = Form(effect_at.effect, joint, title, names, units, lambda x: none)
+    joint = _joint(effect, effect_at)
+    scales = frozenset({joint} if _is_gain_of_drive(effect) else ())
+    form = Form(effect_at.effect, joint, title, names, units, lambda x: none, scales=scales)
     return form, fit.values[own], deviation[own]
 
 
@@ -369,11 +506,9 @@ def forms_in(world: World, base: Sequence[str], machine: Machine | None) -> list
         base: names of the values that are compared without effects.
     """
     names = world.difference.names
-    own = [i for i, name in enumerate(names) if name not in base]
     found = [f for f in forms_of(names, world.difference.units, machine) if f.kind != "parameter" or f.names[0] in base]
-    if own:
-        table = np.eye(len(names))[:, own]
-        units = tuple(world.difference.units[i] for i in own)
-        title = f"{world.lacks}, changed"
-        found.append(Form("grown", 0, title, tuple(names[i] for i in own), units, lambda x: table))
+    for lack in (each for each in world.lacks if each.is_sure):  # else it is new, or gone
+        table = np.eye(len(names))[:, [names.index(name) for name in lack.names]]
+        units = tuple(world.difference.units[names.index(name)] for name in lack.names)
+        found.append(Form(lack.kind, lack.joint, f"{lack.title}, changed", lack.names, units, constant(table)))
     return found

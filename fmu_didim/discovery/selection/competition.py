@@ -329,20 +329,26 @@ class Competition:
     def _scanned(self, candidate: ScreenedCandidate) -> list[Proposal]:
         """Starts of a candidate outside the torque balance, the best first: sizes and shapes tried in the loop, with
         the base refitted to first order."""
-        tried: list[tuple[float, int, Proposal]] = []
-        for screened in (candidate, *(candidate.others or ())):
-            for size in SIZES:
-                proposal = screened.signature.proposal(size * screened.coefficients)
-                model = self.builder.build(self.fit.model, [proposal])
-                low, high = model.free_parameters.limits
-                try:
-                    residual = model.output_residual(np.clip(model.start, low, high))
-                except SimulationError:
-                    continue
-                cost = float(np.sum(self.base.rest_of(self.base.weighted(residual)) ** 2))
-                tried.append((cost, len(tried), proposal))
-        found = [proposal for _, _, proposal in sorted(tried)[:STARTS]]
+        found = self.nearest([
+            screened.signature.proposal(size * screened.coefficients)
+            for screened in (candidate, *(candidate.others or ())) for size in SIZES
+        ])  # fmt: skip
         return found or [candidate.signature.proposal(candidate.coefficients)]  # a fit tries smaller ones
+
+    def nearest(self, proposals: Sequence[Proposal]) -> list[Proposal]:
+        """Those from which the loop, with the base refitted to first order, is nearest to the log, the best first;
+        without those that cannot be simulated."""
+        tried: list[tuple[float, int, Proposal]] = []
+        for proposal in proposals:
+            model = self.builder.build(self.fit.model, [proposal])
+            low, high = model.free_parameters.limits
+            try:
+                residual = model.output_residual(np.clip(model.start, low, high))
+            except SimulationError:
+                continue
+            cost = float(np.sum(self.base.rest_of(self.base.weighted(residual)) ** 2))
+            tried.append((cost, len(tried), proposal))
+        return [proposal for _, _, proposal in sorted(tried)[:STARTS]]
 
     def assess(self, effect_at: EffectAtJoint, found: Fit) -> FittedCandidate:
         """The figures by which a fit with one more effect is judged."""
@@ -479,11 +485,15 @@ def _shapes_held(model: LoopModel, first: int) -> LoopModel:
 
 def proposal_of(found: FittedCandidate) -> Proposal:
     """The effect of a candidate with its fitted values, by their plain names."""
-    model, joint = found.fit.model, found.effect_at.joint
-    index = model.added_effects.index(found.effect_at)
+    return fitted_proposal(found.fit, found.effect_at)
+
+
+def fitted_proposal(fit: Fit, effect_at: EffectAtJoint) -> Proposal:
+    """An effect with the values that were fitted, by their plain names."""
+    index = fit.model.added_effects.index(effect_at)
     values = {
-        plain_name(parameter.key, joint) if parameter.owner == PLANT else parameter.key: float(value)
-        for parameter, value in zip(model.free_parameters, found.fit.values, strict=True)
+        plain_name(parameter.key, effect_at.joint) if parameter.owner == PLANT else parameter.key: float(value)
+        for parameter, value in zip(fit.model.free_parameters, fit.values, strict=True)
         if parameter.effect == index
     }
-    return Proposal(found.effect_at, values)
+    return Proposal(effect_at, values)

@@ -13,12 +13,10 @@ from fmu_didim.checks.judgement import DiagnosticResult, Verdict
 from fmu_didim.discovery.change.document import compared
 from fmu_didim.discovery.change.worlds import LogFit
 from fmu_didim.discovery.progress import Progress
-from fmu_didim.dynamics.effects import EFFECTS
-from fmu_didim.model.loop_model import LoopModel
 from fmu_didim.model.workers import one_blas_thread
 from fmu_didim.results.comparison import COMPARISON_FILE, Change, ComparisonDocument, save_comparison
 from fmu_didim.results.result import result_path
-from fmu_didim.workflow.compare.answer import answer_of
+from fmu_didim.workflow.compare.answer import answer_of, log_of, why_no_effects
 from fmu_didim.workflow.discover import described_plant
 from fmu_didim.workflow.identify import identify
 from fmu_didim.workflow.output.exit_codes import CHANGED_EXIT, EXIT_CODES
@@ -213,7 +211,7 @@ def _logs(sides: Mapping[str, _Side], effects: bool | None) -> tuple[tuple[LogFi
     if effects is None and any(side.case is None for side in sides.values()):
         return None, "give the two cases (fmu-didim compare BEFORE.yaml AFTER.yaml) for that"
     for place, side in sides.items():
-        why = _why_no_effects(side.result.model)
+        why = why_no_effects(side.result.model)
         if why and effects:
             raise InputError(
                 "In this log effects cannot be looked for.", where=place, got=why,
@@ -230,23 +228,5 @@ def _logs(sides: Mapping[str, _Side], effects: bool | None) -> tuple[tuple[LogFi
     return (first, second), ""
 
 
-def _why_no_effects(model: LoopModel) -> str:
-    """Why a log tells nothing of effects; empty where it does."""
-    why = ""
-    if not model.loop.shows_torque or model.loop.torque_is_given:
-        why = "no torque is measured in a closed loop"
-    elif model.experiments.low_pass is not None:
-        why = "the case has a low_pass"
-    elif model.prior is not None:
-        why = "the case has a prior"
-    elif any(p.experiment is not None and not p.is_start for p in model.free_parameters):
-        why = "single experiments have values of their own"
-    elif any(experiment.is_unsigned for experiment in model.experiments.values()):
-        why = "the log has no signs"
-    return why
-
-
 def _log(side: _Side) -> LogFit:
-    """A log with its loop."""
-    description = side.result.robot if side.case is None else described_plant(side.case)
-    return LogFit.of(side.result.model, description, EFFECTS)
+    return log_of(side.result.model, side.result.robot if side.case is None else described_plant(side.case))

@@ -9,20 +9,26 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from fmu_didim.base.cache import file_digest
-from fmu_didim.base.diagnostics import DiagnosedError
+from fmu_didim.base.diagnostics import DiagnosedError, refuse_problems
 from fmu_didim.base.errors import FmuDidimError, IdentificationError, InputError
 from fmu_didim.base.files import file_name, is_file, whole_file
 from fmu_didim.case import Case, CaseDocument
 from fmu_didim.case.build import contents_of
 from fmu_didim.case.files import resolve
 from fmu_didim.case.sources import DataFile
+from fmu_didim.checks.data.checks import without_outliers
 from fmu_didim.discovery.change.answers import Answer
+from fmu_didim.discovery.change.worlds import LogFit
 from fmu_didim.fit.estimate import RefusedError
 from fmu_didim.results.provenance import code_digest, digest
 from fmu_didim.results.result import RESULT_FILE
 from fmu_didim.workflow.case_files import case_files
-from fmu_didim.workflow.compare.answer import answer_of
+from fmu_didim.workflow.compare.answer import answer_of, log_of, why_no_effects
+from fmu_didim.workflow.data import case_diagnostics
+from fmu_didim.workflow.discover import described_plant
 from fmu_didim.workflow.identify import identify
 from fmu_didim.workflow.output.result import Result, result_folder
 from fmu_didim.workflow.output.result_folder import reported_unwritable
@@ -147,6 +153,23 @@ class Store:
         kept = _read(own, key)
         assert kept is not None
         return Kept(kept.answer, kept.why, own, key, is_new=True)
+
+    def log(self, path: Path, answer: Answer) -> LogFit:
+        """A log with its loop, at the values that were identified from it, in which effects can be looked for.
+
+        Raises:
+            FmuDidimError: it tells nothing of effects, or cannot be simulated.
+        """
+        case = self.place.with_log(self.case, path)
+        model, _ = without_outliers(case.model, refuse_problems(case_diagnostics(case)))
+        if why := why_no_effects(model):
+            raise InputError(
+                "In this log effects cannot be looked for.", where=path.name, got=why,
+                next_step="Watch without effects (--no-effects).",
+            )  # fmt: skip
+        known = answer.document.parameters
+        values = [known[n].value if n in known else s for n, s in zip(model.names, model.start, strict=True)]
+        return log_of(model.with_values(np.array(values)), described_plant(case))
 
 
 def _why(error: FmuDidimError) -> str:

@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING
 from fmu_didim.base.errors import InputError
 from fmu_didim.case import Case, load_case
 from fmu_didim.checks.judgement import DiagnosticResult, Verdict
-from fmu_didim.discovery.change.watched import Entry, watched
+from fmu_didim.discovery.change.watched import NOT_ASKED, EffectSearch, Entry, watched
+from fmu_didim.discovery.progress import Progress
 from fmu_didim.model.workers import one_blas_thread
 from fmu_didim.results.watch import WATCH_FILE, OnsetResult, WatchDocument, WatchedLog, save_watch
 from fmu_didim.workflow.output.exit_codes import CHANGED_EXIT, EXIT_CODES
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
 
 REFERENCE = 10
 """[logs] Of a reference by default: of ten, a change of some seven deviations of a value shows; of five, of twenty."""
+OF_MODEL = "the case is of a model without controller"
 
 
 @dataclass(frozen=True, repr=False)
@@ -123,6 +125,7 @@ def watch(
     reference: int | None = None,
     until: date | None = None,
     by_time: bool = False,
+    effects: bool = True,
     progress: Callable[[str], None] | None = None,
     show: Callable[[Watched], None] | None = None,
 ) -> Watched:
@@ -140,6 +143,8 @@ def watch(
         reference: number of logs that are the reference, from the first; ten by default.
         until: the last day of the reference, in the place of a number.
         by_time: whether logs are in order of the times of their files, not of the dates in their names.
+        effects: whether effects that have come, gone or grown, such as backlash, are looked for in the latest logs that
+            are far from the reference, as by :func:`compare`; some ten seconds each.
         progress: called with a line about each piece of work; show: with the answer before it is written.
 
     Raises:
@@ -151,14 +156,20 @@ def watch(
     case = case if isinstance(case, Case) else load_case(case, require_torque=False)
     store = Store.of(place.folder, case)
     logs, count = _logs(Path(folder), None if after is None else Path(after), case, reference, until, by_time=by_time)
-    entries = []
+    entries, say, paths = [], progress or (lambda text: None), dict[str, Path]()
     for k, log in enumerate(logs):
-        kept = store.answer(log.path, progress or (lambda text: None))
+        kept = store.answer(log.path, say)
+        paths[kept.digest] = log.path
         shown = str(kept.folder.relative_to(place.folder)) if kept.answer is not None else ""
         entries.append(
             Entry(log.path.name, log.date, kept.digest, k < count, kept.is_new, kept.answer, kept.why, shown)
         )
-    found = Watched(watched(case.name, entries, order=BY_TIME if by_time else BY_NAME))
+    search, why = None, NOT_ASKED if not effects else OF_MODEL
+    if effects and not store.place.of_model:
+        search = EffectSearch(lambda digest, answer: store.log(paths[digest], answer), Progress(say))
+    found = Watched(
+        watched(case.name, entries, order=BY_TIME if by_time else BY_NAME, search=search, why_no_effects=why)
+    )
     if show is not None:
         show(found)
     found.write(place)

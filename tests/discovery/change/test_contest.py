@@ -8,12 +8,13 @@ import numpy as np
 import pytest
 
 from fmu_didim.data.signals import Array
-from fmu_didim.discovery.change.contest import Contest, Form, World, contest
+from fmu_didim.discovery.change.contest import Contest, Form, Lack, World, contest
 from fmu_didim.discovery.change.difference import Difference
 
 NAMES = ("a", "b", "c", "d")
 NONE = np.zeros((4, 0))
 NEW = Form("play", 1, "play, new", ("gap",), ("rad",), lambda x: NONE)
+PLAY = (Lack("play", 1, "play on joint 1", ()),)
 SEED = 3
 
 
@@ -89,14 +90,14 @@ def test_both_are_told_where_the_data_cannot_tell_them_apart() -> None:
 
 
 def test_what_both_logs_have_is_no_change() -> None:
-    both = World(difference(*STILL), gain=400.0, cost=1, lacks="play on joint 1")
+    both = World(difference(*STILL), gain=400.0, cost=1, lacks=PLAY)
     found = answer(World(difference(*FAR)), both, with_play(difference(9, 9, 9, 9), 200.0))
     assert not found.is_changed
-    assert found.lacks == "play on joint 1"
+    assert found.lacks == PLAY
     moved = replace(both, difference=difference(0, 0, 40, 0))
     found = answer(World(difference(*FAR)), moved, with_play(difference(9, 9, 9, 9), 200.0))
     assert titles(found) == [["c alone"]]
-    assert found.lacks == "play on joint 1"
+    assert found.lacks == PLAY
 
 
 def test_values_alone_are_not_named_where_all_together_have_not_changed() -> None:
@@ -117,3 +118,56 @@ def test_an_effect_beside_a_cause_that_holds_the_better_one_is_no_rival_unless_i
 
     assert titles(among(14.0)) == [["a alone"]]
     assert ["play, new", "a alone"] in titles(among(200.0))
+
+
+def test_what_one_log_shows_and_the_other_may_have_too_is_no_change() -> None:
+    """By itself the effect is new; that the other log has as much of it explains both as well."""
+    maybe = World(difference(*STILL), gain=60.0, cost=1, lacks=(Lack("play", 1, "play on joint 1", (), is_sure=False),))
+    found = answer(World(difference(*STILL)), with_play(difference(*STILL), 60.0), maybe)
+    assert not found.is_changed
+    assert [lack.is_sure for lack in found.lacks] == [False]
+
+
+def test_a_second_effect_that_explains_little_of_the_change_is_not_named_but_told() -> None:
+    """No model of an effect is exact: 40 of 4000 may be that."""
+    other = Form("ripple", 2, "ripple, new", ("size",), ("N.m",), lambda x: NONE)
+    one = with_play(difference(*STILL), 4000.0)
+    none = np.zeros(1)
+    two = World(difference(*STILL), (NEW, other), (none, none), (none, none), 4040.0, cost=2)
+    found = answer(World(difference(*FAR)), one, two)
+    assert titles(found) == [["play, new"]]
+    assert found.further is not None
+    assert [form.title for form in found.further.forms] == ["play, new", "ripple, new"]
+    much = replace(two, gain=4400.0)
+    assert titles(answer(World(difference(*FAR)), one, much)) == [["play, new", "ripple, new"]]
+
+
+def test_a_cause_is_not_named_twice_where_another_world_has_more_values() -> None:
+    """That a moved is a part of that a and b did, also where both logs have play, whose gap is one more value."""
+    names, table = (*NAMES, "gap"), np.eye(5)
+    rest = np.append(difference(60, 0, 0, 0).after, 0.0)
+    more = Difference(names, ("N.m",) * 5, np.zeros(5), rest, np.eye(5), np.inf, 1000)
+    both = World(more, gain=400.0, cost=1, lacks=PLAY)
+    wide = Form("frictions", 0, "a and b, each by itself", ("a", "b"), ("N.m",) * 2, lambda x: np.eye(4)[:, :2])
+    worlds = (World(difference(60, 0, 0, 0)), with_play(difference(60, 0, 0, 0), 380.0), both)
+
+    def forms(world: World) -> list[Form]:
+        if world is both:
+            return [replace(single(k), columns=lambda x, k=k: table[:, [k]]) for k in range(4)]
+        return [*(single(k) for k in range(4)), wide]
+
+    assert titles(contest(worlds, forms)) == [["a alone"]]
+
+
+def test_gains_of_drives_that_amount_to_the_same_are_one_cause() -> None:
+    """A drive of two that gives less, or all that give more, and the other one less."""
+    gain = Form("drive", 1, "gain of drive 1, new", ("gain",), ("1",), lambda x: NONE, scales=frozenset({1}))
+    other = replace(gain, joint=2, title="gain of drive 2, new", scales=frozenset({2}))
+    every = replace(single(0), kind="scale", title="scale of all", scales=frozenset({1, 2}))
+    none = (np.zeros(1),)
+    one, two = (
+        World(difference(*moved), (form,), none, none, 500.0, cost=1)
+        for form, moved in ((gain, STILL), (other, (20, 0, 0, 0)))
+    )
+    found = contest((World(difference(*FAR)), one, replace(two, gain=515.0)), lambda world: [every])
+    assert titles(found) == [["gain of drive 1, new"]]

@@ -8,7 +8,7 @@ from functools import cache
 import pytest
 
 from fmu_didim import SimulationError, read_robot
-from fmu_didim.discovery.change import document
+from fmu_didim.discovery.change import explain
 from fmu_didim.discovery.change.answers import difference
 from fmu_didim.discovery.change.contest import World
 from fmu_didim.discovery.change.document import compared
@@ -93,6 +93,17 @@ def test_what_both_logs_have_is_told_and_is_no_change() -> None:
 
 
 @pytest.mark.gate
+def test_two_effects_that_both_logs_have_are_no_change() -> None:
+    """Looked for one at a time, the second would seem to have come in one log and gone from the other."""
+    found = of(side(11, late_s=0.01, offset=OFFSET), side(12, late_s=0.01, offset=OFFSET))
+    assert (found.answer, found.causes) == ("unchanged", [])
+    text = next(reason.text for reason in found.reasons if reason.code == "change-lacks")
+    assert "torque offset on joint 2" in text
+    assert "time shift of the torque log" in text
+    assert "which both logs show" in text
+
+
+@pytest.mark.gate
 def test_what_both_logs_have_has_grown_by_what_it_has_grown() -> None:
     found = of(side(4, offset=OFFSET), side(7, offset=(0.0, 0.06)))
     assert titles(found)[0] == ["torque offset on joint 2, changed"]
@@ -119,7 +130,7 @@ def test_where_a_loop_fails_with_effects_the_values_are_compared_and_that_is_sai
     def fails(*_: object, **__: object) -> list[World]:
         raise SimulationError("The loop diverges.", got="inf", next_step="Try others.")
 
-    monkeypatch.setattr(document, "worlds_of", fails)
+    monkeypatch.setattr(explain, "worlds_of", fails)
     found = of(side(1), side(9, loaded=True))
     assert titles(found) == [["payload on the last link"]]
     assert any("not looked for: The loop diverges (inf)." in remark for remark in found.remarks)
