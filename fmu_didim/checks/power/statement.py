@@ -115,7 +115,7 @@ def power_of_fit(fit: Fit, misfits: Misfits, deviation: Array | None = None) -> 
     if not residuals:
         return None
     places = samples_of(fit, rows)
-    tests = [JointTest.of(one, signatures_of(found, places, one.joint)[1], len(residuals)) for one in residuals]
+    tests = [JointTest.of(one, signatures_of(found, places, one.joint), len(residuals)) for one in residuals]
     tested = [test for test in tests if test is not None]
     if not tested:
         return None
