@@ -96,7 +96,9 @@ def _influences(fit: Fit, sensitivity: Array, instruments: Array | None) -> tupl
         flat = influence_of_instruments(
             model.beside_prior(whitened(instruments, deviation)), model.beside_prior(s)
         )  # fmt: skip
-    return flat[: len(s)].reshape(sensitivity.shape) / deviation[:, None], flat[len(s) :]
+    of_outputs = flat[: len(s)].reshape(sensitivity.shape)
+    of_outputs /= deviation[:, None]
+    return of_outputs, flat[len(s) :]
 
 
 def _by_residual(fit: Fit, residual: Array, sensitivity: Array, influence: Array) -> Uncertainty:
@@ -104,8 +106,7 @@ def _by_residual(fit: Fit, residual: Array, sensitivity: Array, influence: Array
     model, experiments = fit.model, fit.model.experiments
     stated = ~np.isnan(model.stated_deviations)
     deviation = fit.noise.deviation
-    weighted = influence * deviation[:, None]
-    usual = np.einsum("mjp,mjp->jp", weighted, weighted)
+    usual = np.einsum("mjp,mjp->jp", influence, influence) * deviation[:, None] ** 2
     is_filtered = experiments.low_pass is not None
     if is_filtered:
         influence = filtered_torque(fit, influence)

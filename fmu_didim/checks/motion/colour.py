@@ -24,6 +24,7 @@ import numpy as np
 from scipy import fft
 from scipy.linalg import lapack
 
+from fmu_didim.base.tall import ROWS, in_blocks, triangle_by_parts, with_rows
 from fmu_didim.cosim import Indices
 from fmu_didim.data.signals import Array
 from fmu_didim.fit.noise.autoregression import ORDERS, order_cost
@@ -54,8 +55,6 @@ NEARLY_DEPENDENT = 1e-8
 not tell how much that is."""
 LONG_RUN = 100
 """[samples] On average between gaps, from which sums over runs are faster than tables: a sum has its own beginning."""
-ROWS = 8192
-"""[rows] Of a table at a time, in an orthogonal factorisation: they stay in the caches of the processor."""
 
 
 @dataclass(frozen=True)
@@ -417,19 +416,6 @@ def triangle(table: Array) -> Array:
     return triangle_of_blocks(lambda: in_blocks(table), table.shape[1])
 
 
-def in_blocks(table: Array) -> Iterator[Array]:
-    """(b, m) rows of a table (N, m), some at a time."""
-    return (table[first : first + ROWS] for first in range(0, len(table), ROWS))
-
-
-def with_rows(table: Array, blocks: Iterable[Array]) -> Iterator[tuple[Array, Array]]:
-    """Blocks (b, m) of rows, with those of a table (N, ...) before each."""
-    first = 0
-    for block in blocks:
-        yield table[first : first + len(block)], block
-        first += len(block)
-
-
 def triangle_of_blocks(blocks: Callable[[], Iterable[Array]], count: int) -> Array:
     """The same of a table of so many columns, of which some rows (b, m) are made at a time, once or twice."""
     products, samples = np.zeros((count, count)), 0
@@ -437,16 +423,7 @@ def triangle_of_blocks(blocks: Callable[[], Iterable[Array]], count: int) -> Arr
         products += block.T @ block
         samples += len(block)
     r = None if samples < count else _triangle_of(products)
-    return _triangle_by_parts(blocks(), count) if r is None else r
-
-
-def _triangle_by_parts(blocks: Iterable[Array], count: int) -> Array:
-    """The same by orthogonal factorisations of some rows at a time below the triangle of those before (Demmel et al.,
-    SIAM Journal on Scientific Computing 34 (2012)): no copy of the table is made."""
-    r = np.zeros((0, count))
-    for block in blocks:
-        r = np.asarray(np.linalg.qr(np.concatenate([r, block]), mode="r"))
-    return r
+    return triangle_by_parts(blocks(), count) if r is None else r
 
 
 def _triangle_of(products: Array) -> Array | None:

@@ -39,21 +39,19 @@ from scipy import linalg
 from fmu_didim.base.diagnostics import CATALOGUE, DOUBT, Diagnostic
 from fmu_didim.base.distributions import f_sf
 from fmu_didim.base.errors import SimulationError
+from fmu_didim.base.tall import ROWS, in_blocks, with_rows
 from fmu_didim.checks.data.timing import CLOCK_EARLY, CLOCK_LATE, CLOCK_SLIGHTLY_OFF
 from fmu_didim.checks.judgement import MATTERS
 from fmu_didim.checks.motion.colour import (
-    ROWS,
     Beside,
     Colour,
     Columns,
     Logs,
     as_slice,
-    in_blocks,
     orthonormal,
     rest_of,
     triangle,
     triangle_of_blocks,
-    with_rows,
 )
 from fmu_didim.checks.motion.functions import SIGNATURE, TORQUE_RATE, functions_of_motion, joint_by_joint, looks_like
 from fmu_didim.checks.motion.misfits import Misfit

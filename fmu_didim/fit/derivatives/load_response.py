@@ -11,16 +11,17 @@ Source: Pintelon, Schoukens, System Identification: A Frequency Domain Approach,
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 from scipy import fft, sparse
-from scipy.linalg import toeplitz
 
 from fmu_didim.base.errors import SimulationError
+from fmu_didim.base.tall import in_blocks, with_rows
 from fmu_didim.cosim import SampleOperator
 from fmu_didim.data.signals import Array
 from fmu_didim.model.external_torque import ExternalTorque
@@ -163,18 +164,25 @@ def load_response(run: Simulation, *, seed: int = 0) -> LoadResponse:
     ticks = np.arange(0, time.size, every)
     length = min(max(round(MEMORY_S / (every * step)), 1), MOST_TAPS, ticks.size // MOST_OF_LOG)
     switched = _telegraph(ticks.size, every * step, np.random.default_rng(seed))
-    table = toeplitz(switched, np.zeros(length))
-    normal = np.linalg.pinv(table.T @ table, hermitian=True) @ table.T
+    lagged = partial(_lagged, switched, length)
+    inverse = np.linalg.pinv(sum(rows.T @ rows for rows in lagged()), hermitian=True)
     try:
         still = _signals(run, ())
         joints = range(1, model.joint_count + 1)
         tasks = [_answer(run, still, switched, every, j) for j in joints]
         answers = side_by_side(tasks, model.allowed_workers(run.values))
-        taps = -np.stack([normal @ answer[ticks] for answer in answers], axis=2)
+        along = (sum(rows.T @ own for own, rows in with_rows(answer[ticks], lagged())) for answer in answers)
+        taps = -np.stack([inverse @ one for one in along], axis=2)
     except SimulationError:
         taps = np.eye(model.joint_count + len(run.experiment.channels), model.joint_count)[None]
     further = tuple(_sampling(channel.operator, every, ticks.size) for channel in run.experiment.channels)
     return LoadResponse(ticks, taps, _sampling(run.operator, every, ticks.size), further, run)
+
+
+def _lagged(signal: Array, lags: int) -> Iterator[Array]:
+    """(b, lags) a signal (K,) at some instants and at those before, zero before it begins."""
+    whole = sliding_window_view(np.concatenate([np.zeros(lags - 1), signal]), lags)[:, ::-1]
+    return map(np.ascontiguousarray, in_blocks(whole))
 
 
 def _telegraph(count: int, step: float, rng: np.random.Generator) -> Array:

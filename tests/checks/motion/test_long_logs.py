@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
+from fmu_didim.base.tall import ROWS, in_blocks
 from fmu_didim.checks.motion import colour, misfits
 from fmu_didim.checks.motion.colour import (
     Beside,
@@ -18,7 +19,6 @@ from fmu_didim.checks.motion.colour import (
     Columns,
     Logs,
     Past,
-    in_blocks,
     orthonormal,
     rest_of,
     triangle,
@@ -34,7 +34,7 @@ from tests.checks.data.right import loaded, right
 from tests.patience import Calls
 
 RNG = np.random.default_rng
-LONG = 3 * colour.ROWS + 5
+LONG = 3 * ROWS + 5
 
 
 def of_logs(*times: np.ndarray) -> Logs:
