@@ -208,7 +208,9 @@ def _followed_all(run: Simulation, systems: Sequence[tuple[System, int]]) -> Arr
 
 def _followed(run: Simulation, varied: System, count: int) -> Array | None:
     """(M, m, count) derivatives of the outputs at the samples; None where Python would run the loop."""
-    recording = run.record(system=varied, ticks=run.output_ticks)
+    names = [*run.model.loop.logged, *(run.signal_of(channel) for channel in run.experiment.channels)]
+    lanes = [derivative_name(name, lane) for name in names for lane in range(count)]
+    recording = run.record(system=varied, ticks=run.output_ticks, signals=lanes)
     if not recording.compiled:
         return None
 
