@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fmu_didim.data.signals import Array
 from fmu_didim.fit.confounding import shown_directions
@@ -66,7 +67,7 @@ def moved_by(fit: Fit, error: Array) -> Array:
     return np.asarray(np.abs(moves_of(fit, [error])[:, 0]) / deviation)
 
 
-def moves_of(fit: Fit, errors: Sequence[Array]) -> Array:
+def moves_of(fit: Fit, errors: Sequence[Array | NDArray[np.float32]]) -> Array:
     """(p, s) by which errors, (M, m) each, of the outputs move the values of a fit, by one linear step."""
     influence, _ = influences(fit)
     flat = influence.reshape(-1, influence.shape[2]).T

@@ -18,6 +18,7 @@ from fmu_didim.base.errors import DivergedError, FmuDidimError, InputError, Simu
 from fmu_didim.components import Component, ModelComponent, block_as_control, load_fmu, wrap_control
 from fmu_didim.components.compiled_model import with_compiled_twin
 from fmu_didim.cosim import Connection, InstancePool, Recording, System, simulate
+from fmu_didim.cosim.execution import buffers
 from fmu_didim.cosim.execution import compiled as compiled_module
 from fmu_didim.data.signals import Trajectory, trajectory
 from fmu_didim.dynamics.block import Block
@@ -119,8 +120,9 @@ def test_a_signal_that_is_not_there_cannot_be_recorded() -> None:
         simulate(system_of("linear"), reference(), signals=("plant.tau1", "plant.tau3"))
 
 
-def test_what_is_not_recorded_takes_no_memory() -> None:
+def test_what_is_not_recorded_takes_no_memory(monkeypatch: pytest.MonkeyPatch) -> None:
     """The rest of a loop, of which a long log would hold as much, is looked at and let go."""
+    monkeypatch.setattr(buffers, "LARGEST", 0)  # no memory of recordings before
     system, motion, peaks = system_of("linear"), reference(100.0), []
     for signals in (None, ("plant.tau1",)):
         simulate(system, motion, signals=signals)
@@ -129,7 +131,7 @@ def test_what_is_not_recorded_takes_no_memory() -> None:
         peaks.append(tracemalloc.get_traced_memory()[1])
         tracemalloc.stop()
     assert kept.inputs["plant.tau1"].size > 20_000 and not kept.applied
-    assert peaks[1] < peaks[0] / 4
+    assert peaks[1] < peaks[0] / 3
 
 
 def test_a_model_is_run_by_its_compiled_code_only_with_a_twin() -> None:

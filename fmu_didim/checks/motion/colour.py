@@ -21,6 +21,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache, partial
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import fft
 from scipy.linalg import lapack
 
@@ -31,6 +32,9 @@ from fmu_didim.fit.noise.autoregression import ORDERS, order_cost
 from fmu_didim.fit.noise.noise import TINY
 from fmu_didim.fit.noise.residual_noise import LONGEST_GAP
 from fmu_didim.fit.uncertainty import Stretch
+
+Table = Array | NDArray[np.float32]
+"""(N, m), in double or single precision."""
 
 ROUNDS = 3
 """[rounds] Of values and colour at most; as a rule the second one changes nothing."""
@@ -126,10 +130,10 @@ class Logs:
         """Number n of those that are compared."""
         return sum(past.samples for past in self.pasts)
 
-    def remembered(self, table: Array, memory: float) -> Array:
+    def remembered(self, table: Table, memory: float) -> Array:
         """(1 - L)^memory of the columns (N, m); samples that are missing count as zero."""
         if not memory:
-            return table
+            return table.astype(float, copy=False)
         result = np.empty(table.shape, order="F")
         for grid in self.grids:
             there, count = grid >= 0, grid.size
@@ -259,11 +263,12 @@ class Columns:
     """Columns in the tables of logs.
 
     Attributes:
-        table: (N, k) the last of them; known: those before, of which others may have asked what a memory leaves.
+        table: (N, k) the last of them, in single precision or double; known: those before, of which others may have
+            asked what a memory leaves.
     """
 
     logs: Logs
-    table: Array
+    table: Table
     known: Columns | None = None
     _remembered: dict[tuple[int, int], Array] = field(default_factory=dict, repr=False, compare=False)
 
@@ -277,7 +282,7 @@ class Columns:
         """Place of the first one of the table."""
         return 0 if self.known is None else self.known.count
 
-    def beside(self, table: Array) -> Columns:
+    def beside(self, table: Table) -> Columns:
         """These, and those of a table (N, k) behind them."""
         return Columns(self.logs, table, self)
 
@@ -285,7 +290,7 @@ class Columns:
         """The same columns where so many samples of the past are looked at."""
         return replace(self, logs=self.logs.with_lags(lags))
 
-    def _parts(self, memory: int, columns: Sequence[int]) -> Iterator[tuple[Array, slice | Indices]]:
+    def _parts(self, memory: int, columns: Sequence[int]) -> Iterator[tuple[Table, slice | Indices]]:
         """Tables (N, c) of these columns, by their places, after a memory, by its place, and where they belong."""
         asked, at = np.asarray(columns, dtype=int), self
         while True:
@@ -309,7 +314,7 @@ class Columns:
         for first in range(0, samples, ROWS):
             own = slice(first, min(first + ROWS, samples))
             if len(parts) == 1:
-                yield parts[0][0][own]
+                yield parts[0][0][own].astype(float, copy=False)
                 continue
             block = np.empty((own.stop - first, len(columns)), order="F")
             for table, places in parts:
@@ -338,7 +343,7 @@ class Columns:
         for past, a, deviation in zip(self.logs.pasts, colour.coefficients, colour.deviations, strict=True):
             for rows in past.parts():
                 if len(parts) == 1 and not a.size and deviation == 1:
-                    yield parts[0][0][rows[0]]
+                    yield parts[0][0][rows[0]].astype(float, copy=False)
                     continue
                 block = np.empty((_size(rows[0]), len(columns)), order="F")
                 for table, places in parts:
@@ -363,16 +368,16 @@ class Columns:
         return min(tried, key=lambda colour: colour.criterion)
 
 
-def _innovations(table: Array, rows: Sequence[slice | Indices], coefficients: Array, deviation: float) -> Array:
+def _innovations(table: Table, rows: Sequence[slice | Indices], coefficients: Array, deviation: float) -> Array:
     """(b, c) of a table (N, c): its samples less what an autoregression makes of those before, over a deviation.
 
     Args:
         rows: of the samples, of those before them, and so on.
     """
-    left = np.asarray(table[rows[0]] / deviation)
+    left = np.divide(table[rows[0]], deviation, dtype=float)
     one = np.empty_like(left)
     for before, a in zip(rows[1:], coefficients, strict=False):
-        left -= np.multiply(table[before], a / deviation, out=one)
+        left -= np.multiply(table[before], a / deviation, out=one, dtype=float)
     return left
 
 

@@ -34,6 +34,7 @@ from math import comb
 from types import MappingProxyType
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import linalg
 
 from fmu_didim.base.diagnostics import CATALOGUE, DOUBT, Diagnostic
@@ -96,6 +97,9 @@ OWN_PART = 1e-6
 """[1] Least fraction of a column that is independent of the others."""
 LARGEST_GAIN = 100.0
 """[1] Of the criterion over the samples that is distinguished from an infinite one."""
+
+Signature = NDArray[np.float32]
+"""(N,) of a misfit at a joint."""
 
 DEPENDS_ON_MOTION = CATALOGUE(
     "residual-depends-on-motion", DOUBT, rank=60,
@@ -240,7 +244,7 @@ class JointResidual:
     left: Left
     motion: Array
     names: Sequence[str]
-    signatures: tuple[Array, ...] = ()
+    signatures: tuple[Signature, ...] = ()
 
     @property
     def residual(self) -> Array:
@@ -257,7 +261,7 @@ class JointResidual:
         """The number of functions that the samples allow."""
         return int((self.residual.size - self.basis.shape[1]) / SAMPLES_A_FUNCTION)
 
-    def beside(self, names: Sequence[str], signatures: Iterable[Array]) -> JointResidual:
+    def beside(self, names: Sequence[str], signatures: Iterable[Signature]) -> JointResidual:
         """With the signatures (N,) of misfits beside the functions."""
         names = [*self.names, *(SIGNATURE + name for name in names)]
         return replace(self, names=names, signatures=(*self.signatures, *signatures))
@@ -391,7 +395,7 @@ def residuals_of_fit(fit: Fit, rows: Mapping[str, Indices], misfits: Iterable[Mi
     ]
 
 
-def signatures_of(misfits: Sequence[Misfit], places: slice | Indices, joint: int) -> list[Array]:
+def signatures_of(misfits: Sequence[Misfit], places: slice | Indices, joint: int) -> list[Signature]:
     """(N,) what samples of a joint, from 1, show of each of misfits."""
     return [misfit.signature[places, joint - 1] for misfit in misfits]
 
@@ -403,7 +407,7 @@ def _followed(joint: JointResidual, misfits: Sequence[Misfit], places: slice | I
 
     def blocks() -> Iterator[Array]:
         for at in range(0, joint.residual.size, ROWS):
-            yield np.column_stack([column[at : at + ROWS] for column in columns])
+            yield np.column_stack([column[at : at + ROWS] for column in columns]).astype(float, copy=False)
 
     products = Beside.of(joint.basis, blocks, len(columns)).products
     sizes = products.diagonal()[first:]
@@ -477,9 +481,9 @@ class OwnColours:
         count, columns = used.count, used.beside(residual[:, None])
         lags = columns.colour(count, range(count)).orders
         columns = columns.with_lags(lags)  # a longer past would cost a log its begin
-        return cls(columns, used.table, columns.colour(count, range(count)))
+        return cls(columns, used.table.astype(float, copy=False), columns.colour(count, range(count)))
 
-    def with_functions(self, motion: Array) -> OwnColours:
+    def with_functions(self, motion: Array | Signature) -> OwnColours:
         """The same residual beside functions (N, m), too."""
         return replace(self, columns=self.columns.beside(motion))
 

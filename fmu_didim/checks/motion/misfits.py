@@ -15,6 +15,7 @@ from functools import partial
 from itertools import chain, islice, product
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fmu_didim.base.errors import SimulationError
 from fmu_didim.base.tall import in_blocks, triangle_by_parts
@@ -111,10 +112,11 @@ class Load:
 
 @dataclass(frozen=True)
 class Misfit:
-    """A load of size one in the unit in which it is stated, and the change (N, n) of the logged torque by it."""
+    """A load of size one in the unit in which it is stated, and the change (N, n) of the logged torque by it, in single
+    precision: there are many, each as large as the log, and it is one to first order."""
 
     load: Load
-    signature: Array
+    signature: NDArray[np.float32]
 
     @property
     def what(self) -> str:
@@ -306,7 +308,10 @@ def _answered(motions: FittedMotions, loads: Sequence[Load], fitted: _FittedColu
         places = as_slice(np.array(fitted.places, dtype=int))
         for own, jacobian in zip(in_blocks(signatures), in_blocks(motions.fit.jacobian), strict=True):
             own[:, :, of_loop] += jacobian[:, :, places] @ amounts
-    return [Misfit(replace(load, tables={}), np.array(signatures[:, :, k], order="F")) for k, load in enumerate(loads)]
+    return [
+        Misfit(replace(load, tables={}), signatures[:, :, k].astype(np.float32, order="F"))
+        for k, load in enumerate(loads)
+    ]
 
 
 def _answers(motions: FittedMotions, label: str, loads: Array) -> list[Array]:

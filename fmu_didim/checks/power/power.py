@@ -38,6 +38,7 @@ from fmu_didim.checks.motion.dependence import (
     OWN_PART,
     JointResidual,
     OwnColours,
+    Signature,
     Whitened,
     most_one_by_one,
 )
@@ -141,13 +142,13 @@ class JointTest:
 
     level: float
     one: JointResidual
-    signatures: Sequence[Array]
+    signatures: Sequence[Signature]
     functions: tuple[int, ...]
     first: int
     all: Whitened
 
     @classmethod
-    def of(cls, one: JointResidual, signatures: Sequence[Array], joints: int) -> JointTest | None:
+    def of(cls, one: JointResidual, signatures: Sequence[Signature], joints: int) -> JointTest | None:
         """With the signatures (N,) at the joint; None where it was not tested."""
         if one.room < 1:
             return None
