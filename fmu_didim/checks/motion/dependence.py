@@ -269,10 +269,8 @@ class JointResidual:
     @cached_property
     def tested(self) -> OwnColours:
         """It beside as many of the first functions as the samples allow."""
-        found = self.left.colours.with_functions(self.motion[:, : self.room])
-        for signature in self.signatures[: max(self.room - self.motion.shape[1], 0)]:
-            found = found.with_functions(signature[:, None])
-        return found
+        further = self.signatures[: max(self.room - self.motion.shape[1], 0)]
+        return self.left.colours.with_functions(self.motion[:, : self.room]).with_signatures(further)
 
     def slope(self, name: str) -> tuple[float, float]:
         """Of the residual over one function of the motion, beside the sensitivities, and its standard deviation as if
@@ -487,6 +485,15 @@ class OwnColours:
         """The same residual beside functions (N, m), too."""
         return replace(self, columns=self.columns.beside(motion))
 
+    def with_signatures(self, signatures: Sequence[Signature]) -> OwnColours:
+        """The same beside signatures (N,), too: of a long log they stay where they are."""
+        if signatures and len(self.given) <= ROWS:
+            return self.with_functions(np.column_stack(signatures))
+        found = self
+        for signature in signatures:
+            found = found.with_functions(signature[:, None])
+        return found
+
     @property
     def used(self) -> int:
         """Number of the sensitivities."""
@@ -555,14 +562,14 @@ class Whitened:
     """What the sensitivities leave of the residual and of m functions of the motion, all whitened by a colour.
 
     Attributes:
-        tested: residual and functions; colour: by which they are whitened.
+        columns: sensitivities, residual and functions; colour: by which they are whitened.
         basis: (n, r) of the sensitivities; along: (r, 1 + m) of residual and functions along it.
         products: (m, m) of what is left of the functions with each other; product: (m,) with that of the residual.
         power: (m,) squares that are left of those functions of which something is, none of the others.
         freedom: degrees of freedom of the residual.
     """
 
-    tested: OwnColours
+    columns: Columns
     colour: Colour
     basis: Array
     along: Array
@@ -578,19 +585,25 @@ class Whitened:
         power = found.products.diagonal()[1:]
         power = np.where(power > OWN_PART**2 * found.squares[1:], power, 0.0)
         freedom = basis.shape[0] - tested.used - max(colour.orders, default=0)
-        return cls(tested, colour, basis, found.along, found.products[1:, 1:], found.products[0, 1:], power, freedom)
+        return cls(
+            tested.columns, colour, basis, found.along, found.products[1:, 1:], found.products[0, 1:], power, freedom
+        )
 
     @cached_property
     def rest(self) -> Array:
         """(n,) left of the residual."""
-        return self._left([self.tested.used], self.along[:, :1])[:, 0]
+        return self._left([self.basis.shape[1]], self.along[:, :1])[:, 0]
+
+    def places(self, chosen: Sequence[int]) -> list[int]:
+        """Of functions among the columns."""
+        return [self.basis.shape[1] + 1 + k for k in chosen]
 
     def own(self, chosen: Sequence[int]) -> Array:
         """(n, k) left of functions, by their places."""
-        return self._left([self.tested.places[k] for k in chosen], self.along[:, 1:][:, list(chosen)])
+        return self._left(self.places(chosen), self.along[:, 1:][:, list(chosen)])
 
     def _left(self, columns: Sequence[int], along: Array) -> Array:
-        table = self.tested.columns.whitened(self.colour, columns)
+        table = self.columns.whitened(self.colour, columns)
         for basis, left in with_rows(self.basis, in_blocks(table)):
             left -= basis @ along
         return table
@@ -648,7 +661,7 @@ class Whitened:
     def _own_blocks(self, chosen: Sequence[int]) -> Iterator[Array]:
         """(b, k) left of functions, some samples at a time."""
         along = self.along[:, 1:][:, list(chosen)]
-        blocks = self.tested.columns.blocks(self.colour, [self.tested.places[k] for k in chosen])
+        blocks = self.columns.blocks(self.colour, self.places(chosen))
         for basis, block in with_rows(self.basis, blocks):
             yield block - basis @ along
 

@@ -152,10 +152,7 @@ class JointTest:
         """With the signatures (N,) at the joint; None where it was not tested."""
         if one.room < 1:
             return None
-        tested, first = one.tested, len(one.tested.places)
-        for signature in signatures:
-            tested = tested.with_functions(signature[:, None])
-        found = tested.whitened
+        found, first = one.tested.with_signatures(signatures).whitened, len(one.tested.places)
         functions = np.flatnonzero(found.power[:first])
         return cls(MOTION_CHANCE / joints, one, signatures, tuple(functions.tolist()), first, found)
 
@@ -177,7 +174,7 @@ class JointTest:
 
     def _functions(self, places: Sequence[int]) -> Array:
         """(N, k) functions, as they are."""
-        return self.all.tested.columns.rows_of([self.all.tested.places[place] for place in places])
+        return self.all.columns.rows_of(self.all.places(places))
 
     def _rest(self, functions: Array) -> Array:
         """(N,) what the sensitivities and functions (N, k) leave of the residual."""

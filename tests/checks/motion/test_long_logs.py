@@ -3,7 +3,9 @@ tried."""
 
 from __future__ import annotations
 
+import gc
 import tracemalloc
+import weakref
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 
@@ -25,6 +27,7 @@ from fmu_didim.checks.motion.colour import (
 )
 from fmu_didim.checks.motion.dependence import JointResidual, Left, OwnColours, dependence, independent
 from fmu_didim.checks.motion.misfits import FittedMotions, Misfits
+from fmu_didim.checks.power.power import JointTest, smallest_size
 from fmu_didim.dynamics.robot.vectorised import TOGETHER
 from fmu_didim.fit.fit import Fit, point
 from fmu_didim.fit.noise.weighting import NoiseOfResidual
@@ -172,6 +175,25 @@ def test_what_follows_the_motion_takes_little_more_memory_than_the_functions(col
     residual, logs = lfilter([1.0], [1.0, -colour], residual), of_logs(time)
     peak = peak_of(lambda: dependence(residual, used, motion, [f"{k}" for k in range(40)], joint=1, logs=logs))
     assert peak < 1.5 * motion.nbytes
+
+
+def test_what_has_been_asked_of_a_joint_is_gone_with_it() -> None:
+    """Its tables are as large as many logs: they must not wait for a search for circles of references."""
+    rng, time = RNG(15), np.arange(400) / 20.0
+    motion = np.column_stack([np.sin((k + 1) * time) for k in range(6)])
+    one = JointResidual(1, Left(rng.normal(size=400), np.ones((400, 1)), of_logs(time)), motion, list("abcdef"))
+    one = one.beside(["g"], [np.sin(9 * time).astype(np.float32)])
+    test = JointTest.of(one, [np.cos(7 * time).astype(np.float32)], 1)
+    assert test is not None
+    smallest_size([test], 0, 100.0)
+    assert one.dependence().p_value > 1e-3
+    gone = [weakref.ref(part) for part in (one.left, one.motion, one.tested, test.all)]
+    gc.disable()
+    try:
+        del one, test, motion
+        assert [ref() for ref in gone] == [None] * 4
+    finally:
+        gc.enable()
 
 
 def test_what_is_left_beside_a_basis_is_that_of_a_table() -> None:
