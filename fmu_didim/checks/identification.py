@@ -193,6 +193,7 @@ def checked(estimate: Estimate, validations: Sequence[Validation], *, before: It
             of_motion = motion_diagnostics(dependence_of_fit(estimate.fit, misfits))
         if not of_motion and misfits.motions is not None:
             of_motion = searched = motion_diagnostics(searched_of_fit(misfits.motions))
+            misfits = replace(misfits, motions=None)  # of a long log, large
         found += of_motion
         found += start_diagnostics(contradicted_starts(estimate.fit))
     motion_hz, cutoff_hz = _bands(model)

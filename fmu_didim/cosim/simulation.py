@@ -6,7 +6,7 @@ import contextlib
 import logging
 import os
 import time as clock
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,6 +37,7 @@ def simulate(
     observe: Observer | None = None,
     pool: InstancePool | None = None,
     compiled: bool | None = None,
+    signals: Sequence[str] | None = None,
 ) -> Recording:
     """Run the closed loop along a reference.
 
@@ -53,6 +54,8 @@ def simulate(
             command has just begun to act; it must leave their state and inputs as they were.
         pool: where instances come from and go back to, so that a re-run loads nothing again.
         compiled: run by compiled code: where all components are C code by default; False: never.
+        signals: outputs and inputs (``component.variable``) that are recorded at least, all by default: of a loop with
+            derivatives few of many, which take the memory of a long log many times.
 
     Raises:
         InputError: the reference does not fit the step or lacks a column; the components form an algebraic loop;
@@ -61,7 +64,10 @@ def simulate(
             the error names it.
         SimulationError, FmuError: a component refused a call, or ended its process.
     """
-    order, began = Order(system, reference, ticks, bounds, observe, compiled), clock.monotonic()
+    order, began = (
+        Order(system, reference, ticks, bounds, observe, compiled, None if signals is None else tuple(signals)),
+        clock.monotonic(),
+    )
     try:
         if fmus := needing_own_process(system):
             check_reference(order)

@@ -7,6 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
+from fmu_didim.base.tall import in_blocks
 from fmu_didim.data.signals import Array
 from fmu_didim.dynamics.prior import Prior
 from fmu_didim.fit.confounding import refuse_ridge
@@ -72,8 +73,8 @@ class Fit:
     @property
     def equations(self) -> LinearProblem:
         """The linear problem of the next step, the prior among its rows."""
-        table, right = self.jacobian / self.deviation[:, None], self.residual / self.deviation
-        return LinearProblem.of(table, right, prior=prior_rows(self.model.prior, self.values))
+        prior = prior_rows(self.model.prior, self.values)
+        return LinearProblem.of(self.jacobian, self.residual, prior=prior, deviation=self.deviation)
 
     @property
     def torque(self) -> Array:
@@ -127,20 +128,23 @@ class Fit:
         """(p,) variance of each value over that of independent outputs, at least 1: what feedback carries from one
         output into another is no second sample."""
         weight = self.noise.weight[:, None]
+        if not self.model.experiments.channels:
+            return np.ones(self.jacobian.shape[2])
         influence = (self.jacobian * weight**2) @ self._independent_covariance
         return variance_by_sharing(influence, self.residual, self.model.experiments)
 
     @cached_property
     def _independent_covariance(self) -> Array:
-        weighted = (self.jacobian * self.noise.weight[:, None]).reshape(-1, self.jacobian.shape[2])
-        scale = np.linalg.norm(weighted, axis=0)
+        weighted = (block * self.noise.weight[:, None] for block in in_blocks(self.jacobian))
+        products = sum(np.einsum("mjp,mjq->pq", block, block, optimize=True) for block in weighted)
+        scale = np.sqrt(np.diag(products))
         scale[scale == 0] = np.inf
-        return np.asarray(np.linalg.pinv((weighted / scale).T @ (weighted / scale)) / np.outer(scale, scale))
+        return np.asarray(np.linalg.pinv(products / np.outer(scale, scale)) / np.outer(scale, scale))
 
     @property
     def condition_number(self) -> float:
         """Of the weighted sensitivity with columns of length one."""
-        return LinearProblem.of(self.jacobian / self.deviation[:, None], self.residual).condition
+        return LinearProblem.of(self.jacobian, self.residual, deviation=self.deviation).condition
 
 
 def point(model: LoopModel, weighting: Weighting, prediction: Prediction | None = None) -> Fit:

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fmu_didim.data.signals import Array
 from fmu_didim.fit.confounding import shown_directions
@@ -66,7 +67,7 @@ def moved_by(fit: Fit, error: Array) -> Array:
     return np.asarray(np.abs(moves_of(fit, [error])[:, 0]) / deviation)
 
 
-def moves_of(fit: Fit, errors: Sequence[Array]) -> Array:
+def moves_of(fit: Fit, errors: Sequence[Array | NDArray[np.float32]]) -> Array:
     """(p, s) by which errors, (M, m) each, of the outputs move the values of a fit, by one linear step."""
     influence, _ = influences(fit)
     flat = influence.reshape(-1, influence.shape[2]).T
@@ -96,7 +97,9 @@ def _influences(fit: Fit, sensitivity: Array, instruments: Array | None) -> tupl
         flat = influence_of_instruments(
             model.beside_prior(whitened(instruments, deviation)), model.beside_prior(s)
         )  # fmt: skip
-    return flat[: len(s)].reshape(sensitivity.shape) / deviation[:, None], flat[len(s) :]
+    of_outputs = flat[: len(s)].reshape(sensitivity.shape)
+    of_outputs /= deviation[:, None]
+    return of_outputs, flat[len(s) :]
 
 
 def _by_residual(fit: Fit, residual: Array, sensitivity: Array, influence: Array) -> Uncertainty:
@@ -104,8 +107,7 @@ def _by_residual(fit: Fit, residual: Array, sensitivity: Array, influence: Array
     model, experiments = fit.model, fit.model.experiments
     stated = ~np.isnan(model.stated_deviations)
     deviation = fit.noise.deviation
-    weighted = influence * deviation[:, None]
-    usual = np.einsum("mjp,mjp->jp", weighted, weighted)
+    usual = np.einsum("mjp,mjp->jp", influence, influence) * deviation[:, None] ** 2
     is_filtered = experiments.low_pass is not None
     if is_filtered:
         influence = filtered_torque(fit, influence)

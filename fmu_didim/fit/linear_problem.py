@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fmu_didim.base.errors import IdentificationError
+from fmu_didim.base.tall import ROWS, triangle_by_parts
 from fmu_didim.data.signals import Array
 from fmu_didim.fit.region import SOLVED, Region
 
@@ -33,20 +35,30 @@ class LinearProblem:
     scale: Array
 
     @staticmethod
-    def of(jacobian: Array, residual: Array, *, prior: tuple[Array, Array] | None = None) -> LinearProblem:
-        """From (N, n, p) and (N, n), both weighted.
+    def of(
+        jacobian: Array, residual: Array, *, prior: tuple[Array, Array] | None = None, deviation: Array | None = None
+    ) -> LinearProblem:
+        """From (N, n, p) and (N, n), both weighted, or divided here.
 
         Args:
             prior: further rows (r, p) with what is left of their targets (r,).
+            deviation: (n,) by which table and residual are divided, without copies of them.
         """
-        flat, right = jacobian.reshape(-1, jacobian.shape[2]), residual.ravel()
-        if prior is not None:
-            flat, right = np.vstack([flat, prior[0]]), np.concatenate([right, prior[1]])
-        missing = max(flat.shape[1] - flat.shape[0], 0)  # rows, where there are fewer than columns
-        flat, right = np.pad(flat, ((0, missing), (0, 0))), np.pad(right, (0, missing))
-        scale = np.linalg.norm(flat, axis=0)
-        q, r = np.linalg.qr(flat / np.where(scale > 0, scale, 1.0))
-        return LinearProblem(r, q.T @ right, scale)
+        count, outputs = jacobian.shape[2], max(residual.shape[1], 1)
+        weight = 1.0 if deviation is None else 1 / deviation
+
+        def blocks() -> Iterator[Array]:
+            for first in range(0, len(residual), max(ROWS // outputs, 1)):
+                own = slice(first, first + max(ROWS // outputs, 1))
+                both = np.concatenate([jacobian[own], residual[own][:, :, None]], axis=2)
+                yield (both * np.reshape(weight, (-1, 1))).reshape(-1, count + 1)
+            if prior is not None:
+                yield np.column_stack(prior)
+
+        r = triangle_by_parts(blocks(), count + 1)
+        r = np.pad(r, ((0, max(count - len(r), 0)), (0, 0)))  # rows, where there are fewer than columns
+        scale = np.linalg.norm(r[:, :count], axis=0)
+        return LinearProblem(r[:count, :count] / np.where(scale > 0, scale, 1.0), r[:count, count], scale)
 
     def deviations(self) -> Array:
         """(p,) standard deviations by (S'S)^-1; those of idle or indistinguishable parameters are

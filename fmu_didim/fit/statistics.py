@@ -21,6 +21,7 @@ import numpy as np
 
 from fmu_didim.base.distributions import t_ppf, t_sf
 from fmu_didim.base.errors import IdentificationError
+from fmu_didim.base.tall import in_blocks, triangle_beside, triangle_by_parts, with_rows
 from fmu_didim.data.signals import Array
 from fmu_didim.model.loop import Loop
 
@@ -76,7 +77,8 @@ def least_squares(matrix: Array, target: Array, *, names: tuple[str, ...] = ()) 
             "The motion does not excite some parameters.", got=", ".join(unexcited),
             next_step="Remove them from the identified parameters, or use another trajectory.",
         )  # fmt: skip
-    q, r = np.linalg.qr(matrix / norms)
+    r, right, _ = triangle_beside(matrix, target)
+    r = r / norms
     singular = np.linalg.svd(r, compute_uv=False)
     condition = float(singular[0] / singular[-1]) if singular[-1] > 0 else np.inf
     if condition > CONDITION_LIMIT:
@@ -87,8 +89,9 @@ def least_squares(matrix: Array, target: Array, *, names: tuple[str, ...] = ()) 
             next_step="Leave one of them out (its value is then taken as known), use a richer trajectory, or identify "
             "fewer parameters.",
         )  # fmt: skip
-    solution = np.linalg.solve(r, q.T @ target) / norms
-    return LeastSquares(solution, target - matrix @ solution, condition, np.einsum("ij,ij->i", q, q))
+    solution, basis = np.linalg.solve(r, right) / norms, np.linalg.inv(r) / norms[:, None]
+    leverage = np.concatenate([np.sum((block @ basis) ** 2, axis=1) for block in in_blocks(matrix)])
+    return LeastSquares(solution, target - matrix @ solution, condition, leverage)
 
 
 def noise_deviation(residual: Array, leverage: Array, *, floor: Array) -> Array:
@@ -115,14 +118,19 @@ def influence_of_instruments(w: Array, s: Array) -> Array:
 def influence_efficient(s: Array) -> Array:
     """(r, p) S (S'S)^-1 of a whitened sensitivity: the same of least squares."""
     norms = np.linalg.norm(s, axis=0)
-    q, r = np.linalg.qr(s / norms)
-    return np.asarray(np.linalg.solve(r, q.T).T / norms)
+    first = np.linalg.inv(triangle_by_parts(in_blocks(s), norms.size) / norms) / norms[:, None]
+    second = np.linalg.inv(triangle_by_parts((block @ first for block in in_blocks(s)), norms.size))
+    inverse = first @ second  # twice, so that the columns of S times it are orthonormal to rounding
+    found = np.empty(s.shape)
+    for own, block in with_rows(found, in_blocks(s)):
+        np.matmul((block @ first) @ second, inverse.T, out=own)
+    return found
 
 
 def covariance_white(a: Array) -> Array:
     """(A'A)^-1 of a whitened matrix (r, p): by the sensitivity S the Cramer-Rao bound, by the regressor W eq. 8."""
     norms = np.linalg.norm(a, axis=0)
-    r = np.linalg.qr(a / norms)[1]
+    r = triangle_by_parts(in_blocks(a), norms.size) / norms
     inverse = np.linalg.inv(r) / norms[:, None]
     return np.asarray(inverse @ inverse.T)
 

@@ -410,17 +410,18 @@ class Simulation:
         all_ticks: bool = False,
         system: System | None = None,
         observe: Observer | None = None,
+        signals: Sequence[str] | None = None,
     ) -> Recording:
         """Run it; raises DivergedError, SimulationError.
 
         Args:
             ticks: to record; by default those that the samples need, with ``all_ticks`` all.
-            system: another one like the own; observe: as of :func:`fmu_didim.cosim.simulate`.
+            system: another one like the own; observe, signals: as of :func:`fmu_didim.cosim.simulate`.
         """
         if ticks is None:
             ticks = np.arange(self.experiment.reference.time.size) if all_ticks else self.operator.ticks
         if not self.shown_as:
-            return self._recorded(ticks, system or self.system, observe)
+            return self._recorded(ticks, system or self.system, observe, signals)
         whole = self._recorded(np.arange(self.experiment.reference.time.size), system or self.system, observe)
         return changed_outputs(whole, ticks, self.shown_as, self.model.loop.plant_name)
 
@@ -429,7 +430,13 @@ class Simulation:
         """What sensors do to the outputs of a model, by free parameters."""
         return self._free(OUTPUT)
 
-    def _recorded(self, ticks: NDArray[np.int64], system: System, observe: Observer | None) -> Recording:
+    def _recorded(
+        self,
+        ticks: NDArray[np.int64],
+        system: System,
+        observe: Observer | None,
+        signals: Sequence[str] | None = None,
+    ) -> Recording:
         """These ticks of a run, the outputs as the model has them."""
         model, reference, external = self.model, self.experiment.reference, self.external_torques
         subdivision, driven = model.loop.subdivision, self._free(INPUT)
@@ -437,20 +444,23 @@ class Simulation:
         response, key = response_key(system) if observe is None else None, None
         if response is not None:
             run = (SameObject(reference), external, subdivision, ticks.tobytes(), tuple(bounds.items()))
-            key = (response, *run, tuple(driven.items()))
+            further = (tuple(driven.items()), None if signals is None else tuple(signals))
+            key = (response, *run, *further)
             if known := model.recordings.find(key):
                 return known
             everywhere = np.arange(reference.time.size)
             if ticks.size < everywhere.size and len(model.recordings):
                 run = (SameObject(reference), external, subdivision, everywhere.tobytes(), tuple(bounds.items()))
-                if known := model.recordings.find((response, *run, tuple(driven.items()))):
+                if known := model.recordings.find((response, *run, *further)):
                     return known.at(ticks)
         reference = with_external_torques(reference, external)
         if subdivision > 1:
             reference = held(reference, subdivision, at_instants=system.at_instants, ramps=system.ramps)
             ticks = ticks * subdivision
         reference = changed_inputs(reference, system.ramps, driven) if driven else reference
-        recording = simulate(system, reference, ticks=ticks, bounds=bounds, observe=observe, pool=model.pool)
+        recording = simulate(
+            system, reference, ticks=ticks, bounds=bounds, observe=observe, pool=model.pool, signals=signals
+        )  # fmt: skip
         if key is not None:
             model.recordings.keep(key, recording)
         return recording

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from fmu_didim.base.tall import ROWS
 from fmu_didim.cosim import Indices
 from fmu_didim.data.signals import Array, Trajectory, periods
 from fmu_didim.dynamics.effects import LINK_PARAMETERS, PAYLOAD
@@ -52,12 +53,18 @@ def motion_of(model: RobotModel, chi: Array, time: Array, q: Array, dq: Array, d
     Args:
         model: the robot; chi: (ns,) standard parameters.
     """
-    rows = model.regressor_rows(q, dq, ddq, observed=following_links(model, q, dq, ddq))
     names = [v.name for v in model.parameters]
     inertial = {v.name for v in LINK_PARAMETERS}
     own = np.array([name.rstrip("0123456789") in inertial for name in names])
-    links = {j: rows[:, :, [names.index(f"{name}{j + 1}") for name in PAYLOAD]] for j in range(q.shape[1])}
-    load = rows[:, :, own] @ chi[own]
+    places = {j: [names.index(f"{name}{j + 1}") for name in PAYLOAD] for j in range(q.shape[1])}
+    links, load = {j: np.empty((*q.shape, len(PAYLOAD))) for j in places}, np.empty(q.shape)
+    observed = following_links(model, q, dq, ddq)
+    for first in range(0, len(q), ROWS):
+        at = slice(first, first + ROWS)
+        rows = model.regressor_rows(q[at], dq[at], ddq[at], observed=observed[at])
+        load[at] = rows[:, :, own] @ chi[own]
+        for j, table in links.items():
+            table[at] = rows[:, :, places[j]]
     return Motion(time, q, dq, ddq, torque, load, float(np.median(periods(time))), links)
 
 

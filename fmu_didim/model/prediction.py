@@ -36,6 +36,8 @@ class Prediction:
         if self.columns is None:
             return None, None
         pairs = [columns() for columns in self.columns]
+        if len(pairs) == 1:
+            return pairs[0]
         return np.concatenate([w for w, _ in pairs]), np.concatenate([known for _, known in pairs])
 
     @property

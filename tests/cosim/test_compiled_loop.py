@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tracemalloc
 from collections.abc import Mapping
 from dataclasses import replace
 from functools import cache
@@ -13,10 +14,12 @@ import control
 import numpy as np
 import pytest
 
-from fmu_didim.base.errors import DivergedError, FmuDidimError, InputError, SimulationError
+from fmu_didim.base.errors import DivergedError, FmuDidimError, InputError, SimulationError, UnknownNameError
 from fmu_didim.components import Component, ModelComponent, block_as_control, load_fmu, wrap_control
 from fmu_didim.components.compiled_model import with_compiled_twin
 from fmu_didim.cosim import Connection, InstancePool, Recording, System, simulate
+from fmu_didim.cosim.execution import buffers
+from fmu_didim.cosim.execution import compiled as compiled_module
 from fmu_didim.data.signals import Trajectory, trajectory
 from fmu_didim.dynamics.block import Block
 from fmu_didim.export import build_fmu
@@ -91,6 +94,44 @@ def test_a_part_of_the_ticks_holds_the_rows_of_all(timing: str) -> None:
     for group in ("applied", "inputs", "sampled"):
         for name, values in getattr(every, group).items():
             np.testing.assert_array_equal(getattr(some, group)[name], values[ticks], err_msg=f"{group}: {name}")
+
+
+@pytest.mark.parametrize("together", [1, 7, 4096])
+@pytest.mark.parametrize("timing", ["plain", "jacobi", "a fraction of delay"])
+@pytest.mark.parametrize("ticks", [None, np.arange(50, 120), np.array([0, 1, 5, 40, 41, 150, 199])])
+def test_some_signals_are_recorded_as_among_all(
+    timing: str, together: int, ticks: np.ndarray | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """They are taken from the whole some ticks at a time; where something is delayed, or in Python, all are there."""
+    monkeypatch.setattr(compiled_module, "TAKEN", together)
+    system, wanted = system_of("fmu 2", **TIMINGS[timing]), ("plant.tau1", "plant.q2", "controller.command1")
+    every = simulate(system, reference(), ticks=ticks)
+    for compiled in (True, False):
+        some = simulate(system, reference(), ticks=ticks, signals=wanted, compiled=compiled)
+        if compiled and timing != "a fraction of delay":
+            assert {*some.applied, *some.inputs} == set(wanted)
+        for group in ("applied", "inputs", "sampled"):
+            for name in {*wanted} & {*getattr(every, group)}:
+                np.testing.assert_array_equal(getattr(some, group)[name], getattr(every, group)[name])
+
+
+def test_a_signal_that_is_not_there_cannot_be_recorded() -> None:
+    with pytest.raises(UnknownNameError, match=r"plant\.tau3"):
+        simulate(system_of("linear"), reference(), signals=("plant.tau1", "plant.tau3"))
+
+
+def test_what_is_not_recorded_takes_no_memory(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The rest of a loop, of which a long log would hold as much, is looked at and let go."""
+    monkeypatch.setattr(buffers, "LARGEST", 0)  # no memory of recordings before
+    system, motion, peaks = system_of("linear"), reference(100.0), []
+    for signals in (None, ("plant.tau1",)):
+        simulate(system, motion, signals=signals)
+        tracemalloc.start()
+        kept = simulate(system, motion, signals=signals)
+        peaks.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+    assert kept.inputs["plant.tau1"].size > 20_000 and not kept.applied
+    assert peaks[1] < peaks[0] / 3
 
 
 def test_a_model_is_run_by_its_compiled_code_only_with_a_twin() -> None:
@@ -274,7 +315,9 @@ def test_a_recorded_value_that_is_not_finite_stops_both(options: Mapping[str, An
         with pytest.raises(DivergedError, match=r"amplifier\.y = inf|1e\+200, outside") as caught:
             simulate(system, motion, compiled=compiled)
         told.append(str(caught.value))
-    assert told[0] == told[1]
+    with pytest.raises(DivergedError) as caught:  # though nobody wants to see it
+        simulate(system, motion, signals=("amplifier.r",))
+    assert told[0] == told[1] == str(caught.value)
     missed = simulate(system, motion, ticks=np.array([44, 46]), compiled=True)
     assert missed.applied["amplifier.y"].tolist() == [0.0, 0.0]
 

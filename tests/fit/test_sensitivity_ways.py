@@ -188,7 +188,7 @@ class Varied:
             self.places = places
             return None if absent else "varied"
 
-        def record(run: Any, *, system: Any, ticks: Any) -> Any:
+        def record(run: Any, *, system: Any, ticks: Any, signals: Any) -> Any:
             lanes = range(len(self.places))
             inputs = {
                 derivative_name(n, k): np.full(7, 10.0 * k + j)

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fmu_didim.base.errors import FmuDidimError, SimulationError
+from fmu_didim.base.tall import in_blocks
 from fmu_didim.data.signals import Array
 from fmu_didim.estimators.starts.reference_start import rows_on, whole_reference
 from fmu_didim.fit.noise.noise import TINY
@@ -113,13 +114,17 @@ def fitted_by(columns: Array, measured: Array, known: Array | None, size: Array)
 def solved_by(columns: Array, torque: Array, size: Array) -> tuple[Array, Array]:
     """The values (b,) of that fit, the smallest where columns depend on each other, and their deviation (b,) where
     each joint has as much white noise as its size."""
-    flat = (columns / size[:, None]).reshape(-1, columns.shape[2])
     # By the normal equations: many fits of long logs, of which three digits are enough.
-    products = flat.T @ flat
+    count = columns.shape[2]
+    products, along = np.zeros((count, count)), np.zeros(count)
+    for block, right in zip(in_blocks(columns), in_blocks(torque), strict=True):
+        flat = (block / size[:, None]).reshape(-1, count)
+        products += flat.T @ flat
+        along += flat.T @ (right / size).reshape(-1)
     length = np.sqrt(np.diag(products))
     length[length == 0] = 1.0
     inverse = np.linalg.pinv(products / length / length[:, None], rcond=DEPENDENT, hermitian=True)
-    solution = inverse @ (flat.T @ (torque / size).reshape(-1) / length)
+    solution = inverse @ (along / length)
     return solution / length, np.sqrt(np.maximum(np.diag(inverse), 0.0)) / length
 
 

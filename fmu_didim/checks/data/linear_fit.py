@@ -92,7 +92,7 @@ class RegressorRows:
                 del self._last[next(iter(self._last))]
             return rows
         columns, known = self._whole
-        return columns[ticks], known[ticks]
+        return (columns, known) if ticks.size == len(self.torque) else (columns[ticks], known[ticks])
 
     @cached_property
     def _last(self) -> dict[bytes, tuple[Array, Array]]:
@@ -100,13 +100,13 @@ class RegressorRows:
 
     @cached_property
     def _whole(self) -> tuple[Array, Array]:
-        return self._at(np.arange(len(self.torque)))
+        return self._at(slice(None))
 
-    def _at(self, ticks: Ticks) -> tuple[Array, Array]:
+    def _at(self, ticks: Ticks | slice) -> tuple[Array, Array]:
         columns = self.columns(self.parameters, ticks)
         return columns, self.torque[ticks] - columns @ self.theta
 
-    def columns(self, parameters: Parameters, ticks: Ticks) -> Array:
+    def columns(self, parameters: Parameters, ticks: Ticks | slice) -> Array:
         """(K, n, b) of any parameters along the motion."""
         observed = None if self.observed is None else self.observed[ticks]
         return parameters.regressor(*(signal[ticks] for signal in self.motion), observed=observed)[0]
@@ -211,7 +211,7 @@ class FittedMotion:
         (own, deviation), (others, _) = self.values(), other._solved(self.size)
         return np.asarray(np.abs(others - own) / np.maximum(deviation, TINY))
 
-    @cached_property
+    @property
     def sampled(self) -> tuple[Array, Array]:
         """Columns (N, n, b) and known (N, n) as the log samples them, not filtered."""
         operator = self.experiment.operator

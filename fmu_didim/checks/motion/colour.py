@@ -16,21 +16,25 @@ Series: Theory and Methods, 2nd ed., 1991, 9.3, 13.2; Hosking, Biometrika 68 (19
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property, lru_cache
+from functools import cached_property, lru_cache, partial
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
-from scipy.linalg import blas, lapack
+from scipy.linalg import lapack
 
+from fmu_didim.base.tall import ROWS, in_blocks, triangle_by_parts, with_rows
 from fmu_didim.cosim import Indices
 from fmu_didim.data.signals import Array
 from fmu_didim.fit.noise.autoregression import ORDERS, order_cost
 from fmu_didim.fit.noise.noise import TINY
 from fmu_didim.fit.noise.residual_noise import LONGEST_GAP
 from fmu_didim.fit.uncertainty import Stretch
+
+Table = Array | NDArray[np.float32]
+"""(N, m), in double or single precision."""
 
 ROUNDS = 3
 """[rounds] Of values and colour at most; as a rule the second one changes nothing."""
@@ -55,8 +59,6 @@ NEARLY_DEPENDENT = 1e-8
 not tell how much that is."""
 LONG_RUN = 100
 """[samples] On average between gaps, from which sums over runs are faster than tables: a sum has its own beginning."""
-ROWS = 8192
-"""[rows] Of a table at a time, in an orthogonal factorisation: they stay in the caches of the processor."""
 
 
 @dataclass(frozen=True)
@@ -128,10 +130,10 @@ class Logs:
         """Number n of those that are compared."""
         return sum(past.samples for past in self.pasts)
 
-    def remembered(self, table: Array, memory: float) -> Array:
+    def remembered(self, table: Table, memory: float) -> Array:
         """(1 - L)^memory of the columns (N, m); samples that are missing count as zero."""
         if not memory:
-            return table
+            return table.astype(float, copy=False)
         result = np.empty(table.shape, order="F")
         for grid in self.grids:
             there, count = grid >= 0, grid.size
@@ -180,6 +182,15 @@ class Past:
             return (np.zeros(0, dtype=int),) * len(places)
         return tuple(np.concatenate([run[self.lags - k : run.size - k] for run in whole]) for k in places)
 
+    def parts(self) -> Iterator[tuple[slice | Indices, ...]]:
+        """The same rows of some samples at a time."""
+        for first in range(0, self.samples, ROWS):
+            last = min(first + ROWS, self.samples)
+            yield tuple(
+                slice(rows.start + first, rows.start + last) if isinstance(rows, slice) else rows[first:last]
+                for rows in self.rows
+            )
+
     def products(self, signal: Array, most: int) -> Array:
         """(most + 1, most + 1) sums over the samples, of the products of a signal (N,) so many samples before with it
         so many before: the first row by a sum for each lag, each further one from that before it by the samples at
@@ -205,7 +216,7 @@ def _size(rows: slice | Indices) -> int:
     return int(rows.stop - rows.start) if isinstance(rows, slice) else rows.size
 
 
-def _as_slice(rows: Indices) -> slice | Indices:
+def as_slice(rows: Indices) -> slice | Indices:
     """The same rows, as a slice if each follows the one before."""
     first = int(rows[0]) if rows.size else 0
     return slice(first, first + rows.size) if (np.diff(rows) == 1).all() else np.ascontiguousarray(rows)
@@ -214,7 +225,7 @@ def _as_slice(rows: Indices) -> slice | Indices:
 def _runs(grid: Indices) -> list[slice | Indices]:
     """The rows of a grid between those that are missing."""
     there = np.flatnonzero(grid >= 0)
-    return [_as_slice(grid[part]) for part in np.split(there, np.flatnonzero(np.diff(there) > 1) + 1)]
+    return [as_slice(grid[part]) for part in np.split(there, np.flatnonzero(np.diff(there) > 1) + 1)]
 
 
 @dataclass(frozen=True)
@@ -252,13 +263,14 @@ class Columns:
     """Columns in the tables of logs.
 
     Attributes:
-        table: (N, k) the last of them; known: those before, of which others may have asked what a memory leaves.
+        table: (N, k) the last of them, in single precision or double; known: those before, of which others may have
+            asked what a memory leaves.
     """
 
     logs: Logs
-    table: Array
+    table: Table
     known: Columns | None = None
-    _remembered: dict[int, tuple[Array, NDArray[np.bool_]]] = field(default_factory=dict, repr=False, compare=False)
+    _remembered: dict[tuple[int, int], Array] = field(default_factory=dict, repr=False, compare=False)
 
     @cached_property
     def count(self) -> int:
@@ -270,7 +282,7 @@ class Columns:
         """Place of the first one of the table."""
         return 0 if self.known is None else self.known.count
 
-    def beside(self, table: Array) -> Columns:
+    def beside(self, table: Table) -> Columns:
         """These, and those of a table (N, k) behind them."""
         return Columns(self.logs, table, self)
 
@@ -278,38 +290,65 @@ class Columns:
         """The same columns where so many samples of the past are looked at."""
         return replace(self, logs=self.logs.with_lags(lags))
 
-    def remembered(self, memory: int, columns: Sequence[int]) -> Array:
-        """(N, c) these columns after a memory, by their places and its place."""
-        result = np.empty((self.table.shape[0], len(columns)))
-        self._fill(result, memory, np.asarray(columns, dtype=int), np.arange(len(columns)))
-        return result
+    def _parts(self, memory: int, columns: Sequence[int]) -> Iterator[tuple[Table, slice | Indices]]:
+        """Tables (N, c) of these columns, by their places, after a memory, by its place, and where they belong."""
+        asked, at = np.asarray(columns, dtype=int), self
+        while True:
+            (places,) = np.nonzero((asked >= at._first) & (asked < at.count))
+            own = asked[places] - at._first
+            if self.logs.memories[memory]:
+                yield from ((at._after(memory, int(k)), slice(p, p + 1)) for k, p in zip(own, places, strict=True))
+            elif places.size:
+                yield at.table[:, as_slice(own)], as_slice(places)
+            if at.known is None:
+                return
+            at = at.known
 
-    def _fill(self, result: Array, memory: int, columns: Indices, places: Indices) -> None:
-        """Write columns after a memory to places of a table (N, c)."""
-        is_own = columns >= self._first
-        if is_own.any():
-            result[:, _as_slice(places[is_own])] = self._own(memory, columns[is_own] - self._first)
-        if self.known is not None and not is_own.all():
-            self.known._fill(result, memory, columns[~is_own], places[~is_own])
+    def rows_of(self, columns: Sequence[int]) -> Array:
+        """(N, c) these columns as they are."""
+        return np.concatenate(list(self.rows(0, columns)))
 
-    def _own(self, memory: int, columns: Indices) -> Array:
-        """(N, c) columns of the table after a memory, which is taken out of those of which nobody has asked for it."""
-        exponent, shape = self.logs.memories[memory], self.table.shape
-        if not exponent:
-            return self.table[:, _as_slice(columns)]
-        table, known = self._remembered.setdefault(memory, (np.empty(shape, order="F"), np.zeros(shape[1], dtype=bool)))
-        missing = columns[~known[columns]]
-        if missing.size:
-            table[:, missing] = self.logs.remembered(self.table[:, missing], exponent)
-            known[missing] = True
-        return table[:, _as_slice(columns)]
+    def rows(self, memory: int, columns: Sequence[int]) -> Iterator[Array]:
+        """(b, c) all samples of these columns after a memory, some at a time."""
+        parts, samples = list(self._parts(memory, columns)), self.table.shape[0]
+        for first in range(0, samples, ROWS):
+            own = slice(first, min(first + ROWS, samples))
+            if len(parts) == 1:
+                yield parts[0][0][own].astype(float, copy=False)
+                continue
+            block = np.empty((own.stop - first, len(columns)), order="F")
+            for table, places in parts:
+                block[:, places] = table[own]
+            yield block
 
-    def whitened(self, colour: Colour, first: int = 0, last: int | None = None) -> Array:
-        """(n, c) those samples that have a past, of the columns from a place on to before another one."""
-        last, own = self.count if last is None else last, first - self._first
-        if own >= 0 and not self.logs.memories[colour.memory]:
-            return _whitened(self.table[:, own : last - self._first], self.logs, colour)
-        return _whitened(self.remembered(colour.memory, range(first, last)), self.logs, colour)
+    def _after(self, memory: int, column: int) -> Array:
+        """(N, 1) a column of the table after a memory, which is taken out where nobody has asked for it yet."""
+        key = memory, column
+        if key not in self._remembered:
+            own = self.table[:, column : column + 1]
+            self._remembered[key] = self.logs.remembered(own, self.logs.memories[memory])
+        return self._remembered[key]
+
+    def whitened(self, colour: Colour, columns: Sequence[int] | None = None) -> Array:
+        """(n, c) those samples that have a past, of these columns, or of all."""
+        columns = range(self.count) if columns is None else columns
+        table = np.empty((self.logs.samples, len(columns)), order="F")
+        for own, block in with_rows(table, self.blocks(colour, columns)):
+            own[:] = block
+        return table
+
+    def blocks(self, colour: Colour, columns: Sequence[int]) -> Iterator[Array]:
+        """(b, c) the same, some samples at a time: no table of them is made."""
+        parts = list(self._parts(colour.memory, columns))
+        for past, a, deviation in zip(self.logs.pasts, colour.coefficients, colour.deviations, strict=True):
+            for rows in past.parts():
+                if len(parts) == 1 and not a.size and deviation == 1:
+                    yield parts[0][0][rows[0]].astype(float, copy=False)
+                    continue
+                block = np.empty((_size(rows[0]), len(columns)), order="F")
+                for table, places in parts:
+                    block[:, places] = _innovations(table, rows, a, deviation)
+                yield block
 
     def colour(self, residual: int, beside: Sequence[int], most: Sequence[int] | None = None) -> Colour:
         """That of a column, by its place, beside others; ``most``: largest order of each rate.
@@ -320,7 +359,7 @@ class Columns:
         most = most or [past.lags for past in self.logs.pasts]
 
         def found(memory: int) -> Colour:
-            return _colour(self.remembered(memory, columns), self.logs, memory, most)
+            return _colour(self, columns, memory, most)
 
         last = len(self.logs.memories) - 1
         tried = [found(memory) for memory in sorted({0, last})]
@@ -329,35 +368,30 @@ class Columns:
         return min(tried, key=lambda colour: colour.criterion)
 
 
-def _whitened(table: Array, logs: Logs, colour: Colour) -> Array:
-    """(n, m) of columns (N, m) whose memory has been taken out; a part of them where the noise is white."""
-    parts = list[Array]()
-    for past, coefficients, deviation in zip(logs.pasts, colour.coefficients, colour.deviations, strict=True):
-        rows = past.rows
-        if not coefficients.size and deviation == 1:
-            parts.append(table[rows[0]])
-            continue
-        table = np.ascontiguousarray(table)
-        left = table[rows[0]].ravel() / deviation
-        for k, a in enumerate(coefficients, start=1):
-            left = blas.daxpy(table[rows[k]].ravel(), left, a=-a / deviation)  # in place, without another table
-        parts.append(left.reshape(-1, table.shape[1]))
-    return parts[0] if len(parts) == 1 else np.concatenate(parts)
+def _innovations(table: Table, rows: Sequence[slice | Indices], coefficients: Array, deviation: float) -> Array:
+    """(b, c) of a table (N, c): its samples less what an autoregression makes of those before, over a deviation.
+
+    Args:
+        rows: of the samples, of those before them, and so on.
+    """
+    left = np.divide(table[rows[0]], deviation, dtype=float)
+    one = np.empty_like(left)
+    for before, a in zip(rows[1:], coefficients, strict=False):
+        left -= np.multiply(table[before], a / deviation, out=one, dtype=float)
+    return left
 
 
-def _colour(table: Array, logs: Logs, memory: int, most: Sequence[int]) -> Colour:
-    """The colour of the last column beside the others (N, m), when its memory has been taken out of all."""
-    beside, residual = table[:, :-1], table[:, -1]
-    values, best = _least_squares(table)[0], None
+def _colour(columns: Columns, places: Sequence[int], memory: int, most: Sequence[int]) -> Colour:
+    """The colour of the last of some columns beside the others, when its memory has been taken out of all."""
+    logs, used, best = columns.logs, len(places) - 1, None
+    values = _least_squares(lambda: columns.rows(memory, places), len(places))[0]
     for _ in range(ROUNDS):
-        colour = _of_rest(residual - beside @ values, logs, memory, most, beside.shape[1])
+        rest = np.concatenate([block[:, -1] - block[:, :-1] @ values for block in columns.rows(memory, places)])
+        colour = _of_rest(rest, logs, memory, most, used)
         if best is not None and colour.orders == best.orders and logs.samples * _moved(best, colour) < SETTLED:
             break
-        values, size = _least_squares(_whitened(table, logs, colour))
-        cost = sum(
-            order_cost(past.samples, order, beside.shape[1])
-            for past, order in zip(logs.pasts, colour.orders, strict=True)
-        )  # fmt: skip
+        values, size = _least_squares(partial(columns.blocks, colour, places), len(places))
+        cost = sum(order_cost(past.samples, order, used) for past, order in zip(logs.pasts, colour.orders, strict=True))
         criterion = 2 * logs.samples * np.log(max(size, TINY)) + cost + MEMORY_COST * (memory > 0)
         if best is not None and criterion >= best.criterion:
             break
@@ -374,26 +408,27 @@ def _moved(before: Colour, after: Colour) -> float:
     return sum(float(np.sum((a - b) ** 2)) for a, b in pairs)
 
 
-def _least_squares(table: Array) -> tuple[Array, float]:
-    """Values (m,) of the last column by the others (N, m), which are independent, and the length of what they leave."""
-    r = triangle(table)
+def _least_squares(blocks: Callable[[], Iterable[Array]], count: int) -> tuple[Array, float]:
+    """Values (m,) of the last one of so many columns by the others, which are independent, and the length of what they
+    leave."""
+    r = triangle_of_blocks(blocks, count)
     return _solved(r[:-1, :-1], r[:-1, -1]), abs(float(r[-1, -1]))
 
 
 def triangle(table: Array) -> Array:
     """Upper triangle R (m, m) with R'R = T'T of a table T (N, m), by Cholesky's factorisation, which takes a quarter of
     the time of an orthogonal one and runs beside other threads; by that where columns are nearly dependent."""
-    r = None if table.shape[0] < table.shape[1] else _triangle_of(table.T @ table)
-    return _triangle_by_parts(table) if r is None else r
+    return triangle_of_blocks(lambda: in_blocks(table), table.shape[1])
 
 
-def _triangle_by_parts(table: Array) -> Array:
-    """The same by orthogonal factorisations of some rows at a time below the triangle of those before (Demmel et al.,
-    SIAM Journal on Scientific Computing 34 (2012)): no copy of the table is made."""
-    r = np.zeros((0, table.shape[1]))
-    for first in range(0, max(len(table), 1), ROWS):
-        r = np.asarray(np.linalg.qr(np.concatenate([r, table[first : first + ROWS]]), mode="r"))
-    return r
+def triangle_of_blocks(blocks: Callable[[], Iterable[Array]], count: int) -> Array:
+    """The same of a table of so many columns, of which some rows (b, m) are made at a time, once or twice."""
+    products, samples = np.zeros((count, count)), 0
+    for block in blocks():
+        products += block.T @ block
+        samples += len(block)
+    r = None if samples < count else _triangle_of(products)
+    return triangle_by_parts(blocks(), count) if r is None else r
 
 
 def _triangle_of(products: Array) -> Array | None:
@@ -454,14 +489,43 @@ def orthonormal(columns: Array) -> Array:
     a fraction of its time."""
     if not 0 < columns.shape[1] <= columns.shape[0]:
         return np.asarray(np.linalg.qr(columns)[0])
-    basis = columns
+    basis, found = columns, np.empty(columns.shape, order="F")
     for _ in range(2):
         r = triangle(basis)
         size = np.abs(np.diag(r))
         if not size.min() > NEARLY_DEPENDENT * np.sqrt(np.einsum("ij,ij->j", r, r)).max():
             return np.asarray(np.linalg.qr(columns)[0])
-        basis = basis @ lapack.dtrtri(r)[0]
-    return np.asarray(basis)
+        inverse = lapack.dtrtri(r)[0]
+        for first in range(0, len(found), ROWS):
+            found[first : first + ROWS] = basis[first : first + ROWS] @ inverse
+        basis = found
+    return found
+
+
+@dataclass(frozen=True)
+class Beside:
+    """What an orthonormal basis (N, r) leaves of c columns, by products: of a long log no table of it is made.
+
+    Attributes:
+        along: (r, c) of the columns along the basis; squares: (c,) of the columns themselves.
+        products: (c, c) of what is left.
+    """
+
+    along: Array
+    squares: Array
+    products: Array
+
+    @staticmethod
+    def of(basis: Array, blocks: Callable[[], Iterable[Array]], count: int) -> Beside:
+        """Of so many columns, of which some rows (b, c) are made at a time, twice."""
+        along, squares, products = np.zeros((basis.shape[1], count)), np.zeros(count), np.zeros((count, count))
+        for own, block in with_rows(basis, blocks()):
+            along += own.T @ block
+            squares += np.einsum("ij,ij->j", block, block)
+        for own, block in with_rows(basis, blocks()):
+            left = block - own @ along
+            products += left.T @ left
+        return Beside(along, squares, products)
 
 
 def rest_of(columns: Array, basis: Array) -> Array:

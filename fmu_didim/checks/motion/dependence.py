@@ -26,23 +26,36 @@ Econometrica 48 (1980)).
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
+from itertools import compress
 from math import comb
 from types import MappingProxyType
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import linalg
 
 from fmu_didim.base.diagnostics import CATALOGUE, DOUBT, Diagnostic
 from fmu_didim.base.distributions import f_sf
 from fmu_didim.base.errors import SimulationError
+from fmu_didim.base.tall import ROWS, in_blocks, with_rows
 from fmu_didim.checks.data.timing import CLOCK_EARLY, CLOCK_LATE, CLOCK_SLIGHTLY_OFF
 from fmu_didim.checks.judgement import MATTERS
-from fmu_didim.checks.motion.colour import Colour, Columns, Logs, orthonormal, rest_of, triangle
-from fmu_didim.checks.motion.functions import SIGNATURE, TORQUE_RATE, functions_of_motion, looks_like
-from fmu_didim.checks.motion.misfits import AT_ONCE, Misfit
+from fmu_didim.checks.motion.colour import (
+    Beside,
+    Colour,
+    Columns,
+    Logs,
+    as_slice,
+    orthonormal,
+    rest_of,
+    triangle,
+    triangle_of_blocks,
+)
+from fmu_didim.checks.motion.functions import SIGNATURE, TORQUE_RATE, functions_of_motion, joint_by_joint, looks_like
+from fmu_didim.checks.motion.misfits import Misfit
 from fmu_didim.cosim import Indices
 from fmu_didim.data.signals import Array
 from fmu_didim.fit.fit import Fit
@@ -84,6 +97,9 @@ OWN_PART = 1e-6
 """[1] Least fraction of a column that is independent of the others."""
 LARGEST_GAIN = 100.0
 """[1] Of the criterion over the samples that is distinguished from an infinite one."""
+
+Signature = NDArray[np.float32]
+"""(N,) of a misfit at a joint."""
 
 DEPENDS_ON_MOTION = CATALOGUE(
     "residual-depends-on-motion", DOUBT, rank=60,
@@ -204,9 +220,14 @@ class Left:
         return float(np.sqrt(self.squares)) > TINY
 
     @cached_property
+    def used(self) -> Columns:
+        """Its sensitivities, as columns of the logs."""
+        return Columns(self.logs, self.basis)
+
+    @cached_property
     def colours(self) -> OwnColours:
         """It, beside no functions."""
-        return OwnColours.of(self.residual, Columns(self.logs, self.basis))
+        return OwnColours.of(self.residual, self.used)
 
 
 @dataclass(frozen=True)
@@ -215,13 +236,15 @@ class JointResidual:
 
     Attributes:
         joint: from 1; left: its residual beside its sensitivities.
-        motion: (N, m) functions of the motion, the most significant ones first; names: of these.
+        motion: (N, m) functions of the motion, the most significant ones first; names: of these, and of
+            signatures: (N,) each, of misfits beside them.
     """
 
     joint: int
     left: Left
     motion: Array
     names: Sequence[str]
+    signatures: tuple[Signature, ...] = ()
 
     @property
     def residual(self) -> Array:
@@ -238,12 +261,16 @@ class JointResidual:
         """The number of functions that the samples allow."""
         return int((self.residual.size - self.basis.shape[1]) / SAMPLES_A_FUNCTION)
 
-    def beside(self, names: Sequence[str], signatures: Array) -> JointResidual:
-        """With the signatures (N, s) of misfits beside the functions."""
-        if not names:
-            return self
-        motion = np.column_stack([self.motion, signatures])
-        return replace(self, motion=motion, names=[*self.names, *(SIGNATURE + name for name in names)])
+    def beside(self, names: Sequence[str], signatures: Iterable[Signature]) -> JointResidual:
+        """With the signatures (N,) of misfits beside the functions."""
+        names = [*self.names, *(SIGNATURE + name for name in names)]
+        return replace(self, names=names, signatures=(*self.signatures, *signatures))
+
+    @cached_property
+    def tested(self) -> OwnColours:
+        """It beside as many of the first functions as the samples allow."""
+        further = self.signatures[: max(self.room - self.motion.shape[1], 0)]
+        return self.left.colours.with_functions(self.motion[:, : self.room]).with_signatures(further)
 
     def slope(self, name: str) -> tuple[float, float]:
         """Of the residual over one function of the motion, beside the sensitivities, and its standard deviation as if
@@ -260,7 +287,7 @@ class JointResidual:
         """How it depends on the motion; as many of the first functions are used as the samples allow."""
         if self.room < 1:
             return Dependence.untested(self.joint, max(self.residual.size - self.basis.shape[1], 0))
-        steps = self.left.colours.with_functions(self.motion[:, : self.room]).steps() if self.left.shows else []
+        steps = self.tested.steps() if self.left.shows else []
         if not steps:
             return Dependence(self.joint, 1.0, 0.0, "", 0.0)
         return told(min(steps, key=lambda step: step.p_value), len(steps), self.names, self.joint)
@@ -291,20 +318,21 @@ def joint_residuals(
 ) -> list[JointResidual]:
     """What the test of each joint looks at; nothing where the simulation fails. Arguments as above."""
     try:
-        tables = {label: functions_of_motion(model.simulation(values, label)) for label in residuals}
+        tables = [joint_by_joint(model.simulation(values, label)) for label in residuals]
     except SimulationError:  # after the last sample of a log
         return []
     times = [model.experiments[label].time[rows.get(label, slice(None))] for label in residuals]
     logs, found = Logs(tuple(stretches(times))), []
-    for j in range(model.joint_count):
-        names = [name for name in tables[next(iter(tables))][j] if all(name in one[j] for one in tables.values())]
-        motion = [
-            np.column_stack([tables[label][j][name][rows.get(label, slice(None))] for name in names])
-            for label in residuals
-        ]
+    for j, of_logs in enumerate(zip(*tables, strict=True)):
+        names = [name for name in of_logs[0] if all(name in one for one in of_logs)]
+        motion = np.empty((sum(time.size for time in times), len(names)), order="F")
+        for k, name in enumerate(names):
+            parts = zip(of_logs, residuals, strict=True)
+            np.concatenate([one.pop(name)[rows.get(label, slice(None))] for one, label in parts], out=motion[:, k])
         residual = np.concatenate([one[:, j] for one in residuals.values()])
-        nuisance = np.concatenate([sensitivities[label][:, j] for label in residuals])
-        found.append(JointResidual(j + 1, Left(residual, nuisance, logs), np.concatenate(motion), names))
+        nuisance = [sensitivities[label][:, j] for label in residuals]
+        one = nuisance[0] if len(nuisance) == 1 else np.concatenate(nuisance)
+        found.append(JointResidual(j + 1, Left(residual, one, logs), motion, names))
     return found
 
 
@@ -349,8 +377,8 @@ def residuals_of_fit(fit: Fit, rows: Mapping[str, Indices], misfits: Iterable[Mi
     """
     parts = fit.model.experiments.rows
     found = joint_residuals(
-        fit.model, fit.values, {label: fit.residual[parts[label]][own] for label, own in rows.items()},
-        {label: fit.jacobian[parts[label]][own] for label, own in rows.items()}, rows,
+        fit.model, fit.values, {label: fit.residual[parts[label]][as_slice(own)] for label, own in rows.items()},
+        {label: fit.jacobian[parts[label]][as_slice(own)] for label, own in rows.items()}, rows,
     )  # fmt: skip
     misfits = list(misfits)
     if not misfits or not found:
@@ -360,34 +388,34 @@ def residuals_of_fit(fit: Fit, rows: Mapping[str, Indices], misfits: Iterable[Mi
     sizes, part = np.array([one[0] for one in both]), np.array([one[1] for one in both])
     added = (sizes >= FAINT * sizes.max(axis=0)) & (part < FOLLOWED)
     return [
-        joint.beside(*signatures_of([m for m, is_new in zip(misfits, new, strict=True) if is_new], places, joint.joint))
-        for joint, new in zip(found, added, strict=True)
-    ]  # fmt: skip
+        joint.beside([m.what for m in new], signatures_of(new, places, joint.joint))
+        for joint, new in ((joint, list(compress(misfits, own))) for joint, own in zip(found, added, strict=True))
+    ]
 
 
-def signatures_of(misfits: Sequence[Misfit], places: Indices, joint: int) -> tuple[list[str], Array]:
-    """What misfits are, and (N, s) what samples of a joint, from 1, show of them."""
-    table = np.empty((places.size, len(misfits)), order="F")
-    for k, misfit in enumerate(misfits):
-        table[:, k] = misfit.signature[places, joint - 1]
-    return [misfit.what for misfit in misfits], table
+def signatures_of(misfits: Sequence[Misfit], places: slice | Indices, joint: int) -> list[Signature]:
+    """(N,) what samples of a joint, from 1, show of each of misfits."""
+    return [misfit.signature[places, joint - 1] for misfit in misfits]
 
 
-def _followed(joint: JointResidual, misfits: Sequence[Misfit], places: Indices) -> tuple[Array, Array]:
+def _followed(joint: JointResidual, misfits: Sequence[Misfit], places: slice | Indices) -> tuple[Array, Array]:
     """(s,) squares of what the sensitivities of a joint leave of misfits, over those of what they leave of its
-    residual, and the part of them that two functions of the motion follow; some misfits at a time: they may be many."""
-    functions, sizes, parts = rest_of(joint.motion, joint.basis), list[Array](), list[Array]()
-    for first in range(0, len(misfits), AT_ONCE):
-        left = rest_of(signatures_of(misfits[first : first + AT_ONCE], places, joint.joint)[1], joint.basis)
-        parts.append(followed(left, functions))
-        sizes.append(np.einsum("ij,ij->j", left, left) / max(joint.left.squares, TINY))
-    return np.concatenate(sizes), np.concatenate(parts)
+    residual, and the part of them that two functions of the motion follow."""
+    columns, first = [*joint.motion.T, *signatures_of(misfits, places, joint.joint)], joint.motion.shape[1]
+
+    def blocks() -> Iterator[Array]:
+        for at in range(0, joint.residual.size, ROWS):
+            yield np.column_stack([column[at : at + ROWS] for column in columns]).astype(float, copy=False)
+
+    products = Beside.of(joint.basis, blocks, len(columns)).products
+    sizes = products.diagonal()[first:]
+    return sizes / max(joint.left.squares, TINY), followed(products[:first, :first], products[:first, first:], sizes)
 
 
-def samples_of(fit: Fit, rows: Mapping[str, Indices]) -> Indices:
+def samples_of(fit: Fit, rows: Mapping[str, Indices]) -> slice | Indices:
     """Places of samples of the fitted logs in the tables of the fit."""
     parts = fit.model.experiments.rows
-    return np.concatenate([parts[label].start + own for label, own in rows.items()])
+    return as_slice(np.concatenate([parts[label].start + own for label, own in rows.items()]))
 
 
 def tested_rows(fit: Fit) -> dict[str, Indices]:
@@ -435,14 +463,15 @@ class Step:
 
 @dataclass(frozen=True)
 class OwnColours:
-    """A residual and m functions of the motion beside sensitivities, as columns of logs in this order: ``used``
-    sensitivities, the residual, the functions; and the colour that the sensitivities alone leave."""
+    """A residual and m functions of the motion beside sensitivities, as columns of logs in this order: the
+    sensitivities that are given (N, r), the residual, the functions; and the colour that the sensitivities alone
+    leave."""
 
     columns: Columns
-    used: int
+    given: Array
     alone: Colour
 
-    _bases: dict[tuple[object, ...], tuple[Array, Array]] = field(default_factory=dict, repr=False, compare=False)
+    _bases: dict[tuple[object, ...], Array] = field(default_factory=dict, repr=False, compare=False)
 
     @classmethod
     def of(cls, residual: Array, used: Columns) -> OwnColours:
@@ -450,19 +479,47 @@ class OwnColours:
         count, columns = used.count, used.beside(residual[:, None])
         lags = columns.colour(count, range(count)).orders
         columns = columns.with_lags(lags)  # a longer past would cost a log its begin
-        return cls(columns, count, columns.colour(count, range(count)))
+        return cls(columns, used.table.astype(float, copy=False), columns.colour(count, range(count)))
 
-    def with_functions(self, motion: Array) -> OwnColours:
+    def with_functions(self, motion: Array | Signature) -> OwnColours:
         """The same residual beside functions (N, m), too."""
         return replace(self, columns=self.columns.beside(motion))
 
-    def bases(self, colour: Colour) -> tuple[Array, Array]:
-        """(n, r) basis of the sensitivities when they have been whitened by a colour, and (n,) what it leaves of the
-        residual."""
-        if colour.key not in self._bases:
-            basis, used = orthonormal(self.columns.whitened(colour, 0, self.used)), self.used
-            self._bases[colour.key] = basis, rest_of(self.columns.whitened(colour, used, used + 1)[:, 0], basis)
-        return self._bases[colour.key]
+    def with_signatures(self, signatures: Sequence[Signature]) -> OwnColours:
+        """The same beside signatures (N,), too: of a long log they stay where they are."""
+        if signatures and len(self.given) <= ROWS:
+            return self.with_functions(np.column_stack(signatures))
+        found = self
+        for signature in signatures:
+            found = found.with_functions(signature[:, None])
+        return found
+
+    @property
+    def used(self) -> int:
+        """Number of the sensitivities."""
+        return int(self.given.shape[1])
+
+    @property
+    def places(self) -> range:
+        """Of the functions among the columns."""
+        return range(self.used + 1, self.columns.count)
+
+    def basis(self, colour: Colour) -> Array:
+        """(n, r) of the sensitivities when they have been whitened by a colour; that of the colours which are asked for
+        again is kept."""
+        if colour.key in self._bases:
+            return self._bases[colour.key]
+        if self.columns.logs.samples == len(self.given) and colour.key == self.white.key:
+            return self.given
+        found = orthonormal(self.columns.whitened(colour, range(self.used)))
+        if colour.key in {self.alone.key, self.white.key}:
+            self._bases[colour.key] = found
+        return found
+
+    @property
+    def white(self) -> Colour:
+        """That of white noise in these logs."""
+        return Colour.white(len(self.alone.orders))
 
     @cached_property
     def whitened(self) -> Whitened:
@@ -485,7 +542,7 @@ class OwnColours:
             return []
         found: dict[tuple[int, ...], Step] = {(): alone.step(np.flatnonzero(alone.power).tolist(), np.inf)}
         colours: dict[tuple[int, ...], Colour] = {}
-        for start in (Colour.white(len(self.alone.orders)), self.alone):
+        for start in (self.white, self.alone):
             chosen, colour = tuple[int, ...](), start
             while len(chosen) < min(FUNCTIONS, alone.power.size):
                 best = self.whitened_by(colour).next_to(chosen)
@@ -502,34 +559,66 @@ class OwnColours:
 
 @dataclass(frozen=True)
 class Whitened:
-    """What the sensitivities leave of the residual (n,) and of functions (n, m) of the motion, all whitened by a
-    colour; those functions of which something is left; and the degrees of freedom of the residual."""
+    """What the sensitivities leave of the residual and of m functions of the motion, all whitened by a colour.
 
-    rest: Array
-    own: Array
+    Attributes:
+        columns: sensitivities, residual and functions; colour: by which they are whitened.
+        basis: (n, r) of the sensitivities; along: (r, 1 + m) of residual and functions along it.
+        products: (m, m) of what is left of the functions with each other; product: (m,) with that of the residual.
+        power: (m,) squares that are left of those functions of which something is, none of the others.
+        freedom: degrees of freedom of the residual.
+    """
+
+    columns: Columns
+    colour: Colour
+    basis: Array
+    along: Array
+    products: Array
+    product: Array
     power: Array
     freedom: int
 
     @classmethod
     def by(cls, tested: OwnColours, colour: Colour) -> Whitened:
-        basis, rest = tested.bases(colour)
-        table = tested.columns.whitened(colour, tested.used + 1)
-        own = rest_of(table, basis)
-        power = np.einsum("ij,ij->j", own, own)
-        kept = power > OWN_PART**2 * np.einsum("ij,ij->j", table, table)
-        freedom = table.shape[0] - tested.used - max(colour.orders, default=0)
-        return cls(rest, own, np.where(kept, power, 0.0), freedom)
+        basis, columns = tested.basis(colour), range(tested.used, tested.columns.count)
+        found = Beside.of(basis, partial(tested.columns.blocks, colour, columns), len(columns))
+        power = found.products.diagonal()[1:]
+        power = np.where(power > OWN_PART**2 * found.squares[1:], power, 0.0)
+        freedom = basis.shape[0] - tested.used - max(colour.orders, default=0)
+        return cls(
+            tested.columns, colour, basis, found.along, found.products[1:, 1:], found.products[0, 1:], power, freedom
+        )
+
+    @cached_property
+    def rest(self) -> Array:
+        """(n,) left of the residual."""
+        return self._left([self.basis.shape[1]], self.along[:, :1])[:, 0]
+
+    def places(self, chosen: Sequence[int]) -> list[int]:
+        """Of functions among the columns."""
+        return [self.basis.shape[1] + 1 + k for k in chosen]
+
+    def own(self, chosen: Sequence[int]) -> Array:
+        """(n, k) left of functions, by their places."""
+        return self._left(self.places(chosen), self.along[:, 1:][:, list(chosen)])
+
+    def _left(self, columns: Sequence[int], along: Array) -> Array:
+        table = self.columns.whitened(self.colour, columns)
+        for basis, left in with_rows(self.basis, in_blocks(table)):
+            left -= basis @ along
+        return table
 
     def next_to(self, chosen: Sequence[int]) -> int | None:
         """The function that explains most beside those that are chosen; None where nothing is left of any."""
-        rest, own, power = self.rest, self.own, self.power
+        product, power = self.product, self.power
         if chosen:
-            basis = orthonormal(own[:, list(chosen)])
-            rest, own = rest_of(rest, basis), rest_of(own, basis)
-            left = np.sum(own**2, axis=0)
+            at = list(chosen)
+            beside = np.linalg.solve(self.products[np.ix_(at, at)], self.products[at])
+            left = self.products.diagonal() - np.einsum("ij,ij->j", beside, self.products[at])
             power = np.where(left > OWN_PART**2 * power, left, 0.0)
-            power[list(chosen)] = 0.0
-        return int(np.argmax(_squares(own.T @ rest, power))) if power.any() else None
+            power[at] = 0.0
+            product = product - beside.T @ product[at]
+        return int(np.argmax(_squares(product, power))) if power.any() else None
 
     def step(self, chosen: Sequence[int], gain: float, ways: int | None = None) -> Step:
         """What the chosen functions explain together.
@@ -538,22 +627,48 @@ class Whitened:
             gain: of the criterion, infinite where only what they explain with this colour counts.
             ways: to choose them; None: as many of these functions.
         """
-        own = self.own if len(chosen) == self.own.shape[1] else self.own[:, list(chosen)]
-        basis, product = orthonormal(independent(own)), self.own.T @ self.rest
-        along = basis.T @ self.rest
+        along, loudness = self._explained(chosen)
         total, explained = float(self.rest @ self.rest), float(along @ along)
-        first, count, samples = basis.shape[1], int(np.count_nonzero(self.power)), self.rest.size
+        first, count, samples = along.size, int(np.count_nonzero(self.power)), self.rest.size
         second = max(self.freedom - first, 1)
         variance = max(total - explained, TINY) / second
-        basis *= (self.rest - basis @ along)[:, None]  # where the noise is loud the functions may be large
-        loud = float(along @ np.linalg.lstsq(basis.T @ basis, along, rcond=None)[0]) * second / samples
+        loud = float(along @ np.linalg.lstsq(loudness, along, rcond=None)[0]) * second / samples
         likely = second * np.expm1(min(max(gain, 0.0) / samples, LARGEST_GAIN))
         by_chance = f_sf(min(explained / variance, likely, loud) / first, first, second)
         return Step(
             float(by_chance * (comb(count, len(chosen)) if ways is None else ways)), total, explained, variance,
-            np.divide(product, self.power, out=np.zeros_like(product), where=self.power > 0), self.power,
-            _squares(product, self.power), first,
+            np.divide(self.product, self.power, out=np.zeros_like(self.product), where=self.power > 0), self.power,
+            _squares(self.product, self.power), first,
         )  # fmt: skip
+
+    def _explained(self, chosen: Sequence[int]) -> tuple[Array, Array]:
+        """What the residual has along an orthonormal basis B (n, k) of functions, (k,), and (k, k) B' diag(e^2) B, by
+        what they leave of it, e: where the noise is loud the functions may be large."""
+        blocks = partial(self._own_blocks, chosen)
+        kept, length = independent_of(triangle_of_blocks(blocks, len(chosen)))
+        inverse = np.diag(1 / length)
+        for _ in range(2):  # as :func:`fmu_didim.checks.motion.colour.orthonormal`
+            r = triangle_of_blocks(partial(_combined, blocks, kept, inverse), kept.size)
+            inverse = inverse @ np.linalg.inv(r)
+        along, loudness = np.zeros(kept.size), np.zeros((kept.size, kept.size))
+        for rest, basis in with_rows(self.rest, _combined(blocks, kept, inverse)):
+            along += basis.T @ rest
+        for rest, basis in with_rows(self.rest, _combined(blocks, kept, inverse)):
+            basis *= (rest - basis @ along)[:, None]
+            loudness += basis.T @ basis
+        return along, loudness
+
+    def _own_blocks(self, chosen: Sequence[int]) -> Iterator[Array]:
+        """(b, k) left of functions, some samples at a time."""
+        along = self.along[:, 1:][:, list(chosen)]
+        blocks = self.columns.blocks(self.colour, self.places(chosen))
+        for basis, block in with_rows(self.basis, blocks):
+            yield block - basis @ along
+
+
+def _combined(blocks: Callable[[], Iterable[Array]], kept: Indices, by: Array) -> Iterator[Array]:
+    """Blocks (b, k) of some columns, combined by a matrix (k, k)."""
+    return (block[:, kept] @ by for block in blocks())
 
 
 def _squares(product: Array, power: Array) -> Array:
@@ -574,12 +689,15 @@ def told(step: Step, tried: int, names: Sequence[str], joint: int) -> Dependence
     )  # fmt: skip
 
 
-def followed(signatures: Array, functions: Array) -> Array:
-    """(s,) part of the squares of signatures (N, s) that functions (N, m) explain: that which explains most, and it
-    with the one that then explains most, as the test takes them."""
-    products, along = functions.T @ functions, functions.T @ signatures
-    explained = [sum(squares for _, squares in most_one_by_one(products, one, OWN_PART)) for one in along.T]
-    return np.asarray(np.array(explained) / np.maximum(np.einsum("ij,ij->j", signatures, signatures), TINY))
+def followed(products: Array, along: Array, squares: Array) -> Array:
+    """(s,) part of the squares (s,) of signatures that functions of the motion explain: that which explains most, and
+    it with the one that then explains most, as the test takes them.
+
+    Args:
+        products: (m, m) of the functions with each other; along: (m, s) with the signatures.
+    """
+    explained = [sum(part for _, part in most_one_by_one(products, one, OWN_PART)) for one in along.T]
+    return np.asarray(np.array(explained) / np.maximum(squares, TINY))
 
 
 def most_one_by_one(products: Array, along: Array, part: float) -> list[tuple[int, float]]:
@@ -605,11 +723,22 @@ def most_one_by_one(products: Array, along: Array, part: float) -> list[tuple[in
 
 def independent(columns: Array) -> Array:
     """(N, r) of the columns (N, m) those that do not depend on others, of length one."""
-    length = np.sqrt(np.einsum("ij,ij->j", columns, columns))
+    if not len(columns):
+        return np.zeros((0, 0))
+    kept, length = independent_of(triangle(columns))
+    found = np.empty((len(columns), kept.size), order="F")
+    for k, place in enumerate(kept):
+        np.divide(columns[:, place], length[k], out=found[:, k])
+    return found
+
+
+def independent_of(upper: Array) -> tuple[Indices, Array]:
+    """Places (r,) of the columns that do not depend on others, and their lengths, by the triangle (m, m) of all."""
+    length = np.sqrt(np.einsum("ij,ij->j", upper, upper))
     (there,) = np.nonzero(length > TINY)
-    if not there.size or not len(columns):
-        return np.zeros((len(columns), 0))
-    r, order = linalg.qr(triangle(columns)[:, there] / length[there], mode="r", pivoting=True)
+    if not there.size:
+        return there, np.zeros(0)
+    r, order = linalg.qr(upper[:, there] / length[there], mode="r", pivoting=True)
     size = np.abs(np.diag(r[: there.size]))
     kept = there[order[: int(np.sum(size > OWN_PART * size[0]))]]
-    return np.asarray(columns[:, kept] / length[kept])
+    return kept, length[kept]

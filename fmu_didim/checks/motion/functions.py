@@ -98,13 +98,18 @@ def functions_of_motion(run: Simulation) -> list[dict[str, Array]]:
 
     Velocities and positions are included as far as the plant gives them; raises SimulationError.
     """
+    return list(joint_by_joint(run))
+
+
+def joint_by_joint(run: Simulation) -> Iterator[dict[str, Array]]:
+    """The same, of one joint after the other: of a long log they take the memory of many logs."""
     motion = _Motion.of(run, run.record(all_ticks=True))
-    found = []
-    for j in range(run.model.joint_count):
-        named = dict(motion.functions(j))
-        table = run.sampled(np.column_stack(list(named.values()))[run.operator.ticks])
-        found.append(dict(zip(named, np.ascontiguousarray(table.T), strict=True)))
-    return found
+
+    def of_joint(j: int) -> dict[str, Array]:
+        ticks, functions = run.operator.ticks, motion.functions(j)
+        return {name: run.sampled(column[ticks]) for name, column in functions}
+
+    return map(of_joint, range(run.model.joint_count))
 
 
 @dataclass(frozen=True)

@@ -15,8 +15,11 @@ from functools import partial
 from itertools import chain, islice, product
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fmu_didim.base.errors import SimulationError
+from fmu_didim.base.tall import in_blocks, triangle_by_parts
+from fmu_didim.checks.motion.colour import as_slice
 from fmu_didim.data.signals import Array
 from fmu_didim.dynamics.effects import (
     EFFECTS,
@@ -39,8 +42,10 @@ from fmu_didim.model.parameters import RobotParameters
 from fmu_didim.model.workers import side_by_side
 
 AT_ONCE = 16
-"""[misfits] That are answered, and looked at, together: some of a long log take as much memory as the sensitivities of
-a fit."""
+"""[misfits] That are answered together at most,"""
+VALUES = 500_000
+"""[values] and of all of them at the ticks, 4 MB: some of a long log take as much memory as the sensitivities of a
+fit."""
 EPSILON = float(np.finfo(float).eps)
 """[1] Singular value of the largest one, for each row, below which columns depend on each other."""
 SMALL_STEP = 1e-4
@@ -107,10 +112,11 @@ class Load:
 
 @dataclass(frozen=True)
 class Misfit:
-    """A load of size one in the unit in which it is stated, and the change (N, n) of the logged torque by it."""
+    """A load of size one in the unit in which it is stated, and the change (N, n) of the logged torque by it, in single
+    precision: there are many, each as large as the log, and it is one to first order."""
 
     load: Load
-    signature: Array
+    signature: NDArray[np.float32]
 
     @property
     def what(self) -> str:
@@ -235,7 +241,8 @@ def _loads_on_the_way(motions: FittedMotions, effects: Mapping[str, Effect]) -> 
 def _all_answered(motions: FittedMotions, loads: Iterator[Load]) -> list[Misfit]:
     """The misfits of loads, some at a time: those of a long log take much memory."""
     found, fitted = list[Misfit](), None
-    while some := list(islice(loads, AT_ONCE)):
+    size = sum(motion.q.size for motion in motions.motions.values())
+    while some := list(islice(loads, min(max(VALUES // size, 1), AT_ONCE))):
         fitted = fitted or _FittedColumns.of(motions)
         found += _answered(motions, some, fitted)
     return found
@@ -247,20 +254,41 @@ class _FittedColumns:
 
     Attributes:
         columns: label -> (K, n, b); places: (b,) of these among all parameters.
-        nearest: (b, R) from a load (R,) along all motions to the amounts of these that come nearest to it.
+        inverse: (b, b) of their products, without directions that they do not have.
     """
 
     columns: Mapping[str, Array]
     places: list[int]
-    nearest: Array
+    inverse: Array
 
     @staticmethod
     def of(motions: FittedMotions) -> _FittedColumns:
         columns, places = _columns_of_fit(motions)
-        table = _rows(columns)
-        size = np.maximum(np.linalg.norm(table, axis=0), TINY)
-        table /= size
-        return _FittedColumns(columns, places, np.linalg.pinv(table, rcond=max(table.shape) * EPSILON) / size[:, None])
+        blocks = (_rows(block) for table in columns.values() for block in in_blocks(table))
+        r = triangle_by_parts(blocks, len(places))
+        size = np.maximum(np.linalg.norm(r, axis=0), TINY)
+        rows = sum(table.shape[0] * table.shape[1] for table in columns.values())
+        root = np.linalg.pinv(r / size, rcond=max(rows, len(places)) * EPSILON) / size[:, None]
+        return _FittedColumns(columns, places, root @ root.T)
+
+    def nearest(self, loads: Mapping[str, Array]) -> Array:
+        """(b, w) amounts of the columns that come nearest to loads (K, n, w) along all motions: by their products, and
+        once more for what these leave, which is as exact as an orthogonal factorisation (Bjoerck, Linear Algebra and
+        its Applications 88/89 (1987))."""
+        amounts = self.inverse @ self._along(loads)
+        return amounts + self.inverse @ self._along({k: self.beside(k, table, amounts) for k, table in loads.items()})
+
+    def beside(self, label: str, loads: Array, amounts: Array) -> Array:
+        """(K, n, w) what amounts (b, w) of the columns leave of loads along the motion of an experiment."""
+        return np.asarray(loads - self.columns[label] @ amounts)
+
+    def _along(self, loads: Mapping[str, Array]) -> Array:
+        blocks = (
+            (_rows(columns), _rows(load))
+            for label in self.columns
+            for columns, load in zip(in_blocks(self.columns[label]), in_blocks(loads[label]), strict=True)
+        )
+        return np.asarray(sum(columns.T @ load for columns, load in blocks))
 
 
 def _answered(motions: FittedMotions, loads: Sequence[Load], fitted: _FittedColumns) -> list[Misfit]:
@@ -268,16 +296,22 @@ def _answered(motions: FittedMotions, loads: Sequence[Load], fitted: _FittedColu
     fit; the loop answers the rest to first order."""
     loads, tables = [_of_unit_size(motions, load) for load in loads], []
     joined = {label: _joined(loads, motion, label) for label, motion in motions.motions.items()}
-    amounts = fitted.nearest @ _rows(joined)
+    amounts, counts = fitted.nearest(joined), [load.is_of_log for load in loads].count(True)
     for label in motions.motions:
-        rest = joined[label] - fitted.columns[label] @ amounts
+        rest = fitted.beside(label, joined.pop(label), amounts)
         answers = iter(_answers(motions, label, rest))
         changes = [load.tables[label] if load.is_of_log else next(answers) for load in loads]
         tables.append(motions.fit.model.experiments.filtered(np.stack(changes, axis=2), label))
-    signatures = np.concatenate(tables)
-    of_loop = [k for k, load in enumerate(loads) if not load.is_of_log]
-    signatures[:, :, of_loop] += motions.fit.jacobian[:, :, fitted.places] @ amounts
-    return [Misfit(replace(load, tables={}), signatures[:, :, k]) for k, load in enumerate(loads)]
+    signatures = np.concatenate(tables) if len(tables) > 1 else tables[0]
+    if counts < len(loads):
+        of_loop = as_slice(np.array([k for k, load in enumerate(loads) if not load.is_of_log]))
+        places = as_slice(np.array(fitted.places, dtype=int))
+        for own, jacobian in zip(in_blocks(signatures), in_blocks(motions.fit.jacobian), strict=True):
+            own[:, :, of_loop] += jacobian[:, :, places] @ amounts
+    return [
+        Misfit(replace(load, tables={}), signatures[:, :, k].astype(np.float32, order="F"))
+        for k, load in enumerate(loads)
+    ]
 
 
 def _answers(motions: FittedMotions, label: str, loads: Array) -> list[Array]:
@@ -319,9 +353,9 @@ def _columns_of_fit(motions: FittedMotions) -> tuple[dict[str, Array], list[int]
     return columns, shared
 
 
-def _rows(tables: Mapping[str, Array]) -> Array:
-    """(R, w) tables (K, n, w) of all motions below each other."""
-    return np.concatenate([one.reshape(one.shape[0] * one.shape[1], one.shape[2]) for one in tables.values()])
+def _rows(table: Array) -> Array:
+    """(K n, w) a table (K, n, w)."""
+    return table.reshape(table.shape[0] * table.shape[1], table.shape[2])
 
 
 def _joined(loads: Sequence[Load], motion: Motion, label: str) -> Array:

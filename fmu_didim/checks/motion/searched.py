@@ -49,8 +49,8 @@ STOPS = (0.02, 0.04, 0.07, 0.1, 0.15, 0.2, 0.3, 0.4)
 """[1] Of the range of a motion, from either end: where a stop may begin."""
 FUNCTIONS = 2
 """[functions] Of a ripple or a stop."""
-AT_ONCE = 4_000_000
-"""[values] Of a table of loads: 32 MB."""
+AT_ONCE = 500_000
+"""[values] Of a table of loads: 4 MB, and what becomes of them not much more than the caches hold."""
 DEPENDENT = 1e-9
 """[1] Singular value, of the largest one, below which one of these functions is the other one."""
 
@@ -192,7 +192,7 @@ def _tables(
 
 def _explained(whitened: Whitened, count: int) -> Array:
     """(f,) squares that the functions of each of so many explain."""
-    own = whitened.own.reshape(whitened.rest.size, count, FUNCTIONS).transpose(1, 2, 0)
-    along = own @ whitened.rest
-    inverse = np.linalg.pinv(own @ own.transpose(0, 2, 1), rcond=DEPENDENT, hermitian=True)
+    along = whitened.product.reshape(count, FUNCTIONS)
+    products = np.einsum("gigj->gij", whitened.products.reshape(count, FUNCTIONS, count, FUNCTIONS))
+    inverse = np.linalg.pinv(products, rcond=DEPENDENT, hermitian=True)
     return np.asarray(np.einsum("gi,gij,gj->g", along, inverse, along))

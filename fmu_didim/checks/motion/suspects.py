@@ -375,7 +375,7 @@ def _scaled(fit: Fit, scaled: Array, values: Array, amount: float) -> Array:
 
 
 def _beside(fit: Fit, misfit: Misfit, values: Array, amount: float) -> Array:
-    return fit.model.measured - fit.model.torque(values) - amount * misfit.signature
+    return fit.model.measured - fit.model.torque(values) - amount * misfit.signature.astype(float)
 
 
 # ---- what is said of it

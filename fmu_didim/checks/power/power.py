@@ -31,13 +31,15 @@ from math import comb
 import numpy as np
 
 from fmu_didim.base.distributions import f_isf, f_power
-from fmu_didim.checks.motion.colour import Columns, orthonormal, rest_of
+from fmu_didim.checks.motion.colour import orthonormal, rest_of
 from fmu_didim.checks.motion.dependence import (
     LARGEST_GAIN,
     MOTION_CHANCE,
     OWN_PART,
     JointResidual,
     OwnColours,
+    Signature,
+    Whitened,
     most_one_by_one,
 )
 from fmu_didim.data.signals import Array
@@ -79,44 +81,51 @@ class Functions:
     """Functions of the motion that a step of the test takes together.
 
     Attributes:
-        places: of them among all; basis: (N, k) orthonormal; ways: to choose so many.
-        noise: (N,) residual; freedom: degrees of freedom that the functions leave of it.
+        places: of them among all; all: functions and misfits, whitened by the colour of the residual.
+        ways: to choose so many; freedom: degrees of freedom that the functions leave of the residual.
     """
 
     places: tuple[int, ...]
-    basis: Array
+    all: Whitened
     ways: int
-    noise: Array
     freedom: float
 
     @property
     def count(self) -> int:
         """Number k of the functions."""
-        return int(self.basis.shape[1])
+        return len(self.places)
 
-    @cached_property
-    def _root(self) -> Array:
-        """(k, k) Cholesky factor of the covariance of what the functions explain, by the noise where they are large."""
-        square = (self.basis * self.noise[:, None] ** 2).T @ self.basis
-        return np.asarray(np.linalg.cholesky(square + TINY * np.eye(self.count) * np.trace(square)))
+    def basis(self) -> Array:
+        """(N, k) orthonormal; it is not kept: those of many misfits are as large as the log."""
+        return orthonormal(self.all.own(self.places))
 
     def noncentrality(self, misfit: Array, sizes: Array) -> Array:
         """(K,) of misfits (N,) of these sizes (K,)."""
-        square, along = sizes**2, self.basis.T @ misfit
-        rest = misfit - self.basis @ along
-        variance = float(self.noise @ self.noise) / self.freedom
+        noise, basis = self.all.rest, self.basis()
+        square, along = sizes**2, basis.T @ misfit
+        rest = misfit - basis @ along
+        variance = float(noise @ noise) / self.freedom
         usual = square * float(along @ along) / (variance + square * float(rest @ rest) / self.freedom)
-        moved = np.linalg.solve(self._root, np.column_stack([along, (self.basis * rest[:, None]).T]))
-        loud, axes = np.linalg.eigh(moved[:, 1:] @ moved[:, 1:].T)
-        parts = (axes.T @ moved[:, 0]) ** 2
+        loudness = (basis * noise[:, None] ** 2).T @ basis  # the covariance by the noise where they are large
+        root = np.linalg.cholesky(loudness + TINY * np.eye(self.count) * np.trace(loudness))
+        own = np.linalg.solve(root, along)
+        loud, axes = np.linalg.eigh(_both_sides(root, (basis * rest[:, None] ** 2).T @ basis))
+        parts = (axes.T @ own) ** 2
         robust = np.sum(square[:, None] * parts / (1 + square[:, None] * np.maximum(loud, 0.0)), axis=1)
-        both = np.minimum(usual, robust * self.freedom / self.noise.size)
-        return np.asarray(both * (1 - LESS_OF_TWO * self._uncertainty(along)))
+        both = np.minimum(usual, robust * self.freedom / noise.size)
+        combined = basis @ along / max(float(np.linalg.norm(along)), TINY)
+        return np.asarray(both * (1 - LESS_OF_TWO * _uncertainty(combined)))
 
-    def _uncertainty(self, along: Array) -> float:
-        """Relative standard deviation of the variance of white noise where a combination (k,) of them is large."""
-        combined = self.basis @ along / max(float(np.linalg.norm(along)), TINY)
-        return min(float(np.sqrt(2 * np.sum(combined**2 * combined**2))), 1.0)
+
+def _both_sides(root: Array, square: Array) -> Array:
+    """R^-1 A R^-T of a lower triangle R and a symmetric A, (k, k) each."""
+    found = np.linalg.solve(root, np.linalg.solve(root, square).T)
+    return np.asarray(0.5 * (found + found.T))
+
+
+def _uncertainty(combined: Array) -> float:
+    """Relative standard deviation of the variance of white noise where a function (N,) of length one is large."""
+    return min(float(np.sqrt(2 * np.sum(combined**2 * combined**2))), 1.0)
 
 
 @dataclass(frozen=True)
@@ -125,38 +134,36 @@ class JointTest:
 
     Attributes:
         level: of the p value below which it doubts; one: what it looks at.
-        signatures: (N, s) of the misfits.
-        functions: those of the motion that the test chooses from, as places among all.
-        residual, motion, misfits: what the sensitivities leave, whitened by the colour of the residual, of that (M,),
-            all functions (M, m) and the misfits (M, s).
+        signatures: (N,) of each misfit.
+        functions: those of the motion that the test chooses from, as places among all; first: place of the first
+            misfit behind them.
+        all: functions and misfits, whitened by the colour of the residual.
     """
 
     level: float
     one: JointResidual
-    signatures: Array
+    signatures: Sequence[Signature]
     functions: tuple[int, ...]
-    residual: Array
-    motion: Array
-    misfits: Array
+    first: int
+    all: Whitened
 
     @classmethod
-    def of(cls, one: JointResidual, signatures: Array, joints: int) -> JointTest | None:
-        """With the signatures (N, s) at the joint; None where it was not tested."""
+    def of(cls, one: JointResidual, signatures: Sequence[Signature], joints: int) -> JointTest | None:
+        """With the signatures (N,) at the joint; None where it was not tested."""
         if one.room < 1:
             return None
-        colours = one.left.colours
-        own = colours.with_functions(one.motion[:, : one.room]).whitened
-        functions, misfits = np.flatnonzero(own.power), colours.with_functions(signatures).whitened.own
-        return cls(MOTION_CHANCE / joints, one, signatures, tuple(functions.tolist()), own.rest, own.own, misfits)
+        found, first = one.tested.with_signatures(signatures).whitened, len(one.tested.places)
+        functions = np.flatnonzero(found.power[:first])
+        return cls(MOTION_CHANCE / joints, one, signatures, tuple(functions.tolist()), first, found)
 
     def trial(self, misfit: int, size: float) -> float:
         """Probability of a doubt by a misfit, by its place, of this size, with the colours that it leads to."""
         steps, signature = self.steps(misfit), self.misfit(misfit)
         if not steps:
             return 0.0
-        functions = self.one.motion[:, [self.functions[place] for place in steps[-1].places]]
-        rest = self._rest(steps[-1].places)
-        tested = OwnColours.of(rest + size * self.signatures[:, misfit], self._used).with_functions(functions)
+        functions = self._functions(steps[-1].places)
+        residual = self._rest(functions) + size * self.signatures[misfit]
+        tested = OwnColours.of(residual, self.one.left.used).with_functions(functions)
         found = 0.0
         for step in steps:
             gain = max(tested.alone.criterion - tested.beside(range(step.count)).criterion, 0.0)
@@ -165,36 +172,30 @@ class JointTest:
             found = max(found, float(np.interp(noncentrality, NONCENTRALITIES, self._powers(step, len(steps) + 1))))
         return found
 
-    @cached_property
-    def _used(self) -> Columns:
-        return Columns(self.one.left.logs, self.one.basis)
+    def _functions(self, places: Sequence[int]) -> Array:
+        """(N, k) functions, as they are."""
+        return self.all.columns.rows_of(self.all.places(places))
 
-    def _rest(self, places: tuple[int, ...]) -> Array:
-        """(N,) what the sensitivities and some functions leave of the residual."""
-        if places not in self._left:
-            functions = self.one.motion[:, [self.functions[place] for place in places]]
-            basis = orthonormal(np.column_stack([self.one.basis, functions]))
-            self._left[places] = rest_of(self.one.residual, basis)
-        return self._left[places]
-
-    @cached_property
-    def _left(self) -> dict[tuple[int, ...], Array]:
-        return {}
+    def _rest(self, functions: Array) -> Array:
+        """(N,) what the sensitivities and functions (N, k) leave of the residual."""
+        basis = self.one.basis
+        further = orthonormal(rest_of(functions, basis))
+        return rest_of(rest_of(self.one.residual, basis), further)
 
     def strength(self, misfit: int) -> float:
         """Squares of a misfit, by its place, over those of the residual."""
-        signature = self.misfit(misfit)
-        return float(signature @ signature) / max(float(self.residual @ self.residual), TINY)
+        at = self.first + misfit
+        return float(self.all.products[at, at]) / max(float(self.all.rest @ self.all.rest), TINY)
 
     def explained(self, misfit: int) -> float:
         """Part of the squares of a misfit, by its place, that the functions chosen for it explain."""
         signature, steps = self.misfit(misfit), self.steps(misfit)
-        along = steps[-1].basis.T @ signature if steps else np.zeros(1)
+        along = steps[-1].basis().T @ signature if steps else np.zeros(1)
         return float(along @ along) / max(float(signature @ signature), TINY)
 
     def misfit(self, place: int) -> Array:
         """(M,) what they leave of a misfit."""
-        return self.misfits[:, place]
+        return self.all.own([self.first + place])[:, 0]
 
     def power(self, misfit: int, sizes: Array) -> Array:
         """(K,) probability of a doubt by a misfit, by its place, of these sizes (K,)."""
@@ -207,24 +208,15 @@ class JointTest:
     def steps(self, misfit: int) -> list[Functions]:
         """The steps of the test that a misfit, by its place, alone would lead to: with the function that explains most,
         and with it and the one that then explains most."""
-        products, along = self._products
-        chosen = [place for place, _ in most_one_by_one(products, along[:, misfit], OWN_PART**2)]
-        return [self._together(tuple(chosen[: count + 1])) for count in range(len(chosen))]
+        places, products = list(self.functions), self.all.products
+        along = products[places, self.first + misfit]
+        chosen = [place for place, _ in most_one_by_one(products[np.ix_(places, places)], along, OWN_PART**2)]
+        return [self._together([places[k] for k in chosen[: count + 1]]) for count in range(len(chosen))]
 
-    @cached_property
-    def _products(self) -> tuple[Array, Array]:
-        """(m, m) products of the functions with each other, and (m, s) with the misfits."""
-        places = list(self.functions)
-        return (self.motion.T @ self.motion)[np.ix_(places, places)], (self.motion.T @ self.misfits)[places]
-
-    def _together(self, chosen: tuple[int, ...]) -> Functions:
-        """Some functions; the same ones serve many misfits."""
-        if chosen not in self._chosen:
-            basis = orthonormal(self.motion[:, [self.functions[place] for place in chosen]])
-            ways = comb(len(self.functions), len(chosen))
-            freedom = self.residual.size - self.one.basis.shape[1] - len(chosen)
-            self._chosen[chosen] = Functions(chosen, basis, ways, self.residual, max(freedom, 1))
-        return self._chosen[chosen]
+    def _together(self, chosen: Sequence[int]) -> Functions:
+        """Some functions, by their places among all."""
+        freedom = self.all.rest.size - self.one.basis.shape[1] - len(chosen)
+        return Functions(tuple(chosen), self.all, comb(len(self.functions), len(chosen)), max(freedom, 1))
 
     def _powers(self, step: Functions, steps: int) -> Array:
         """Power at ``NONCENTRALITIES``; ``steps``: of the test, by which its level is divided."""
@@ -236,10 +228,6 @@ class JointTest:
 
     @cached_property
     def _known(self) -> dict[tuple[int, int], Array]:
-        return {}
-
-    @cached_property
-    def _chosen(self) -> dict[tuple[int, ...], Functions]:
         return {}
 
 

@@ -111,17 +111,19 @@ def power_of_fit(fit: Fit, misfits: Misfits, deviation: Array | None = None) -> 
         deviation: (p,) standard deviations of the values; by default those of the noise.
     """
     rows, found = tested_rows(fit), misfits.stated
-    residuals = residuals_of_fit(fit, rows, misfits) if found else []
+    if not found:
+        return None
+    table = moves_of(fit, [misfit.signature for misfit in found])  # before there are tables of all joints
+    residuals = residuals_of_fit(fit, rows, misfits)
     if not residuals:
         return None
     places = samples_of(fit, rows)
-    tests = [JointTest.of(one, signatures_of(found, places, one.joint)[1], len(residuals)) for one in residuals]
+    tests = [JointTest.of(one, signatures_of(found, places, one.joint), len(residuals)) for one in residuals]
     tested = [test for test in tests if test is not None]
     if not tested:
         return None
     searches = [partial(smallest_size, tested, k, misfit.load.stated.largest) for k, misfit in enumerate(found)]
     sizes = side_by_side(searches, fit.model.threads)
-    table = moves_of(fit, [misfit.signature for misfit in found])
     deviation = np.maximum(fit_uncertainty(fit).deviation if deviation is None else deviation, TINY)
     moved = [_moved(fit, *one, deviation) for one in zip(sizes, table.T, strict=True)]
     told = list(zip(found, sizes, moved, strict=True))

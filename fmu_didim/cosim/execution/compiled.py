@@ -26,6 +26,8 @@ _DONE, _FAILED, _STOPPED = 0, 1, 2
 _STEP = 2  # of the calls set, get, step
 CHUNK = 200_000
 """[1] Ticks in one call of the compiled loop at most; an interrupt is noticed between two calls."""
+TAKEN = 4096
+"""[ticks] The same where some signals are taken from what was recorded after each call."""
 CHUNK_SECONDS = 0.1
 """[s] Duration of such a call, about, where beats are expected."""
 
@@ -73,7 +75,7 @@ class _Loop(ctypes.Structure):
         table_rows="q", table_columns="q", start="d", step="d", recorded="p", first_recorded="q", recorded_count="q",
         next_row="q", applied="p", sampled="p", sound_rows="q", unsound="q", lowest="p", highest="p",
         check_interval="q", ticks="q", next_check="q", failed_part="q", failed_call="q", status="q", failed_tick="q",
-        failed_signal="q", failed_time="d", instants="p", latest="d",
+        failed_signal="q", failed_time="d", instants="p", latest="d", first_row="q",
     )  # fmt: skip
 
 
@@ -131,18 +133,24 @@ def run_compiled(run: LoopRun, natives: list[Native]) -> None:
     for part in parts:
         if part.exchange:
             _Exchange.from_address(part.exchange).part = ctypes.addressof(part)
-    loop = _loop(run, parts, keep)
-    first, count = 0, CHUNK if run.beat is None else 1
+    loop, longest = _loop(run, parts, keep), CHUNK if run.columns is None else TAKEN
+    taken = None if run.columns is None else np.empty((TAKEN, run.values.size))
+    if taken is not None:
+        loop.applied = loop.sampled = _address(taken, keep)
+    first, count = 0, longest if run.beat is None else 1
     while first < end:
         last, began = min(first + count, end), clock.perf_counter()
         result = function(ctypes.byref(loop), first, last, last == end)
         if result != _DONE:
             raise _error(run, loop, result, natives)
         first = last
+        if taken is not None:
+            run.take(taken[: loop.next_row - loop.first_row], loop.first_row)
+            loop.first_row = loop.next_row
         if run.beat is not None:
             run.beat()
             took = clock.perf_counter() - began
-            count = min(4 * count, CHUNK) if took < CHUNK_SECONDS / 4 else max(count // 2, 1)
+            count = min(4 * count, longest) if took < CHUNK_SECONDS / 4 else max(count // 2, 1)
     run.finite = not loop.unsound
 
 

@@ -37,6 +37,7 @@ def run_in_process(order: Order, pool: InstancePool | None = None, beat: Beat | 
             natives = None if python or solver is not None else _natives(run)
             if order.compiled and natives is None:
                 raise _not_compiled(run)
+            run.allocate(None if natives is None else order.signals)
             if natives is not None:
                 run_compiled(run, natives)
             else:
@@ -49,6 +50,7 @@ def run_in_process(order: Order, pool: InstancePool | None = None, beat: Beat | 
     # Signals are looked at every 32 ticks: by then NaN has gone around the loop, and the first one in the
     # order of the signals is not the first one in time.
     with _running(order, pool, beat) as run:
+        run.allocate()
         run_interpreted(run, solver=_loop_solver(run), careful=True)
     raise first  # it was one only once
 
@@ -151,25 +153,28 @@ def check_reference(order: Order) -> None:
 
 
 def _recording(run: LoopRun, *, compiled: bool) -> Recording:
-    if not (run.finite or np.isfinite(run.applied).all()):
+    bad = run.unsound
+    if run.columns is None and not (run.finite or np.isfinite(run.applied).all()):
         bad = int(np.flatnonzero(~np.isfinite(run.applied).all(axis=1))[0])
+    if bad is not None:
         time = run.time_of(int(run.ticks[bad]))
         raise DivergedError(
             f"The {'closed loop' if run.system.closes else 'simulation'} gave values that are not finite.", time=time,
             is_finite=False, next_step="Check the gains, signs and units of the loop, and the start values."
             if run.system.closes else OF_INPUTS,
         )  # fmt: skip
+    places = range(run.values.size) if run.columns is None else run.columns
+    columns = [(i, run.recorded[i], run.record[:, k]) for k, i in enumerate(places)]
+    sampled = {name: column for i, name, column in columns if i < len(run.names)}
+    if run.columns is None:
+        sampled = {name: run.sampled[:, i] for i, name in enumerate(run.names)}
     return Recording(
         ticks=run.ticks,
         start=run.start,
         step_size=run.system.step_size,
-        applied={name: run.applied[:, i] for i, name in enumerate(run.names)},
-        inputs={
-            f"{part.name}.{variable.name}": run.record[:, part.given.start + i]
-            for part in run.parts
-            for i, variable in enumerate(run.system.components[part.name].inputs)
-        },
-        sampled={name: run.sampled[:, i] for i, name in enumerate(run.names)},
+        applied={name: column for i, name, column in columns if i < len(run.names)},
+        inputs={name: column for i, name, column in columns if i >= len(run.names)},
+        sampled=sampled,
         compiled=compiled,
         instants=None if run.instants is None else run.instants[run.ticks],
     )

@@ -92,6 +92,7 @@ typedef struct {
     double failed_time;
     const double *instants; /* of all ticks; NULL: start + tick * step */
     double latest;          /* part of a period after which a delayed input acts at the latest */
+    int64_t first_row;      /* that applied holds: 0, unless a recording is taken from it after each call */
 } Loop;
 
 /* For the few numbers of a component a call of memcpy would cost more than the copy. */
@@ -334,6 +335,10 @@ static inline int64_t row_of(const Loop *l, int64_t *next, int64_t tick) {
     return tick == (l->recorded ? l->recorded[*next] : l->first_recorded + *next) ? (*next)++ : -1;
 }
 
+static inline double *applied_row(const Loop *l, int64_t row) {
+    return l->applied + (row - l->first_row) * l->value_count;
+}
+
 static void record_delayed(Loop *l, int64_t row, int64_t tick) {
     const int64_t width = l->value_count;
     if (row >= 0) copy(l->applied + row * width, l->values, l->table_columns);
@@ -368,7 +373,7 @@ static int look(Loop *l, int64_t tick, double time) {
 
 /* While the rows are still near: x - x is 0 but for what is not finite. Four sums, as one would wait for itself. */
 static void look_at_rows(Loop *l, int64_t end) {
-    const double *x = l->applied + l->sound_rows * l->value_count;
+    const double *x = applied_row(l, l->sound_rows);
     const int64_t count = (end - l->sound_rows) * l->value_count;
     double sum[4] = {0};
     int64_t i = 0;
@@ -402,7 +407,7 @@ static int run_any(Loop *l, int64_t first, int64_t last) {
         if (l->delayed)
             record_delayed(l, row, tick);
         else if (row >= 0)
-            copy(l->applied + row * l->value_count, l->values, l->value_count);
+            copy(applied_row(l, row), l->values, l->value_count);
         if (tick == l->next_check && look(l, tick, time)) return OUT_OF_BOUNDS;
         for (int64_t i = 0; i < l->part_count; i++)
             if ((result = advance_part(l, i, tick))) return result;
@@ -463,7 +468,7 @@ static int run_plain(Loop *l, int64_t first, int64_t last) {
             if (p->set) TRY(p->set(p->self, p->input_references, p->input_count, p->inputs), CALL_SET);
             if (read) TRY(p->get(p->self, p->output_references, read, p->outputs), CALL_GET);
         }
-        if (due) copy(l->applied + l->next_row++ * width, values, width);
+        if (due) copy(applied_row(l, l->next_row++), values, width);
         if (checked) {
             if (look(l, tick, time)) return OUT_OF_BOUNDS;
             look_at_rows(l, l->next_row);
@@ -481,6 +486,7 @@ static int run_plain(Loop *l, int64_t first, int64_t last) {
 /* Ticks first to last - 1; the bounds are looked at as well after the last one of all if `finish` is set. */
 EXPORT int run_loop(Loop *l, int64_t first, int64_t last, int64_t finish) {
     int result = is_plain(l) ? run_plain(l, first, last) : run_any(l, first, last);
+    if (!result && !l->delayed) look_at_rows(l, l->next_row);
     if (result || !finish) return result;
     look_at_rows(l, l->recorded_count);
     return outside(l, last - 1, time_of(l, last - 1));

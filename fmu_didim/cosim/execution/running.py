@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -40,6 +40,7 @@ class Order:
     bounds: Mapping[str, tuple[float, float]] | None = None
     observe: Observer | None = None
     compiled: bool | None = None
+    signals: tuple[str, ...] | None = None
 
 
 class Wiring:
@@ -224,7 +225,9 @@ class LoopRun:
         table: (T, c) reference; rows: tick -> row of the recording, -1 where nothing is recorded.
         record: (K, values), the signals and inputs when these begin to act; applied: its signals.
         sampled: (K, signals) at the instant of the tick; the same as ``applied`` where nothing is delayed.
-        finite: whether all recorded signals are finite, None if that is not known.
+        columns: of all values those that are recorded alone, in all three alike; None where all are.
+        finite: whether all recorded signals are finite, None if that is not known; unsound: the first row of which some
+            signal is not, where only some are recorded.
         lowest, highest: bounds of the signals.
         beat: see :data:`Beat`; None if nobody asks for it.
     """
@@ -236,6 +239,8 @@ class LoopRun:
     parts: list[Part]
     ticks: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     finite: bool | None = None
+    columns: list[int] | None = None
+    unsound: int | None = None
     beat: Beat | None = None
 
     def __post_init__(self) -> None:
@@ -274,15 +279,41 @@ class LoopRun:
         for part in self.parts:
             counts = self.system.components[part.name].sample_time is not None
             part.follow(self.start, None if counts else self.instants)
-        self.record = recording_buffer(ticks.size, self.values.size)
-        self.applied = self.record[:, : len(self.names)]
-        self.sampled = recording_buffer(ticks.size, len(self.names)) if self.delayed else self.applied
         self.lowest, self.highest = np.full(len(self.names), -1e100), np.full(len(self.names), 1e100)
         for name, (low, high) in (bounds or {}).items():
             if name not in self.names:
                 raise UnknownNameError("signal", name, self.names, where="bounds")
             i = self.names.index(name)
             self.lowest[i], self.highest[i] = low, high
+
+    def allocate(self, signals: Sequence[str] | None = None) -> None:
+        """The buffer of the recording: of these outputs and inputs alone where nothing is delayed, else of all."""
+        for name in signals or ():
+            if name not in self.recorded:
+                raise UnknownNameError("signal", name, self.recorded, where="signals")
+        if signals is not None and not self.delayed:
+            columns = self.columns = [i for i, name in enumerate(self.recorded) if name in signals]
+            self.record = self.applied = self.sampled = recording_buffer(self.ticks.size, len(columns))
+            return
+        self.record = recording_buffer(self.ticks.size, self.values.size)
+        self.applied = self.record[:, : len(self.names)]
+        self.sampled = recording_buffer(self.ticks.size, len(self.names)) if self.delayed else self.applied
+
+    @cached_property
+    def recorded(self) -> list[str]:
+        """Names of all values: those of the signals, then the inputs of the parts."""
+        inputs = {
+            part.given.start + i: f"{part.name}.{variable.name}"
+            for part in self.parts
+            for i, variable in enumerate(self.system.components[part.name].inputs)
+        }
+        return [*self.names, *(inputs[i] for i in range(len(self.names), self.values.size))]
+
+    def take(self, rows: Array, first: int) -> None:
+        """Take what is recorded of all values (K, v), at the rows of the recording from a first one on."""
+        if self.unsound is None and not np.isfinite(rows[:, : len(self.names)]).all():
+            self.unsound = first + int(np.flatnonzero(~np.isfinite(rows[:, : len(self.names)]).all(axis=1))[0])
+        self.record[first : first + len(rows)] = rows[:, self.columns]
 
     @cached_property
     def rows(self) -> NDArray[np.int64]:

@@ -107,9 +107,13 @@ def rows_of(model: LoopModel, motion: Callable[[Simulation], Motion]) -> tuple[A
     """
     runs = [model.simulation(model.start, label) for label in model.estimation_labels]
     pairs = [rows_on(run, motion(run)) for run in runs]
-    known = np.concatenate([known for _, known in pairs])
-    columns = np.concatenate([columns for columns, _ in pairs])
-    return columns[_settled(model)], measured_of(model) - known[_settled(model)]
+    if len(pairs) == 1:  # of a long log as large as many
+        columns, known = pairs[0]
+    else:
+        columns, known = (np.concatenate(parts) for parts in zip(*pairs, strict=True))
+    settled = _settled(model)
+    rest = measured_of(model) - known[settled]
+    return columns if settled.all() else columns[settled], rest
 
 
 def measured_of(model: LoopModel) -> Array:

@@ -11,16 +11,17 @@ Source: Pintelon, Schoukens, System Identification: A Frequency Domain Approach,
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 from scipy import fft, sparse
-from scipy.linalg import toeplitz
 
 from fmu_didim.base.errors import SimulationError
+from fmu_didim.base.tall import in_blocks, with_rows
 from fmu_didim.cosim import SampleOperator
 from fmu_didim.data.signals import Array
 from fmu_didim.model.external_torque import ExternalTorque
@@ -35,6 +36,9 @@ MOST_TAPS = 200
 """[taps] Of the answer to a load."""
 MOST_OF_LOG = 4
 """[1] The answer is at most one part in so many of the log."""
+TOGETHER = 1 << 14
+"""[ticks] Whose answers are computed at a time: their transforms stay in the caches, and the memory is that of the
+answers, however long a log is."""
 SIZE = 0.02
 """[1] Of the random two-level test torque, as a fraction of the torque of the joint."""
 DWELL_S = (0.01, 0.2)
@@ -80,30 +84,46 @@ class LoadResponse:
 
     def at_samples(self, columns: Array) -> Array:
         """(K, n, w) loads at the ticks -> (M, m, w) change of all outputs."""
-        count, joints, width = columns.shape
-        answer = np.zeros((self.taps.shape[1], width, self._spectrum.shape[2]), dtype=complex)
-        for j in np.flatnonzero(columns.any(axis=(0, 2))):
-            answer += self._spectrum[j][:, None] * self._held(columns[:, j])
-        whole = fft.irfft(answer, self._size)[:, :, :count]
-        flat = np.ascontiguousarray(whole[:joints].transpose(2, 0, 1)).reshape(count, -1)
-        torque = np.asarray(self.sampling @ flat).reshape(-1, joints, width)
-        own = zip(self.further, whole[joints:], strict=True)
-        channels = [np.asarray(sampling @ np.ascontiguousarray(answers.T)) for sampling, answers in own]
+        joints = [int(j) for j in np.flatnonzero(columns.any(axis=(0, 2)))]
+        whole, n = self._answers(columns, joints, slice(None)), self.taps.shape[2]
+        torque = self._sampled(self.sampling, whole[:, :n])
+        channels = [self._sampled(sampling, whole[:, n + k]) for k, sampling in enumerate(self.further)]
         return self.run.model.experiments.outputs_of(self.run.label, torque, channels)
 
     def of_joint(self, loads: Array, joint: int) -> Array:
         """(K, w) loads on a joint, from 0, at the ticks -> (M, w) change of its own torque, among all outputs: a part
         of what :meth:`at_samples` gives."""
-        answer = fft.irfft(self._spectrum[joint, joint] * self._held(loads), self._size)[:, : len(loads)]
-        torque = np.asarray(self.sampling @ np.ascontiguousarray(answer.T))[:, None]
+        own = slice(joint, joint + 1)
+        torque = self._sampled(self.sampling, self._answers(loads[:, None], [0], own, spectra=own))
         channels = [np.zeros((sampling.shape[0], loads.shape[1])) for sampling in self.further]
         return self.run.model.experiments.outputs_of(self.run.label, torque, channels)[:, 0]
 
-    def _held(self, loads: Array) -> NDArray[np.complex128]:
-        """(w, frequencies) of the means of loads (K, w) over the periods that begin at the ticks."""
-        held = np.array(loads.T, order="C")
-        held[:, :-1] = 0.5 * (held[:, :-1] + held[:, 1:])
-        return np.asarray(fft.rfft(held, self._size))
+    def _answers(self, loads: Array, joints: Sequence[int], outputs: slice, *, spectra: slice = slice(None)) -> Array:
+        """(K, o, w) of outputs at the ticks to the means of loads (K, n, w) over the periods that begin there, some
+        ticks at a time (overlap-save: what a block needs of those before is transformed again).
+
+        Args:
+            joints: of the loads that are not zero, among them; spectra: the taps of the joints of the loads.
+        """
+        spectrum, before = self._spectrum[spectra, outputs], self.taps.shape[0] - 1
+        count, width = loads.shape[0], loads.shape[2]
+        answers = np.zeros((count, spectrum.shape[1], width))
+        for first in range(0, count if joints else 0, self._size - before):
+            begin, last = max(first - before, 0), min(first + self._size - before, count)
+            answer = 0.0
+            for j in joints:
+                held = np.array(loads[begin : last + 1, j].T, order="C")
+                held[:, :-1] = 0.5 * (held[:, :-1] + held[:, 1:])
+                answer = answer + spectrum[j][:, None] * fft.rfft(held[:, : last - begin], self._size)
+            whole = fft.irfft(answer, self._size)[:, :, first - begin : last - begin]
+            answers[first:last] = whole.transpose(2, 0, 1)
+        return answers
+
+    @staticmethod
+    def _sampled(sampling: sparse.csr_array, answers: Array) -> Array:
+        """(N, ...) samples of answers (K, ...) at the ticks."""
+        flat = np.ascontiguousarray(answers).reshape(len(answers), -1)
+        return np.asarray(sampling @ flat).reshape(-1, *answers.shape[1:])
 
     def simulated(self, load: Array) -> Array:
         """(K, n) load at the ticks -> (M, m) change of all outputs, by a simulation with a small one of its course;
@@ -123,7 +143,8 @@ class LoadResponse:
 
     @cached_property
     def _size(self) -> int:
-        return int(fft.next_fast_len(self.ticks.size + self.taps.shape[0], real=True))
+        """Ticks that are transformed at a time."""
+        return int(fft.next_fast_len(min(self.ticks.size, TOGETHER) + self.taps.shape[0], real=True))
 
     @cached_property
     def _spectrum(self) -> Array:
@@ -143,18 +164,25 @@ def load_response(run: Simulation, *, seed: int = 0) -> LoadResponse:
     ticks = np.arange(0, time.size, every)
     length = min(max(round(MEMORY_S / (every * step)), 1), MOST_TAPS, ticks.size // MOST_OF_LOG)
     switched = _telegraph(ticks.size, every * step, np.random.default_rng(seed))
-    table = toeplitz(switched, np.zeros(length))
-    normal = np.linalg.pinv(table.T @ table, hermitian=True) @ table.T
+    lagged = partial(_lagged, switched, length)
+    inverse = np.linalg.pinv(sum(rows.T @ rows for rows in lagged()), hermitian=True)
     try:
         still = _signals(run, ())
         joints = range(1, model.joint_count + 1)
         tasks = [_answer(run, still, switched, every, j) for j in joints]
         answers = side_by_side(tasks, model.allowed_workers(run.values))
-        taps = -np.stack([normal @ answer[ticks] for answer in answers], axis=2)
+        along = (sum(rows.T @ own for own, rows in with_rows(answer[ticks], lagged())) for answer in answers)
+        taps = -np.stack([inverse @ one for one in along], axis=2)
     except SimulationError:
         taps = np.eye(model.joint_count + len(run.experiment.channels), model.joint_count)[None]
     further = tuple(_sampling(channel.operator, every, ticks.size) for channel in run.experiment.channels)
     return LoadResponse(ticks, taps, _sampling(run.operator, every, ticks.size), further, run)
+
+
+def _lagged(signal: Array, lags: int) -> Iterator[Array]:
+    """(b, lags) a signal (K,) at some instants and at those before, zero before it begins."""
+    whole = sliding_window_view(np.concatenate([np.zeros(lags - 1), signal]), lags)[:, ::-1]
+    return map(np.ascontiguousarray, in_blocks(whole))
 
 
 def _telegraph(count: int, step: float, rng: np.random.Generator) -> Array:

@@ -94,6 +94,7 @@ def sensitivity(
             for k in [k for k in missing if chosen[k] in varied]:
                 table[:, :, k] = varied[chosen[k]]
             missing = [k for k in missing if chosen[k] not in varied]
+            del varied  # as large as the table
         one = _Experiment(run, outputs[rows], sizes, exact, beginning)
         tasks += [_Column(label, k, chosen[k], *one.way(chosen[k])) for k in missing]
     workers = model.allowed_workers(values) if len(tasks) > 1 else 1
@@ -104,7 +105,7 @@ def sensitivity(
         smallest = smallest_singular_value(np.concatenate(list(tables.values())) / np.where(size > 0, size, 1)[:, None])
         wanted = SHARE_OF_SINGULAR * smallest / float(np.sqrt(len(chosen)))
         _fill(tables, [task for task in tasks if task.falls_short(steps, wanted)], steps, wanted, workers)
-    return np.concatenate(list(tables.values()))
+    return tables.popitem()[1] if len(tables) == 1 else np.concatenate(list(tables.values()))
 
 
 def _is_long(run: Simulation, columns: int, beginning: Beginning | None) -> bool:
@@ -200,22 +201,31 @@ def _followed_all(run: Simulation, systems: Sequence[tuple[System, int]]) -> Arr
     run the loop."""
     tables = side_by_side([partial(_followed, run, *system) for system in systems], run.model.threads)
     found = [table for table in tables if table is not None]
-    return np.concatenate(found, axis=2) if len(found) == len(systems) else None
+    if len(found) < len(systems):
+        return None
+    return found[0] if len(found) == 1 else np.concatenate(found, axis=2)
 
 
 def _followed(run: Simulation, varied: System, count: int) -> Array | None:
     """(M, m, count) derivatives of the outputs at the samples; None where Python would run the loop."""
-    recording = run.record(system=varied, ticks=run.output_ticks)
+    names = [*run.model.loop.logged, *(run.signal_of(channel) for channel in run.experiment.channels)]
+    lanes = [derivative_name(name, lane) for name in names for lane in range(count)]
+    recording = run.record(system=varied, ticks=run.output_ticks, signals=lanes)
     if not recording.compiled:
         return None
 
-    def lanes(name: str) -> list[str]:
-        return [derivative_name(name, lane) for lane in range(count)]
-
-    loop = run.model.loop
+    loop, table = run.model.loop, None
     signals = recording.inputs if loop.shows_torque else recording.sampled
-    torque = np.stack([np.column_stack([signals[lane] for lane in lanes(name)]) for name in loop.logged], axis=1)
-    return run.sampled_outputs(recording, torque, lambda signal: recording.table(lanes(signal), sampled=True))
+    for lane in range(count):
+
+        def signal(name: str, lane: int = lane) -> Array:
+            return recording.table([derivative_name(name, lane)], sampled=True)[:, 0]
+
+        torque = np.column_stack([signals[derivative_name(name, lane)] for name in loop.logged])
+        column = run.sampled_outputs(recording, torque, signal)
+        table = np.empty((*column.shape, count)) if table is None else table
+        table[:, :, lane] = column
+    return table
 
 
 def _lasts(parameter: FreeParameter) -> bool:

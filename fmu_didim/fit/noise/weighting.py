@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fmu_didim.base.errors import IdentificationError
+from fmu_didim.base.tall import in_blocks, triangle_by_parts
 from fmu_didim.data.signals import Array
 from fmu_didim.fit.confounding import least_squares_of_shown
 from fmu_didim.fit.noise.noise import TINY, Noise
@@ -104,14 +105,18 @@ class OutputTriangles:
     @staticmethod
     def of(columns: Array, target: Array, counts: Array | None = None, *, partial: bool = False) -> OutputTriangles:
         """From columns (M, m, p) and a target (M, m); each output has (m,) ``counts`` samples, by default M."""
-        both = np.concatenate([columns, target[:, :, None]], axis=2)
-        if not np.isfinite(both).all():
+        finite = all(np.isfinite(block).all() for table in (columns, target) for block in in_blocks(table))
+        if not finite:
             raise IdentificationError(
                 "The least squares problem holds values that are not finite.",
                 next_step="Check the data for gaps and values out of range: fmu-didim check CASE.",
             )  # fmt: skip
-        triangles = (np.asarray(np.linalg.qr(both[:, j], mode="r")) for j in range(both.shape[1]))
-        samples = np.full(both.shape[1], float(both.shape[0])) if counts is None else counts
+        triangles = (
+            triangle_by_parts(map(np.column_stack, zip(in_blocks(columns[:, j]), in_blocks(target[:, j]), strict=True)),
+                              columns.shape[2] + 1)
+            for j in range(target.shape[1])
+        )  # fmt: skip
+        samples = np.full(target.shape[1], float(target.shape[0])) if counts is None else counts
         return OutputTriangles(tuple(triangles), samples, partial)
 
     def squares(self, solution: Array) -> Array:

@@ -95,8 +95,9 @@ class LinearStep:
             deviation: (m,) weights; measured: (M, m); region: where the values may be; prior: of the values.
         """
         residual = measured - at.outputs
-        table = at.jacobian / deviation[:, None]
-        equations = LinearProblem.of(table, residual / deviation, prior=prior_rows(prior, at.values))
+        equations = LinearProblem.of(
+            at.jacobian, residual, prior=prior_rows(prior, at.values), deviation=deviation
+        )  # fmt: skip
         change, promised = equations.step(at.values, region, 0.0)
         length = np.where(equations.scale > 0, equations.scale, np.inf)
         size = float(np.linalg.norm(measured / deviation)) / length

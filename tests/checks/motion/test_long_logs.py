@@ -3,17 +3,31 @@ tried."""
 
 from __future__ import annotations
 
+import gc
 import tracemalloc
-from collections.abc import Callable
+import weakref
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
+from fmu_didim.base.tall import ROWS, in_blocks
 from fmu_didim.checks.motion import colour, misfits
-from fmu_didim.checks.motion.colour import Columns, Logs, Past, orthonormal, rest_of, triangle
+from fmu_didim.checks.motion.colour import (
+    Beside,
+    Colour,
+    Columns,
+    Logs,
+    Past,
+    orthonormal,
+    rest_of,
+    triangle,
+)
 from fmu_didim.checks.motion.dependence import JointResidual, Left, OwnColours, dependence, independent
 from fmu_didim.checks.motion.misfits import FittedMotions, Misfits
+from fmu_didim.checks.power.power import JointTest, smallest_size
 from fmu_didim.dynamics.robot.vectorised import TOGETHER
 from fmu_didim.fit.fit import Fit, point
 from fmu_didim.fit.noise.weighting import NoiseOfResidual
@@ -23,7 +37,7 @@ from tests.checks.data.right import loaded, right
 from tests.patience import Calls
 
 RNG = np.random.default_rng
-LONG = 3 * colour.ROWS + 5
+LONG = 3 * ROWS + 5
 
 
 def of_logs(*times: np.ndarray) -> Logs:
@@ -116,19 +130,19 @@ def test_a_memory_is_taken_out_of_those_columns_alone_that_are_asked_for(monkeyp
 
 def test_white_noise_is_whitened_once_for_all_that_is_asked(monkeypatch: pytest.MonkeyPatch) -> None:
     """Both starts and all choices lead to white noise: the functions are looked at beside the sensitivities once."""
-    sizes, original = list[int](), rest_of
+    counts, original = list[int](), Beside.of
 
-    def counted(columns: np.ndarray, basis: np.ndarray) -> np.ndarray:
-        sizes.append(columns.size)
-        return original(columns, basis)
+    def counted(basis: np.ndarray, blocks: Callable[[], Iterable[np.ndarray]], count: int) -> Beside:
+        counts.append(count)
+        return original(basis, blocks, count)
 
     rng, time = RNG(10), np.arange(4000) / 200.0
     used, motion = orthonormal(rng.normal(size=(4000, 6))), rng.normal(size=(4000, 40))
     tested = OwnColours.of(rng.normal(size=4000), Columns(of_logs(time), used)).with_functions(motion)
     assert tested.alone.orders == (0,)
-    monkeypatch.setattr("fmu_didim.checks.motion.dependence.rest_of", counted)
+    monkeypatch.setattr(Beside, "of", counted)
     tested.steps()
-    assert sum(size >= motion.size for size in sizes) == 1 + 2  # and beside the function chosen first, for each start
+    assert counts == [41]
 
 
 def test_the_past_of_a_log_takes_no_table() -> None:
@@ -152,12 +166,61 @@ def test_a_log_with_many_gaps_is_no_more_work_than_one_without() -> None:
     assert calls[1] < calls[0] + 100
 
 
-def test_what_follows_the_motion_takes_a_few_times_the_memory_of_the_functions() -> None:
-    rng, time = RNG(8), np.arange(50_000) / 200.0
-    used, motion, residual = rng.normal(size=(50_000, 6)), rng.normal(size=(50_000, 40)), rng.normal(size=50_000)
-    logs = of_logs(time)
+@pytest.mark.parametrize("colour", [0.0, 0.9])
+def test_what_follows_the_motion_takes_little_more_memory_than_the_functions(colour: float) -> None:
+    """Of any number of functions: none of their tables is made again, whitened or beside the sensitivities."""
+    count = 100_000
+    rng, time = RNG(8), np.arange(count) / 200.0
+    used, motion, residual = rng.normal(size=(count, 6)), rng.normal(size=(count, 40)), rng.normal(size=count)
+    residual, logs = lfilter([1.0], [1.0, -colour], residual), of_logs(time)
     peak = peak_of(lambda: dependence(residual, used, motion, [f"{k}" for k in range(40)], joint=1, logs=logs))
-    assert peak < 5 * motion.nbytes
+    assert peak < 1.5 * motion.nbytes
+
+
+def test_what_has_been_asked_of_a_joint_is_gone_with_it() -> None:
+    """Its tables are as large as many logs: they must not wait for a search for circles of references."""
+    rng, time = RNG(15), np.arange(400) / 20.0
+    motion = np.column_stack([np.sin((k + 1) * time) for k in range(6)])
+    one = JointResidual(1, Left(rng.normal(size=400), np.ones((400, 1)), of_logs(time)), motion, list("abcdef"))
+    one = one.beside(["g"], [np.sin(9 * time).astype(np.float32)])
+    test = JointTest.of(one, [np.cos(7 * time).astype(np.float32)], 1)
+    assert test is not None
+    smallest_size([test], 0, 100.0)
+    assert one.dependence().p_value > 1e-3
+    gone = [weakref.ref(part) for part in (one.left, one.motion, one.tested, test.all)]
+    gc.disable()
+    try:
+        del one, test, motion
+        assert [ref() for ref in gone] == [None] * 4
+    finally:
+        gc.enable()
+
+
+def test_what_is_left_beside_a_basis_is_that_of_a_table() -> None:
+    rng = RNG(13)
+    basis, table = orthonormal(rng.normal(size=(LONG, 4))), rng.normal(size=(LONG, 7))
+    found, left = Beside.of(basis, lambda: in_blocks(table), 7), rest_of(table, basis)
+    np.testing.assert_allclose(found.along, basis.T @ table, atol=1e-10)
+    np.testing.assert_allclose(found.squares, np.sum(table**2, axis=0), rtol=1e-12)
+    np.testing.assert_allclose(found.products, left.T @ left, rtol=1e-9, atol=1e-9)
+
+
+def test_whitened_by_parts_is_whitened_as_a_whole() -> None:
+    """With gaps and two rates, and columns of several tables in any order."""
+    times = (np.delete(np.arange(LONG) / 200.0, slice(500, 900)), np.arange(3000) / 20.0)
+    logs, rng = of_logs(*times).with_lags((3, 2)), RNG(14)
+    samples = sum(time.size for time in times)
+    tables = [rng.normal(size=(samples, k)) for k in (3, 1, 2)]
+    columns = Columns(logs, tables[0]).beside(tables[1]).beside(tables[2])
+    a, deviations = (np.array([0.5, -0.2, 0.1]), np.array([0.3])), (0.5, 2.0)
+    order, whole = [4, 0, 3, 2], np.column_stack(tables)
+    parts = [
+        (whole[past.rows[0]] - sum(c * whole[past.rows[k]] for k, c in enumerate(own, start=1))) / deviation
+        for past, own, deviation in zip(logs.pasts, a, deviations, strict=True)
+    ]
+    found = columns.whitened(Colour(0, a, deviations, np.inf), order)
+    np.testing.assert_allclose(found, np.concatenate(parts)[:, order], atol=1e-12)
+    np.testing.assert_array_equal(columns.rows_of(order), whole[:, order])
 
 
 def test_misfits_are_the_same_however_many_are_answered_together(fit: Fit, monkeypatch: pytest.MonkeyPatch) -> None:

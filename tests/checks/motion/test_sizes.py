@@ -74,22 +74,29 @@ def test_what_functions_follow_has_no_column_of_its_own_and_all_else_has(fit: Fi
         functions = rest_of(usual.motion, usual.basis)
         for misfit in found.stated:
             signature = rest_of(misfit.signature[samples_of(fit, rows), k], usual.basis)
-            if followed(signature[:, None], functions)[0] >= FOLLOWED:
+            if part_followed(signature[:, None], functions)[0] >= FOLLOWED:
                 assert SIGNATURE + misfit.what not in one.names
             elif shows(misfit, k) == max(shows(misfit, j) for j in range(len(plain))):
                 assert SIGNATURE + misfit.what in one.names
+
+
+def part_followed(signatures: np.ndarray, functions: np.ndarray) -> np.ndarray:
+    """(s,) of the squares of signatures (N, s), by functions (N, m)."""
+    return followed(functions.T @ functions, functions.T @ signatures, np.sum(signatures**2, axis=0))
 
 
 def test_what_is_followed() -> None:
     time = np.linspace(0, 10, 500)
     functions = np.column_stack([np.sin((k + 1) * time) for k in range(5)])
     table = [functions[:, 2] - 2 * functions[:, 4], functions[:, :3].sum(axis=1), np.sin(40 * time), 0 * time]
-    of_two, of_three, of_none, nothing = followed(np.column_stack(table), functions)
+    of_two, of_three, of_none, nothing = part_followed(np.column_stack(table), functions)
     assert of_two == pytest.approx(1.0)
     assert of_three == pytest.approx(2 / 3, abs=0.05)
     assert of_none < 0.05
     assert nothing == 0
-    assert followed(functions[:, :1], np.column_stack([functions[:, 0]] * 2))[0] == pytest.approx(1.0)  # the same twice
+    assert part_followed(functions[:, :1], np.column_stack([functions[:, 0]] * 2))[0] == pytest.approx(
+        1.0
+    )  # the same twice
 
 
 def test_loads_of_any_shape_are_looked_for_at_many_instants(found: Misfits) -> None:

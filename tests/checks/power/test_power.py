@@ -32,7 +32,7 @@ def looked_at(residual: np.ndarray) -> JointResidual:
 
 
 def by_noise(signature: np.ndarray, *, seed: int = 0, noise: float = 1.0, joints: int = 1) -> JointTest:
-    found = JointTest.of(looked_at(noise * RNG(seed).normal(size=TIME.size)), signature[:, None], joints)
+    found = JointTest.of(looked_at(noise * RNG(seed).normal(size=TIME.size)), [signature], joints)
     assert found is not None
     return found
 
@@ -88,7 +88,7 @@ def test_loud_noise_where_a_function_is_large_hides_it() -> None:
     for deviation in (np.full(TIME.size, np.sqrt(np.mean(loud**2))), loud):
         one = looked_at(deviation * RNG(3).normal(size=TIME.size))
         one = replace(one, motion=np.column_stack([signature, MOTION]))
-        found = JointTest.of(one, signature[:, None], 1)
+        found = JointTest.of(one, [signature], 1)
         assert found is not None
         sizes.append(smallest_size([found], 0, 100.0))
     even, hidden = sizes
@@ -99,7 +99,7 @@ def test_loud_noise_where_a_function_is_large_hides_it() -> None:
 def test_too_few_samples_have_no_power() -> None:
     left = Left(np.ones(5), SENSITIVITY[:5], Logs(tuple(stretches([TIME[:5]]))))
     short = JointResidual(1, left, MOTION[:5], NAMES)
-    assert JointTest.of(short, np.ones((5, 1)), 1) is None
+    assert JointTest.of(short, [np.ones(5)], 1) is None
 
 
 def test_a_misfit_that_passes_for_coloured_noise_is_not_stated() -> None:

@@ -1,0 +1,33 @@
+"""What a long log takes of the memory, from reading to the verdict."""
+
+from __future__ import annotations
+
+import tracemalloc
+from pathlib import Path
+
+import pytest
+
+from fmu_didim.cosim.recording_cache import KeptRecordings
+from fmu_didim.model.workers import VARIABLE
+from fmu_didim.workflow import identify
+from tests.tools.benchmarks.growth import Size, write_case
+
+BYTES_A_SAMPLE = 3500
+"""Of two joints, at most, beside which a table of the sensitivities takes 192; it was 2 900 when this was written."""
+
+
+@pytest.mark.slow
+def test_a_sample_takes_a_few_kilobytes_at_most(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """In one thread, and without the recordings that are kept up to a fixed size."""
+    monkeypatch.setenv(VARIABLE, "1")
+    monkeypatch.setattr(KeptRecordings, "keep", lambda self, key, recording: None)
+    sizes, peaks = (10_000, 20_000), []
+    for samples in sizes:
+        case = write_case(tmp_path / f"{samples}", Size(samples=samples))
+        identify(write_case(tmp_path / "first", Size(samples=1000)))  # what is compiled and loaded once
+        tracemalloc.start()
+        assert identify(case).estimate.value.size == 12
+        peaks.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+    slope = (peaks[1] - peaks[0]) / (sizes[1] - sizes[0])
+    assert slope < BYTES_A_SAMPLE
