@@ -37,12 +37,13 @@ def by_euler(time: Array) -> Array:
 
 @pytest.mark.parametrize("count", [8, 11, 16, 21, 41])
 def test_data_of_a_coarse_solver_are_doubted(count: int) -> None:
-    """They leave less than 0.5 % of the output, ten standard deviations beside the truth."""
+    """They leave less than 0.5 % of the output, ten standard deviations beside the truth. Which test says so first is a
+    matter of rounding: the residual is as slow as the motion, too."""
     time = np.linspace(0, 1, count)
     found = identify(driven(time, by_euler(time)))
     assert abs(found.parameters["a"].value + 1) > 5 * found.parameters["a"].std
     assert found.verdict == "doubtful"
-    assert {reason.code for reason in found.reasons} <= {"residual-alike", "residual-follows"}
+    assert {reason.code for reason in found.reasons} <= {"residual-alike", "residual-follows", "residual-slow"}
     assert all(reason.next_step for reason in found.reasons)
 
 
