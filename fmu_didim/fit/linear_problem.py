@@ -45,20 +45,21 @@ class LinearProblem:
             deviation: (n,) by which table and residual are divided, without copies of them.
         """
         count, outputs = jacobian.shape[2], max(residual.shape[1], 1)
-        weight = 1.0 if deviation is None else 1 / deviation
+        size = 1.0 if deviation is None else deviation
 
         def blocks() -> Iterator[Array]:
-            for first in range(0, len(residual), max(ROWS // outputs, 1)):
+            for first in range(0, max(len(residual), 1), max(ROWS // outputs, 1)):
                 own = slice(first, first + max(ROWS // outputs, 1))
                 both = np.concatenate([jacobian[own], residual[own][:, :, None]], axis=2)
-                yield (both * np.reshape(weight, (-1, 1))).reshape(-1, count + 1)
+                yield (both / np.reshape(size, (-1, 1))).reshape(-1, count + 1)
             if prior is not None:
                 yield np.column_stack(prior)
 
-        r = triangle_by_parts(blocks(), count + 1)
+        r = triangle_by_parts(blocks(), count + 1) if residual.size > ROWS else np.concatenate(list(blocks()))
         r = np.pad(r, ((0, max(count - len(r), 0)), (0, 0)))  # rows, where there are fewer than columns
         scale = np.linalg.norm(r[:, :count], axis=0)
-        return LinearProblem(r[:count, :count] / np.where(scale > 0, scale, 1.0), r[:count, count], scale)
+        q, triangle = np.linalg.qr(r[:, :count] / np.where(scale > 0, scale, 1.0))
+        return LinearProblem(triangle, q.T @ r[:, count], scale)
 
     def deviations(self) -> Array:
         """(p,) standard deviations by (S'S)^-1; those of idle or indistinguishable parameters are

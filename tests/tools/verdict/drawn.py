@@ -78,7 +78,8 @@ def draw(robot: str, seed: int) -> Drawn | None:
     model = along(robot, seed)
     torques = {label: model.torque(model.start, label) for label in model.experiments}
     wanted = 1 + int(rng.uniform() < TWO)
-    names = rng.permutation([name for name in EFFECTS if name not in OWN])
+    # Curves stand for anything, over a range that only a motion gives.
+    names = rng.permutation([name for name, effect in EFFECTS.items() if name not in OWN and not effect.is_form])
     proposals = list[Proposal]()
     for name in names:
         if len(proposals) == wanted:
