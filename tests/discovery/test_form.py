@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import yaml
 
 from fmu_didim import discover
 from fmu_didim.base.errors import SimulationError
@@ -112,6 +113,24 @@ def test_the_splines_are_those_of_the_effect() -> None:
 def test_curves_are_never_proposed_as_an_explanation() -> None:
     curves = [effect for effect in EFFECTS.values() if isinstance(effect, Curve)]
     assert len(curves) == 5 and not any(effect.is_proposed for effect in curves)
+
+
+def test_a_curve_takes_the_name_that_its_user_gives_it(tmp_path: Path) -> None:
+    """As the page says: a class that inherits from it, listed in its place."""
+    values = {f"cx{letter}": 0.1 * k for k, letter in enumerate("abcdefghijkl")} | {"xfrom": -1.0, "xto": 2.0}
+    (tmp_path / "cable.py").write_text(
+        "from fmu_didim.dynamics.effects.curve_of_position import CurveOfPosition\n\n\n"
+        "class CableDrag(CurveOfPosition):\n    name = 'cable_drag'\n    title = 'Drag of the cable'\n"
+    )
+    torques = []
+    for name in ("curve_of_position", "cable.py:CableDrag"):
+        joint = {"type": "revolute", "effects": ["viscous", name], "parameters": {"ZZ": 1.0, "Fv": 0.5, **values}}
+        (tmp_path / "robot.yaml").write_text(yaml.safe_dump({"schema": 1, "name": "arm", "joints": [joint]}))
+        robot = RobotModel(read_robot(tmp_path / "robot.yaml"))
+        torques.append(robot.inverse([0.7], [0.3], [1.0], robot.parameter_values, robot.shape_values).full().item())
+    plain = 1.0 + 0.5 * 0.3
+    assert torques[0] == torques[1]
+    assert torques[0] - plain == pytest.approx(0.1 * (9 * 1.7 / 3 + 1), rel=1e-12)  # a line
 
 
 # ---- decisions, by hand

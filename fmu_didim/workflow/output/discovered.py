@@ -22,6 +22,7 @@ from fmu_didim.results.findings import (
     FINDINGS_FILE,
     Answer,
     CandidateResult,
+    CurveResult,
     FindingResult,
     FindingsDocument,
     FrictionResult,
@@ -201,6 +202,11 @@ class Discovered:
     def friction(self) -> list[FrictionResult]:
         """The friction of the joints where an effect was found that depends on their velocity alone."""
         return self.document.friction
+
+    @property
+    def curves(self) -> list[CurveResult]:
+        """The form of what is missing and has no name, on each joint where a curve of one variable explains it."""
+        return self.document.curves
 
     @property
     def candidates(self) -> list[CandidateResult]:
