@@ -161,10 +161,7 @@ def _on_joint(
     gap = joint_gaps(final.residual, final.noise)[joint - 1]
     before, named = final, 0.0
     if own:
-        model = final.model
-        for effect_at in own:
-            model = builder.without(model, model.added_effects.index(effect_at))
-        before = minimise(model, final.noise, stopping=Stopping(updates=1))
+        before = _without(builder, final, own)
         named = bic_gain(before, final, sum(builder.at(a).cost for a in own), final.noise)
     ranked = sorted(_tried(builder, before, joint), key=lambda one: -one.delta_bic)
     least = max(options.threshold, LEAD * named)
@@ -189,10 +186,7 @@ def _on_joint(
     # What was found beside it, on other joints, may have filled the gaps that it leaves.
     left = [step for step in discovery.steps if step.effect_at not in own]
     filled = [s.effect_at for s in left if beside_others(builder, curve.fit, s.effect_at, options)[1]]
-    final = before
-    for effect_at in filled:
-        model = builder.without(final.model, final.model.added_effects.index(effect_at))
-        final = minimise(model, before.noise, stopping=Stopping(updates=1))
+    final = _without(builder, before, filled) if filled else before
     beside = f"beside a curve of {curve.tried.effect.variable} on joint {joint} it explains nothing"
     taken = {**dict.fromkeys(own, told), **dict.fromkeys(filled, beside)}
     kept = tuple(step for step in left if step.effect_at not in filled)
@@ -201,6 +195,14 @@ def _on_joint(
         replace(discovery, final=final if taken else discovery.final, steps=kept, refused=refused),
         replace(curve, instead_of=tuple(taken)), "",
     )  # fmt: skip
+
+
+def _without(builder: LoopModelBuilder, fit: Fit, effects: list[EffectAtJoint]) -> Fit:
+    """The fit anew without some of its effects."""
+    model = fit.model
+    for effect_at in effects:
+        model = builder.without(model, model.added_effects.index(effect_at))
+    return minimise(model, fit.noise, stopping=Stopping(updates=1))
 
 
 def imitates(named: int, gap: float) -> bool:
@@ -313,6 +315,4 @@ def _fitted(builder: LoopModelBuilder, fit: Fit, ranked: list[_Tried]) -> FoundC
 def _held(model: LoopModel) -> LoopModel:
     """The model whose last effect stays as it is."""
     last = len(model.added_effects) - 1
-    return model.with_free(
-        replace(p, lowest=p.value, highest=p.value) if p.effect == last else p for p in model.free_parameters
-    )
+    return model.with_free(p.held() if p.effect == last else p for p in model.free_parameters)

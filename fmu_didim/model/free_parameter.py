@@ -71,6 +71,10 @@ class FreeParameter:
         """Whether its limits leave it one value only."""
         return self.lowest == self.highest
 
+    def held(self) -> FreeParameter:
+        """The same, which stays at its value."""
+        return replace(self, lowest=self.value, highest=self.value)
+
     def acts_in(self, label: str) -> bool:
         """Whether it acts in the experiment of this label."""
         return self.experiment is None or label in (self.experiment, *self.also)

@@ -477,10 +477,7 @@ def _at_place(search: Search, place: float) -> float:
 
 
 def _shapes_held(model: LoopModel, first: int) -> LoopModel:
-    return model.with_free(
-        replace(p, lowest=p.value, highest=p.value) if i >= first and p.is_shape else p
-        for i, p in enumerate(model.free_parameters)
-    )
+    return model.with_free(p.held() if i >= first and p.is_shape else p for i, p in enumerate(model.free_parameters))
 
 
 def proposal_of(found: FittedCandidate) -> Proposal:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from itertools import pairwise
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import casadi as ca
 import numpy as np
@@ -39,9 +39,7 @@ class Curve(TorqueEffect):
         """The variable x."""
 
     def columns(self, at: Surroundings, shapes: Values) -> tuple[ca.SX, ...]:
-        low, high = self.ends(shapes)
-        place = (len(LETTERS) - 3) * (ca.fmin(ca.fmax(self.along(at), low), high) - low) / (high - low) + 1
-        return tuple(_spline(place - k) for k in range(len(LETTERS)))
+        return _splines(self.along(at), *self.ends(shapes))
 
     def shape_values(self, low: float, high: float) -> dict[str, float]:
         """Its shapes for a range."""
@@ -49,9 +47,7 @@ class Curve(TorqueEffect):
 
     def basis(self, x: Array, low: float, high: float) -> Array:
         """(K, m) the splines at values of the variable (K,), for a range."""
-        place = (len(LETTERS) - 3) * (np.clip(x, low, high) - low) / (high - low) + 1
-        away = np.abs(place[:, None] - np.arange(len(LETTERS)))
-        return np.asarray((np.maximum(2 - away, 0) ** 3 - 4 * np.maximum(1 - away, 0) ** 3) / 6)
+        return np.hstack([column.full() for column in _splines(ca.DM(x), low, high)])
 
     def ends(self, shapes: Values) -> tuple[ca.SX, ca.SX]:
         """Begin and end of its range."""
@@ -79,6 +75,8 @@ def curve_ends(symbol: str, unit: str, low: float, high: float) -> tuple[Paramet
     )
 
 
-def _spline(u: ca.SX) -> ca.SX:
-    away = ca.fabs(u)
-    return (ca.fmax(2 - away, 0) ** 3 - 4 * ca.fmax(1 - away, 0) ** 3) / 6
+def _splines(x: Any, low: Any, high: Any) -> tuple[Any, ...]:
+    """All splines at x, expressions or numbers, over a range."""
+    place = (len(LETTERS) - 3) * (ca.fmin(ca.fmax(x, low), high) - low) / (high - low) + 1
+    away = [ca.fabs(place - k) for k in range(len(LETTERS))]
+    return tuple((ca.fmax(2 - u, 0) ** 3 - 4 * ca.fmax(1 - u, 0) ** 3) / 6 for u in away)

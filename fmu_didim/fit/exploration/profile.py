@@ -243,7 +243,7 @@ class _Walk:
     def _minimum(self, values: Array) -> Fit:
         free = list(self._model.with_values(values).free_parameters)
         one = free[self._side.place]
-        free[self._side.place] = replace(one, lowest=one.value, highest=one.value)
+        free[self._side.place] = one.held()
         stopping = Stopping(
             ITERATIONS, tolerance=TOLERANCE, next_step=NEXT_STEP, updates=None, check_all=False, exact=True, whole=True
         )
