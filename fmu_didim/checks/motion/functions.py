@@ -34,6 +34,8 @@ SIGNATURE = "signature of "
 """Before the words for an effect of the catalogue, whose change of the logged torque is looked for as it is."""
 RIPPLES = "position at "
 """Before the number of ripples with which a residual repeats along a joint."""
+FRICTION = "direction of motion at "
+"""The same where it turns with the direction of motion, too."""
 BEYOND = "position "
 """Before the place beyond which a residual is on one side."""
 LOOKS_LIKE: Mapping[str, str] = {
@@ -74,23 +76,30 @@ def looks_like(name: str) -> str:
         return name.removeprefix(SIGNATURE)
     if name.startswith(RIPPLES):
         return "a ripple of the torque"
+    if name.startswith(FRICTION):
+        return "friction that changes along the joint"
     if name.startswith((BEYOND + "above", BEYOND + "below")):
         return "a stop or a spring that begins there"
     return LOOKS_LIKE.get(name, LIKE_PAYLOAD if "which changes" in name else LIKE_GRAVITY)
 
 
-def at_ripples(number: float, *, slides: bool) -> str:
+def at_ripples(number: float, *, slides: bool, of_friction: bool = False) -> str:
     """The name of the functions of a ripple: so many in a turn, or rad/m."""
     own = (
         f"a ripple every {2000 * np.pi / number:.3g} mm" if slides else f"{number:g} ripple{'s' * (number != 1)} a turn"
     )
-    return RIPPLES + own
+    return (FRICTION if of_friction else RIPPLES) + own
 
 
 def beyond(place: float, *, above: bool, slides: bool) -> str:
     """The name of the functions of what acts above or below a place, in rad or m."""
     own = f"{1000 * place:.3g} mm" if slides else f"{place:.3g} rad"
     return f"{BEYOND}{'above' if above else 'below'} {own}"
+
+
+def direction(dq: Array, over: float = TURNING) -> Array:
+    """(K,) of a motion of velocity (K,): it changes over so much of the largest speed."""
+    return np.asarray(np.tanh(dq / (over * max(float(np.abs(dq).max()), STANDSTILL))))
 
 
 def functions_of_motion(run: Simulation) -> list[dict[str, Array]]:
@@ -153,18 +162,14 @@ class _Motion:
             angle=dict(enumerate(np.cumsum([position[j] for j in range(n)], axis=0))) if turning else {},
         )  # fmt: skip
 
-    def direction(self, j: int, over: float = TURNING) -> Array:
-        """(K,) of the motion of a joint."""
-        dq = self.velocity[j]
-        return np.asarray(np.tanh(dq / (over * max(float(np.abs(dq).max()), STANDSTILL))))
-
     def functions(self, j: int) -> Iterator[tuple[str, Array]]:
         """Name and values (K,) of the functions of a joint, from 0."""
         torque, moves = self.torque[:, j], j in self.velocity
         size = np.abs(torque)
         yield TORQUE_RATE, self.rate[:, j]
         if moves:
-            dq, ddq, way = self.velocity[j], self.acceleration[j], self.direction(j)
+            dq, ddq = self.velocity[j], self.acceleration[j]
+            way = direction(dq)
             yield "direction of motion", way
             yield "square of the velocity", dq * np.abs(dq)
             yield "acceleration", ddq
@@ -175,7 +180,7 @@ class _Motion:
         yield "direction of the torque", np.tanh(torque / (TURNING * max(float(size.max()), TINY)))
         if moves:
             yield "friction by load", size * way
-            yield "velocity near standstill", self.direction(j, CREEPING)
+            yield "velocity near standstill", direction(dq, CREEPING)
             yield "time in the direction of motion", self.time * way
             yield "time and velocity", self.time * dq
             yield "size of the velocity", np.abs(dq)

@@ -2,15 +2,16 @@
 
 A joint at q may have a load, at a number n of ripples in a turn or beyond a place c, of the form
 
-    e = a sin(n q) + b cos(n q),      e = tau (a sin(n q) + b cos(n q)),
-    e = a h + b h^2,                  h = max(q - c, 0) or max(c - q, 0),
+    e = w (a sin(n q) + b cos(n q)),      w = 1, tau or the direction of motion s(dq),
+    e = a h + b h^2,                      h = max(q - c, 0) or max(c - q, 0),
 
 which the controller compensates as fast as it can (:mod:`fmu_didim.fit.derivatives.load_response`): what the log shows
 of it is asked for as functions of the motion are (:mod:`fmu_didim.checks.motion.dependence`), a and b together. The p
 value is multiplied by the number of those that are tried.
 
 Functions of the motion cannot follow what changes so often or is so short, and values of a fit hardly move with it: on
-a SCARA a residual of four times the noise, of which 93 % were a ripple of the current, was taken for noise.
+a SCARA a residual of four times the noise, of which 93 % were a ripple of the current, was taken for noise, and so was
+Coulomb friction that changed along the joint, whose mean the friction of the model takes up.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
+from typing import Literal, get_args
 
 import numpy as np
 
@@ -30,7 +32,7 @@ from fmu_didim.checks.motion.dependence import (
     tested_rows,
     told,
 )
-from fmu_didim.checks.motion.functions import at_ripples, beyond
+from fmu_didim.checks.motion.functions import at_ripples, beyond, direction
 from fmu_didim.checks.motion.misfits import FittedMotions
 from fmu_didim.cosim import Indices
 from fmu_didim.data.signals import Array
@@ -49,6 +51,9 @@ STOPS = (0.02, 0.04, 0.07, 0.1, 0.15, 0.2, 0.3, 0.4)
 """[1] Of the range of a motion, from either end: where a stop may begin."""
 FUNCTIONS = 2
 """[functions] Of a ripple or a stop."""
+Follows = Literal["neither", "load", "direction"]
+FOLLOWS: tuple[Follows, ...] = get_args(Follows)
+"""What the size of a ripple follows."""
 AT_ONCE = 500_000
 """[values] Of a table of loads: 4 MB, and what becomes of them not much more than the caches hold."""
 DEPENDENT = 1e-9
@@ -60,23 +65,27 @@ class Ripple:
     """Loads that repeat along a joint.
 
     Attributes:
-        number: of them in a turn, or rad/m; of_load: whether they follow the torque that the joint transmits.
-        slides: whether the joint does.
+        number: of them in a turn, or rad/m; follows: the torque that the joint transmits, the direction of motion, or
+            neither; slides: whether the joint does.
     """
 
     number: float
-    of_load: bool
+    follows: Follows
     slides: bool
 
     @property
     def name(self) -> str:
         """What the residual follows then."""
-        return at_ripples(self.number, slides=self.slides)
+        return at_ripples(self.number, slides=self.slides, of_friction=self.follows == "direction")
 
     def loads(self, motion: Motion, j: int) -> Array:
         """(K, FUNCTIONS) on joint ``j``, from 0."""
         phase = self.number * motion.q[:, j]
-        size = motion.load[:, j] if self.of_load else 1.0
+        size: Array | float = 1.0
+        if self.follows == "load":
+            size = motion.load[:, j]
+        elif self.follows == "direction":
+            size = direction(motion.dq[:, j])
         return np.column_stack([size * np.sin(phase), size * np.cos(phase)])
 
 
@@ -121,7 +130,7 @@ def candidates(motions: Sequence[Motion], j: int, *, slides: bool) -> list[Rippl
     )  # fmt: skip
     if not numbers.size:
         return []
-    ripples = [Ripple(float(number), of_load, slides) for of_load in (False, True) for number in numbers]
+    ripples = [Ripple(float(number), follows, slides) for follows in FOLLOWS for number in numbers]
     stops = [
         Stop(low + (1 - part if above else part) * reach, above, slides) for above in (True, False) for part in STOPS
     ]

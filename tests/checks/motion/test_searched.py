@@ -96,6 +96,19 @@ def test_a_stop_is_doubted_and_told_with_its_place() -> None:
     assert "most with the position below -0.958 rad, as a stop or a spring that begins there would" in told.text
 
 
+@pytest.mark.parametrize(
+    ("seed", "length"),
+    [(1, 7.56), pytest.param(2, 2.0, marks=pytest.mark.gate), pytest.param(4, 7.56, marks=pytest.mark.gate)],
+)
+def test_friction_that_changes_along_the_joint_is_doubted(seed: int, length: float) -> None:
+    """It was valid at 7 to 10 sigma: the model takes up the mean, and no function followed the rest."""
+    values = {"v0": 0.02, "lp": length, "Fcos": 0.0754, "Fsin": 0.016}
+    (told,) = reasons(logs_of(along("scara", seed), "scara", seed, "position_dependent_friction", 1, values))
+    assert told.place == "joint 1"
+    assert "most with the direction of motion at " in told.text
+    assert "as friction that changes along the joint would" in told.text
+
+
 @pytest.mark.parametrize(("above", "depth"), [(True, [0.0, 0.0, 0.5]), (False, [1.5, 0.5, 0.0])])
 def test_loads_of_a_stop_begin_at_its_place(above: bool, depth: list[float]) -> None:
     motion = right_motions("scara", 1).motions["estimation"].at(np.arange(3))
