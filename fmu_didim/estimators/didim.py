@@ -194,8 +194,9 @@ class Didim(Estimator):
             found, theta, settled = self._iterate(model, start, then, history)
             fit = _point(found, theta)
             starts = free_starts(fit)
-            if starts and (likely := with_likely_starts(found)) is not found:
-                # The transient of a start off the reference has bent what came so far.
+            if (starts or not settled) and (likely := with_likely_starts(found)) is not found:
+                # The transient of a start off the reference has bent what came so far, or has kept it from settling
+                # where a loop hardly holds, whose sensitivities tell nothing of the start.
                 with suppress(IdentificationError, _NonPhysicalError):
                     return self._from_likely(likely, then, joint, history)
             return self._conclude(fit, starts, joint, settled, history)

@@ -5,13 +5,14 @@ from __future__ import annotations
 import shutil
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
 import pytest
 
 from fmu_didim.base.errors import IdentificationError, InputError
-from fmu_didim.case import load_case
+from fmu_didim.case import Case, load_case
 from fmu_didim.checks.identification import OTHER_START, checked
 from fmu_didim.discovery.base_model import prepare
 from fmu_didim.estimators.base import Estimator
@@ -198,14 +199,11 @@ def test_a_start_of_a_joint_that_does_not_exist_is_refused(tmp_path: Path) -> No
         _ = load_case(path).model
 
 
-@pytest.mark.gate
-@pytest.mark.parametrize("late", ["train", "validation"])
-def test_a_real_log_from_the_middle_of_the_motion(tmp_path: Path, late: str) -> None:
-    """A part of a real run, cut out of it with its reference: the positions at its start are those that the encoders
-    show, whether it is fitted or held out."""
+def cut(folder: Path, late: str) -> tuple[Case, pd.Series]:
+    """A case of the real double pendulum with the end of its log as one part, and what was measured where it begins."""
     source = ROOT / "examples/double_pendulum"
     for name in ("robot.yaml", "controller.yaml"):
-        shutil.copy(source / name, tmp_path)
+        shutil.copy(source / name, folder)
     lines = ["schema: 1", "name: cut", "robot: robot.yaml", "plant: {kind: model}"]
     lines += ["controller: {kind: model, source: controller.yaml}"]
     measured = pd.Series(dtype=float)
@@ -214,12 +212,20 @@ def test_a_real_log_from_the_middle_of_the_motion(tmp_path: Path, late: str) -> 
         for name in ("reference", "log"):
             table = pd.read_parquet(source / f"{name}.parquet")
             table = table[(table["t"] >= first) & (table["t"] <= last)]
-            table.to_parquet(tmp_path / f"{name}_{part}.parquet")
+            table.to_parquet(folder / f"{name}_{part}.parquet")
         measured = table.iloc[0] if part == late else measured
         lines += [f"{part}:", f"  reference: {{file: reference_{part}.parquet}}"]
         lines += [f"  torque: {{file: log_{part}.parquet, rate_hz: 50}}"]
-    (tmp_path / "case.yaml").write_text("\n".join(lines))
-    case = load_case(tmp_path / "case.yaml")
+    (folder / "case.yaml").write_text("\n".join(lines))
+    return load_case(folder / "case.yaml"), measured
+
+
+@pytest.mark.gate
+@pytest.mark.parametrize("late", ["train", "validation"])
+def test_a_real_log_from_the_middle_of_the_motion(tmp_path: Path, late: str) -> None:
+    """A part of a real run, cut out of it with its reference: the positions at its start are those that the encoders
+    show, whether it is fitted or held out."""
+    case, measured = cut(tmp_path, late)
     estimate = case.estimator.estimate(case.model)
     assert abs(estimate.value[estimate.names.index("MX2")] / 0.111 - 1) < 0.07  # as published
     assert bool(freed(estimate)) is (late == "train")
@@ -233,6 +239,26 @@ def test_a_real_log_from_the_middle_of_the_motion(tmp_path: Path, late: str) -> 
         assert abs(estimate.value[place] - measured[name]) < 4 * estimate.standard_deviation[place]
     residual = estimate.model.residual(estimate.value, "validation")
     assert np.linalg.norm(residual) < 0.11 * np.linalg.norm(held.torque)
+
+
+@pytest.mark.gate
+@pytest.mark.parametrize("seed", [4, 6])
+def test_rounding_does_not_decide_whether_a_start_is_found(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, seed: int
+) -> None:
+    """On the reference the iterations do not settle, and where they end is chaos: two of six ended in a minimum that is
+    half as good again, with the start held, because a sensitivity of a loop that hardly holds told nothing of it."""
+    case, _ = cut(tmp_path, "train")
+    step, rng = LinearProblem.step, np.random.default_rng(seed)
+
+    def rounded(self: LinearProblem, *given: Any, **named: Any) -> Any:
+        found, *rest = step(self, *given, **named)
+        return found * (1 + 1e-14 * rng.normal(size=found.shape)), *rest
+
+    monkeypatch.setattr(LinearProblem, "step", rounded)
+    estimate = case.estimator.estimate(case.model)
+    assert freed(estimate)
+    assert abs(estimate.value[estimate.names.index("MX2")] / 0.111 - 1) < 0.07
 
 
 def test_fewer_samples_than_parameters_still_give_a_step() -> None:
