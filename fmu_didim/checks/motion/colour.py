@@ -23,7 +23,7 @@ from functools import cached_property, lru_cache, partial
 import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
-from scipy.linalg import lapack
+from scipy.linalg import blas, lapack
 
 from fmu_didim.base.tall import ROWS, in_blocks, triangle_by_parts, with_rows
 from fmu_didim.cosim import Indices
@@ -182,14 +182,20 @@ class Past:
             return (np.zeros(0, dtype=int),) * len(places)
         return tuple(np.concatenate([run[self.lags - k : run.size - k] for run in whole]) for k in places)
 
-    def parts(self) -> Iterator[tuple[slice | Indices, ...]]:
-        """The same rows of some samples at a time."""
-        for first in range(0, self.samples, ROWS):
-            last = min(first + ROWS, self.samples)
-            yield tuple(
-                slice(rows.start + first, rows.start + last) if isinstance(rows, slice) else rows[first:last]
-                for rows in self.rows
-            )
+    def parts(self) -> Iterator[tuple[slice | Indices, slice | Indices]]:
+        """Rows of some samples and of those before them in their runs, and which of these are the samples."""
+        rows, samples, count = list[slice | Indices](), list[Indices](), 0
+        for run in self.runs:
+            for first in range(self.lags, _size(run), ROWS):
+                part = _part(run, first - self.lags, min(first + ROWS, _size(run)))
+                if count + _size(part) > ROWS and rows:
+                    yield _joined(rows), as_slice(np.concatenate(samples))
+                    rows, samples, count = [], [], 0
+                rows.append(part)
+                samples.append(np.arange(count + self.lags, count + _size(part)))
+                count += _size(part)
+        if rows:
+            yield _joined(rows), as_slice(np.concatenate(samples))
 
     def products(self, signal: Array, most: int) -> Array:
         """(most + 1, most + 1) sums over the samples, of the products of a signal (N,) so many samples before with it
@@ -214,6 +220,18 @@ class Past:
 
 def _size(rows: slice | Indices) -> int:
     return int(rows.stop - rows.start) if isinstance(rows, slice) else rows.size
+
+
+def _part(rows: slice | Indices, first: int, last: int) -> slice | Indices:
+    """Those from a place on to before another one."""
+    return slice(rows.start + first, rows.start + last) if isinstance(rows, slice) else rows[first:last]
+
+
+def _joined(parts: Sequence[slice | Indices]) -> slice | Indices:
+    """Rows of parts, one behind the other."""
+    if len(parts) == 1:
+        return parts[0]
+    return as_slice(np.concatenate([np.arange(p.start, p.stop) if isinstance(p, slice) else p for p in parts]))
 
 
 def as_slice(rows: Indices) -> slice | Indices:
@@ -290,6 +308,10 @@ class Columns:
         """The same columns where so many samples of the past are looked at."""
         return replace(self, logs=self.logs.with_lags(lags))
 
+    def taken(self, memory: int, columns: Sequence[int]) -> Taken:
+        """These columns, by their places, after a memory, by its place."""
+        return Taken.of(self.logs, tuple(self._parts(memory, columns)), self.table.shape[0], len(columns))
+
     def _parts(self, memory: int, columns: Sequence[int]) -> Iterator[tuple[Table, slice | Indices]]:
         """Tables (N, c) of these columns, by their places, after a memory, by its place, and where they belong."""
         asked, at = np.asarray(columns, dtype=int), self
@@ -306,20 +328,7 @@ class Columns:
 
     def rows_of(self, columns: Sequence[int]) -> Array:
         """(N, c) these columns as they are."""
-        return np.concatenate(list(self.rows(0, columns)))
-
-    def rows(self, memory: int, columns: Sequence[int]) -> Iterator[Array]:
-        """(b, c) all samples of these columns after a memory, some at a time."""
-        parts, samples = list(self._parts(memory, columns)), self.table.shape[0]
-        for first in range(0, samples, ROWS):
-            own = slice(first, min(first + ROWS, samples))
-            if len(parts) == 1:
-                yield parts[0][0][own].astype(float, copy=False)
-                continue
-            block = np.empty((own.stop - first, len(columns)), order="F")
-            for table, places in parts:
-                block[:, places] = table[own]
-            yield block
+        return np.concatenate(list(self.taken(0, columns).rows()))
 
     def _after(self, memory: int, column: int) -> Array:
         """(N, 1) a column of the table after a memory, which is taken out where nobody has asked for it yet."""
@@ -339,16 +348,7 @@ class Columns:
 
     def blocks(self, colour: Colour, columns: Sequence[int]) -> Iterator[Array]:
         """(b, c) the same, some samples at a time: no table of them is made."""
-        parts = list(self._parts(colour.memory, columns))
-        for past, a, deviation in zip(self.logs.pasts, colour.coefficients, colour.deviations, strict=True):
-            for rows in past.parts():
-                if len(parts) == 1 and not a.size and deviation == 1:
-                    yield parts[0][0][rows[0]].astype(float, copy=False)
-                    continue
-                block = np.empty((_size(rows[0]), len(columns)), order="F")
-                for table, places in parts:
-                    block[:, places] = _innovations(table, rows, a, deviation)
-                yield block
+        return self.taken(colour.memory, columns).whitened(colour)
 
     def colour(self, residual: int, beside: Sequence[int], most: Sequence[int] | None = None) -> Colour:
         """That of a column, by its place, beside others; ``most``: largest order of each rate.
@@ -368,29 +368,68 @@ class Columns:
         return min(tried, key=lambda colour: colour.criterion)
 
 
-def _innovations(table: Table, rows: Sequence[slice | Indices], coefficients: Array, deviation: float) -> Array:
-    """(b, c) of a table (N, c): its samples less what an autoregression makes of those before, over a deviation.
+@dataclass(frozen=True)
+class Taken:
+    """Some columns of logs after a memory.
 
-    Args:
-        rows: of the samples, of those before them, and so on.
+    Attributes:
+        parts: tables (N, c) of some of them, and where they belong; samples: N; count: of the columns.
     """
-    left = np.divide(table[rows[0]], deviation, dtype=float)
-    one = np.empty_like(left)
-    for before, a in zip(rows[1:], coefficients, strict=False):
-        left -= np.multiply(table[before], a / deviation, out=one, dtype=float)
-    return left
+
+    logs: Logs
+    parts: tuple[tuple[Table, slice | Indices], ...]
+    samples: int
+    count: int
+
+    @classmethod
+    def of(cls, logs: Logs, parts: tuple[tuple[Table, slice | Indices], ...], samples: int, count: int) -> Taken:
+        """Those of a short log are put into one table, which is asked again and again."""
+        found = cls(logs, parts, samples, count)
+        if samples > ROWS or len(parts) == 1:
+            return found
+        return replace(found, parts=((found._of(slice(0, samples)), slice(0, count)),))
+
+    def _of(self, rows: slice | Indices) -> Array:
+        """(b, c) some rows; a view where it can be one."""
+        if len(self.parts) == 1:
+            return self.parts[0][0][rows].astype(float, copy=False)
+        block = np.empty((_size(rows), self.count), order="F")
+        for table, places in self.parts:
+            block[:, places] = table[rows]
+        return block
+
+    def rows(self) -> Iterator[Array]:
+        """(b, c) all samples, some at a time."""
+        return (self._of(slice(k, min(k + ROWS, self.samples))) for k in range(0, self.samples, ROWS))
+
+    def whitened(self, colour: Colour) -> Iterator[Array]:
+        """(b, c) those samples that have a past, whitened by a colour of the same memory, some at a time."""
+        for past, a, deviation in zip(self.logs.pasts, colour.coefficients, colour.deviations, strict=True):
+            for rows, samples in past.parts():
+                block = self._of(rows)
+                yield (_innovations(block, a, deviation) if a.size or deviation != 1 else block)[samples]
+
+
+def _innovations(block: Array, coefficients: Array, deviation: float) -> Array:
+    """(b, c) of columns (b, c): each sample less what an autoregression (p,) makes of those before it, over a deviation;
+    the first p of a run of samples mean nothing."""
+    signal = block.ravel(order="F")
+    left = signal / deviation
+    for k, a in enumerate(coefficients, start=1):  # in place; the column before falls into the first p
+        left = blas.daxpy(signal, left, n=left.size - k, a=-a / deviation, offy=k)
+    return left.reshape(block.shape, order="F")
 
 
 def _colour(columns: Columns, places: Sequence[int], memory: int, most: Sequence[int]) -> Colour:
     """The colour of the last of some columns beside the others, when its memory has been taken out of all."""
-    logs, used, best = columns.logs, len(places) - 1, None
-    values = _least_squares(lambda: columns.rows(memory, places), len(places))[0]
+    logs, used, best, taken = columns.logs, len(places) - 1, None, columns.taken(memory, places)
+    values = _least_squares(taken.rows, len(places))[0]
     for _ in range(ROUNDS):
-        rest = np.concatenate([block[:, -1] - block[:, :-1] @ values for block in columns.rows(memory, places)])
+        rest = np.concatenate([block[:, -1] - block[:, :-1] @ values for block in taken.rows()])
         colour = _of_rest(rest, logs, memory, most, used)
         if best is not None and colour.orders == best.orders and logs.samples * _moved(best, colour) < SETTLED:
             break
-        values, size = _least_squares(partial(columns.blocks, colour, places), len(places))
+        values, size = _least_squares(partial(taken.whitened, colour), len(places))
         cost = sum(order_cost(past.samples, order, used) for past, order in zip(logs.pasts, colour.orders, strict=True))
         criterion = 2 * logs.samples * np.log(max(size, TINY)) + cost + MEMORY_COST * (memory > 0)
         if best is not None and criterion >= best.criterion:
