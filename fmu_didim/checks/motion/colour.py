@@ -411,7 +411,7 @@ class Taken:
 
 
 def _innovations(block: Array, coefficients: Array, deviation: float) -> Array:
-    """(b, c) of columns (b, c): each sample less what an autoregression (p,) makes of those before it, over a deviation;
+    """(b, c) of columns (b, c): each sample less what an autoregression (p,) makes of those before, over a deviation;
     the first p of a run of samples mean nothing."""
     signal = block.ravel(order="F")
     left = signal / deviation

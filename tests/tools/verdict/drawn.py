@@ -1,6 +1,9 @@
 """Machines that have one or two effects of the catalogue which the model lacks, all drawn: effect, joint, shape, size.
 
-    python -m tests.tools.verdict.drawn --robots scara arm --draws 60 --first 1
+    python -m tests.tools.verdict.drawn --robots scara arm --draws 60 --first 1 [--expressions]
+
+With ``--expressions`` the torques themselves are drawn, in no catalogue: products and sums of functions of position,
+velocity, acceleration, load, time, and a neighbour (:mod:`tests.tools.verdict.expressions`).
 
 Sizes are drawn evenly in their logarithm, from what no data show to what anyone sees. Beside each answer stands what
 the log could have shown: the chi square D = |r - S S+ r|^2 / sigma^2 of the change r of the torque beside the
@@ -24,15 +27,19 @@ from fmu_didim.base.errors import FmuDidimError
 from fmu_didim.checks.motion.colour import orthonormal, rest_of
 from fmu_didim.checks.motion.dependence import independent
 from fmu_didim.data.signals import Array
+from fmu_didim.discovery.augmentation.builder import LoopModelBuilder
 from fmu_didim.discovery.augmentation.places import Proposal
-from fmu_didim.dynamics.effects import EFFECTS, Effect, TorqueEffect
+from fmu_didim.dynamics.effects import EFFECTS, Effect, TorqueEffect, effect_name
+from fmu_didim.dynamics.robot import RobotModel
 from fmu_didim.estimators import Didim
 from fmu_didim.fit.derivatives.load_response import MEMORY_S
 from fmu_didim.fit.fit import point
 from fmu_didim.fit.noise.weighting import NoiseOfResidual
 from fmu_didim.model.loop_model import EffectAtJoint, LoopModel
+from fmu_didim.model.motion import simulated_motion
 from tests.checks.data.right import loaded
 from tests.tools.verdict.catalogue import NOISE
+from tests.tools.verdict.expressions import drawn_effect, ranges_of
 from tests.tools.verdict.power import along, builder, with_logs
 from tests.tools.verdict.run import Answer, answer, named
 
@@ -72,25 +79,17 @@ class Drawn:
         return self.chi_square >= SHOWN
 
 
-def draw(robot: str, seed: int) -> Drawn | None:
+def draw(robot: str, seed: int, *, expressions: bool = False) -> Drawn | None:
     """A machine, a motion and a noise; None where it cannot be simulated."""
     rng = np.random.default_rng([seed, 31])
     model = along(robot, seed)
     torques = {label: model.torque(model.start, label) for label in model.experiments}
-    wanted = 1 + int(rng.uniform() < TWO)
-    # Curves stand for anything, over a range that only a motion gives.
-    names = rng.permutation([name for name, effect in EFFECTS.items() if name not in OWN and not effect.is_form])
-    proposals = list[Proposal]()
-    for name in names:
-        if len(proposals) == wanted:
-            break
-        try:
-            one = _proposal(rng, model, torques["estimation"], robot, EFFECTS[str(name)])
-        except FmuDidimError:  # it cannot be simulated, or not in this loop
-            continue
-        proposals += [] if one is None else [one]
+    find = _expression if expressions else _of_catalogue
+    found = find(rng, model, torques["estimation"], robot)
+    if found is None:
+        return None
+    what, real = found
     try:
-        real = builder(robot).build(model, proposals)
         changed = {label: real.torque(real.start, label) for label in real.experiments}
     except FmuDidimError:
         return None
@@ -106,22 +105,61 @@ def draw(robot: str, seed: int) -> Drawn | None:
         sizes = NOISE * torques["estimation"].std(axis=0)
         rest = Didim(start="torque").estimate(with_logs(along(robot, seed), changed, seed, 0.0)).residual
         chi_square = min(chi_square, float(np.sum((rest[settled] / sizes) ** 2)))
-    return Drawn(" and ".join(_words(one) for one in proposals), chi_square, found)
+    return Drawn(what, chi_square, found)
 
 
-def _proposal(rng: np.random.Generator, model: LoopModel, torque: Array, robot: str, effect: Effect) -> Proposal | None:
-    """An effect at a joint; None where the model has it, or it does nothing there."""
-    joint = 1 if effect.name == "base_tilt" else int(rng.integers(1, model.joint_count + 1))
-    kind, description = builder(robot).loop.joint_type(joint), builder(robot).description
+def _of_catalogue(
+    rng: np.random.Generator, model: LoopModel, torque: Array, robot: str
+) -> tuple[str, LoopModel] | None:
+    """What is drawn, and the machine that has it: one or two effects of the catalogue."""
+    wanted = 1 + int(rng.uniform() < TWO)
+    # Curves stand for anything, over a range that only a motion gives.
+    names = rng.permutation([name for name, effect in EFFECTS.items() if name not in OWN and not effect.is_form])
+    proposals = list[Proposal]()
+    for name in names:
+        if len(proposals) == wanted:
+            break
+        try:
+            one = _proposal(rng, model, torque, builder(robot), str(name))
+        except FmuDidimError:  # it cannot be simulated, or not in this loop
+            continue
+        proposals += [] if one is None else [one]
+    try:
+        return " and ".join(_words(one) for one in proposals), builder(robot).build(model, proposals)
+    except FmuDidimError:
+        return None
+
+
+def _expression(rng: np.random.Generator, model: LoopModel, torque: Array, robot: str) -> tuple[str, LoopModel] | None:
+    """The same of a torque at a joint that no catalogue has."""
+    known, joint = builder(robot), int(rng.integers(1, model.joint_count + 1))
+    motion = simulated_motion(model.simulation(model.start, "estimation"), RobotModel(known.description))
+    effect = drawn_effect(rng, ranges_of(motion, joint - 1))
+    name = effect_name(effect)
+    own = LoopModelBuilder(known.base, known.description, {name: effect()})
+    try:
+        one = _proposal(rng, model, torque, own, name, joint)
+        return None if one is None else (f"{effect.equation} at joint {joint}", own.build(model, [one]))
+    except FmuDidimError:
+        return None
+
+
+def _proposal(
+    rng: np.random.Generator, model: LoopModel, torque: Array, known: LoopModelBuilder, name: str, joint: int = 0
+) -> Proposal | None:
+    """An effect at a joint, which is drawn by default; None where the model has it, or it does nothing there."""
+    effect = known.effects[name]
+    joint = joint or (1 if effect.name == "base_tilt" else int(rng.integers(1, model.joint_count + 1)))
+    kind, description = known.loop.joint_type(joint), known.description
     if effect.name in description.joints[joint - 1].effects or joint + getattr(effect, "reach", 0) > model.joint_count:
         return None
     shapes, peak = _shapes(rng, model, effect, joint), float(np.abs(torque[:, joint - 1]).max())
     names = [v.name for v in effect.parameters(kind)]
-    at = EffectAtJoint(effect.name, joint)
+    at = EffectAtJoint(name, joint)
     if not isinstance(effect, TorqueEffect):
         return Proposal(at, shapes | {names[0]: _value(rng, effect, peak)})
     weights = dict(zip(names, rng.uniform(0, 1, len(names)), strict=True))
-    trial = builder(robot).build(model, [Proposal(at, shapes | {n: TRIAL * peak * w for n, w in weights.items()})])
+    trial = known.build(model, [Proposal(at, shapes | {n: TRIAL * peak * w for n, w in weights.items()})])
     change = float(np.abs(trial.torque(trial.start, "estimation")[:, joint - 1] - torque[:, joint - 1]).max())
     if change < 1e-3 * TRIAL * peak:
         return None
@@ -165,11 +203,11 @@ def _words(one: Proposal) -> str:
     return f"{one.effect_at.effect} at joint {one.effect_at.joint} ({values})"
 
 
-def drawn(robots: list[str], seeds: range) -> Iterator[tuple[str, int, Drawn]]:
+def drawn(robots: list[str], seeds: range, *, expressions: bool = False) -> Iterator[tuple[str, int, Drawn]]:
     """All that can be simulated."""
     for robot in robots:
         for seed in seeds:
-            one = draw(robot, seed)
+            one = draw(robot, seed, expressions=expressions)
             if one is not None:
                 yield robot, seed, one
 
@@ -179,9 +217,11 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--robots", nargs="+", default=["scara", "arm"])
     parser.add_argument("--draws", type=int, default=60)
     parser.add_argument("--first", type=int, default=1, help="the first seed")
+    parser.add_argument("--expressions", action="store_true", help="torques that are in no catalogue")
     options = parser.parse_args(arguments)
+    seeds = range(options.first, options.first + options.draws)
     tally: Counter[str] = Counter()
-    for robot, seed, one in drawn(options.robots, range(options.first, options.first + options.draws)):
+    for robot, seed, one in drawn(options.robots, seeds, expressions=options.expressions):
         found = one.answer
         wrong, valid = found.is_wrong, found.verdict == "valid"
         tally.update(all=1, wrong=int(wrong), valid=int(valid), shown=int(wrong and one.is_shown))

@@ -86,9 +86,18 @@ def test_no_effect_that_is_drawn_and_shown_is_valid_and_wrong(robot: str) -> Non
     assert [one.what for one in found if one.answer.is_wrong and one.is_shown] == []
 
 
+@pytest.mark.gate
+def test_no_torque_without_a_name_that_is_shown_is_valid_and_wrong() -> None:
+    found = [one for _, _, one in drawn.drawn(["scara"], range(1, 13), expressions=True)]
+    assert len(found) >= 8
+    assert any(one.answer.verdict == "doubtful" for one in found)
+    assert [one.what for one in found if one.answer.is_wrong and one.is_shown] == []
+
+
 @pytest.mark.slow
-def test_effects_that_are_drawn() -> None:
-    assert drawn.main(["--draws", "60"]) == 0
+@pytest.mark.parametrize("kinds", [[], ["--expressions"]], ids=["catalogue", "expressions"])
+def test_what_is_drawn(kinds: list[str]) -> None:
+    assert drawn.main(["--draws", "60", *kinds]) == 0
 
 
 @pytest.mark.slow
