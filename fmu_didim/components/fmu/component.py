@@ -70,7 +70,8 @@ class FmuComponent(FmuSettings):
             if self.isolated is None and self.rerun == AUTO and rerun is not None:
                 log_isolation(self, rerun)
             return IsolatedInstance(replace(self, isolated=False, block=None), self.time_limit_s, keep_new_state=keep)
-        mark_running(self)
+        if not self.is_own:
+            mark_running(self)
         return self.instantiate_in_process(keep_new_state=keep)
 
     def _must_be_isolated(self, rerun: Rerun | None) -> bool:
