@@ -11,6 +11,8 @@ from pathlib import Path
 
 import numpy as np
 
+from tests.tools.blind.score import CLASSES
+from tests.tools.blind.simulator.hidden import EFFECTS
 from tests.tools.blind.simulator.make import make_plant, write_cases
 
 PAIRS = (
@@ -18,6 +20,25 @@ PAIRS = (
     "actuator_lag+presliding", "torque_offset+quadratic_viscous", "thermal_friction_drift+dead_zone",
 )  # fmt: skip
 """Two effects at once."""
+EXCLUSIVE: tuple[frozenset[str], ...] = (
+    *CLASSES,
+    frozenset({"joint_elasticity", "backlash"}),
+    frozenset({"stribeck", "presliding", "lugre"}),
+    frozenset({"drive_gain", "controller_gain"}),
+)
+"""Of each only one is drawn into a case: what counts as one effect, the two forms of a gear, the forms of friction near
+rest, and two gains of one path."""
+
+
+def drawn_together(count: int, number: int, *, first_seed: int) -> list[tuple[str, ...]]:
+    """As many sets of ``number`` different effects, each effect as likely, none of them :data:`EXCLUSIVE`."""
+    rng = np.random.default_rng([first_seed, number])
+    found: list[tuple[str, ...]] = []
+    while len(found) < count:
+        drawn = tuple(sorted(rng.choice(list(EFFECTS), number, replace=False).tolist()))
+        if not any(len(group & set(drawn)) > 1 for group in EXCLUSIVE):
+            found.append(drawn)
+    return found
 
 
 @dataclass(frozen=True)
@@ -49,6 +70,7 @@ def make_campaign(
     rates: Sequence[int],
     level: float,
     clean: int = 0,
+    triples: int = 0,
     robots: str = "varied",
     jobs: int = 1,
 ) -> int:
@@ -56,11 +78,13 @@ def make_campaign(
 
     Args:
         effects: names, or two joined by ``+``. level: gap in noise deviations. clean: plants that hide nothing.
+        triples: plants that hide three effects, drawn from all of the catalogue.
     """
     seeds = list(seeds)
     first = seeds[0] if seeds else 1
     kinds = [(tuple(name.split("+")), seed, True) for name in effects for seed in seeds]
     kinds += [((), first + i, i % 2 == 0) for i in range(clean)]
+    kinds += [(what, first + i, True) for i, what in enumerate(drawn_together(triples, 3, first_seed=first))]
     # Shuffled, so that the number of a case says nothing about what it hides.
     numbers = np.random.default_rng(first).permutation(len(kinds)) + 1
     orders = [

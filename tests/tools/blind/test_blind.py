@@ -19,7 +19,7 @@ from scipy.integrate import solve_ivp
 from fmu_didim.base.errors import InputError
 from fmu_didim.workflow import simulate
 from tests.tools.blind.__main__ import main
-from tests.tools.blind.campaign import PAIRS, make_campaign
+from tests.tools.blind.campaign import PAIRS, drawn_together, make_campaign
 from tests.tools.blind.harness import case_folders, evaluate, read_lines, reduced
 from tests.tools.blind.publish import read_rows, write_rows
 from tests.tools.blind.score import CLASSES, SHRINKS_SURELY, Truth, read_truth, same_class, score, text
@@ -256,6 +256,27 @@ def test_every_effect_and_pair_can_be_made() -> None:
         plant, path, deviation = make_plant(names.split("+"), np.random.default_rng([2, i]), level=1.5)
         assert [h.effect for h in plant.hidden] == names.split("+")
         assert gap(plant, path, deviation).refitted.max() > 0.2, names
+
+
+def test_three_effects_are_drawn_that_can_act_together() -> None:
+    """Each of the catalogue comes up, none beside one that counts as the same, and the seed says which."""
+    drawn = drawn_together(200, 3, first_seed=7)
+    assert len(drawn) == 200 and all(len(set(one)) == 3 for one in drawn)
+    assert {name for one in drawn for name in one} == set(EFFECTS)
+    assert not any(same_class(a, b) for one in drawn for a in one for b in one if a != b)
+    assert drawn == drawn_together(200, 3, first_seed=7) != drawn_together(200, 3, first_seed=8)
+
+
+def test_three_effects_count_as_found_only_together_and_a_further_name_is_false() -> None:
+    effects = (("spring", 1), ("stribeck", 2), ("base_tilt", None))
+    truths = {name: Truth(effects, 2.0, True, 100.0) for name in ("all", "two", "more")}
+    right = [("spring", 1), ("stribeck", 2), ("base_tilt", 1)]
+    lines = [line("all", *right), line("two", *right[:2]), line("more", *right, ("dead_zone", 1))]
+    found = {rate.name: (rate.good, rate.count) for rate in score(lines, truths).rates}
+    assert found["all of three effects found"] == (2, 3)
+    assert found["no false name beside three effects"] == (2, 3)
+    assert found["both of two effects found"] == (0, 0)
+    assert [note.split(":")[0] for note in score(lines, truths).notes] == ["two", "more"]
 
 
 def test_noise_has_the_stated_size_and_colour() -> None:
