@@ -23,7 +23,7 @@ from tests.tools.blind.campaign import PAIRS, make_campaign
 from tests.tools.blind.harness import by_campaign, case_folders, read_lines
 from tests.tools.blind.publish import collected, figures, read_rows, write_rows
 from tests.tools.blind.score import read_truth, score, text
-from tests.tools.blind.simulator.hidden import CURVES, EFFECTS, UNKNOWN
+from tests.tools.blind.simulator.hidden import CURVES, EFFECTS, GEARS, UNKNOWN
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -104,9 +104,10 @@ def _make(given: Sequence[str]) -> int:
     parser.add_argument("--robots", choices=("varied", "development"), default="varied")
     parser.add_argument("--jobs", type=int, default=1)
     options = parser.parse_args(given)
-    unknown = [e for name in options.effects for e in name.split("+") if e not in {**EFFECTS, **UNKNOWN, **CURVES}]
+    known = {**EFFECTS, **UNKNOWN, **CURVES, **GEARS}
+    unknown = [e for name in options.effects for e in name.split("+") if e not in known]
     if unknown:
-        parser.error(f"unknown effects {', '.join(unknown)}; valid: {', '.join([*EFFECTS, *UNKNOWN, *CURVES])}")
+        parser.error(f"unknown effects {', '.join(unknown)}; valid: {', '.join(known)}")
     count = make_campaign(
         options.folder, options.effects, seeds=range(options.first_seed, options.first_seed + options.seeds),
         rates=options.rates, level=options.level, clean=options.clean, triples=options.triples, robots=options.robots,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import zlib
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from multiprocessing import get_context
@@ -66,7 +66,7 @@ def make_campaign(
     folder: Path,
     effects: Sequence[str],
     *,
-    seeds: Iterable[int],
+    seeds: range,
     rates: Sequence[int],
     level: float,
     clean: int = 0,
@@ -77,11 +77,11 @@ def make_campaign(
     """Make all cases below ``folder``; returns how many.
 
     Args:
-        effects: names, or two joined by ``+``. level: gap in noise deviations. clean: plants that hide nothing.
-        triples: plants that hide three effects, drawn from all of the catalogue.
+        effects: names, or several joined by ``+``. seeds: of each effect; clean plants and triples count on from the
+            first one, even where the range is empty. level: gap in noise deviations.
+        clean: plants that hide nothing. triples: plants that hide three effects, drawn from all of the catalogue.
     """
-    seeds = list(seeds)
-    first = seeds[0] if seeds else 1
+    first = seeds.start
     kinds = [(tuple(name.split("+")), seed, True) for name in effects for seed in seeds]
     kinds += [((), first + i, i % 2 == 0) for i in range(clean)]
     kinds += [(what, first + i, True) for i, what in enumerate(drawn_together(triples, 3, first_seed=first))]
