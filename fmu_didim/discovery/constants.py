@@ -38,7 +38,7 @@ DECIDING = (
     (decide, ("ROUNDS", "BIC", "SMALLEST_SIZE", "SMALLEST_GAIN", "SMALLEST_SHARE", "SMALLEST_PART", "NEAR")),
     (form, ("LEAD", "OWN", "TURNS")),
     (held_out, ("HELD_OUT", "WORSE_JOINT", "NEARER", "OWN_SIZE", "FEWEST_BLOCKS", "GLITCH")),
-    (plausible, ("ZERO",)),
+    (plausible, ("ZERO", "LONGEST")),
     (pre_check, ("FITTED", "PROMISING", "WORSE")),
     (rounds, ("KEPT_GAIN",)),
     (search, ("STEP_COST", "WEAKEST", "SMALLEST_GAIN", "LEAST")),

@@ -1,8 +1,8 @@
 """Localisation of the model error: joint, and region of velocity, position, load, time.
 
 For each joint the mean residual in bins of each quantity is compared with the noise; the false-discovery rate over
-all bins of all joints is controlled (Benjamini and Hochberg, 1995). Intervals of time with a force of their own are
-found one by one.
+all bins of all joints is controlled (Benjamini and Hochberg, 1995). Intervals of time with a force of their own, or in
+which an output of a model alone is off, are found one by one.
 """
 
 from __future__ import annotations
@@ -39,6 +39,10 @@ SHORTEST_WINDOW = 3
 """[samples] A window of fewer is an outlier of the logger."""
 WINDOW_GRID = 800
 """[instants] At the edges of windows in the first search; then they are polished."""
+
+SMOOTHED = 0.25
+"""[1] Part of a window over which an output is smoothed before its begin and end are read: noise moves a mean less than
+a sample, and half of the height of a pulse of any form stays where it is."""
 
 
 def regions_of_fit(fit: Fit, description: RobotDescription | None) -> list[RegionResult]:
@@ -151,6 +155,57 @@ def force_windows(residual: Array, time: Array, noise: Noise, label: str) -> lis
             )
             rest[a:b] -= mean
     return sorted(found, key=lambda w: -w.score)
+
+
+def output_windows(residual: Array, time: Array, noise: float, name: str, label: str) -> list[WindowResult]:
+    """Intervals in which an output is off its model by more than elsewhere, by decreasing score.
+
+    Each is found as in :func:`force_windows`; it begins and ends where what is measured beyond the model, smoothed over
+    a quarter of it, passes half of its largest value there, whatever the form of the pulse. How many samples count as
+    independent is that of the residual outside, up to where that changes its sign: a pulse itself has a colour.
+
+    Args:
+        residual: (N,) measured less simulated, in the unit of the output. time: (N,) s, s[k] < s[k + 1].
+        noise: standard deviation of the output, at least as large as which the spread is taken.
+        name: of the output. label: of the experiment.
+    """
+    found: list[WindowResult] = []
+    rest = residual - np.median(residual)
+    spread = max(float(np.median(np.abs(rest)) / normal_isf(QUARTER)), noise, TINY)
+    for _ in range(MAXIMUM_WINDOWS):
+        a, b = _best_window(rest)
+        mean = float(rest[a:b].mean())
+        height = np.sign(mean) * _smoothed(rest, max(round(SMOOTHED * (b - a)), 1))
+        top = a + int(np.argmax(height[a:b]))
+        first, last = _around(height > 0, top)
+        outside = rest.copy()
+        outside[min(a, first) : max(b, last + 1)] = 0.0
+        score = abs(mean) / spread * np.sqrt((b - a) * float(effective_fraction(outside[:, None])[0]))
+        if score < WINDOW_SCORE or b - a > LONGEST_WINDOW * rest.size or abs(mean) < spread:
+            break
+        first, last = _around(height >= height[top] / 2, top)
+        found.append(
+            WindowResult(
+                joint=0, signal=name, begin_s=float(time[first]), end_s=float(time[last]), score=float(score),
+                torque=float(np.sign(mean) * height[top]), experiment=label,
+            )
+        )  # fmt: skip
+        rest = outside
+    return sorted(found, key=lambda w: -w.score)
+
+
+def _smoothed(values: Array, count: int) -> Array:
+    """(N,) mean of ``count`` neighbours, ends held."""
+    before = count // 2
+    padded = np.pad(values, (before, count - 1 - before), mode="edge")
+    return np.convolve(padded, np.full(count, 1 / count), "valid")
+
+
+def _around(holds: NDArray[np.bool_], place: int) -> tuple[int, int]:
+    """First and last sample of those about a place for which something holds."""
+    breaks = np.flatnonzero(~holds)
+    before, after = breaks[breaks < place], breaks[breaks > place]
+    return int(before[-1]) + 1 if before.size else 0, int(after[0]) - 1 if after.size else holds.size - 1
 
 
 def _best_window(values: Array) -> tuple[int, int]:

@@ -203,18 +203,23 @@ class RegionResult(_Document):
 
 
 class WindowResult(_Document):
-    """An interval of time with a torque from outside.
+    """An interval of time with a torque from outside, or in which an output of a model alone is off.
 
     Attributes:
-        joint: from 1; begin_s, end_s: on the clock of the reference.
+        joint: from 1, 0 of an output; signal: the output, empty of a joint.
+        begin_s, end_s: on the clock of the reference; of an output, where half of the largest value is passed.
         score: mean of the residual there, in its standard deviations.
         experiment: label of the experiment.
     """
 
     joint: int
+    signal: str = ""
     begin_s: float
     end_s: float
-    torque: float = Field(description="on the joint, positive along it; the drive must make up for it")
+    torque: float = Field(
+        description="on the joint, positive along it; the drive must make up for it. Of an output: the most that is "
+        "measured beyond the model, in its unit"
+    )
     score: float
     experiment: str
 
@@ -338,7 +343,7 @@ class FindingsDocument(_Document):
         ratio_interval: 95 % interval of the RMS of final over base model on held-out data; null without.
         noise: of the torque logs; channels: name of each signal that counts beside the torque -> its noise and gap.
         regions: where the residual of the base model has a mean of its own.
-        windows: intervals of time with a torque from outside.
+        windows: intervals of time with a torque from outside, or in which an output of a model alone is off.
         base_parameters: the parameters of the base model in the final fit; base_fit: in the fit without the effects.
         curves: of what is missing and has no name.
         friction: of the joints where an effect was found that depends on their velocity alone.

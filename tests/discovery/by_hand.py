@@ -134,6 +134,7 @@ def effect_of(name: str, *, class_name: str | None = None, place: str = "joint",
         is_linear=True, shows_on_neighbours=False, is_proposed=True, is_base=False, pre_check=None, neutral={}
     )  # fmt: skip
     known["impossible"] = lambda values, deviations, link: ""
+    known["acts"] = lambda shapes: None
     return SimpleNamespace(**{"name": name, "class_name": class_name or name, "place": place, **known, **more})
 
 

@@ -17,6 +17,7 @@ import numpy as np
 from fmu_didim.base.errors import SimulationError
 from fmu_didim.data.signals import Array
 from fmu_didim.discovery.external_torques.search import linear_external_torques, step_response
+from fmu_didim.discovery.selection.plausible import LONGEST
 from fmu_didim.fit.base_projection import BaseProjection
 from fmu_didim.fit.derivatives.differences import STEP
 from fmu_didim.fit.fit import Fit
@@ -31,8 +32,6 @@ from fmu_didim.model.workers import side_by_side
 
 LINEAR_SHARE = 0.5
 """[1] Fraction of the gap that external torques must explain to first order, with edges at control periods."""
-LONGEST = 0.5
-"""[1] Fraction of the data that external torques may last: what lasts longer may as well be an offset or a load."""
 UNBOUNDED = 0.5
 """[1] Fraction of their time that may lie in those without a visible edge."""
 STAIRCASE = 0.25

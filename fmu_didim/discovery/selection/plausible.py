@@ -31,6 +31,10 @@ UNUSUAL = CATALOGUE(
 ZERO = 0.05
 """[1] Largest p value, by its covariance, of an effect that is named: that of a 95 % interval."""
 
+LONGEST = 0.5
+"""[1] Fraction of the data that torques from outside may last: what lasts longer may as well be an offset, a load,
+or what a drift has that its form lacks."""
+
 
 def implausible(fit: Fit, index: int, effect: Effect, link: Mapping[str, float]) -> str:
     """Why the values of an effect are not significant or not possible, or an empty string.
@@ -41,6 +45,10 @@ def implausible(fit: Fit, index: int, effect: Effect, link: Mapping[str, float])
     amplitudes = _amplitudes(fit, index)
     if not amplitudes:
         return ""
+    if (part := _lasting(fit, index, effect)) > LONGEST:
+        return (
+            f"lasts {100 * part:.0f} % of the data: more than {100 * LONGEST:g} % may be an offset, a load or a drift"
+        )
     names, places = list(amplitudes), list(amplitudes.values())
     values = fit.values[places]
     covariance = fit.covariance[np.ix_(places, places)]
@@ -67,11 +75,25 @@ def unusual_values(fit: Fit, builder: LoopModelBuilder) -> list[Diagnostic]:
     return found
 
 
+def _lasting(fit: Fit, index: int, effect: Effect) -> float:
+    """Fraction of the samples at which an effect acts that does so for a while; 0 of one that always may."""
+    span = effect.acts({name: float(fit.values[i]) for name, i in _places(fit, index, shapes=True).items()})
+    if span is None:
+        return 0.0
+    experiments = fit.model.experiments
+    time = np.concatenate([experiments[label].time for label in fit.model.estimation_labels])
+    return float(np.mean((time >= span[0]) & (time < span[1])))
+
+
 def _amplitudes(fit: Fit, index: int) -> dict[str, int]:
     """Name, without the joint, -> place of the parameters of an effect that are no shapes."""
+    return _places(fit, index, shapes=False)
+
+
+def _places(fit: Fit, index: int, *, shapes: bool) -> dict[str, int]:
     joint = fit.model.added_effects[index].joint
     free = enumerate(fit.model.free_parameters)
-    return {plain_name(p.name, joint): i for i, p in free if p.effect == index and not p.is_shape}
+    return {plain_name(p.name, joint): i for i, p in free if p.effect == index and p.is_shape == shapes}
 
 
 def chance_of_none(values: Array, covariance: Array, neutral: Array) -> float:

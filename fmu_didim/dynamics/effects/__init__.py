@@ -88,6 +88,7 @@ from fmu_didim.dynamics.effects.torque_drift import TorqueDrift
 from fmu_didim.dynamics.effects.torque_offset import TorqueOffset
 from fmu_didim.dynamics.effects.torque_ripple import TorqueRipple
 from fmu_didim.dynamics.effects.torque_saturation import TorqueSaturation
+from fmu_didim.dynamics.effects.torque_settling import TorqueSettling
 from fmu_didim.dynamics.effects.viscous import Viscous
 from fmu_didim.dynamics.effects.wrist_friction import WristFriction
 
@@ -97,8 +98,8 @@ _ALL: tuple[Effect, ...] = (
     CubicViscous(), PowerViscous(), Stribeck(), Presliding(), LuGre(), LoadDependentFriction(),
     DirectionalEfficiency(), PositionDependentFriction(), CouplingFriction(), WristFriction(), Spring(), CubicSpring(),
     GravityCompensator(), TorqueRipple(), CurrentRipple(), ContactStop(), ContactStopLower(), ThermalFrictionDrift(),
-    TorqueDrift(), ExternalForce(), PayloadChange(), CurveOfPosition(), CurveOfVelocity(), CurveOfLoad(),
-    CurveOfTime(), CurveOfNeighbour(),
+    TorqueDrift(), TorqueSettling(), ExternalForce(), PayloadChange(), CurveOfPosition(), CurveOfVelocity(),
+    CurveOfLoad(), CurveOfTime(), CurveOfNeighbour(),
     # drive and sensor
     ControllerGain(), TorqueSaturation(), DriveGain(), DeadZone(), Delay(), ActuatorLag(), EncoderEccentricity(),
     # structure

@@ -170,6 +170,11 @@ class Effect(ABC):
         """Whether these values of its shapes go together: a window ends after it begins."""
         return True
 
+    def acts(self, shapes: Mapping[str, float]) -> tuple[float, float] | None:
+        """Begin and end in s of the time in which it acts, with these values of those shapes that are searched for;
+        None of one that always may."""
+        return None
+
     def supersedes(self, values: Mapping[str, float]) -> frozenset[str]:
         """Shapes of other effects of its joint that mean nothing beside it, with these values of its parameters."""
         return frozenset()

@@ -35,6 +35,9 @@ class ExternalForce(TorqueEffect):
     def allows(self, shapes: Mapping[str, float]) -> bool:
         return shapes["t_off"] > shapes["t_on"]
 
+    def acts(self, shapes: Mapping[str, float]) -> tuple[float, float]:
+        return shapes["t_on"], shapes["t_off"]
+
     def columns(self, at: Surroundings, shapes: Values) -> tuple[ca.SX, ...]:
         width = shapes["w_edge"]
         return (rise(at.time, shapes["t_on"], width) - rise(at.time, shapes["t_off"], width),)

@@ -10,7 +10,7 @@ class TorqueDrift(TorqueEffect):
     name = "torque_drift"
     title = "Drift of the torque offset"
     equation = "drift*t"
-    confounded_with = ("thermal_friction_drift", "torque_offset")
+    confounded_with = ("thermal_friction_drift", "torque_offset", "torque_settling")
     signature = "Residual whose mean grows from one period of the same path to the next."
     experiment = "Repeat the path many times; rest at the same position before and after."
     source = "torque_offset (Gautier, Janot, Vandanjon: DIDIM, section 2), made a function of time"

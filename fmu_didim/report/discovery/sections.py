@@ -108,7 +108,7 @@ def discovery_report(document: FindingsDocument, parts: Sequence[ExperimentChart
         Section(heading, [], anchor="outputs" if document.outputs else "torque"),
         *torque_sections(parts),
         *residual_sections(parts, "What the models leave"),
-        *([] if document.outputs else _places(document)),
+        *([_windows(document)] if document.outputs else _places(document)),
         _noise(document),
         *_competition(document),
         *_parameters(document),
@@ -280,20 +280,29 @@ def _places(document: FindingsDocument) -> list[Section]:
         "All regions: bins whose mean residual is not noise, with the false-discovery rate controlled over all bins of "
         "all joints. Share: part of the model error of the joint that the means of all bins of the quantity explain."
     )
-    windows = [
-        f"joint {w.joint}: {w.begin_s:.6g} s to {w.end_s:.6g} s, {significant(w.torque, 2)} "
-        f"{joint_unit(document.torque_unit, w.joint - 1)} ({significant(w.score, 2)} standard deviations), "
-        f"{w.experiment}"
-        for w in document.windows
-    ]
     where = Items(regions_by_joint(document), empty="No region with a mean residual of its own.")
-    after = [note("In what the final model leaves.")] if windows else []
     return [
         Section("Where the base model disagrees", [where, Folded("All regions", table), note(text)], anchor="where",
                 has_title=True),
-        Section("Windows of time with a torque of their own", [Items(windows, limit=SHOWN, empty="None."), *after],
-                has_title=True),
+        _windows(document),
     ]  # fmt: skip
+
+
+def _windows(document: FindingsDocument) -> Section:
+    """When something acted that the final model does not have."""
+    units = {**{name: joint_unit(document.torque_unit, j) for j, name in enumerate(document.outputs)},
+             **{name: pretty_unit(channel.unit) for name, channel in document.channels.items()}}  # fmt: skip
+    windows = [
+        f"{w.signal or f'joint {w.joint}'}: {w.begin_s:.6g} s to {w.end_s:.6g} s, {significant(w.torque, 2)} "
+        f"{units[w.signal] if w.signal else joint_unit(document.torque_unit, w.joint - 1)} "
+        f"({significant(w.score, 2)} standard deviations), {w.experiment}"
+        for w in document.windows
+    ]
+    title = "Windows of time " + ("in which an output is off" if document.outputs else "with a torque of their own")
+    after = "In what the final model leaves." + (texts.OUTPUT_WINDOWS if document.outputs else "")
+    return Section(
+        title, [Items(windows, limit=SHOWN, empty="None."), *([note(after)] if windows else [])], has_title=True
+    )
 
 
 def _noise(document: FindingsDocument) -> Section:

@@ -28,6 +28,11 @@ SIGNALS, SIMULATED = "signals_", "simulated_"
 """Prefixes of the keys of files, before the label of an experiment: torques at its samples, and simulated ones at every
 control period."""
 
+OUTPUT_WINDOWS = (
+    " What is measured beyond it may have acted on the machine or on the sensor, or the model is wrong there: what "
+    "comes back at the same place of the same motion is the model's. Begin and end: half of the largest value."
+)
+
 
 def experiment_name(document: FindingsDocument, label: str) -> str:
     """An experiment with its role, if its label does not say it."""

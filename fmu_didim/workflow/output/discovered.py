@@ -225,7 +225,7 @@ class Discovered:
 
     @property
     def windows(self) -> list[WindowResult]:
-        """Intervals of time with a torque from outside."""
+        """Intervals of time with a torque from outside, or in which an output of a model alone is off."""
         return self.document.windows
 
     @property

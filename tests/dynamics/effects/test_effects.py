@@ -148,6 +148,7 @@ EQUATIONS: Mapping[str, Callable[[ProjectedMotion], float | np.ndarray]] = {
         (1 - np.exp(-x.t / x.p["Theat"])) * (x.p["Fvt"] * x.dq[x.j] + x.p["Fct"] * x.s())
     ),
     "torque_drift": lambda x: x.p["drift"] * x.t,
+    "torque_settling": lambda x: x.p["settled"] * (1 - np.exp(-x.t / x.p["Tsettle"])),
     "external_force": lambda x: (
         x.p["Fext"] * (step_at(x.t, x.p["t_on"], x.p["w_edge"]) - step_at(x.t, x.p["t_off"], x.p["w_edge"]))
     ),

@@ -23,7 +23,7 @@ from tests.tools.blind.campaign import PAIRS, make_campaign
 from tests.tools.blind.harness import by_campaign, case_folders, read_lines
 from tests.tools.blind.publish import collected, figures, read_rows, write_rows
 from tests.tools.blind.score import read_truth, score, text
-from tests.tools.blind.simulator.hidden import CURVES, EFFECTS, UNKNOWN
+from tests.tools.blind.simulator.hidden import CURVES, EFFECTS, GEARS, UNKNOWN
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -92,7 +92,7 @@ def _make(given: Sequence[str]) -> int:
     parser.add_argument("--seeds", type=int, default=20, help="cases of each effect (20)")
     parser.add_argument("--first-seed", type=int, default=1)
     parser.add_argument("--rates", type=int, nargs="+", default=[100, 20], help="torque rates in Hz (100 20)")
-    parser.add_argument("--effects", nargs="+", metavar="EFFECT", default=[*EFFECTS, *UNKNOWN, *PAIRS],
+    parser.add_argument("--effects", nargs="*", metavar="EFFECT", default=[*EFFECTS, *UNKNOWN, *PAIRS],
                         help="effects, or two of them as one+other (all of them, and a choice of pairs)")  # fmt: skip
     parser.add_argument(
         "--level", type=float, default=2.0, help="gap after refitting the base, in noise deviations (2)"
@@ -100,15 +100,18 @@ def _make(given: Sequence[str]) -> int:
     parser.add_argument(
         "--clean", type=int, default=20, help="cases that hide nothing, half of them without clutter (20)"
     )
+    parser.add_argument("--triples", type=int, default=0, help="cases that hide three effects, drawn anew (0)")
     parser.add_argument("--robots", choices=("varied", "development"), default="varied")
     parser.add_argument("--jobs", type=int, default=1)
     options = parser.parse_args(given)
-    unknown = [e for name in options.effects for e in name.split("+") if e not in {**EFFECTS, **UNKNOWN, **CURVES}]
+    known = {**EFFECTS, **UNKNOWN, **CURVES, **GEARS}
+    unknown = [e for name in options.effects for e in name.split("+") if e not in known]
     if unknown:
-        parser.error(f"unknown effects {', '.join(unknown)}; valid: {', '.join([*EFFECTS, *UNKNOWN, *CURVES])}")
+        parser.error(f"unknown effects {', '.join(unknown)}; valid: {', '.join(known)}")
     count = make_campaign(
         options.folder, options.effects, seeds=range(options.first_seed, options.first_seed + options.seeds),
-        rates=options.rates, level=options.level, clean=options.clean, robots=options.robots, jobs=options.jobs,
+        rates=options.rates, level=options.level, clean=options.clean, triples=options.triples, robots=options.robots,
+        jobs=options.jobs,
     )  # fmt: skip
     print(f"{count} cases in {options.folder}")
     return 0

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import zlib
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from multiprocessing import get_context
@@ -11,6 +11,8 @@ from pathlib import Path
 
 import numpy as np
 
+from tests.tools.blind.score import CLASSES
+from tests.tools.blind.simulator.hidden import EFFECTS
 from tests.tools.blind.simulator.make import make_plant, write_cases
 
 PAIRS = (
@@ -18,6 +20,25 @@ PAIRS = (
     "actuator_lag+presliding", "torque_offset+quadratic_viscous", "thermal_friction_drift+dead_zone",
 )  # fmt: skip
 """Two effects at once."""
+EXCLUSIVE: tuple[frozenset[str], ...] = (
+    *CLASSES,
+    frozenset({"joint_elasticity", "backlash"}),
+    frozenset({"stribeck", "presliding", "lugre"}),
+    frozenset({"drive_gain", "controller_gain"}),
+)
+"""Of each only one is drawn into a case: what counts as one effect, the two forms of a gear, the forms of friction near
+rest, and two gains of one path."""
+
+
+def drawn_together(count: int, number: int, *, first_seed: int) -> list[tuple[str, ...]]:
+    """As many sets of ``number`` different effects, each effect as likely, none of them :data:`EXCLUSIVE`."""
+    rng = np.random.default_rng([first_seed, number])
+    found: list[tuple[str, ...]] = []
+    while len(found) < count:
+        drawn = tuple(sorted(rng.choice(list(EFFECTS), number, replace=False).tolist()))
+        if not any(len(group & set(drawn)) > 1 for group in EXCLUSIVE):
+            found.append(drawn)
+    return found
 
 
 @dataclass(frozen=True)
@@ -45,22 +66,25 @@ def make_campaign(
     folder: Path,
     effects: Sequence[str],
     *,
-    seeds: Iterable[int],
+    seeds: range,
     rates: Sequence[int],
     level: float,
     clean: int = 0,
+    triples: int = 0,
     robots: str = "varied",
     jobs: int = 1,
 ) -> int:
     """Make all cases below ``folder``; returns how many.
 
     Args:
-        effects: names, or two joined by ``+``. level: gap in noise deviations. clean: plants that hide nothing.
+        effects: names, or several joined by ``+``. seeds: of each effect; clean plants and triples count on from the
+            first one, even where the range is empty. level: gap in noise deviations.
+        clean: plants that hide nothing. triples: plants that hide three effects, drawn from all of the catalogue.
     """
-    seeds = list(seeds)
-    first = seeds[0] if seeds else 1
+    first = seeds.start
     kinds = [(tuple(name.split("+")), seed, True) for name in effects for seed in seeds]
     kinds += [((), first + i, i % 2 == 0) for i in range(clean)]
+    kinds += [(what, first + i, True) for i, what in enumerate(drawn_together(triples, 3, first_seed=first))]
     # Shuffled, so that the number of a case says nothing about what it hides.
     numbers = np.random.default_rng(first).permutation(len(kinds)) + 1
     orders = [

@@ -156,7 +156,7 @@ def _criteria(found: Score) -> list[str]:
     """The criteria with their bars."""
     rows = []
     for rate in found.rates:
-        if rate.name == SHRINKS_SURELY or rate.name.startswith("median"):
+        if rate.name == SHRINKS_SURELY or rate.name.startswith("median") or not rate.count:
             continue
         bar = "–" if rate.bar is None else f"{'≤' if rate.most else '≥'} {100 * rate.bar:.0f} %"
         rows.append((rate.name, _share(rate), f"{rate.good} of {rate.count}", _interval(rate), bar))

@@ -20,9 +20,10 @@ CLASSES: tuple[frozenset[str], ...] = tuple(
         "actuator_lag delay log_time_shift",
         "quadratic_viscous cubic_viscous power_viscous",
         "presliding dahl lugre maxwell_slip",
-        "torque_ripple cogging encoder_eccentricity",
+        "torque_ripple cogging encoder_eccentricity transmission_error",
         "spring cable_stiffness gravity_compensator",
         "unknown_push external_force external_force_window",
+        "torque_drift torque_settling",
         "torque_saturation saturation",
         "contact_stop contact_stop_lower",
     )
@@ -163,8 +164,8 @@ def in_set(line: Mapping[str, Any], truth: Truth) -> bool:
 def score(lines: Sequence[Mapping[str, Any]], truths: Mapping[str, Truth]) -> Score:
     """Every criterion of the method over these cases.
 
-    Single effects count for class, set and joint by the first serious finding; two effects count as both found
-    when each is among the findings, with its joint.
+    Single effects count for class, set and joint by the first serious finding; several count as found when each is
+    among the findings, with its joint. Of three, a finding that is none of them is a false name.
 
     Args:
         lines: of an evaluation. truths: by case.
@@ -199,8 +200,10 @@ def _judge(truth: Truth, line: Mapping[str, Any], serious: Sequence[Mapping[str,
     verdict = line["verdict"]
     if len(truth.effects) > 1:
         good = all(any(matches(f, effect, joint) for f in serious) for effect, joint in truth.effects)
-        tally.update({"two": 1, "two good": int(good)})
-        return good
+        count = "two" if len(truth.effects) == 2 else "three"
+        right = all(any(matches(f, effect, joint) for effect, joint in truth.effects) for f in serious)
+        tally.update({count: 1, f"{count} good": int(good), f"{count} right": int(right)})
+        return good if count == "two" else good and right
     effect, joint = truth.effects[0]
     if not catalogued(effect):
         # An external force that is called one is no false name.
@@ -245,6 +248,8 @@ def _rates(tally: Counter[str], shrinks: Sequence[float]) -> tuple[Rate, ...]:
         ("effect outside the catalogue refused", "outside good", "outside", 0.95, False),
         ("a name on a clean plant", "clean false", "clean", 0.01, True),
         ("both of two effects found", "two good", "two", 0.90, False),
+        ("all of three effects found", "three good", "three", 0.80, False),
+        ("no false name beside three effects", "three right", "three", 0.97, False),
     )
     rates = [Rate(name, tally[good], tally[count], bar, most) for name, good, count, bar, most in rows]
     rates.append(Rate("median held-out gap shrinks by 60 %", int(median), int(bool(shrinks)), 1.0))

@@ -19,13 +19,13 @@ from scipy.integrate import solve_ivp
 from fmu_didim.base.errors import InputError
 from fmu_didim.workflow import simulate
 from tests.tools.blind.__main__ import main
-from tests.tools.blind.campaign import PAIRS, make_campaign
+from tests.tools.blind.campaign import PAIRS, drawn_together, make_campaign
 from tests.tools.blind.harness import case_folders, evaluate, read_lines, reduced
 from tests.tools.blind.publish import read_rows, write_rows
 from tests.tools.blind.score import CLASSES, SHRINKS_SURELY, Truth, read_truth, same_class, score, text
 from tests.tools.blind.simulator.design import Design, development_design, random_motion, varied_design
 from tests.tools.blind.simulator.equations import base_columns, rigid_torque, root_mean_square
-from tests.tools.blind.simulator.hidden import EFFECTS, UNKNOWN
+from tests.tools.blind.simulator.hidden import EFFECTS, HARMONIC_DRIVE, UNKNOWN
 from tests.tools.blind.simulator.make import Plant, gap, instants, make_plant, noise, write_cases
 from tests.tools.blind.simulator.native import SimulationFailedError, run
 from tests.tools.blind.translate import translate
@@ -110,19 +110,42 @@ def test_energy_of_a_free_swing_is_kept() -> None:
     found = simulated(
         {"FV": 0.0, "FC": 0.0}, {"FV": 0.0, "FC": 0.0}, gains=np.zeros((2, 3)), reference=start, tolerance=1e-10
     )
+    kinetic, potential = energy(found)
+    assert np.ptp(kinetic) > 5.0
+    assert np.ptp(kinetic + potential) < 1e-6 * np.ptp(kinetic)
+
+
+def energy(found: Any, rotor: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
+    """Kinetic and potential energy of the links, less a rotor that ZZ1R holds and that turns in another way."""
     q, dq = SIGN * found.q, SIGN * found.dq
     length, g = 0.4, (GEOMETRY["GRAVITY_X"], GEOMETRY["GRAVITY_Y"])
     # M dq from the inverse model with the acceleration dq, at rest and without gravity.
     momentum = rigid_torque(ROBOT, q, 0 * dq, dq, length=length, gravity=(0.0, 0.0))
-    momentum[:, 1] += 0.12 * dq[:, 1]
+    momentum += [-rotor, 0.12] * dq
     x = ROBOT["MX1"] * np.cos(q[:, 0]) - ROBOT["MY1"] * np.sin(q[:, 0])
     y = ROBOT["MX1"] * np.sin(q[:, 0]) + ROBOT["MY1"] * np.cos(q[:, 0])
     both = q.sum(axis=1)
     x = x + ROBOT["MX2"] * np.cos(both) - ROBOT["MY2"] * np.sin(both)
     y = y + ROBOT["MX2"] * np.sin(both) + ROBOT["MY2"] * np.cos(both)
-    kinetic, potential = 0.5 * np.sum(momentum * dq, axis=1), -(g[0] * x + g[1] * y)
-    assert np.ptp(kinetic) > 5.0
-    assert np.ptp(kinetic + potential) < 1e-6 * np.ptp(kinetic)
+    return 0.5 * np.sum(momentum * dq, axis=1), -(g[0] * x + g[1] * y)
+
+
+def test_uneven_teeth_turn_the_link_as_stated_and_lose_no_power() -> None:
+    """A stiff gear of 0.04 rad at 5 periods in 2 pi, which starts at rest and without twist."""
+    size, number, rotor, phase = 0.04, 5.0, 0.5, -5 * 0.4
+    gear = {"GEAR_STIFFNESS": 1e6, "GEAR_DAMPING": 0.0, "ROTOR": rotor, "FV": 0.0, "FC": 0.0}
+    error = {"TRANSMISSION": size, "TRANSMISSION_NUMBER": number, "TRANSMISSION_PHASE": phase}
+    still = {"FV": 0.0, "FC": 0.0}
+    start = (np.tile([0.4, -0.3], (600, 1)), np.tile([0.0, -2.0], (600, 1)))
+    found = simulated({**gear, **error}, still, gains=np.zeros((2, 3)), reference=start, tolerance=1e-9)
+    motor = found.q[:, 0].copy()
+    for _ in range(50):
+        motor = found.q[:, 0] - size * np.sin(number * motor + phase)
+    turn = 1 + size * number * np.cos(number * motor + phase)
+    kinetic, potential = energy(found, rotor)
+    moved = 0.5 * rotor * (found.dq[:, 0] / turn) ** 2
+    assert np.ptp(moved) > 1.0
+    assert np.ptp(kinetic + moved + potential) < 0.005 * np.ptp(kinetic + moved)
 
 
 def test_tolerance_hardly_matters() -> None:
@@ -250,12 +273,48 @@ def test_effects_reach_the_gap_that_is_asked_for(effect: str) -> None:
     assert (size.plain >= 0.6 * size.refitted).all()
 
 
+def test_a_harmonic_drive_has_all_its_parts_on_one_joint() -> None:
+    plant, path, deviation = make_plant(HARMONIC_DRIVE, np.random.default_rng(3), level=1.5)
+    assert [h.effect for h in plant.hidden] == list(HARMONIC_DRIVE)
+    assert len({h.joint for h in plant.hidden}) == 1
+    assert gap(plant, path, deviation).refitted.max() > 1.0
+
+
+@pytest.mark.parametrize("first", [1, 9101])
+def test_triples_are_of_the_first_seed_without_other_cases(tmp_path: Path, first: int) -> None:
+    make_campaign(tmp_path, [], seeds=range(first, first), rates=[100], level=1.0, triples=1, robots="development")
+    (case,) = case_folders(tmp_path)
+    hidden = tuple(effect for effect, _ in read_truth(case).effects)
+    assert hidden == drawn_together(1, 3, first_seed=first)[0]
+
+
 @pytest.mark.slow
 def test_every_effect_and_pair_can_be_made() -> None:
     for i, names in enumerate([*EFFECTS, *UNKNOWN, *PAIRS]):
         plant, path, deviation = make_plant(names.split("+"), np.random.default_rng([2, i]), level=1.5)
         assert [h.effect for h in plant.hidden] == names.split("+")
         assert gap(plant, path, deviation).refitted.max() > 0.2, names
+
+
+def test_three_effects_are_drawn_that_can_act_together() -> None:
+    """Each of the catalogue comes up, none beside one that counts as the same, and the seed says which."""
+    drawn = drawn_together(200, 3, first_seed=7)
+    assert len(drawn) == 200 and all(len(set(one)) == 3 for one in drawn)
+    assert {name for one in drawn for name in one} == set(EFFECTS)
+    assert not any(same_class(a, b) for one in drawn for a in one for b in one if a != b)
+    assert drawn == drawn_together(200, 3, first_seed=7) != drawn_together(200, 3, first_seed=8)
+
+
+def test_three_effects_count_as_found_only_together_and_a_further_name_is_false() -> None:
+    effects = (("spring", 1), ("stribeck", 2), ("base_tilt", None))
+    truths = {name: Truth(effects, 2.0, True, 100.0) for name in ("all", "two", "more")}
+    right = [("spring", 1), ("stribeck", 2), ("base_tilt", 1)]
+    lines = [line("all", *right), line("two", *right[:2]), line("more", *right, ("dead_zone", 1))]
+    found = {rate.name: (rate.good, rate.count) for rate in score(lines, truths).rates}
+    assert found["all of three effects found"] == (2, 3)
+    assert found["no false name beside three effects"] == (2, 3)
+    assert found["both of two effects found"] == (0, 0)
+    assert [note.split(":")[0] for note in score(lines, truths).notes] == ["two", "more"]
 
 
 def test_noise_has_the_stated_size_and_colour() -> None:
@@ -296,8 +355,8 @@ def test_layout_of_a_case(tmp_path: Path) -> None:
 
 @pytest.mark.gate
 def test_torque_rates_share_a_run_and_names_say_nothing(tmp_path: Path) -> None:
-    count = make_campaign(tmp_path / "a", ["torque_offset"], seeds=[1], rates=[100, 20], level=2.0, clean=1)
-    make_campaign(tmp_path / "b", ["torque_offset"], seeds=[1], rates=[100, 20], level=2.0, clean=1)
+    count = make_campaign(tmp_path / "a", ["torque_offset"], seeds=range(1, 2), rates=[100, 20], level=2.0, clean=1)
+    make_campaign(tmp_path / "b", ["torque_offset"], seeds=range(1, 2), rates=[100, 20], level=2.0, clean=1)
     folders = case_folders(tmp_path / "a")
     assert count == len(folders) == 4
     assert not any("offset" in path.name for path in folders)

@@ -101,8 +101,8 @@ def make_fixed_cases(folder: Path, *, workers: int = 1) -> int:
     with seed 1, and 13 clean plants; each logged at 100 Hz and at 20 Hz. The same generator gives the same files.
     """
     return make_campaign(
-        folder, [*EFFECTS, *UNKNOWN, *PAIRS], seeds=[FIXED_SEED], rates=FIXED_RATES_HZ, level=FIXED_LEVEL,
-        clean=FIXED_CLEAN, jobs=workers,
+        folder, [*EFFECTS, *UNKNOWN, *PAIRS], seeds=range(FIXED_SEED, FIXED_SEED + 1), rates=FIXED_RATES_HZ,
+        level=FIXED_LEVEL, clean=FIXED_CLEAN, jobs=workers,
     )  # fmt: skip
 
 

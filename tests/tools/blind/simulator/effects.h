@@ -82,8 +82,15 @@ static double position_torque(const double *f, double t, double q, double v, dou
     return sum + f[CURVE] * curve(f, t, q, v, other);
 }
 
-/* Torque of a gear with play: a spring outside the gap. */
-static double gear(const double *f, double twist, double rate) {
+/* Torque of a gear with play: a spring outside the gap. Teeth that are not even turn the link by a little more or less
+ * than the motor: a harmonic drive does so twice a turn of it. */
+static double gear(const double *f, double motor, double speed, double link, double slope) {
+    double twist = motor - link, rate = speed - slope;
+    if (f[TRANSMISSION] != 0.0) {
+        double angle = f[TRANSMISSION_NUMBER] * motor + f[TRANSMISSION_PHASE];
+        twist += f[TRANSMISSION] * sin(angle);
+        rate += f[TRANSMISSION] * f[TRANSMISSION_NUMBER] * cos(angle) * speed;
+    }
     double half = 0.5 * f[GEAR_GAP], x = 0.0;
     if (twist > half) x = twist - half;
     else if (twist < -half) x = twist + half;

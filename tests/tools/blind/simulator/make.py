@@ -13,7 +13,7 @@ import yaml
 from tests.tools.blind.simulator.describe import case_document, truth_document
 from tests.tools.blind.simulator.design import Design, Motion, development_design, random_motion, varied_design
 from tests.tools.blind.simulator.equations import after_refit, base_columns, root_mean_square
-from tests.tools.blind.simulator.hidden import CURVES, EFFECTS, UNKNOWN, Form, Surroundings
+from tests.tools.blind.simulator.hidden import CURVES, EFFECTS, GEARS, HARMONIC_DRIVE, UNKNOWN, Form, Surroundings
 from tests.tools.blind.simulator.native import Run, SimulationFailedError, run
 
 Array = np.ndarray
@@ -163,11 +163,11 @@ def make_plant(
     plant, motion = _steady(rng, effects, robots, clutter)
     design = plant.design
     deviation = NOISE * root_mean_square(plant.simulate(motion)[1])
-    makers = {**EFFECTS, **UNKNOWN, **CURVES}
+    makers = {**EFFECTS, **UNKNOWN, **CURVES, **GEARS}
     order = rng.permutation(design.count)
     items = []
     for i, effect in enumerate(effects):
-        joint = int(order[i % design.count])
+        joint = int(order[0 if tuple(effects) == HARMONIC_DRIVE else i % design.count])
         form = makers[effect](rng, _surroundings(plant, motion, joint, rng))
         items.append(tuned(plant, Hidden(effect, joint, form, form.start), motion, deviation, level))
     return replace(plant, hidden=tuple(items)), motion, deviation

@@ -93,10 +93,13 @@ static void rates(Plant *p, double t, const double *y, double *dy) {
             int m = flexible[j] ? 2 : 0;
             double fr = friction(f, t, x[m], x[m + 1], x + 6, dx + 6, load[j]);
             if (flexible[j]) {
-                double through = gear(f, x[2] - x[0], x[3] - x[1]);
+                double through = gear(f, x[2], x[3], x[0], x[1]), turn = 1.0;
+                if (f[TRANSMISSION] != 0.0) /* no power is lost: the motor feels the torque by how far the link turns */
+                    turn += f[TRANSMISSION] * f[TRANSMISSION_NUMBER] *
+                            cos(f[TRANSMISSION_NUMBER] * x[2] + f[TRANSMISSION_PHASE]);
                 right[j] = through - bias[j] - push[j];
                 dx[2] = x[3];
-                dx[3] = (applied[j] - fr - through) / rotor[j];
+                dx[3] = (applied[j] - fr - turn * through) / rotor[j];
             } else
                 right[j] = applied[j] - fr - bias[j] - push[j];
         }

@@ -1,0 +1,1 @@
+"""Pulses that disturbed a real double pendulum, found from outside: cases from its repository, and their score."""

@@ -1,0 +1,105 @@
+"""Windows of a discovery against the pulses that were logged."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from tests.tools.acrobot.cases import Pulse
+
+EDGE_S = 0.020
+"""[s] By which begin and end may be off."""
+PART = 0.7
+"""[1] Of the smallest pulse that is asked for, from which a window counts as one beyond the pulses: a window of a bell
+tells some nine tenths of its height, and the drive gives three quarters of it at least."""
+SHORTEST_S = 0.05
+"""[s] That such a window lasts: pulses do so by their making."""
+START_S = 0.25
+"""[s] Of a run, which does not count: the drives start."""
+Windows = Sequence[Mapping[str, Any]]
+
+
+@dataclass(frozen=True)
+class Scored:
+    """One run.
+
+    Attributes:
+        pulses: each with the errors of begin and end in s, None where it was not found.
+        beyond: windows as large and long as a pulse that are none; windows: all that are told.
+        names: what was named beside; verdict: of the answer.
+    """
+
+    run: str
+    pulses: tuple[tuple[Pulse, tuple[float, float] | None], ...]
+    beyond: tuple[Mapping[str, Any], ...]
+    windows: int
+    names: tuple[str, ...]
+    verdict: str
+
+    @property
+    def found(self) -> int:
+        """Pulses with a window of their own."""
+        return sum(errors is not None for _, errors in self.pulses)
+
+    @property
+    def sharp(self) -> int:
+        """Pulses whose begin and end are right."""
+        return sum(errors is not None and max(map(abs, errors)) <= EDGE_S for _, errors in self.pulses)
+
+
+def scored(run: str, document: Mapping[str, Any], pulses: Sequence[Pulse], *, least: float) -> Scored:
+    """The windows of ``findings.json`` against the pulses of at least this size: one window stands for one pulse."""
+    windows, taken = document["windows"], set[int]()
+    pairs = []
+    for pulse in pulses:
+        near = [i for i, w in enumerate(windows) if i not in taken and _is_of(w, pulse)]
+        errors = {i: (windows[i]["begin_s"] - pulse.begin_s, windows[i]["end_s"] - pulse.end_s) for i in near}
+        best = min(errors, key=lambda i: abs(errors[i][0]) + abs(errors[i][1]), default=None)
+        pairs.append((pulse, None if best is None else errors[best]))
+        taken |= set() if best is None else {best}
+    beyond = tuple(w for i, w in enumerate(windows) if i not in taken and _as_a_pulse(w, PART * least))
+    names = tuple(f["title"] for f in document["findings"])
+    return Scored(run, tuple(pairs), beyond, len(windows), names, document["verdict"])
+
+
+def _is_of(window: Mapping[str, Any], pulse: Pulse) -> bool:
+    same = window["signal"] == f"tau{pulse.joint}" and window["torque"] * pulse.torque > 0
+    return bool(same and window["begin_s"] < pulse.end_s and window["end_s"] > pulse.begin_s)
+
+
+def _as_a_pulse(window: Mapping[str, Any], least: float) -> bool:
+    lasts = window["end_s"] - window["begin_s"]
+    return bool(abs(window["torque"]) >= least and lasts >= SHORTEST_S and window["begin_s"] >= START_S)
+
+
+def figures_of(runs: Sequence[Scored]) -> dict[str, str]:
+    """What the pages show."""
+    disturbed = [r for r in runs if r.pulses]
+    still = [r for r in runs if not r.pulses]
+    count = sum(len(r.pulses) for r in disturbed)
+    return {
+        "pulses": str(count),
+        "found": f"{sum(r.found for r in disturbed)} of {count}",
+        "sharp": f"{sum(r.sharp for r in disturbed)} of {count}",
+        "beyond": f"{sum(len(r.beyond) for r in disturbed)} in {len(disturbed)} runs",
+        "undisturbed_beyond": f"{sum(bool(r.beyond) for r in still)} of {len(still)} runs",
+        "undisturbed_windows": f"{sum(r.windows for r in still)} in {len(still)} runs",
+        "named_valid": str(sum(bool(r.names) and r.verdict == "valid" for r in runs)),
+    }
+
+
+def text(runs: Sequence[Scored]) -> str:
+    """A line for each run, then the figures."""
+    rows = []
+    for r in runs:
+        told = [
+            f"joint {p.joint} {p.begin_s:.2f}-{p.end_s:.2f} s {p.torque:+.2f}: "
+            + ("missed" if e is None else f"{1e3 * e[0]:+.0f} {1e3 * e[1]:+.0f} ms")
+            for p, e in r.pulses
+        ]
+        beyond = [f"{w['signal']} {w['begin_s']:.2f}-{w['end_s']:.2f} s {w['torque']:+.2f}" for w in r.beyond]
+        names = ", ".join([r.verdict, *r.names])
+        rows.append(f"{r.run} ({names}): {'; '.join(told) or 'no pulse'}{'; beyond: ' if beyond else ''}")
+        rows[-1] += ", ".join(beyond)
+    return "\n".join([*rows, "", *(f"{key}: {value}" for key, value in figures_of(runs).items())])
