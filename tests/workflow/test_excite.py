@@ -28,12 +28,18 @@ NOISE = (0.17, 0.0065)
 LIMITS = {
     "position": [[-1.0, 1.2], [-1.3, 1.0]], "velocity": [1.5, 2.5], "acceleration": [3.0, 5.0], "torque": [15.0, 1.2],
 }  # fmt: skip
+LATER = "measured_tomorrow.csv"
 QUICK: dict[str, Any] = {"limits": LIMITS, "torque_std": NOISE, "starts": 1, "period_s": 5.0, "periods": 1}
 
 
 @pytest.fixture(scope="module")
 def made() -> Excited:
-    return excite(SCARA, **QUICK)
+    case = load_case(SCARA, require_torque=False)
+    return excite(case.with_(train={"torque": {"file": LATER, "rate_hz": 10}}, validation=None), **QUICK)
+
+
+def test_log_that_is_not_there_yet_need_not_be(made: Excited) -> None:
+    assert made.ok and "scara" in str(made.provenance["files"]) and LATER not in made.provenance["files"]
 
 
 def problem(basis: Basis) -> Problem:
