@@ -14,10 +14,10 @@ import yaml
 
 from fmu_didim.base.diagnostics import DOUBT, PROBLEM, Diagnostic
 from fmu_didim.checks.judgement import diagnostic_result
-from fmu_didim.data.excitation import Fourier
+from fmu_didim.data.excitation import Fourier, PointToPoint
 from fmu_didim.data.signals import Array, Trajectory, write_csv
+from fmu_didim.discovery.excitation.limits import Bounds
 from fmu_didim.discovery.excitation.optimum import Criterion
-from fmu_didim.discovery.excitation.series import Bounds
 from fmu_didim.report.numbers import percent_std, pretty_unit, significant
 from fmu_didim.report.sections import Table, numbers, words
 from fmu_didim.report.terminal import table_lines, wrapped
@@ -32,6 +32,10 @@ KINDS = {
     "torque": "torque",
 }  # fmt: skip
 """Attribute of the largest of a motion -> its words."""
+PLAY_BACK = (
+    "The moves are fifth order polynomials: play reference.csv back. What a drive makes of a point-to-point command of "
+    "its own is another motion, which the case would have to state."
+)
 COLLISIONS = "Collisions of links with each other or with the surroundings are not looked at: watch the first run."
 
 
@@ -66,7 +70,7 @@ class Excited:
     """
 
     name: str
-    excitation: Fourier
+    excitation: Fourier | PointToPoint
     prediction: Prediction
     now: Prediction | None
     bounds: Bounds
@@ -170,13 +174,12 @@ class Excited:
 
     def summary(self) -> str:
         """The tables and what must be known, at most 100 columns wide."""
-        series = self.excitation
         lines = [
             *wrapped(self.name),
             "",
             *wrapped(
-                f"Motion: Fourier series of {len(series.joints[0].cosine)} harmonics, fundamental "
-                f"{series.fundamental_hz:.4g} Hz, {series.duration_s:.4g} s, torque logged at {self.rate_hz:.6g} Hz"
+                f"Motion: {_words(self.excitation)}, {self.excitation.length_s:.4g} s, torque logged at "
+                f"{self.rate_hz:.6g} Hz"
             ),
             *wrapped(f"Best of {sum(t.criterion is not None for t in self.trials)} of {len(self.trials)} starts"),
             "",
@@ -188,6 +191,8 @@ class Excited:
                 lines += wrapped(f"The reference of the case lasts {self.now.length_s:.4g} s.")
             lines.append("")
         lines += ["Largest of the motion (limits of acceleration are those of the reference):", *self._peak_lines(), ""]
+        if isinstance(self.excitation, PointToPoint):
+            lines += [*_postures(self.excitation), *wrapped(PLAY_BACK), ""]
         lines += wrapped("Limits: " + ", ".join(f"{name}: {place}" for name, place in self.origin.items()))
         lines += wrapped(f"Condition number {significant(self.prediction.condition)}")
         if self.unseen:
@@ -237,6 +242,23 @@ class Excited:
             numbers("limit", [significant(row[4]) if np.isfinite(row[4]) else "none" for row in made]),
         ]
         return table_lines(Table(columns), width=None)
+
+
+def _words(motion: Fourier | PointToPoint) -> str:
+    """Which motion it is."""
+    if isinstance(motion, Fourier):
+        return f"Fourier series of {len(motion.joints[0].cosine)} harmonics, fundamental {motion.fundamental_hz:.4g} Hz"
+    rest = f" and {motion.dwell_s:.4g} s of rest" if motion.dwell_s else ""
+    return f"{len(motion.points) - 1} moves from point to point of {motion.move_s:.4g} s{rest} each"
+
+
+def _postures(motion: PointToPoint) -> list[str]:
+    """A table of the points of a round, in the order in which they are visited."""
+    points = list(dict.fromkeys(motion.points))
+    columns = [words("posture", [f"{i}" for i in range(1, len(points) + 1)])]
+    for j, values in enumerate(zip(*points, strict=True), start=1):
+        columns.append(numbers(f"q{j}", [significant(value) for value in values]))
+    return table_lines(Table(columns), width=None)
 
 
 def _parameters(found: Prediction | None) -> dict[str, Any] | None:
