@@ -209,6 +209,18 @@ def test_motion_of_coefficients_is_linear_in_them_and_keeps_its_limits(basis: Ba
         assert np.abs(made.motion(basis.grid())[2]).max() == pytest.approx(np.abs(ddq).max())
 
 
+@pytest.mark.parametrize("criterion", ["mean", "determinant"])
+def test_values_too_small_to_be_shown_are_left_out_of_the_mean_and_told(criterion: Any) -> None:
+    """A relative deviation of 10^8 % would be all that the mean sees, and all that is designed for."""
+    tiny = {"MY2": 1e-12}
+    found = excite(SCARA, **QUICK, criterion=criterion, parameters=tiny)
+    assert "MY2" in found.asked and set(found.asked) - set(found.in_mean) == {"MY2"}
+    assert found.mean_percent < 100 and "without MY2: zero, or so small" in found.summary()
+    assert found.saved()["in_mean"] == list(found.in_mean)
+    with pytest.raises(InputError, match="have no relative deviation"):
+        excite(SCARA, **QUICK, criterion="mean", parameters=tiny, only=["MY2"])
+
+
 def test_postures_of_moves_are_shown_and_how_they_are_to_be_run(tmp_path: Path) -> None:
     found = excite(SCARA, tmp_path, **QUICK, kind="point_to_point", moves=4, dwell_s=0.2)
     assert found.ok and Peaks.of(found.prediction.loop, 2).excess(found.bounds) <= 1e-3

@@ -44,6 +44,9 @@ ACCEPTED = 5
 """[iterations] In a row with the accuracy NEARLY, after which no more is gained;"""
 NEARLY = 1e-3
 """[1] ten times that of the optimum."""
+SHOWN = 0.1
+"""[standard deviations] From zero, from which a value has a relative deviation that is worth making small, all others
+being known: a hundred logs would show it at last."""
 RIDGE = 1e-10
 """[1] Added to the scaled information: what no motion excites then stays finite."""
 IDLE = 1e-9
@@ -96,6 +99,7 @@ class Problem:
         self.model, self.base, self.basis, self.theta = model, base, basis, theta
         self._deviation, self._asked, self._kind = deviation, tuple(asked), kind
         self._instants = representative(instants, basis)
+        self._stand_for = instants.size / self._instants.size
         self._observed = [v.start for v in model.observed]
         self._extra = [ca.DM([v.start for v in model.extra])] if model.extra else []
 
@@ -142,6 +146,11 @@ class Problem:
         length = np.linalg.norm(table, axis=1)
         return tuple(int(i) for i in np.flatnonzero(length <= IDLE * length.max()))
 
+    def shows(self, z: Array) -> Array:
+        """(b,) whether each value would be as far from zero as SHOWN, were all others known."""
+        deviations = np.abs(self.theta[: self.base.count]) * np.linalg.norm(self.rows(z), axis=1)
+        return np.asarray(np.sqrt(self._stand_for) * deviations > SHOWN)
+
     @cached_property
     def shown(self) -> tuple[tuple[int, ...], tuple[int, ...]]:
         """Places of all parameters that the design looks at, and of those of them that were not asked for."""
@@ -179,7 +188,8 @@ class Problem:
         kept = [i for i in seen if i not in others and self.theta[i] != 0]
         if not kept:
             raise InputError(
-                "The parameters asked for are all zero: they have no relative deviation.", where="criterion: mean",
+                "The parameters asked for are zero, or so small that such a log would not show them: they have no "
+                "relative deviation.", where="criterion: mean",
                 next_step="Ask for the determinant, or give values by parameters.",
             )  # fmt: skip
         return tuple(seen.index(i) for i in kept), 1.0 / (len(kept) * np.abs(self.theta[kept]))

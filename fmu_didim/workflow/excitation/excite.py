@@ -28,7 +28,7 @@ from fmu_didim.workflow.case_files import case_files
 from fmu_didim.workflow.excitation.excited import Excited, Trial
 from fmu_didim.workflow.excitation.findings import findings
 from fmu_didim.workflow.excitation.limits import MotionLimits, bounds_of, limits_document
-from fmu_didim.workflow.excitation.planned import BEYOND, Peaks, Plan, Prediction, mean_percent, predict
+from fmu_didim.workflow.excitation.planned import BEYOND, Peaks, Plan, Prediction, predict
 from fmu_didim.workflow.simulate import model_without_data, named_values
 
 STARTS = 6
@@ -80,7 +80,8 @@ def excite(
         limits: a YAML file or a mapping with ``position``, ``velocity``, ``acceleration``, ``torque`` and ``start``; by
             default the range of the robot description, and else what the reference of the case uses.
         only: parameters to be known best, the others being unknown, too; all by default.
-        criterion: ``determinant`` of their information, or ``mean`` of their relative standard deviations.
+        criterion: ``determinant`` of their information, or ``mean`` of their relative standard deviations, without
+            those of values so small that a log would not show them, were all others known.
         kind: a Fourier series, or moves of a fifth order polynomial ``point_to_point``.
         harmonics: of the series (5); moves: from point to point in a period (10), of equal duration; dwell_s: rest
             after each (0).
@@ -115,18 +116,18 @@ def excite(
             raise UnknownNameError("parameter that is identified", name, model.names, where="only")
     asked = tuple(only) or model.names
     basis = _basis(case, label, reference, bounds, family, period_s, periods)
-    now = _predicted(plan, reference, asked, criterion)
-    shown = [robot.names.index(name) for name in asked if name in robot.names]
-    instants = plan.times(_trajectory(basis, case, np.zeros((basis.count, basis.joints))))
-    problem = Problem(robot.model, robot.base, model.theta(values), plan.deviation, basis, instants, shown, criterion)
-    trials, solutions = _solved(problem, bounds, starts, seed, progress)
-    best, settled = _best(plan, problem, bounds, solutions, asked, criterion, progress)
+    problem, drawn, in_mean = _begun(plan, robot, model.theta(values), basis, bounds, asked, criterion, starts, seed)
+    wanted = in_mean if criterion == "mean" else asked
+    now = _predicted(plan, reference, wanted, criterion)
+    trials, solutions = _solved(problem, bounds, drawn, progress)
+    best, settled = _best(plan, problem, bounds, solutions, wanted, criterion, progress)
     told = findings(
-        plan, basis, bounds, best[1], now, asked, failed=sum(t.criterion is None for t in trials), starts=starts,
+        plan, basis, bounds, best[1], now, wanted, failed=sum(t.criterion is None for t in trials), starts=starts,
         settled=settled,
     )  # fmt: skip
     made = Excited(
-        case.name, best[0], best[1], now, bounds, found.origin, tuple(trials), tuple(by_weight(told)), asked, criterion,
+        case.name, best[0], best[1], now, bounds, found.origin, tuple(trials), tuple(by_weight(told)), asked, in_mean,
+        criterion,
         tuple(name for name in model.names if name not in robot.names or robot.names.index(name) in problem.idle),
         plan.rate_hz, plan.deviation, seed, _provenance(case),
     )  # fmt: skip
@@ -232,8 +233,24 @@ def _basis(
     return basis
 
 
-def _trajectory(basis: Basis, case: Case, z: Array) -> Trajectory:
-    return basis.excitation(z).trajectory(1 / case.step_size)
+def _begun(
+    plan: Plan, robot: RobotParameters, theta: Array, basis: Basis, bounds: Bounds, asked: Sequence[str],
+    criterion: Criterion, starts: int, seed: int,
+) -> tuple[Problem, list[Array], tuple[str, ...]]:  # fmt: skip
+    """The problem, the random motions from which it begins, and those of the parameters asked for whose relative
+    deviations have a meaning: that a log of one of these motions would show, were all others known."""
+    still = basis.excitation(np.zeros((basis.count, basis.joints)))
+    instants = plan.times(still.trajectory(1 / plan.case.step_size))
+
+    def problem_of(names: Sequence[str]) -> Problem:
+        places = [robot.names.index(name) for name in names if name in robot.names]
+        return Problem(robot.model, robot.base, theta, plan.deviation, basis, instants, places, criterion)
+
+    problem = problem_of(asked)
+    drawn = [problem.random(np.random.default_rng([seed, i]), bounds) for i in range(1, starts + 1)]
+    shows = np.any([problem.shows(z) for z in drawn], axis=0)
+    kept = tuple(name for name in asked if name not in robot.names or shows[robot.names.index(name)])
+    return (problem_of(kept) if criterion == "mean" else problem), drawn, kept
 
 
 def _predicted(plan: Plan, reference: Trajectory, asked: Sequence[str], kind: Criterion) -> Prediction | None:
@@ -245,12 +262,11 @@ def _predicted(plan: Plan, reference: Trajectory, asked: Sequence[str], kind: Cr
 
 
 def _solved(
-    problem: Problem, bounds: Bounds, starts: int, seed: int, progress: Callable[[str], None]
+    problem: Problem, bounds: Bounds, drawn: Sequence[Array], progress: Callable[[str], None]
 ) -> tuple[list[Trial], list[Solution]]:
     """All starts, and the solutions of those that did not fail, the best first."""
-    trials, solutions = [], []
-    for i in range(1, starts + 1):
-        start = problem.random(np.random.default_rng([seed, i]), bounds)
+    trials, solutions, starts = [], [], len(drawn)
+    for i, start in enumerate(drawn, start=1):
         try:
             found = problem.solved(start, bounds)
         except RuntimeError as error:
@@ -294,7 +310,7 @@ def _best(
     motion, prediction, settled = max(
         found, key=lambda one: (Peaks.of(one[1].loop, n).excess(bounds) <= BEYOND, one[1].criterion)
     )
-    progress(f"best motion: {mean_percent(prediction.prospect, asked):.3g} % on average")
+    progress(f"best motion: criterion {prediction.criterion:.4g} in the loop")
     return (motion, prediction), settled
 
 

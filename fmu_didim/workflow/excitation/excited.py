@@ -64,7 +64,9 @@ class Excited:
         prediction, now: what its log would tell, and one of the reference that the case has; None if that cannot run.
         bounds, origin: the limits, and where each kind of them comes from.
         trials: of all starts; diagnostics: the most important first.
-        asked: parameters that were to be known best; criterion: ``determinant`` or ``mean``.
+        asked: parameters that were to be known best; in_mean: those of them that the mean of the relative deviations is
+            taken of: not those so small that a log would not show them, were all others known.
+        criterion: ``determinant`` or ``mean``.
         unseen: parameters that the design did not look at.
         rate_hz, deviation: of the log that is planned; seed: of the starts; provenance: versions and files.
     """
@@ -78,6 +80,7 @@ class Excited:
     trials: tuple[Trial, ...]
     diagnostics: tuple[Diagnostic, ...]
     asked: tuple[str, ...]
+    in_mean: tuple[str, ...]
     criterion: Criterion
     unseen: tuple[str, ...]
     rate_hz: float
@@ -103,8 +106,8 @@ class Excited:
 
     @property
     def mean_percent(self) -> float:
-        """Mean of the predicted relative standard deviations of the parameters asked for, percent; NaN if unknown."""
-        return mean_percent(self.prediction.prospect, self.asked)
+        """Mean of the predicted relative standard deviations of ``in_mean``, percent; NaN if unknown."""
+        return mean_percent(self.prediction.prospect, self.in_mean)
 
     def __repr__(self) -> str:
         return f"Excited({self.name!r}, {self.mean_percent:.3g} % on average, {len(self.trials)} starts)"
@@ -142,12 +145,13 @@ class Excited:
             "torque_std": _listed(self.deviation),
             "criterion": self.criterion,
             "asked": list(self.asked),
+            "in_mean": list(self.in_mean),
             "not_looked_at": list(self.unseen),
             "parameters": _parameters(self.prediction),
             "parameters_now": _parameters(self.now),
             "mean_percent": _number(self.mean_percent),
             "duration_now_s": None if self.now is None else self.now.length_s,
-            "mean_percent_now": _number(mean_percent(None if self.now is None else self.now.prospect, self.asked)),
+            "mean_percent_now": _number(mean_percent(None if self.now is None else self.now.prospect, self.in_mean)),
             "condition_number": _number(self.prediction.condition),
             "limits": {
                 "position": [_listed(pair) for pair in np.column_stack([limits.low, limits.high])],
@@ -199,6 +203,14 @@ class Excited:
             lines += wrapped(
                 f"Not looked at by the design, but predicted: {', '.join(self.unseen)}", hanging="  "
             )  # fmt: skip
+        left = [name for name in self.asked if name not in self.in_mean]
+        mean = f"Mean %σ {significant(self.mean_percent, 3)}"
+        if left:
+            mean += (
+                f", without {', '.join(left)}: zero, or so small that a hundred such logs would not show them, "
+                "were all others known"
+            )
+        lines += wrapped(mean, hanging="  ") if self.prediction.prospect is not None else []
         lines.append("")
         for d in self.diagnostics:
             lines += wrapped(f"{d.code.severity.value.upper()} {d.code.name}: {d}", "", "  ")
