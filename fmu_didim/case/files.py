@@ -47,11 +47,16 @@ def data_folder(folder: Path) -> Path:
     return Path("../shared/data")
 
 
+def path_of(file: str, folder: Path) -> Path:
+    """The path of a file that a case in a folder names, whether it is there or not."""
+    is_data = file.startswith(DATA_PREFIX)
+    return data_folder(folder) / file.removeprefix(DATA_PREFIX) if is_data else folder / file
+
+
 def resolve(source: DataFile, folder: Path) -> Path:
     """The path of a file; raises InputError that says where to get it."""
     check_at_hand(source.file)
-    is_data = source.file.startswith(DATA_PREFIX)
-    path = data_folder(folder) / source.file.removeprefix(DATA_PREFIX) if is_data else folder / source.file
+    path = path_of(source.file, folder)
     if not is_file(path):
         step = how_to_get(source.file, source.obtain)
         raise InputError("A data file is absent.", where=str(path), next_step=step)

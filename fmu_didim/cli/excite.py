@@ -30,7 +30,11 @@ def add_excite_options(verb: argparse.ArgumentParser) -> None:
     verb.add_argument("--only", type=_names, default=(), metavar="LIST", help=help_)
     help_ = "what is made best: the determinant of their information, or the mean of their %%σ (determinant)"
     verb.add_argument("--criterion", choices=("determinant", "mean"), default="determinant", help=help_)
-    verb.add_argument("--harmonics", type=at_least_two, default=5, metavar="N", help="of the Fourier series (5)")
+    help_ = "a Fourier series, or moves between points, at rest at each (fourier)"
+    verb.add_argument("--kind", choices=("fourier", "point_to_point"), default="fourier", help=help_)
+    verb.add_argument("--harmonics", type=at_least_two, metavar="N", help="of the Fourier series (5)")
+    verb.add_argument("--moves", type=at_least_two, metavar="N", help="from point to point in a period (10)")
+    verb.add_argument("--dwell", type=positive, metavar="SECONDS", help="rest after each move (none)")
     verb.add_argument("--period", type=positive, metavar="SECONDS", help="of the motion (that of the case's reference)")
     verb.add_argument("--periods", type=at_least_one, metavar="N", help="number of them (those of that reference)")
     verb.add_argument("--starts", type=at_least_one, default=6, metavar="N", help="random motions to begin from (6)")
@@ -53,7 +57,7 @@ def run_excite(options: argparse.Namespace, stem: Callable[[Path], str]) -> int:
 
         return excite(
             options.case, limits=options.limits, only=options.only, criterion=options.criterion,
-            harmonics=options.harmonics,
+            kind=options.kind, harmonics=options.harmonics, moves=options.moves, dwell_s=options.dwell,
             period_s=options.period, periods=options.periods, rate_hz=options.rate, torque_std=options.torque_std,
             starts=options.starts, seed=options.seed, experiment=options.experiment, progress=progress,
         )  # fmt: skip

@@ -44,6 +44,8 @@ SURE = 1e-4
 ALIKE = 1e-8
 """[1] The same where a distance is told; and of the largest variance, to which those along all directions are raised,
 and of the entries of a pseudo-inertia, which may be off by rounding."""
+NOTHING = 1e-12
+"""[1] Of the robot's size, below which a value is what solvers leave of zero."""
 KEPT = 1e-2
 """[standard deviations] Up to which base parameters that links nearly have are those that were given."""
 
@@ -83,7 +85,7 @@ def standard_parameters(
     x, away = _links(model, physical, values, covariance, in_links=in_links)
     chi = base.known.copy()
     chi[base.index] = values
-    chi[physical.places] = x * physical.sizes
+    chi[physical.places] = np.where(np.abs(x) <= NOTHING, 0.0, x) * physical.sizes
     names = [v.name for v in model.parameters]
     return StandardParameters(
         dict(zip(names, chi.tolist(), strict=True)), base.reduce(chi), away, tuple(base.names[i] for i in negative)

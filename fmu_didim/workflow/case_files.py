@@ -11,7 +11,7 @@ from pathlib import Path
 from fmu_didim.base.cache import file_digest
 from fmu_didim.base.imports import is_reference, located, source_file
 from fmu_didim.case import Case
-from fmu_didim.case.files import resolve
+from fmu_didim.case.files import path_of
 from fmu_didim.case.in_memory import digest
 from fmu_didim.case.sources import DataFile
 from fmu_didim.dynamics.effects import find_effect
@@ -54,7 +54,7 @@ def _named(case: Case) -> dict[str, Path]:
     for run in document.runs.values():
         for part in (run.reference, run.inputs, run.torque, run.positions, run.instants, *run.measured_files):
             if isinstance(part, DataFile) and part.file not in case.signals:
-                named[part.file] = resolve(part, case.folder)
+                named[part.file] = path_of(part.file, case.folder)  # which need not be there for a verb that plans
     return named
 
 

@@ -14,9 +14,11 @@ import yaml
 from fmu_didim import InputError, check, excite, load_case
 from fmu_didim.base.diagnostics import Diagnostic
 from fmu_didim.cli.main import main
-from fmu_didim.discovery.excitation.limits import Limits
+from fmu_didim.discovery.excitation.basis import Basis
+from fmu_didim.discovery.excitation.limits import Bounds, Limits
 from fmu_didim.discovery.excitation.optimum import Problem
-from fmu_didim.discovery.excitation.series import Basis, Bounds
+from fmu_didim.discovery.excitation.points import Points
+from fmu_didim.discovery.excitation.series import Series
 from fmu_didim.model.parameters import RobotParameters
 from fmu_didim.workflow.excitation.excited import Excited
 from fmu_didim.workflow.excitation.findings import BEYOND_LIMITS, findings
@@ -28,12 +30,21 @@ NOISE = (0.17, 0.0065)
 LIMITS = {
     "position": [[-1.0, 1.2], [-1.3, 1.0]], "velocity": [1.5, 2.5], "acceleration": [3.0, 5.0], "torque": [15.0, 1.2],
 }  # fmt: skip
+LATER = "measured_tomorrow.csv"
 QUICK: dict[str, Any] = {"limits": LIMITS, "torque_std": NOISE, "starts": 1, "period_s": 5.0, "periods": 1}
 
 
 @pytest.fixture(scope="module")
 def made() -> Excited:
-    return excite(SCARA, **QUICK)
+    case = load_case(SCARA, require_torque=False)
+    return excite(case.with_(train={"torque": {"file": LATER, "rate_hz": 10}}, validation=None), **QUICK)
+
+
+def test_log_that_is_not_there_yet_need_not_be(made: Excited) -> None:
+    assert made.ok and "scara" in str(made.provenance["files"]) and LATER not in made.provenance["files"]
+
+
+BASES = (Series(0.2, 2, 2), Points(0.2, 2, 2, moves=5), Points(0.2, 2, 2, moves=4, dwell_s=0.3))
 
 
 def problem(basis: Basis) -> Problem:
@@ -81,8 +92,8 @@ def test_prediction_is_that_of_check_on_a_log_of_the_motion(made: Excited, tmp_p
 
 
 @pytest.mark.gate
-def test_optimum_tells_more_than_random_motions() -> None:
-    basis = Basis(0.2, 5, 1, 2)
+@pytest.mark.parametrize("basis", [Series(0.2, 1, 2), Points(0.2, 1, 2, moves=5)], ids=["fourier", "moves"])
+def test_optimum_tells_more_than_random_motions(basis: Basis) -> None:
     one, limits = problem(basis), bounds()
     drawn = [one.random(np.random.default_rng([7, i]), limits) for i in range(20)]
     assert all(one._broken(z, limits) <= 0 for z in drawn)
@@ -114,7 +125,7 @@ def test_parameters_that_are_not_excited_are_named_and_no_reference_is_written(m
     plan = Plan(load_case(SCARA, require_torque=False), "estimation", 10.0, np.array(NOISE), np.zeros(8))
     none = replace(made.prediction, prospect=None, unexcited=("MX1", "MY1"), condition=np.inf)
     told = findings(
-        plan, Basis(0.2, 5, 1, 2), made.bounds, none, None, made.asked, failed=1, starts=3, settled=False
+        plan, Series(0.2, 1, 2, harmonics=5), made.bounds, none, None, made.asked, failed=1, starts=3, settled=False
     )  # fmt: skip
     texts = {d.code.name: d.text for d in told}
     assert texts["excitation-unexcited"] == "The motion does not excite MX1, MY1."
@@ -153,7 +164,7 @@ def test_motions_of_other_lengths_are_compared_in_the_same_time(made: Excited) -
 
 
 def test_criterion_of_some_parameters_is_the_inverse_of_their_covariance() -> None:
-    basis = Basis(0.2, 5, 1, 2)
+    basis = Series(0.2, 1, 2, harmonics=5)
     own = problem(basis)
     some = Problem(own.model, own.base, own.theta, np.array(NOISE), basis, np.arange(50) / 10, (3, 4))
     z = own.random(np.random.default_rng(1), bounds())
@@ -164,7 +175,7 @@ def test_criterion_of_some_parameters_is_the_inverse_of_their_covariance() -> No
 
 @pytest.mark.gate
 def test_mean_deviation_is_made_smaller_than_by_the_determinant() -> None:
-    basis = Basis(0.2, 4, 1, 2)
+    basis = Series(0.2, 1, 2, harmonics=4)
     own, limits = problem(basis), bounds()
     mean = Problem(own.model, own.base, own.theta, np.array(NOISE), basis, np.arange(50) / 10, range(8), "mean")
     start = own.random(np.random.default_rng(3), limits)
@@ -175,11 +186,61 @@ def test_mean_deviation_is_made_smaller_than_by_the_determinant() -> None:
     assert found.criterion > found.begun > mean.criterion(start)
 
 
+@pytest.mark.parametrize("start", [None, np.array([0.3, -0.2])], ids=["anywhere", "start"])
+@pytest.mark.parametrize("basis", BASES, ids=["fourier", "moves", "rests"])
+def test_motion_of_coefficients_is_linear_in_them_and_keeps_its_limits(basis: Basis, start: Any) -> None:
+    basis = replace(basis, start=start)
+    limits = bounds().limits
+    z = basis.drawn(np.random.default_rng(1), limits)
+    made = basis.excitation(z)
+    assert z.shape == (basis.count, 2) and made.length_s == pytest.approx(basis.duration_s)
+    time = np.linspace(0, basis.duration_s, 701)
+    for order, (own, table) in enumerate(zip(made.motion(time), basis.tables(time), strict=True)):
+        np.testing.assert_allclose(own, table @ z + (basis.constant() if order == 0 else 0.0), atol=1e-12)
+    assert limits.keeps(made.trajectory(200))
+    small = basis.excitation(basis.smaller(z, 0.5)).motion(time)[1]
+    np.testing.assert_allclose(small, 0.5 * made.motion(time)[1], atol=1e-12)
+    # Some limit of each joint is reached, at an instant of the coarse grid of moves.
+    q, dq, ddq = made.motion(basis.grid(400))
+    used = [np.abs(dq).max(axis=0) / limits.speed, np.abs(ddq).max(axis=0) / limits.acceleration]
+    used += [q.max(axis=0) / limits.high, q.min(axis=0) / limits.low]
+    assert (np.max(used, axis=0) > 0.99).all() or start is None
+    if isinstance(basis, Points):
+        assert np.abs(made.motion(basis.grid())[2]).max() == pytest.approx(np.abs(ddq).max())
+
+
+@pytest.mark.parametrize("criterion", ["mean", "determinant"])
+def test_values_too_small_to_be_shown_are_left_out_of_the_mean_and_told(criterion: Any) -> None:
+    """A relative deviation of 10^8 % would be all that the mean sees, and all that is designed for."""
+    tiny = {"MY2": 1e-12}
+    found = excite(SCARA, **QUICK, criterion=criterion, parameters=tiny)
+    assert "MY2" in found.asked and set(found.asked) - set(found.in_mean) == {"MY2"}
+    assert found.mean_percent < 100 and "without MY2: zero, or so small" in found.summary()
+    assert found.saved()["in_mean"] == list(found.in_mean)
+    with pytest.raises(InputError, match="have no relative deviation"):
+        excite(SCARA, **QUICK, criterion="mean", parameters=tiny, only=["MY2"])
+
+
+def test_postures_of_moves_are_shown_and_how_they_are_to_be_run(tmp_path: Path) -> None:
+    found = excite(SCARA, tmp_path, **QUICK, kind="point_to_point", moves=4, dwell_s=0.2)
+    assert found.ok and Peaks.of(found.prediction.loop, 2).excess(found.bounds) <= 1e-3
+    source = yaml.safe_load((tmp_path / "reference.yaml").read_text(encoding="utf-8"))["reference"]
+    assert source["kind"] == "point_to_point" and len(source["points"]) == 5
+    assert source["move_s"] == pytest.approx(5 / 4 - 0.2)
+    shown = found.summary()
+    assert "4 moves from point to point of 1.05 s and 0.2 s of rest each, 5 s" in shown
+    assert "play reference.csv back" in shown and "posture" in shown and found.exit_code == 0
+    assert (
+        "play reference.csv back"
+        not in replace(found, excitation=Series(0.2, 1, 2).excitation(np.ones((9, 2)))).summary()
+    )
+
+
 def test_motion_begins_where_it_is_asked_to() -> None:
-    basis = Basis(0.2, 4, 1, 2, np.array([0.3, -0.2]))
+    basis = Series(0.2, 1, 2, np.array([0.3, -0.2]), harmonics=4)
     one, limits = problem(basis), bounds([0.3, -0.2])
     found = one.solved(one.random(np.random.default_rng(2), limits), limits)
-    q = basis.fourier(found.coefficients).trajectory(200).select(["q1", "q2"])
+    q = basis.excitation(found.coefficients).trajectory(200).select(["q1", "q2"])
     np.testing.assert_allclose(q[[0, -1]], [[0.3, -0.2]] * 2, atol=1e-9)
     with pytest.raises(InputError, match="begin outside the limits"):
         bounds([0.3, -2.0])
@@ -198,7 +259,14 @@ def test_motion_begins_where_it_is_asked_to() -> None:
         ({"only": ["ZZ9"]}, "ZZ9"),
         ({"harmonics": 1}, "needs two harmonics"),
         ({"rate_hz": 400.0}, "faster than the controller"),
-        ({"period_s": 0.05}, "cannot show that many harmonics"),
+        ({"kind": "chirp"}, "chirp"),
+        ({"moves": 4}, "moves belongs to another kind of motion"),
+        ({"dwell_s": 0.1}, "dwell_s belongs to another kind of motion"),
+        ({"kind": "point_to_point", "harmonics": 4}, "harmonics belongs to another kind of motion"),
+        ({"kind": "point_to_point", "moves": 1}, "needs two moves"),
+        ({"kind": "point_to_point", "moves": 5, "dwell_s": 1.0}, "rests leave no time for the moves"),
+        ({"kind": "point_to_point", "moves": 600}, "cannot show motions that fast"),
+        ({"period_s": 0.05}, "cannot show motions that fast"),
     ],
 )
 def test_what_cannot_be_is_refused(changes: dict[str, Any], text: str) -> None:

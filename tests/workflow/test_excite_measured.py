@@ -10,7 +10,7 @@ import pytest
 
 from fmu_didim import excite, identify, load_case, trajectory
 from fmu_didim.discovery.excitation.optimum import Problem
-from fmu_didim.discovery.excitation.series import Basis
+from fmu_didim.discovery.excitation.series import Series
 from fmu_didim.model.parameters import RobotParameters
 from fmu_didim.workflow.excitation.excited import Excited
 from fmu_didim.workflow.excitation.planned import Plan, mean_percent, predict
@@ -35,12 +35,12 @@ def test_it_tells_more_than_the_best_of_fifty_random_motions(made: Excited) -> N
     robot = case.parameters
     assert isinstance(robot, RobotParameters)
     plan = Plan(case, "estimation", 10.0, NOISE, robot.nominal())
-    basis = Basis(0.1, 5, 1, 2)
+    basis = Series(0.1, 1, 2)
     one = Problem(robot.model, robot.base, robot.nominal(), NOISE, basis, np.arange(100) / 10, range(robot.count))
     found = []
     for i in range(RANDOM):
         z = one.random(np.random.default_rng([99, i]), made.bounds)
-        found.append(predict(plan, basis.fourier(z).trajectory(200), robot.names))
+        found.append(predict(plan, basis.excitation(z).trajectory(200), robot.names))
     mean = min(mean_percent(one.prospect, robot.names) for one in found)
     assert made.mean_percent < 0.9 * mean
     assert made.prediction.criterion > max(one.criterion for one in found)

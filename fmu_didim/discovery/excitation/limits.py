@@ -1,8 +1,8 @@
-"""Limits of the position, speed and acceleration of a motion."""
+"""Limits of the position, speed, acceleration and torque of a motion."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -12,6 +12,8 @@ from fmu_didim.estimators.starts.reference_start import reference_motion
 
 WITHIN = 0.999
 """[1] Fraction of the limits of a motion that is used."""
+NOTHING = 1e-12
+"""[SI] Size by which is divided where there is none."""
 
 
 @dataclass(frozen=True)
@@ -37,6 +39,47 @@ class Limits:
         q, dq, ddq = reference_motion(motion, self.low.size)
         inside = (q >= self.low).all() and (q <= self.high).all()
         return bool(inside and (np.abs(dq) <= self.speed).all() and (np.abs(ddq) <= self.acceleration).all())
+
+
+@dataclass(frozen=True)
+class Bounds:
+    """What a motion must keep.
+
+    Attributes:
+        limits: of position, velocity and acceleration; torque: (n,) largest size, N.m or N; infinite without a limit.
+        start: (n,) position at which it begins and ends, rad or m; None: anywhere.
+    """
+
+    limits: Limits
+    torque: Array
+    start: Array | None = None
+
+    def __post_init__(self) -> None:
+        if self.start is None:
+            return
+        outside = [
+            f"joint {j + 1} at {s:g}, range {low:g} to {high:g}"
+            for j, (s, low, high) in enumerate(zip(self.start, self.limits.low, self.limits.high, strict=True))
+            if not low < s < high
+        ]
+        if outside:
+            raise InputError(
+                "The motion would begin outside the limits.", where="limits.start", got="; ".join(outside),
+                valid="between the limits of the position", next_step="Move the start, or widen the range.",
+            )  # fmt: skip
+
+    def tightened(self, low: Array, high: Array, speed: Array, torque: Array) -> Bounds:
+        """The bounds that a reference must keep so that the loop keeps these, of which these (n,) extremes and sizes
+        were simulated: as much less as they were beyond."""
+        own = self.limits
+        limits = replace(
+            own,
+            low=own.low + np.maximum(own.low - low, 0.0),
+            high=own.high - np.maximum(high - own.high, 0.0),
+            speed=own.speed * np.minimum(1.0, own.speed / np.maximum(speed, NOTHING)),
+        )
+        size = self.torque * np.minimum(1.0, self.torque / np.maximum(torque, NOTHING))
+        return Bounds(limits, np.where(np.isfinite(self.torque), size, np.inf), self.start)
 
 
 def limits_of(

@@ -1,4 +1,4 @@
-"""The best Fourier series within limits: of all information on the parameters asked for, or of their mean deviation.
+"""The best motion of a basis within limits: of all information on the parameters asked for, or of their mean deviation.
 
     determinant:  maximise  log det (sum_i W_i' S^-2 W_i) - log det of the same of the other parameters
     mean:         minimise  mean of sigma_j / |theta_j|,  sigma_j^2 the diagonal of (sum_i W_i' S^-2 W_i)^-1
@@ -24,7 +24,8 @@ import numpy as np
 
 from fmu_didim.base.errors import InputError
 from fmu_didim.data.signals import Array
-from fmu_didim.discovery.excitation.series import FINE, GRID, Basis, Bounds
+from fmu_didim.discovery.excitation.basis import FINE, Basis
+from fmu_didim.discovery.excitation.limits import Bounds
 from fmu_didim.dynamics.base_parameters import BaseParameters
 from fmu_didim.dynamics.robot import RobotModel
 from fmu_didim.fit.statistics import covariance_white
@@ -43,6 +44,9 @@ ACCEPTED = 5
 """[iterations] In a row with the accuracy NEARLY, after which no more is gained;"""
 NEARLY = 1e-3
 """[1] ten times that of the optimum."""
+SHOWN = 0.1
+"""[standard deviations] From zero, from which a value has a relative deviation that is worth making small, all others
+being known: a hundred logs would show it at last."""
 RIDGE = 1e-10
 """[1] Added to the scaled information: what no motion excites then stays finite."""
 IDLE = 1e-9
@@ -95,6 +99,7 @@ class Problem:
         self.model, self.base, self.basis, self.theta = model, base, basis, theta
         self._deviation, self._asked, self._kind = deviation, tuple(asked), kind
         self._instants = representative(instants, basis)
+        self._stand_for = instants.size / self._instants.size
         self._observed = [v.start for v in model.observed]
         self._extra = [ca.DM([v.start for v in model.extra])] if model.extra else []
 
@@ -141,6 +146,11 @@ class Problem:
         length = np.linalg.norm(table, axis=1)
         return tuple(int(i) for i in np.flatnonzero(length <= IDLE * length.max()))
 
+    def shows(self, z: Array) -> Array:
+        """(b,) whether each value would be as far from zero as SHOWN, were all others known."""
+        deviations = np.abs(self.theta[: self.base.count]) * np.linalg.norm(self.rows(z), axis=1)
+        return np.asarray(np.sqrt(self._stand_for) * deviations > SHOWN)
+
     @cached_property
     def shown(self) -> tuple[tuple[int, ...], tuple[int, ...]]:
         """Places of all parameters that the design looks at, and of those of them that were not asked for."""
@@ -178,7 +188,8 @@ class Problem:
         kept = [i for i in seen if i not in others and self.theta[i] != 0]
         if not kept:
             raise InputError(
-                "The parameters asked for are all zero: they have no relative deviation.", where="criterion: mean",
+                "The parameters asked for are zero, or so small that such a log would not show them: they have no "
+                "relative deviation.", where="criterion: mean",
                 next_step="Ask for the determinant, or give values by parameters.",
             )  # fmt: skip
         return tuple(seen.index(i) for i in kept), 1.0 / (len(kept) * np.abs(self.theta[kept]))
@@ -191,7 +202,7 @@ class Problem:
         for _ in range(SHRINKS):
             if (np.abs(self.torque(z, fine)).max(axis=0) <= TORQUE_WITHIN * bounds.torque).all():
                 return z
-            z = self.smaller(z, SHRINK)
+            z = self.basis.smaller(z, SHRINK)
         peak = np.abs(self.torque(z, fine)).max(axis=0)
         joint = int(np.argmax(peak / bounds.torque))
         raise InputError(
@@ -199,11 +210,6 @@ class Problem:
             where=f"limits.torque, joint {joint + 1}", got=f"{peak[joint]:.4g} against {bounds.torque[joint]:.4g}",
             next_step="Gravity and friction need that torque there: allow more, or other positions.",
         )  # fmt: skip
-
-    def smaller(self, z: Array, factor: float) -> Array:
-        """The motion of coefficients (d, n), smaller by a factor about its middle or start."""
-        first = 0 if self.basis.start is not None else 1
-        return np.vstack([z[:first], factor * z[first:]])
 
     def solved(self, start: Array, bounds: Bounds, *, iterations: int = ITERATIONS) -> Solution:
         """The best coefficients near a start (d, n); raises RuntimeError where IPOPT fails."""
@@ -239,8 +245,7 @@ class Problem:
     def _sizes(self, bounds: Bounds) -> Array:
         """(d, n) of the coefficients, by which IPOPT's variables are about one."""
         half = (bounds.limits.high - bounds.limits.low) / 2
-        count = 2 * (self.basis.harmonics - 1) + (self.basis.start is None)
-        return np.tile(half, (count, 1))
+        return np.tile(half, (self.basis.count, 1))
 
     def _objective(self, z: ca.MX, start: Array) -> ca.MX:
         """Minus the criterion for each parameter, up to a constant."""
@@ -268,7 +273,7 @@ class Problem:
 
     def _constraints(self, z: ca.MX, bounds: Bounds) -> tuple[ca.MX, Array, Array]:
         """Rows g and their limits, each divided by its size."""
-        limits, time, room = bounds.limits, self.basis.grid(), np.cos(np.pi / GRID)
+        limits, time = bounds.limits, self.basis.grid()
         middle, half = (limits.high + limits.low) / 2, (limits.high - limits.low) / 2
         q, dq, ddq = self._symbolic(time, z)
         parts = [
@@ -276,7 +281,7 @@ class Problem:
             dq / ca.repmat(ca.DM(limits.speed), 1, time.size),
             ddq / ca.repmat(ca.DM(limits.acceleration), 1, time.size),
         ]
-        sizes = [room] * 3
+        sizes = [self.basis.room] * 3
         limited = np.flatnonzero(np.isfinite(bounds.torque)).tolist()
         if limited:
             torque = self._torque.map(time.size)(q, dq, ddq)[limited, :]

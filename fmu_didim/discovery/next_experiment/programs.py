@@ -14,7 +14,7 @@ import numpy as np
 from fmu_didim.data.excitation import Fourier
 from fmu_didim.data.signals import Array, Trajectory
 from fmu_didim.discovery.excitation.limits import WITHIN
-from fmu_didim.discovery.excitation.series import Basis
+from fmu_didim.discovery.excitation.series import Series
 from fmu_didim.discovery.next_experiment.motions import Leg, Space, sampled, straight
 
 DRAWS = 3
@@ -55,8 +55,8 @@ def _fourier(space: Space, rng: np.random.Generator, *, pace: float) -> Candidat
     def build(u: Design) -> Fourier:
         weight = 10 ** (2 * (u[:HARMONICS] - 0.5)) / np.arange(1, HARMONICS + 1)
         periods = max(round(space.duration_s * (0.05 + 0.45 * u[HARMONICS])), 1)
-        basis = Basis(periods / space.duration_s, HARMONICS, periods, n)
-        return basis.fourier(basis.scaled(basis.projected(cosine * weight, sine * weight), limits, centre))
+        basis = Series(periods / space.duration_s, periods, n, harmonics=HARMONICS)
+        return basis.excitation(basis.scaled(basis.projected(cosine * weight, sine * weight), limits, centre))
 
     return Candidate(f"a Fourier series of {HARMONICS} harmonics", build, np.array([0.5] * HARMONICS + [pace]))
 

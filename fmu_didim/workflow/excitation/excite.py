@@ -1,11 +1,12 @@
-"""The verb ``excite``: the Fourier series on which the torque log of a loop will tell most of the parameters."""
+"""The verb ``excite``: the motion on which the torque log of a loop will tell most of the parameters."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
-from typing import Any, Unpack
+from typing import Any, Literal, Unpack
 
 import numpy as np
 
@@ -13,10 +14,13 @@ from fmu_didim.base.diagnostics import by_weight
 from fmu_didim.base.errors import InputError, SimulationError, UnknownNameError
 from fmu_didim.case import Case, CaseParts, case_of, with_objects
 from fmu_didim.case.torque_log import read_torque_log
-from fmu_didim.data.excitation import Fourier
+from fmu_didim.data.excitation import Fourier, PointToPoint
 from fmu_didim.data.signals import Array, Trajectory
+from fmu_didim.discovery.excitation.basis import Basis
+from fmu_didim.discovery.excitation.limits import Bounds
 from fmu_didim.discovery.excitation.optimum import Criterion, Problem, Solution
-from fmu_didim.discovery.excitation.series import Basis, Bounds
+from fmu_didim.discovery.excitation.points import MOVES, Points
+from fmu_didim.discovery.excitation.series import HARMONICS, Series
 from fmu_didim.fit.solver.admissible import mass_matrix_problem
 from fmu_didim.model.parameters import RobotParameters
 from fmu_didim.results.provenance import made_by
@@ -24,13 +28,13 @@ from fmu_didim.workflow.case_files import case_files
 from fmu_didim.workflow.excitation.excited import Excited, Trial
 from fmu_didim.workflow.excitation.findings import findings
 from fmu_didim.workflow.excitation.limits import MotionLimits, bounds_of, limits_document
-from fmu_didim.workflow.excitation.planned import BEYOND, Peaks, Plan, Prediction, mean_percent, predict
+from fmu_didim.workflow.excitation.planned import BEYOND, Peaks, Plan, Prediction, predict
 from fmu_didim.workflow.simulate import model_without_data, named_values
 
 STARTS = 6
 """[motions] Random ones from which the optimisation begins: the best of six is within some percent of that of many."""
-HARMONICS = 5
-"""[1] Of the motion: usual, and smooth."""
+Kind = Literal["fourier", "point_to_point"]
+"""Of the motion."""
 SIMULATED = 3
 """[motions] The best along the reference, which are simulated in the loop and ranked anew."""
 ROUNDS = 3
@@ -50,7 +54,10 @@ def excite(
     limits: MotionLimits | Mapping[str, Any] | Path | str | None = None,
     only: Sequence[str] = (),
     criterion: Criterion = "determinant",
-    harmonics: int = HARMONICS,
+    kind: Kind = "fourier",
+    harmonics: int | None = None,
+    moves: int | None = None,
+    dwell_s: float | None = None,
     period_s: float | None = None,
     periods: int | None = None,
     rate_hz: float | None = None,
@@ -63,8 +70,9 @@ def excite(
     **objects: Unpack[CaseParts],
 ) -> Excited:
     """Design the motion on which the torque log of a case will tell most of the parameters: the D-optimal Fourier
-    series that begins and ends at rest within limits, by CasADi and IPOPT from several random starts. The best ones are
-    simulated in the closed loop, from whose sensitivities the standard deviations are predicted.
+    series, or moves from point to point, that begins and ends at rest within limits, by CasADi and IPOPT from several
+    random starts. The best ones are simulated in the closed loop, from whose sensitivities the standard deviations are
+    predicted.
 
     Args:
         case: a loaded case, the path of its file, or its content; its torque log need not exist.
@@ -72,8 +80,12 @@ def excite(
         limits: a YAML file or a mapping with ``position``, ``velocity``, ``acceleration``, ``torque`` and ``start``; by
             default the range of the robot description, and else what the reference of the case uses.
         only: parameters to be known best, the others being unknown, too; all by default.
-        criterion: ``determinant`` of their information, or ``mean`` of their relative standard deviations.
-        harmonics: of the series; period_s, periods: of the motion; by default those of the case's reference.
+        criterion: ``determinant`` of their information, or ``mean`` of their relative standard deviations, without
+            those of values so small that a log would not show them, were all others known.
+        kind: a Fourier series, or moves of a fifth order polynomial ``point_to_point``.
+        harmonics: of the series (5); moves: from point to point in a period (10), of equal duration; dwell_s: rest
+            after each (0).
+        period_s, periods: of the motion; by default those of the case's reference.
         rate_hz: of the torque log; by default that of the case. torque_std: (n,) standard deviations of its noise; by
             default those of the case.
         starts: random motions from which the optimisation begins; seed: of them.
@@ -90,7 +102,7 @@ def excite(
     label = experiment or next(iter(case.document.runs))
     reference = case.reference(label)
     found = bounds_of(case, reference, limits_document(limits))
-    bounds = found.bounds
+    bounds, family = found.bounds, _family(kind, harmonics, moves, dwell_s)
     values = named_values(model_without_data(case, label), parameters or {})
     plan = Plan(case, label, _rate(case, label, reference, rate_hz), _noise(case, torque_std), values)
     model = plan.model_on(reference)
@@ -103,19 +115,19 @@ def excite(
         if name not in model.names:
             raise UnknownNameError("parameter that is identified", name, model.names, where="only")
     asked = tuple(only) or model.names
-    basis = _basis(case, label, reference, bounds, harmonics, period_s, periods)
-    now = _predicted(plan, reference, asked, criterion)
-    shown = [robot.names.index(name) for name in asked if name in robot.names]
-    instants = plan.times(_trajectory(basis, case, np.zeros_like(_blank(basis))))
-    problem = Problem(robot.model, robot.base, model.theta(values), plan.deviation, basis, instants, shown, criterion)
-    trials, solutions = _solved(problem, bounds, starts, seed, progress)
-    best, settled = _best(plan, problem, bounds, solutions, asked, criterion, progress)
+    basis = _basis(case, label, reference, bounds, family, period_s, periods)
+    problem, drawn, in_mean = _begun(plan, robot, model.theta(values), basis, bounds, asked, criterion, starts, seed)
+    wanted = in_mean if criterion == "mean" else asked
+    now = _predicted(plan, reference, wanted, criterion)
+    trials, solutions = _solved(problem, bounds, drawn, progress)
+    best, settled = _best(plan, problem, bounds, solutions, wanted, criterion, progress)
     told = findings(
-        plan, basis, bounds, best[1], now, asked, failed=sum(t.criterion is None for t in trials), starts=starts,
+        plan, basis, bounds, best[1], now, wanted, failed=sum(t.criterion is None for t in trials), starts=starts,
         settled=settled,
     )  # fmt: skip
     made = Excited(
-        case.name, best[0], best[1], now, bounds, found.origin, tuple(trials), tuple(by_weight(told)), asked, criterion,
+        case.name, best[0], best[1], now, bounds, found.origin, tuple(trials), tuple(by_weight(told)), asked, in_mean,
+        criterion,
         tuple(name for name in model.names if name not in robot.names or robot.names.index(name) in problem.idle),
         plan.rate_hz, plan.deviation, seed, _provenance(case),
     )  # fmt: skip
@@ -177,8 +189,31 @@ def _noise(case: Case, given: Sequence[float] | None) -> Array:
     return deviation
 
 
+Family = Callable[[float, int, int, Array | None], Basis]
+"""Fundamental frequency in Hz, periods, joints and start -> motions."""
+
+
+def _family(kind: Kind, harmonics: int | None, moves: int | None, dwell_s: float | None) -> Family:
+    """The motions that are asked for; raises InputError for an option of the other kind."""
+    own: Mapping[str, Mapping[str, float | None]] = {
+        "fourier": {"harmonics": harmonics}, "point_to_point": {"moves": moves, "dwell_s": dwell_s}
+    }  # fmt: skip
+    if kind not in own:
+        raise UnknownNameError("kind of motion", kind, tuple(own), where="kind")
+    for other, options in own.items():
+        for name, value in options.items():
+            if other != kind and value is not None:
+                raise InputError(
+                    f"{name} belongs to another kind of motion.", where=name, got=f"kind {kind}", valid=f"kind {other}",
+                    next_step=f"Leave {name} out, or ask for kind {other}.",
+                )  # fmt: skip
+    if kind == "fourier":
+        return partial(Series, harmonics=HARMONICS if harmonics is None else harmonics)
+    return partial(Points, moves=MOVES if moves is None else moves, dwell_s=dwell_s or 0.0)
+
+
 def _basis(
-    case: Case, label: str, reference: Trajectory, bounds: Bounds, harmonics: int, period_s: float | None,
+    case: Case, label: str, reference: Trajectory, bounds: Bounds, family: Family, period_s: float | None,
     periods: int | None,
 ) -> Basis:  # fmt: skip
     own, length = case.document.runs[label].reference, float(np.ptp(reference.time))
@@ -187,23 +222,35 @@ def _basis(
     count = max(1, round(length / period)) if periods is None else periods
     # A whole number of control periods, so that the motion ends at rest on a row.
     period = max(round(period / case.step_size), 1) * case.step_size
-    basis = Basis(1 / period, harmonics, count, case.parameters.joint_count, bounds.start)
-    fastest = 0.5 / case.step_size
-    if harmonics / period >= fastest:
+    basis = family(1 / period, count, case.parameters.joint_count, bounds.start)
+    (what, frequency), fastest = basis.fastest, 0.5 / case.step_size
+    if frequency >= fastest:
         raise InputError(
-            "The controller cannot show that many harmonics.", where="harmonics",
-            got=f"the highest one at {harmonics / period:.4g} Hz", valid=f"below half the control rate, {fastest:g} Hz",
-            next_step="Ask for fewer harmonics or a longer period.",
+            "The controller cannot show motions that fast.", where="period_s",
+            got=f"{what.lower()} at {frequency:.4g} Hz", valid=f"below half the control rate, {fastest:g} Hz",
+            next_step="Ask for fewer harmonics or moves, or a longer period.",
         )  # fmt: skip
     return basis
 
 
-def _blank(basis: Basis) -> Array:
-    return np.zeros((2 * (basis.harmonics - 1) + (basis.start is None), basis.joints))
+def _begun(
+    plan: Plan, robot: RobotParameters, theta: Array, basis: Basis, bounds: Bounds, asked: Sequence[str],
+    criterion: Criterion, starts: int, seed: int,
+) -> tuple[Problem, list[Array], tuple[str, ...]]:  # fmt: skip
+    """The problem, the random motions from which it begins, and those of the parameters asked for whose relative
+    deviations have a meaning: that a log of one of these motions would show, were all others known."""
+    still = basis.excitation(np.zeros((basis.count, basis.joints)))
+    instants = plan.times(still.trajectory(1 / plan.case.step_size))
 
+    def problem_of(names: Sequence[str]) -> Problem:
+        places = [robot.names.index(name) for name in names if name in robot.names]
+        return Problem(robot.model, robot.base, theta, plan.deviation, basis, instants, places, criterion)
 
-def _trajectory(basis: Basis, case: Case, z: Array) -> Trajectory:
-    return basis.fourier(z).trajectory(1 / case.step_size)
+    problem = problem_of(asked)
+    drawn = [problem.random(np.random.default_rng([seed, i]), bounds) for i in range(1, starts + 1)]
+    shows = np.any([problem.shows(z) for z in drawn], axis=0)
+    kept = tuple(name for name in asked if name not in robot.names or shows[robot.names.index(name)])
+    return (problem_of(kept) if criterion == "mean" else problem), drawn, kept
 
 
 def _predicted(plan: Plan, reference: Trajectory, asked: Sequence[str], kind: Criterion) -> Prediction | None:
@@ -215,12 +262,11 @@ def _predicted(plan: Plan, reference: Trajectory, asked: Sequence[str], kind: Cr
 
 
 def _solved(
-    problem: Problem, bounds: Bounds, starts: int, seed: int, progress: Callable[[str], None]
+    problem: Problem, bounds: Bounds, drawn: Sequence[Array], progress: Callable[[str], None]
 ) -> tuple[list[Trial], list[Solution]]:
     """All starts, and the solutions of those that did not fail, the best first."""
-    trials, solutions = [], []
-    for i in range(1, starts + 1):
-        start = problem.random(np.random.default_rng([seed, i]), bounds)
+    trials, solutions, starts = [], [], len(drawn)
+    for i, start in enumerate(drawn, start=1):
         try:
             found = problem.solved(start, bounds)
         except RuntimeError as error:
@@ -247,9 +293,9 @@ def _finite(value: float) -> float | None:
 def _best(
     plan: Plan, problem: Problem, bounds: Bounds, solutions: Sequence[Solution], asked: Sequence[str],
     kind: Criterion, progress: Callable[[str], None],
-) -> tuple[tuple[Fourier, Prediction], bool]:  # fmt: skip
+) -> tuple[tuple[Fourier | PointToPoint, Prediction], bool]:  # fmt: skip
     """The motion whose log tells most in the simulated loop, whose limits it keeps as far as possible."""
-    found: list[tuple[Fourier, Prediction, bool]] = []
+    found: list[tuple[Fourier | PointToPoint, Prediction, bool]] = []
     failure: SimulationError | None = None
     for solution in solutions[:SIMULATED]:
         progress(f"simulating motion {len(found) + 1} of {min(SIMULATED, len(solutions))}")
@@ -261,25 +307,25 @@ def _best(
         assert failure is not None
         raise failure
     n = plan.deviation.size
-    series, prediction, settled = max(
+    motion, prediction, settled = max(
         found, key=lambda one: (Peaks.of(one[1].loop, n).excess(bounds) <= BEYOND, one[1].criterion)
     )
-    progress(f"best motion: {mean_percent(prediction.prospect, asked):.3g} % on average")
-    return (series, prediction), settled
+    progress(f"best motion: criterion {prediction.criterion:.4g} in the loop")
+    return (motion, prediction), settled
 
 
 def _within(
     plan: Plan, problem: Problem, bounds: Bounds, solution: Solution, asked: Sequence[str], kind: Criterion
-) -> tuple[Fourier, Prediction, bool]:
+) -> tuple[Fourier | PointToPoint, Prediction, bool]:
     """A solution in the simulated loop; where that exceeds limits, solved again with tighter ones."""
     n, own = plan.deviation.size, bounds
     for remaining in reversed(range(ROUNDS + SHRINKS)):
-        series = problem.basis.fourier(solution.coefficients)
-        prediction = predict(plan, series.trajectory(1 / plan.case.step_size), asked, kind)
+        motion = problem.basis.excitation(solution.coefficients)
+        prediction = predict(plan, motion.trajectory(1 / plan.case.step_size), asked, kind)
         peaks = Peaks.of(prediction.loop, n)
         if peaks.excess(bounds) <= BEYOND or not remaining:
             break
-        smaller = problem.smaller(solution.coefficients, 1 / (1 + max(peaks.excess(bounds), LEAST_SHRINK)))
+        smaller = problem.basis.smaller(solution.coefficients, 1 / (1 + max(peaks.excess(bounds), LEAST_SHRINK)))
         solution = replace(solution, coefficients=smaller, is_settled=remaining >= SHRINKS and solution.is_settled)
         if remaining < SHRINKS:
             continue
@@ -288,7 +334,7 @@ def _within(
             solution = problem.solved(smaller, own)
         except (RuntimeError, InputError):
             solution = replace(solution, is_settled=False)  # the smaller motion is tried
-    return series, prediction, solution.is_settled
+    return motion, prediction, solution.is_settled
 
 
 def _tighter(own: Bounds, wanted: Bounds, peaks: Peaks) -> Bounds:

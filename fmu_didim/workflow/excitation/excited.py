@@ -14,10 +14,10 @@ import yaml
 
 from fmu_didim.base.diagnostics import DOUBT, PROBLEM, Diagnostic
 from fmu_didim.checks.judgement import diagnostic_result
-from fmu_didim.data.excitation import Fourier
+from fmu_didim.data.excitation import Fourier, PointToPoint
 from fmu_didim.data.signals import Array, Trajectory, write_csv
+from fmu_didim.discovery.excitation.limits import Bounds
 from fmu_didim.discovery.excitation.optimum import Criterion
-from fmu_didim.discovery.excitation.series import Bounds
 from fmu_didim.report.numbers import percent_std, pretty_unit, significant
 from fmu_didim.report.sections import Table, numbers, words
 from fmu_didim.report.terminal import table_lines, wrapped
@@ -32,6 +32,10 @@ KINDS = {
     "torque": "torque",
 }  # fmt: skip
 """Attribute of the largest of a motion -> its words."""
+PLAY_BACK = (
+    "The moves are fifth order polynomials: play reference.csv back. What a drive makes of a point-to-point command of "
+    "its own is another motion, which the case would have to state."
+)
 COLLISIONS = "Collisions of links with each other or with the surroundings are not looked at: watch the first run."
 
 
@@ -60,13 +64,15 @@ class Excited:
         prediction, now: what its log would tell, and one of the reference that the case has; None if that cannot run.
         bounds, origin: the limits, and where each kind of them comes from.
         trials: of all starts; diagnostics: the most important first.
-        asked: parameters that were to be known best; criterion: ``determinant`` or ``mean``.
+        asked: parameters that were to be known best; in_mean: those of them that the mean of the relative deviations is
+            taken of: not those so small that a log would not show them, were all others known.
+        criterion: ``determinant`` or ``mean``.
         unseen: parameters that the design did not look at.
         rate_hz, deviation: of the log that is planned; seed: of the starts; provenance: versions and files.
     """
 
     name: str
-    excitation: Fourier
+    excitation: Fourier | PointToPoint
     prediction: Prediction
     now: Prediction | None
     bounds: Bounds
@@ -74,6 +80,7 @@ class Excited:
     trials: tuple[Trial, ...]
     diagnostics: tuple[Diagnostic, ...]
     asked: tuple[str, ...]
+    in_mean: tuple[str, ...]
     criterion: Criterion
     unseen: tuple[str, ...]
     rate_hz: float
@@ -99,8 +106,8 @@ class Excited:
 
     @property
     def mean_percent(self) -> float:
-        """Mean of the predicted relative standard deviations of the parameters asked for, percent; NaN if unknown."""
-        return mean_percent(self.prediction.prospect, self.asked)
+        """Mean of the predicted relative standard deviations of ``in_mean``, percent; NaN if unknown."""
+        return mean_percent(self.prediction.prospect, self.in_mean)
 
     def __repr__(self) -> str:
         return f"Excited({self.name!r}, {self.mean_percent:.3g} % on average, {len(self.trials)} starts)"
@@ -138,12 +145,13 @@ class Excited:
             "torque_std": _listed(self.deviation),
             "criterion": self.criterion,
             "asked": list(self.asked),
+            "in_mean": list(self.in_mean),
             "not_looked_at": list(self.unseen),
             "parameters": _parameters(self.prediction),
             "parameters_now": _parameters(self.now),
             "mean_percent": _number(self.mean_percent),
             "duration_now_s": None if self.now is None else self.now.length_s,
-            "mean_percent_now": _number(mean_percent(None if self.now is None else self.now.prospect, self.asked)),
+            "mean_percent_now": _number(mean_percent(None if self.now is None else self.now.prospect, self.in_mean)),
             "condition_number": _number(self.prediction.condition),
             "limits": {
                 "position": [_listed(pair) for pair in np.column_stack([limits.low, limits.high])],
@@ -170,13 +178,12 @@ class Excited:
 
     def summary(self) -> str:
         """The tables and what must be known, at most 100 columns wide."""
-        series = self.excitation
         lines = [
             *wrapped(self.name),
             "",
             *wrapped(
-                f"Motion: Fourier series of {len(series.joints[0].cosine)} harmonics, fundamental "
-                f"{series.fundamental_hz:.4g} Hz, {series.duration_s:.4g} s, torque logged at {self.rate_hz:.6g} Hz"
+                f"Motion: {_words(self.excitation)}, {self.excitation.length_s:.4g} s, torque logged at "
+                f"{self.rate_hz:.6g} Hz"
             ),
             *wrapped(f"Best of {sum(t.criterion is not None for t in self.trials)} of {len(self.trials)} starts"),
             "",
@@ -188,12 +195,22 @@ class Excited:
                 lines += wrapped(f"The reference of the case lasts {self.now.length_s:.4g} s.")
             lines.append("")
         lines += ["Largest of the motion (limits of acceleration are those of the reference):", *self._peak_lines(), ""]
+        if isinstance(self.excitation, PointToPoint):
+            lines += [*_postures(self.excitation), *wrapped(PLAY_BACK), ""]
         lines += wrapped("Limits: " + ", ".join(f"{name}: {place}" for name, place in self.origin.items()))
         lines += wrapped(f"Condition number {significant(self.prediction.condition)}")
         if self.unseen:
             lines += wrapped(
                 f"Not looked at by the design, but predicted: {', '.join(self.unseen)}", hanging="  "
             )  # fmt: skip
+        left = [name for name in self.asked if name not in self.in_mean]
+        mean = f"Mean %σ {significant(self.mean_percent, 3)}"
+        if left:
+            mean += (
+                f", without {', '.join(left)}: zero, or so small that a hundred such logs would not show them, "
+                "were all others known"
+            )
+        lines += wrapped(mean, hanging="  ") if self.prediction.prospect is not None else []
         lines.append("")
         for d in self.diagnostics:
             lines += wrapped(f"{d.code.severity.value.upper()} {d.code.name}: {d}", "", "  ")
@@ -237,6 +254,23 @@ class Excited:
             numbers("limit", [significant(row[4]) if np.isfinite(row[4]) else "none" for row in made]),
         ]
         return table_lines(Table(columns), width=None)
+
+
+def _words(motion: Fourier | PointToPoint) -> str:
+    """Which motion it is."""
+    if isinstance(motion, Fourier):
+        return f"Fourier series of {len(motion.joints[0].cosine)} harmonics, fundamental {motion.fundamental_hz:.4g} Hz"
+    rest = f" and {motion.dwell_s:.4g} s of rest" if motion.dwell_s else ""
+    return f"{len(motion.points) - 1} moves from point to point of {motion.move_s:.4g} s{rest} each"
+
+
+def _postures(motion: PointToPoint) -> list[str]:
+    """A table of the points of a round, in the order in which they are visited."""
+    points = list(dict.fromkeys(motion.points))
+    columns = [words("posture", [f"{i}" for i in range(1, len(points) + 1)])]
+    for j, values in enumerate(zip(*points, strict=True), start=1):
+        columns.append(numbers(f"q{j}", [significant(value) for value in values]))
+    return table_lines(Table(columns), width=None)
 
 
 def _parameters(found: Prediction | None) -> dict[str, Any] | None:

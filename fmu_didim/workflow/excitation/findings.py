@@ -8,7 +8,8 @@ import numpy as np
 
 from fmu_didim.base.diagnostics import CATALOGUE, DOUBT, PROBLEM, REMARK, Diagnostic
 from fmu_didim.checks.data.expected_accuracy import accuracy_diagnostics
-from fmu_didim.discovery.excitation.series import Basis, Bounds
+from fmu_didim.discovery.excitation.basis import Basis
+from fmu_didim.discovery.excitation.limits import Bounds
 from fmu_didim.workflow.excitation.planned import BEYOND, FOLLOWED, Peaks, Plan, Prediction
 
 UNEXCITED = CATALOGUE(
@@ -26,18 +27,20 @@ BEYOND_LIMITS = CATALOGUE(
     "excitation-beyond-limits", PROBLEM, rank=44,
     meaning="The reference keeps the limits, but the simulated loop does not: it overshoots, or its torque is larger "
     "than that of the inverse model. No reference is written.",
-    next_step="Widen the limit if the machine allows it, or ask for a slower motion (--period, --harmonics).",
+    next_step="Widen the limit if the machine allows it, or ask for a slower motion (--period, --harmonics, --moves).",
 )  # fmt: skip
 ABOVE_LOG = CATALOGUE(
     "excitation-above-log", DOUBT, rank=45,
-    meaning="The highest harmonic of the motion lies above half the rate of the log, which shows it at another one.",
-    next_step="Ask for fewer harmonics or a longer period, or log faster.",
+    meaning="The highest harmonic of the motion, or the acceleration of its moves, lies above half the rate of the "
+    "log, which shows it at another one.",
+    next_step="Ask for fewer harmonics or moves or a longer period, or log faster.",
 )  # fmt: skip
 NOT_FOLLOWED = CATALOGUE(
     "excitation-not-followed", DOUBT, rank=46,
-    meaning="The simulated loop does not follow the designed reference: its highest harmonics lie beyond the bandwidth "
-    "of the controller. The design assumes that it follows; the predicted deviations hold for the simulated motion.",
-    next_step="Ask for fewer harmonics or a longer period.",
+    meaning="The simulated loop does not follow the designed reference: its highest harmonics, or its moves, are "
+    "faster than the controller. The design assumes that it follows; the predicted deviations hold for the "
+    "simulated motion.",
+    next_step="Ask for fewer harmonics or moves, or a longer period.",
 )  # fmt: skip
 STARTS_FAILED = CATALOGUE(
     "excitation-starts-failed", REMARK, rank=70,
@@ -76,9 +79,9 @@ def findings(
     if found.alike:
         told.append(Diagnostic(ALIKE, f"The log will not tell {', '.join(found.alike)} apart."))
     told += _of_loop(bounds, found, n)
-    highest, half = basis.harmonics * basis.fundamental_hz, plan.rate_hz / 2
+    (what, highest), half = basis.fastest, plan.rate_hz / 2
     if highest > half:
-        text = f"The highest harmonic is at {highest:.4g} Hz; the log shows motions up to {half:.4g} Hz."
+        text = f"{what} is at {highest:.4g} Hz; the log shows motions up to {half:.4g} Hz."
         told.append(Diagnostic(ABOVE_LOG, text, value=highest, bound=half, unit="Hz"))
     if failed:
         text = f"From {failed} of {starts} starts the optimisation failed."

@@ -13,8 +13,7 @@ from fmu_didim.base.documents import Angle, Positive, Strict, read_document, val
 from fmu_didim.base.errors import InputError
 from fmu_didim.case import Case
 from fmu_didim.data.signals import Array, Trajectory
-from fmu_didim.discovery.excitation.limits import Limits, limits_of
-from fmu_didim.discovery.excitation.series import Bounds
+from fmu_didim.discovery.excitation.limits import Bounds, Limits, limits_of
 
 OF_REFERENCE = "the reference of the case"
 OF_ROBOT = "the robot description"

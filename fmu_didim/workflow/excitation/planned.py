@@ -12,8 +12,8 @@ from fmu_didim.case import Case
 from fmu_didim.checks.data.expected_accuracy import ExpectedAccuracy, predicted
 from fmu_didim.cosim.sampling import decimated_times, sample_operator
 from fmu_didim.data.signals import Array, Trajectory
+from fmu_didim.discovery.excitation.limits import Bounds
 from fmu_didim.discovery.excitation.optimum import Criterion
-from fmu_didim.discovery.excitation.series import Bounds
 from fmu_didim.fit.confounding import confounded
 from fmu_didim.fit.derivatives.sensitivity import sensitivity
 from fmu_didim.fit.noise.weighting import whitened

@@ -182,3 +182,22 @@ def test_a_case_takes_it_as_its_robot(tmp_path: Path) -> None:
     for name in ("ZZ2", "MX2", "MY2"):
         one, other = found.parameters[name], wanted.parameters[name]
         assert abs(one.value - other.value) < 2 * one.std
+
+
+def test_what_rounded_angles_leave_is_no_value(tmp_path: Path) -> None:
+    """A link that lies along an axis of its frame, turned by angles of twelve digits, has one first moment and three
+    inertias; a small link far out keeps its own."""
+    slim = (
+        '<link name="{}"><inertial><origin xyz="0 0 {}" rpy="0 1.570796326795 0"/><mass value="{}"/>'
+        '<inertia ixx="{}" ixy="0" ixz="0" iyy="{}" iyz="0" izz="{}"/></inertial></link>'
+    )
+    content = "".join([
+        '<robot name="r"><link name="a"/>', slim.format("b", 0.3, 10.0, 0.04, 1.2, 1.2),
+        slim.format("c", 0.01, 0.02, 1e-6, 2e-6, 2.5e-6),
+        joint("j1", "revolute", "a", "b", rpy="1.570796326795 0 0"),
+        joint("j2", "revolute", "b", "c", xyz="0 0 0.6", rpy="0 1.570796326795 3.14159265359"), "</robot>",
+    ])  # fmt: skip
+    (path := tmp_path / "r.urdf").write_text(content, encoding="utf-8")
+    for link_ in read_urdf(path).joints:
+        held = {name for name in link_.parameters if name not in ("M", "Fv", "Fc")}
+        assert len(held & {"MX", "MY", "MZ"}) == 1 and held - {"MX", "MY", "MZ"} == {"XX", "YY", "ZZ"}

@@ -13,6 +13,11 @@ from fmu_didim.data.signals import Array
 ORDER = (("XX", "XY", "XZ"), ("XY", "YY", "YZ"), ("XZ", "YZ", "ZZ"))
 """Names of the entries of an inertia matrix."""
 MOMENTS = ("MX", "MY", "MZ")
+ROUNDED = 12
+"""[decimals] Of lengths and angles that are computed, in m and rad."""
+ROUNDING = 1e-12
+"""[1] Of the size of what a link weighs, below which an entry is what rounded sines leave of zero: the angles of files
+have about so many digits, and no torque shows it."""
 
 
 @dataclass(frozen=True)
@@ -36,6 +41,14 @@ class Body:
         return Body(m, turn.T @ (c - m * o), turn.T @ moved @ turn)
 
     @property
+    def without_rounding(self) -> Body:
+        """The same, zero where there is nothing but rounding."""
+        across = float(np.trace(self.inertia))
+        # An entry of a tensor is at most its trace, a first moment c at most sqrt(m tr J): |c|^2 / m <= tr J / 2.
+        along = math.sqrt(max(self.mass * across, 0.0))
+        return Body(self.mass, _beyond(self.moments, along), _beyond(self.inertia, across))
+
+    @property
     def centre(self) -> Array:
         """(3,) m, of mass."""
         return np.asarray(self.moments / self.mass)
@@ -44,7 +57,13 @@ class Body:
     def at_centre(self) -> Array:
         """(3, 3) inertia about the centre of mass."""
         c = self.centre
-        return np.asarray(self.inertia - self.mass * (c @ c * np.eye(3) - np.outer(c, c)))
+        moved = self.inertia - self.mass * (c @ c * np.eye(3) - np.outer(c, c))
+        return _beyond(moved, float(np.trace(self.inertia)))
+
+
+def _beyond(values: Array, size: float) -> Array:
+    """The values, zero where they are rounding of something of a size."""
+    return np.where(np.abs(values) <= ROUNDING * abs(size), 0.0, values)
 
 
 def inverse(pose: Array) -> Array:
@@ -64,6 +83,7 @@ def turn(axis: int, angle: float) -> Array:
 
 def parameters_of(body: Body) -> dict[str, float]:
     """The inertial parameters of a link in its frame, those that are not zero."""
+    body = body.without_rounding
     values = dict(zip(MOMENTS, body.moments, strict=True))
     values |= {ORDER[i][j]: body.inertia[i, j] for i in range(3) for j in range(i, 3)}
     return {name: float(value) for name, value in (*values.items(), ("M", body.mass)) if value}
@@ -74,6 +94,11 @@ def body_of(parameters: Mapping[str, float]) -> Body:
     moments = np.array([parameters.get(name, 0.0) for name in MOMENTS])
     inertia = np.array([[parameters.get(name, 0.0) for name in row] for row in ORDER])
     return Body(parameters.get("M", 0.0), moments, inertia)
+
+
+def rounded(value: float) -> float:
+    """A length or an angle without what is left of products, and without a negative zero."""
+    return round(float(value), ROUNDED) + 0.0
 
 
 def text_of(*values: float) -> str:

@@ -25,7 +25,7 @@ import numpy as np
 from fmu_didim.base.errors import InputError
 from fmu_didim.data.signals import Array
 from fmu_didim.dynamics.robot.description import Joint, RobotDescription
-from fmu_didim.dynamics.robot.formats.body import Body, inverse, parameters_of, turn
+from fmu_didim.dynamics.robot.formats.body import Body, inverse, parameters_of, rounded, turn
 
 SUFFIX = ".urdf"
 MAXIMUM_BYTES = 16 * 2**20
@@ -36,8 +36,6 @@ PARALLEL = 1e-9
 """[1] Sine of the angle of two axes below which they are parallel: files have six digits and more of pi/2."""
 SAME_AXIS = 1e-9
 """[m] Distance of two parallel axes below which they are one."""
-ROUNDED = 12
-"""[digits] After the point, of angles and lengths: what is left of products of rotations is none of the robot."""
 CUT = "End the robot before it (fmu-didim robot FILE --tip LINK --out robot.yaml)"
 MOVING = {"revolute": "revolute", "continuous": "revolute", "prismatic": "prismatic"}
 """Types of joints of URDF that move -> those of a description."""
@@ -136,7 +134,7 @@ def read_urdf(path: Path | str, *, tip: str = "") -> RobotDescription:
     return RobotDescription(
         name=_identifier(root.get("name") or Path(path).stem), description=f"From {Path(path).name}",
         source=Path(path).name,
-        gravity=tuple(_rounded(float(g)) for g in gravity), joints=tuple(described),  # type: ignore[arg-type]
+        gravity=tuple(rounded(float(g)) for g in gravity), joints=tuple(described),  # type: ignore[arg-type]
     )  # fmt: skip
 
 
@@ -429,12 +427,7 @@ def _denavit_hartenberg(before: Array, frame: Array) -> dict[str, float]:
     theta = math.atan2(float(np.cross(x, frame[:3, 0]) @ there), float(x @ frame[:3, 0]))
     between = frame[:3, 3] - before[:3, 3]
     found = {"alpha": alpha, "a": float(between @ x), "theta": theta, "d": float((between - (between @ x) * x) @ there)}
-    return {name: _rounded(value) for name, value in found.items()}
-
-
-def _rounded(value: float) -> float:
-    """A length or an angle without what is left of products, and without a negative zero."""
-    return round(value, ROUNDED) + 0.0
+    return {name: rounded(value) for name, value in found.items()}
 
 
 def _identifier(name: str) -> str:

@@ -15,7 +15,7 @@ from fmu_didim.base.errors import InputError
 from fmu_didim.data.signals import Array
 from fmu_didim.dynamics.robot.description import RobotDescription
 from fmu_didim.dynamics.robot.formats.body import body_of, text_of
-from fmu_didim.dynamics.robot.formats.write_urdf import joint_names, not_held, pose_of
+from fmu_didim.dynamics.robot.formats.write_urdf import joint_names, not_held, pose_of, text_of_pose
 
 HELD = {"armature": "Ia", "damping": "Fv", "frictionloss": "Fc"}
 """Attribute of a joint -> the parameter that it holds."""
@@ -28,16 +28,15 @@ def mjcf_of(robot: RobotDescription) -> ET.ElementTree[ET.Element]:
     ET.SubElement(root, "option", gravity=text_of(*robot.gravity))
     parent = ET.SubElement(root, "worldbody")
     for j, (joint, name) in enumerate(zip(robot.joints, joint_names(robot), strict=True), start=1):
-        pose, body = pose_of(joint), body_of(joint.parameters)
+        pose, body = pose_of(joint), body_of(joint.parameters).without_rounding
         if not body.mass > 0:
             raise InputError(
                 "A link has no mass, and MuJoCo needs one.", where=f"link {j} of robot '{robot.name}'",
                 got=f"M = {body.mass:g} kg",
                 next_step="Write the values of a result (--result), which become those of links that exist.",
             )  # fmt: skip
-        parent = ET.SubElement(
-            parent, "body", name=f"link{j}", pos=text_of(*pose[:3, 3]), quat=text_of(*_quaternion(pose[:3, :3]))
-        )
+        stands = {"pos": text_of_pose(pose[:3, 3]), "quat": text_of_pose(_quaternion(pose[:3, :3]))}
+        parent = ET.SubElement(parent, "body", {"name": f"link{j}", **stands})
         tensor = body.at_centre
         full = [tensor[i, k] for i, k in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))]
         ET.SubElement(

@@ -8,7 +8,7 @@ the URDF specification of ROS.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
@@ -17,7 +17,7 @@ import numpy as np
 from fmu_didim.base.errors import InputError
 from fmu_didim.data.signals import Array
 from fmu_didim.dynamics.robot.description import Joint, RobotDescription
-from fmu_didim.dynamics.robot.formats.body import Body, body_of, inverse, text_of, turn
+from fmu_didim.dynamics.robot.formats.body import Body, body_of, inverse, rounded, text_of, turn
 from fmu_didim.dynamics.robot.formats.urdf import GRAVITY, serial_robot
 
 DAMPING, FRICTION = "Fv", "Fc"
@@ -137,8 +137,13 @@ def _joint(root: ET.Element, name: str, type_: str, parent: str, child: str, pos
     element = ET.SubElement(root, "joint", name=name, type=type_)
     ET.SubElement(element, "parent", link=parent)
     ET.SubElement(element, "child", link=child)
-    ET.SubElement(element, "origin", xyz=text_of(*pose[:3, 3]), rpy=text_of(*_roll_pitch_yaw(pose[:3, :3])))
+    ET.SubElement(element, "origin", xyz=text_of_pose(pose[:3, 3]), rpy=text_of_pose(_roll_pitch_yaw(pose[:3, :3])))
     return element
+
+
+def text_of_pose(values: Iterable[float]) -> str:
+    """Lengths and angles of an attribute, without what is left of products of rotations."""
+    return text_of(*map(rounded, values))
 
 
 def _roll_pitch_yaw(turned: Array) -> tuple[float, float, float]:
@@ -156,7 +161,7 @@ def _put_body(link: ET.Element, body: Body, where: str) -> None:
             "A link has no mass, and what reads a URDF needs one.", where=where, got=f"M = {body.mass:g} kg",
             next_step="Write the values of a result (--result), which become those of links that exist.",
         )  # fmt: skip
-    inertial = ET.Element("inertial")
+    body, inertial = body.without_rounding, ET.Element("inertial")
     ET.SubElement(inertial, "origin", xyz=text_of(*body.centre), rpy="0 0 0")
     ET.SubElement(inertial, "mass", value=text_of(body.mass))
     tensor = body.at_centre
