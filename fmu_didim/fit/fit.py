@@ -139,7 +139,10 @@ class Fit:
         products = sum(np.einsum("mjp,mjq->pq", block, block, optimize=True) for block in weighted)
         scale = np.sqrt(np.diag(products))
         scale[scale == 0] = np.inf
-        return np.asarray(np.linalg.pinv(products / np.outer(scale, scale)) / np.outer(scale, scale))
+        parts, axes = np.linalg.eigh(products / np.outer(scale, scale))
+        told = parts > parts.size * np.finfo(float).eps * parts.max(initial=0.0)  # the others are rounding, of any sign
+        root = axes[:, told] / np.sqrt(parts[told]) / scale[:, None]
+        return np.asarray(root @ root.T)
 
     @property
     def condition_number(self) -> float:

@@ -253,6 +253,17 @@ def test_a_parameter_that_is_held_is_known(arm: LoopModel, truth: np.ndarray, ex
     assert covariance[:-1, :-1] == pytest.approx(alone.covariance, rel=1e-6, abs=1e-12)
 
 
+def test_rounding_makes_no_variance_negative(arm: LoopModel) -> None:
+    """Columns that are one another to rounding: what they tell apart is rounding of any sign."""
+    fit, rng = minimise(model_with(arm), known_noise(SIGMA)), np.random.default_rng(6)
+    for _ in range(200):
+        some = fit.jacobian[: int(rng.integers(3, len(fit.jacobian))), :, : int(rng.integers(1, 4))]
+        slopes = np.concatenate([some, some[:, :, :1] * float(10 ** rng.uniform(-9, 9))], axis=2)
+        covariance = replace(fit, jacobian=slopes).covariance
+        assert np.linalg.eigvalsh(covariance).min() >= -1e-12 * np.abs(covariance).max()
+        assert (np.diag(covariance) >= 0).all()
+
+
 # ---- sensitivities ---------------------------------------------------------------------------------
 
 
