@@ -18,8 +18,8 @@ KINDS = (
 """Effects that are hidden, each alone."""
 OUTSIDE = ("unknown_chirp", "unknown_coupling")
 """What no catalogue of the methods holds: to be refused."""
-FIRST_SEED = 7001
-"""Of the published figures; nothing was tuned on it or on the seeds after it."""
+FIRST_SEED = 7101
+"""Of the published figures; nothing was tuned on it or on the seeds after it. Discovery was mended since 7001 to 7003."""
 SEEDS = 3
 CLEAN = 4
 """Plants that hide nothing, every second one without the small planted effects."""

@@ -18,8 +18,10 @@ from __future__ import annotations
 import argparse
 import sys
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 
@@ -38,6 +40,7 @@ from fmu_didim.fit.noise.weighting import NoiseOfResidual
 from fmu_didim.model.loop_model import EffectAtJoint, LoopModel
 from fmu_didim.model.motion import simulated_motion
 from tests.checks.data.right import loaded
+from tests.figures import command_of, table, write_figures
 from tests.tools.verdict.catalogue import NOISE
 from tests.tools.verdict.expressions import drawn_effect, ranges_of
 from tests.tools.verdict.power import along, builder, with_logs
@@ -45,6 +48,8 @@ from tests.tools.verdict.run import Answer, answer, named
 
 SHOWN = 60.0
 """[1] Chi square from which a misfit is one that a log shows."""
+BANDS = (SHOWN, 1e3, 1e4)
+"""[1] Chi squares between which answers are counted."""
 WRONG = 0.03
 """[1] Share of all draws that may be valid and wrong, none of them with so large a chi square."""
 OF_PEAK = (0.003, 0.3)
@@ -212,16 +217,45 @@ def drawn(robots: list[str], seeds: range, *, expressions: bool = False) -> Iter
                 yield robot, seed, one
 
 
+def figures(told: Sequence[Drawn]) -> dict[str, str | list[str]]:
+    """What pages say of the answers: how many there are of each kind, by what the log could show."""
+    rows = []
+    for low, high in pairwise((0.0, *BANDS, np.inf)):
+        band = [one.answer for one in told if low <= one.chi_square < high]
+        valid = [one for one in band if one.verdict == "valid"]
+        wrong = sum(one.is_wrong for one in valid)
+        words = (
+            f"below {high:,.0f}"
+            if not low
+            else f"{low:,.0f} and more"
+            if np.isinf(high)
+            else f"{low:,.0f} to {high:,.0f}"
+        )
+        rows.append([words, str(len(band)), str(len(band) - len(valid)), str(len(valid) - wrong), str(wrong)])
+    shown = [one for one in told if one.is_shown]
+    wrong = sum(one.answer.is_wrong for one in shown)
+    heads = [
+        "chi square of the misfit",
+        "machines",
+        "doubted or refused",
+        "valid, and near the truth",
+        "valid and wrong",
+    ]
+    return {"table": table(heads, rows), "count": str(len(told)), "shown": str(len(shown)), "wrong": str(wrong)}
+
+
 def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="python -m tests.tools.verdict.drawn", description=__doc__.split("\n")[0])
     parser.add_argument("--robots", nargs="+", default=["scara", "arm"])
     parser.add_argument("--draws", type=int, default=60)
     parser.add_argument("--first", type=int, default=1, help="the first seed")
     parser.add_argument("--expressions", action="store_true", help="torques that are in no catalogue")
+    parser.add_argument("--figures", type=Path, help="file of figures for docs/include.py")
     options = parser.parse_args(arguments)
-    seeds = range(options.first, options.first + options.draws)
+    seeds, told = range(options.first, options.first + options.draws), list[Drawn]()
     tally: Counter[str] = Counter()
     for robot, seed, one in drawn(options.robots, seeds, expressions=options.expressions):
+        told.append(one)
         found = one.answer
         wrong, valid = found.is_wrong, found.verdict == "valid"
         tally.update(all=1, wrong=int(wrong), valid=int(valid), shown=int(wrong and one.is_shown))
@@ -232,6 +266,11 @@ def main(arguments: list[str] | None = None) -> int:
               flush=True)  # fmt: skip
     print(f"{tally['all']} draws: {tally['valid']} valid, {tally['wrong']} valid and wrong, {tally['shown']} of them "
           f"with a chi square of {SHOWN:g} or more, {tally['silent']} without a condition")  # fmt: skip
+    if options.figures:
+        command = command_of(
+            "tests.tools.verdict.drawn", [*(sys.argv[1:] if arguments is None else arguments)]
+        )  # fmt: skip
+        write_figures(options.figures, command, figures(told))
     return 0 if not tally["shown"] and tally["wrong"] <= WRONG * max(tally["all"], 1) else 1
 
 

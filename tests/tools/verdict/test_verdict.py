@@ -94,6 +94,25 @@ def test_no_torque_without_a_name_that_is_shown_is_valid_and_wrong() -> None:
     assert [one.what for one in found if one.answer.is_wrong and one.is_shown] == []
 
 
+def test_answers_are_counted_by_what_the_log_could_show() -> None:
+    def one(chi_square: float, verdict: str, farthest: float) -> drawn.Drawn:
+        return drawn.Drawn("", chi_square, Answer(verdict, (), farthest))
+
+    told = [
+        one(10, "valid", 5),
+        one(100, "valid", 3),
+        one(200, "valid", 4.5),
+        one(2e3, "doubtful", 9),
+        one(1e5, "refused", 0),
+    ]
+    found = drawn.figures(told)
+    assert found["table"][2:] == [
+        "| 0 to 60 | 1 | 0 | 0 | 1 |", "| 60 to 1000 | 2 | 0 | 1 | 1 |", "| 1000 to 10000 | 1 | 1 | 0 | 0 |",
+        "| 10000 and more | 1 | 1 | 0 | 0 |",
+    ]  # fmt: skip
+    assert (found["count"], found["shown"], found["wrong"]) == ("5", "4", "1")
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("kinds", [[], ["--expressions"]], ids=["catalogue", "expressions"])
 def test_what_is_drawn(kinds: list[str]) -> None:
