@@ -19,7 +19,7 @@ KINDS = (
 OUTSIDE = ("unknown_chirp", "unknown_coupling")
 """What no catalogue of the methods holds: to be refused."""
 FIRST_SEED = 7101
-"""Of the published figures; nothing was tuned on it or on the seeds after it. Discovery was mended since 7001 to 7003."""
+"""Of the published figures; nothing was tuned on it or on the seeds after it, as was since 7001 to 7003."""
 SEEDS = 3
 CLEAN = 4
 """Plants that hide nothing, every second one without the small planted effects."""

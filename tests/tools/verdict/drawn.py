@@ -224,23 +224,11 @@ def figures(told: Sequence[Drawn]) -> dict[str, str | list[str]]:
         band = [one.answer for one in told if low <= one.chi_square < high]
         valid = [one for one in band if one.verdict == "valid"]
         wrong = sum(one.is_wrong for one in valid)
-        words = (
-            f"below {high:,.0f}"
-            if not low
-            else f"{low:,.0f} and more"
-            if np.isinf(high)
-            else f"{low:,.0f} to {high:,.0f}"
-        )
+        words = f"{low:g} and more" if np.isinf(high) else f"{low:g} to {high:g}"
         rows.append([words, str(len(band)), str(len(band) - len(valid)), str(len(valid) - wrong), str(wrong)])
     shown = [one for one in told if one.is_shown]
     wrong = sum(one.answer.is_wrong for one in shown)
-    heads = [
-        "chi square of the misfit",
-        "machines",
-        "doubted or refused",
-        "valid, and near the truth",
-        "valid and wrong",
-    ]
+    heads = ["chi square", "machines", "doubted or refused", "valid, near the truth", "valid and wrong"]
     return {"table": table(heads, rows), "count": str(len(told)), "shown": str(len(shown)), "wrong": str(wrong)}
 
 
