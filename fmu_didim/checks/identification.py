@@ -20,11 +20,11 @@ from fmu_didim.checks.held_out import WORSE_HELD_OUT, Residual, held_out_diagnos
 from fmu_didim.checks.held_out_channels import held_out_channel_diagnostics
 from fmu_didim.checks.judgement import Judgement, judgement
 from fmu_didim.checks.load import load_diagnostics
-from fmu_didim.checks.motion.dependence import DEPENDS_ON_MOTION, dependence_of_fit, motion_diagnostics
+from fmu_didim.checks.motion.dependence import DEPENDS_ON_MOTION
 from fmu_didim.checks.motion.misfits import Misfits
 from fmu_didim.checks.motion.periods import repetition_diagnostics, repetition_of_fit
-from fmu_didim.checks.motion.searched import searched_of_fit
 from fmu_didim.checks.motion.suspects import with_suspects
+from fmu_didim.checks.motion.tested import MotionTests
 from fmu_didim.checks.outputs.judged import output_diagnostics
 from fmu_didim.checks.outputs.words import of_a_model
 from fmu_didim.checks.physical import physical_diagnostics
@@ -183,18 +183,13 @@ def checked(estimate: Estimate, validations: Sequence[Validation], *, before: It
         *held_out_channels(estimate, validations),
     ]  # fmt: skip
     found += residual_diagnostics(tests)
-    misfits, searched = Misfits(), list[Diagnostic]()
+    misfits, searched = Misfits(), False
     if estimate.fit is not None:
         told = {d.place for d in found if d.code is RESIDUAL_ABOVE_NOISE}
         found += [d for d in repetition_diagnostics(repetition_of_fit(estimate.fit)) if d.place not in told]
-        of_motion = motion_diagnostics(dependence_of_fit(estimate.fit))
-        if not of_motion:  # signatures cost some simulations
-            misfits = Misfits.of(estimate.fit)
-            of_motion = motion_diagnostics(dependence_of_fit(estimate.fit, misfits))
-        if not of_motion and misfits.motions is not None:
-            of_motion = searched = motion_diagnostics(searched_of_fit(misfits.motions))
-            misfits = replace(misfits, motions=None)  # of a long log, large
-        found += of_motion
+        of_motion = MotionTests.of(estimate.fit)
+        misfits, searched = of_motion.misfits, of_motion.is_searched
+        found += of_motion.diagnostics
         found += start_diagnostics(contradicted_starts(estimate.fit))
     motion_hz, cutoff_hz = _bands(model)
     found += [*slow_diagnostics(tests, motion_hz, cutoff_hz), *error_diagnostics(validations, motion_hz)]

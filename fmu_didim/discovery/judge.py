@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -12,6 +13,8 @@ from fmu_didim.checks.channels import CHANNEL_OFF, like_a_wrong_sensor
 from fmu_didim.checks.held_out import WORSE_HELD_OUT, Residual, held_out_diagnostics
 from fmu_didim.checks.held_out_channels import held_out_channel_diagnostics
 from fmu_didim.checks.judgement import Judgement, judgement
+from fmu_didim.checks.motion.dependence import DEPENDS_ON_MOTION
+from fmu_didim.checks.motion.tested import MotionTests
 from fmu_didim.checks.validation import validated_channels
 from fmu_didim.discovery.selection.rounds import Discovery
 from fmu_didim.fit.fit import Fit
@@ -31,6 +34,14 @@ GAP_REMAINS = CATALOGUE(
 )  # fmt: skip
 
 
+REMAINDER_FOLLOWS = CATALOGUE(
+    "remainder-follows-motion", DOUBT, rank=62,
+    meaning="What the final model leaves is small, but it depends on the motion, which noise does not: something else "
+    "is missing that is too small for a name, or an effect has another form. The values absorb a part of it.",
+    next_step="Take the values with wider intervals; a longer log, or one at a higher rate, may tell what it is.",
+)  # fmt: skip
+
+
 def judged(discovery: Discovery, unfinished: Diagnostic | None, before: Sequence[Diagnostic] = ()) -> Judgement:
     """The judgement of the final model.
 
@@ -40,7 +51,7 @@ def judged(discovery: Discovery, unfinished: Diagnostic | None, before: Sequence
     final = discovery.final
     found = [
         *before, *remaining_gaps(final), *like_wrong_sensors(final),
-        *([unfinished] if unfinished is not None else []), *_held_out(final),
+        *([unfinished] if unfinished is not None else _following(final)), *_held_out(final),
     ]  # fmt: skip
     return judgement(found, settled=unfinished is None)
 
@@ -78,6 +89,17 @@ def remaining_gaps(fit: Fit) -> list[Diagnostic]:
         for label, found in channel_gaps(fit).items() if label in fit.model.estimation_labels
         for name, gap in found.items() if gap > REMAINDER
     ]  # fmt: skip
+
+
+def _following(fit: Fit) -> list[Diagnostic]:
+    """The joints on which a model leaves little that still depends on the motion, as the verdict of an identification
+    asks; not those of which it is told that more remains."""
+    told = {d.place for d in remaining_gaps(fit)}
+    return [
+        replace(found, code=REMAINDER_FOLLOWS)
+        for found in MotionTests.of(fit.torque_alone).diagnostics
+        if found.code is DEPENDS_ON_MOTION and found.place not in told
+    ]
 
 
 def like_wrong_sensors(fit: Fit) -> list[Diagnostic]:

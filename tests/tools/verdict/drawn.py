@@ -92,7 +92,7 @@ def draw(robot: str, seed: int, *, expressions: bool = False) -> Drawn | None:
     rng = np.random.default_rng([seed, 31])
     model = along(robot, seed)
     torques = {label: model.torque(model.start, label) for label in model.experiments}
-    find = _expression if expressions else _of_catalogue
+    find = nameless if expressions else catalogued
     found = find(rng, model, torques["estimation"], robot)
     if found is None:
         return None
@@ -120,9 +120,7 @@ def draw(robot: str, seed: int, *, expressions: bool = False) -> Drawn | None:
     return Drawn(what, chi_square, found)
 
 
-def _of_catalogue(
-    rng: np.random.Generator, model: LoopModel, torque: Array, robot: str
-) -> tuple[str, LoopModel] | None:
+def catalogued(rng: np.random.Generator, model: LoopModel, torque: Array, robot: str) -> tuple[str, LoopModel] | None:
     """What is drawn, and the machine that has it: one or two effects of the catalogue."""
     wanted = 1 + int(rng.uniform() < TWO)
     # Curves stand for anything, over a range that only a motion gives.
@@ -142,7 +140,7 @@ def _of_catalogue(
         return None
 
 
-def _expression(rng: np.random.Generator, model: LoopModel, torque: Array, robot: str) -> tuple[str, LoopModel] | None:
+def nameless(rng: np.random.Generator, model: LoopModel, torque: Array, robot: str) -> tuple[str, LoopModel] | None:
     """The same of a torque at a joint that no catalogue has."""
     known, joint = builder(robot), int(rng.integers(1, model.joint_count + 1))
     motion = simulated_motion(model.simulation(model.start, "estimation"), RobotModel(known.description))

@@ -1,0 +1,42 @@
+"""What discovery says where it names nothing, or something else, and the residual still depends on the motion."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from fmu_didim.discovery.judge import REMAINDER, REMAINDER_FOLLOWS
+from fmu_didim.discovery.request import Request
+from fmu_didim.discovery.run import discover
+from fmu_didim.results.findings import FindingsDocument
+from tests.tools.verdict.catalogue import NOISE
+from tests.tools.verdict.drawn import nameless
+from tests.tools.verdict.power import along, builder, with_logs
+
+
+def answered(seed: int, *, hidden: bool) -> FindingsDocument:
+    """On a SCARA along the motion of a draw, with a drawn torque that is in no catalogue, or without."""
+    model = along("scara", seed)
+    torques = {label: model.torque(model.start, label) for label in model.experiments}
+    if hidden:
+        found = nameless(np.random.default_rng([seed, 31]), model, torques["estimation"], "scara")
+        assert found is not None
+        torques = {label: found[1].torque(found[1].start, label) for label in torques}
+    request = Request("drawn", builder("scara").description)
+    return discover(with_logs(along("scara", seed), torques, seed, NOISE), request).document
+
+
+@pytest.mark.gate
+@pytest.mark.parametrize(("seed", "joint"), [(6, 2), (10, 1)])
+def test_a_small_remainder_that_follows_the_motion_is_doubted(seed: int, joint: int) -> None:
+    """Torques without a name: nothing was named, and a spring, both valid, while `identify` doubts the same data."""
+    found = answered(seed, hidden=True)
+    assert max(found.gap["estimation"].after_per_joint) < REMAINDER
+    told = {reason.place for reason in found.reasons if reason.code == REMAINDER_FOLLOWS.name}
+    assert (found.verdict, told) == ("doubtful", {f"joint {joint}"})
+
+
+@pytest.mark.gate
+def test_a_model_that_lacks_nothing_is_valid() -> None:
+    found = answered(6, hidden=False)
+    assert (found.answer, found.verdict, found.reasons) == ("nothing", "valid", [])
