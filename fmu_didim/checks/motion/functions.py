@@ -38,6 +38,17 @@ FRICTION = "direction of motion at "
 """The same where it turns with the direction of motion, too."""
 BEYOND = "position "
 """Before the place beyond which a residual is on one side."""
+NEAR = " near "
+"""Between a quantity and the value near which a residual is of its own."""
+LIKE_PLACES: Mapping[str, str] = {
+    "position": "a detent or a worn place",
+    "velocity": "friction with a peak or a resonance there",
+    "load": "a gear that changes there",
+    "time": "a push from outside",
+}
+"""Quantity -> what a model may lack that acts near a value of it."""
+LIKE_NEIGHBOUR = "a cable or a hose across the joints"
+"""The same of the position of a neighbour."""
 LOOKS_LIKE: Mapping[str, str] = {
     TORQUE_RATE: "a wrong clock or a lag of the drive",
     "direction of motion": "other Coulomb friction",
@@ -80,6 +91,9 @@ def looks_like(name: str) -> str:
         return "friction that changes along the joint"
     if name.startswith((BEYOND + "above", BEYOND + "below")):
         return "a stop or a spring that begins there"
+    quantity, is_near, _ = name.partition(NEAR)
+    if is_near and name not in LOOKS_LIKE:
+        return LIKE_PLACES.get(quantity, LIKE_NEIGHBOUR)
     return LOOKS_LIKE.get(name, LIKE_PAYLOAD if "which changes" in name else LIKE_GRAVITY)
 
 
@@ -95,6 +109,13 @@ def beyond(place: float, *, above: bool, slides: bool) -> str:
     """The name of the functions of what acts above or below a place, in rad or m."""
     own = f"{1000 * place:.3g} mm" if slides else f"{place:.3g} rad"
     return f"{BEYOND}{'above' if above else 'below'} {own}"
+
+
+def near(quantity: str, value: float, *, slides: bool, joint: int = 0) -> str:
+    """The name of what acts near a value, SI, of a quantity of a joint, of its own if that is 0."""
+    units = {"position": ("rad", "m"), "velocity": ("rad/s", "m/s"), "load": ("N.m", "N"), "time": ("s", "s")}
+    whose = f" of joint {joint}" if joint else ""
+    return f"{quantity}{whose}{NEAR}{value:.3g} {units[quantity][slides]}"
 
 
 def direction(dq: Array, over: float = TURNING) -> Array:

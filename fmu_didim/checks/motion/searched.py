@@ -1,17 +1,19 @@
-"""Whether the residual torque follows what acts at places along a joint: ripples of a motor or a gear, and stops.
+"""Whether the residual torque follows what acts at places: ripples of a motor or a gear, stops, and bumps.
 
 A joint at q may have a load, at a number n of ripples in a turn or beyond a place c, of the form
 
     e = w (a sin(n q) + b cos(n q)),      w = 1, tau or the direction of motion s(dq),
     e = a h + b h^2,                      h = max(q - c, 0) or max(c - q, 0),
+    e = a h_c(z) + b h_(c+w)(z),          h_c(z) = max(1 - |z - c| / w, 0),
 
-which the controller compensates as fast as it can (:mod:`fmu_didim.fit.derivatives.load_response`): what the log shows
-of it is asked for as functions of the motion are (:mod:`fmu_didim.checks.motion.dependence`), a and b together. The p
-value is multiplied by the number of those that are tried.
+the last one near one value of a quantity z: its position, velocity or load, the time, the position or velocity of a
+neighbour. The controller compensates it as fast as it can (:mod:`fmu_didim.fit.derivatives.load_response`): what the
+log shows of it is asked for as functions of the motion are (:mod:`fmu_didim.checks.motion.dependence`), a and b
+together. The p value is multiplied by the number of those that are tried.
 
 Functions of the motion cannot follow what changes so often or is so short, and values of a fit hardly move with it: on
 a SCARA a residual of four times the noise, of which 93 % were a ripple of the current, was taken for noise, and so was
-Coulomb friction that changed along the joint, whose mean the friction of the model takes up.
+Coulomb friction that changed along the joint, whose mean the friction of the model takes up, and so were drawn bumps.
 """
 
 from __future__ import annotations
@@ -19,7 +21,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Literal, get_args
+from typing import Literal, TypeAlias, get_args
 
 import numpy as np
 
@@ -32,7 +34,7 @@ from fmu_didim.checks.motion.dependence import (
     tested_rows,
     told,
 )
-from fmu_didim.checks.motion.functions import at_ripples, beyond, direction
+from fmu_didim.checks.motion.functions import at_ripples, beyond, direction, near
 from fmu_didim.checks.motion.misfits import FittedMotions
 from fmu_didim.cosim import Indices
 from fmu_didim.data.signals import Array
@@ -49,11 +51,16 @@ INSTANTS = 3.0
 """[instants] At which loads are taken, in the shortest ripple at the largest speed."""
 STOPS = (0.02, 0.04, 0.07, 0.1, 0.15, 0.2, 0.3, 0.4)
 """[1] Of the range of a motion, from either end: where a stop may begin."""
+PLACES = (8, 24)
+"""[places] In the range of a quantity, near which something of its own may act: broad ones and narrow ones."""
 FUNCTIONS = 2
-"""[functions] Of a ripple or a stop."""
+"""[functions] Of a ripple, a stop or a place."""
 Follows = Literal["neither", "load", "direction"]
 FOLLOWS: tuple[Follows, ...] = get_args(Follows)
 """What the size of a ripple follows."""
+Quantity = Literal["position", "velocity", "load", "time"]
+QUANTITIES: tuple[Quantity, ...] = get_args(Quantity)
+"""Near one value of which something may act; of a neighbour the first two."""
 AT_ONCE = 500_000
 """[values] Of a table of loads: 4 MB, and what becomes of them not much more than the caches hold."""
 DEPENDENT = 1e-9
@@ -113,8 +120,59 @@ class Stop:
         return np.column_stack([depth, depth**2])
 
 
+@dataclass(frozen=True)
+class Near:
+    """Loads near one value of a quantity.
+
+    Attributes:
+        of: joint of the quantity, from 0; own: whether they act on it; slides: whether it does.
+        place, width: of the value, SI.
+    """
+
+    quantity: Quantity
+    of: int
+    own: bool
+    place: float
+    width: float
+    slides: bool
+
+    @property
+    def name(self) -> str:
+        """What the residual follows then."""
+        return near(
+            self.quantity, self.place + 0.5 * self.width, slides=self.slides, joint=0 if self.own else self.of + 1
+        )
+
+    def loads(self, motion: Motion, j: int) -> Array:
+        """(K, FUNCTIONS) on joint ``j``, from 0."""
+        away = (_quantity(motion, self.quantity, self.of) - self.place) / self.width
+        return np.column_stack([np.maximum(1 - np.abs(away - k), 0.0) for k in range(FUNCTIONS)])
+
+
+def _quantity(motion: Motion, quantity: Quantity, joint: int) -> Array:
+    """(K,) along a motion."""
+    if quantity == "time":
+        return motion.time
+    return np.asarray({"position": motion.q, "velocity": motion.dq, "load": motion.load}[quantity][:, joint])
+
+
+def places(motions: Sequence[Motion], j: int, slides: Sequence[bool]) -> list[Near]:
+    """The values of quantities near which something may act on a joint, from 0."""
+    asked: list[tuple[Quantity, int]] = [(quantity, j) for quantity in QUANTITIES]
+    beside = [k for k in (j - 1, j + 1) if 0 <= k < len(slides)]
+    asked += [(quantity, k) for quantity in ("position", "velocity") for k in beside]
+    found = []
+    for quantity, of in asked:
+        values = np.concatenate([_quantity(m, quantity, of) for m in motions])
+        low, reach = float(values.min()), float(np.ptp(values))
+        for count in PLACES if reach > 0 else ():
+            width = reach / count
+            found += [Near(quantity, of, of == j, low + k * width, width, slides[of]) for k in range(count)]
+    return found
+
+
 def searched_of_fit(motions: FittedMotions) -> list[Dependence]:
-    """How the residual of each joint follows ripples and stops, at the point of a fit."""
+    """How the residual of each joint follows ripples, stops and bumps, at the point of a fit."""
     rows = tested_rows(motions.fit)
     tasks = [partial(_searched, motions, one, rows) for one in residuals_of_fit(motions.fit, rows)]
     return [found for found in side_by_side(tasks, motions.fit.model.threads) if found is not None]
@@ -150,19 +208,24 @@ def numbers_of_ripples(*, slides: bool, reach: float, speed: float, spacing: flo
     return np.asarray(step * np.arange(1, min(int(highest / step), MOST) + 1))
 
 
+Local: TypeAlias = Ripple | Stop | Near
+"""What acts at places."""
+
+
 @dataclass(frozen=True)
 class _Best:
     """What explains most by one colour: what the log shows of it (N, FUNCTIONS), and the squares that it explains."""
 
-    of: Ripple | Stop
+    of: Local
     functions: Array
     explained: float
 
 
 def _searched(motions: FittedMotions, one: JointResidual, rows: dict[str, Indices]) -> Dependence | None:
-    """The ripple or stop that explains most of the residual of a joint; None where it is no question."""
+    """The ripple, stop or bump that explains most of the residual of a joint; None where it is no question."""
     j, tested = one.joint - 1, one.left.colours
-    tried = candidates(list(motions.motions.values()), j, slides=motions.joint_types[j] == "prismatic")
+    along, slides = list(motions.motions.values()), [kind == "prismatic" for kind in motions.joint_types]
+    tried: list[Local] = [*candidates(along, j, slides=slides[j]), *places(along, j, slides)]
     if one.room < FUNCTIONS or not one.left.shows or not tried:
         return None
     starts = (Colour.white(len(tested.alone.orders)), tested.alone)
@@ -185,8 +248,8 @@ def _searched(motions: FittedMotions, one: JointResidual, rows: dict[str, Indice
 
 
 def _tables(
-    motions: FittedMotions, j: int, rows: dict[str, Indices], tried: list[Ripple | Stop]
-) -> Iterator[tuple[list[Ripple | Stop], Array]]:
+    motions: FittedMotions, j: int, rows: dict[str, Indices], tried: Sequence[Local]
+) -> Iterator[tuple[Sequence[Local], Array]]:
     """Some of those that are tried at a time, with what the log shows (N, f, FUNCTIONS) of their loads on a joint."""
     count = max(AT_ONCE // (FUNCTIONS * max(len(m.q) for m in motions.motions.values())), 1)
     for first in range(0, len(tried), count):

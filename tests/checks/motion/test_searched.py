@@ -13,9 +13,9 @@ from fmu_didim.checks.data.checks import data_diagnostics
 from fmu_didim.checks.identification import checked
 from fmu_didim.checks.motion import searched
 from fmu_didim.checks.motion.dependence import DEPENDS_ON_MOTION, motion_diagnostics
-from fmu_didim.checks.motion.functions import at_ripples, beyond, looks_like
+from fmu_didim.checks.motion.functions import at_ripples, beyond, looks_like, near
 from fmu_didim.checks.motion.misfits import FittedMotions
-from fmu_didim.checks.motion.searched import Stop, numbers_of_ripples, searched_of_fit
+from fmu_didim.checks.motion.searched import PLACES, Near, Stop, numbers_of_ripples, places, searched_of_fit
 from fmu_didim.checks.validation import validated
 from fmu_didim.data.signals import Array
 from fmu_didim.discovery.augmentation.places import Proposal
@@ -24,6 +24,7 @@ from fmu_didim.fit.fit import point
 from fmu_didim.fit.noise.weighting import NoiseOfResidual
 from fmu_didim.model.loop_model import EffectAtJoint, LoopModel
 from tests.tools.verdict.catalogue import NOISE
+from tests.tools.verdict.drawn import nameless
 from tests.tools.verdict.power import along, builder, with_logs
 
 
@@ -107,6 +108,62 @@ def test_friction_that_changes_along_the_joint_is_doubted(seed: int, length: flo
     assert told.place == "joint 1"
     assert "most with the direction of motion at " in told.text
     assert "as friction that changes along the joint would" in told.text
+
+
+@pytest.mark.gate
+@pytest.mark.parametrize(
+    ("robot", "seed", "place"),
+    [
+        ("scara", 4011, "joint 2: position of joint 1 near"), ("arm", 4016, "joint 2: load near"),
+        ("arm", 4051, "joint 1: position near"), ("scara", 4058, "joint 1: velocity near"),
+    ],
+)  # fmt: skip
+def test_a_bump_is_doubted_and_told_with_its_place(robot: str, seed: int, place: str) -> None:
+    """Drawn torques without a name, which were valid at 4.5 to 7.2 sigma, with 2 to 140 times the squares of noise."""
+    model = along(robot, seed)
+    torque = model.torque(model.start, "estimation")
+    found = nameless(np.random.default_rng([seed, 31]), model, torque, robot)
+    assert found is not None
+    logs = {label: found[1].torque(found[1].start, label) for label in model.experiments}
+    told = reasons(with_logs(along(robot, seed), logs, seed, NOISE))
+    joint, follows = place.split(": ")
+    assert [d.place for d in told] == [joint]
+    assert f"most with the {follows}" in told[0].text
+
+
+def test_places_of_a_bump() -> None:
+    """Own position, velocity, load and time, position and velocity of the neighbours; none of what stands still."""
+    motion = right_motions("scara", 1).motions["estimation"]
+    found = places([motion], 1, [False, False])
+    assert len(found) == 6 * sum(PLACES)
+    assert {one.name.partition(" near ")[0] for one in found} == {
+        "position", "velocity", "load", "time", "position of joint 1", "velocity of joint 1",
+    }  # fmt: skip
+    still = replace(motion, q=np.zeros_like(motion.q))
+    assert {one.quantity for one in places([still], 1, [False, False])} == {"velocity", "load", "time"}
+
+
+def test_loads_near_a_value() -> None:
+    """Two hats beside each other: between their tops they add up to one."""
+    motion = right_motions("scara", 1).motions["estimation"].at(np.arange(4))
+    motion = replace(motion, q=np.array([[0.0, 9.0], [0.5, 9.0], [0.75, 9.0], [2.0, 9.0]]))
+    loads = Near("position", 0, False, 0.5, 0.5, False).loads(motion, 1)
+    np.testing.assert_allclose(loads, [[0, 0], [1, 0], [0.5, 0.5], [0, 0]])
+
+
+@pytest.mark.parametrize(
+    ("name", "like"),
+    [
+        (near("position", 0.5, slides=True), "a detent or a worn place"),
+        (near("velocity", 0.5, slides=False), "friction with a peak or a resonance there"),
+        (near("load", 0.5, slides=False), "a gear that changes there"),
+        (near("time", 0.5, slides=False), "a push from outside"),
+        (near("velocity", 0.5, slides=False, joint=2), "a cable or a hose across the joints"),
+        ("velocity near standstill", "steeper friction at standstill"),
+    ],
+)
+def test_what_a_bump_looks_like(name: str, like: str) -> None:
+    assert looks_like(name) == like
 
 
 @pytest.mark.parametrize(("above", "depth"), [(True, [0.0, 0.0, 0.5]), (False, [1.5, 0.5, 0.0])])
