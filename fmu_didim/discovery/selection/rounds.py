@@ -75,6 +75,7 @@ def run_rounds(
         before = [EffectAtJoint(name, j) for name in checked for j in builder.joints(name)]
         return Discovery(base, base, (), tried=(_not_tried([*before, *candidates]),), ending=Ending.TIME_UP)
     fit, steps = pre_check(builder, base, options, progress)
+    looked_at = fit
     if steps:
         keep(Discovery(base, fit, tuple(steps), ending=Ending.RUNNING))
     progress.say(f"signatures of {len(candidates)} candidates")
@@ -108,11 +109,13 @@ def run_rounds(
                 left = [c for c in candidates if c not in fit.model.added_effects]
                 catalogue = SignatureCatalogue(builder, fit, candidates=left, progress=progress)
         else:
-            exchanged = _base_instead(competition, ranking, base, steps, options, progress)
-            if exchanged is None:
+            changed = _base_instead(competition, ranking, base, steps, options, progress)
+            if changed is None and fit is not looked_at:
+                changed, looked_at = _checked_again(builder, fit, steps, options, progress), fit
+            if changed is None:
                 refused = accepted
                 break
-            fit, steps = exchanged
+            fit, steps = changed
             keep(Discovery(base, fit, tuple(steps), tried=tuple(tried), ending=Ending.RUNNING))
     return Discovery(base, fit, tuple(steps), refused, tuple(tried), ending)
 
@@ -188,6 +191,15 @@ def _base_instead(
             left = [step_of(alone, (alone,), from_base, options)]
         return fit, left
     return None
+
+
+def _checked_again(
+    builder: LoopModelBuilder, fit: Fit, steps: list[Step], options: Options, progress: Progress
+) -> tuple[Fit, list[Step]] | None:
+    """The model and its steps with an effect of the pre-check that the effects found since have laid bare: before them
+    it was a small part of the gap; None if there is none."""
+    fit, found = pre_check(builder, fit, options, progress)
+    return _backward(builder, fit, [*steps, *found], options, progress) if found else None
 
 
 def _not_tried(candidates: Sequence[EffectAtJoint]) -> tuple[TriedCandidate, ...]:

@@ -54,10 +54,12 @@ class ByHand:
     """What the rounds call, and what it was called with.
 
     Args:
-        outcomes: of the decision, round by round.
+        outcomes: of the decision, round by round. checked, again: steps of the first pre-check, and of the second.
     """
 
-    def __init__(self, monkeypatch: pytest.MonkeyPatch, *outcomes: Any, checked: Sequence[Any] = ()) -> None:
+    def __init__(
+        self, monkeypatch: pytest.MonkeyPatch, *outcomes: Any, checked: Sequence[Any] = (), again: Sequence[Any] = ()
+    ) -> None:
         self.catalogues: list[tuple[Any, list[EffectAtJoint]]] = []
         self.screened: list[Fit] = []
         self.fitted: list[tuple[Any, dict[str, Any]]] = []
@@ -69,14 +71,17 @@ class ByHand:
         self.unfitted: tuple[Any, ...] = ()
         self.reached: list[Any] = []
         self.judged: list[Any] = []
-        self._outcomes, self._checked = list(outcomes), list(checked)
+        self.checks: list[Fit] = []
+        self._outcomes, self._checked = list(outcomes), [list(checked), list(again)]
         for name in ("pre_check", "decide", "minimise", "step_of", "_backward"):
             monkeypatch.setattr(rounds, name, getattr(self, f"do_{name.strip('_')}"))
         monkeypatch.setattr(rounds, "Competition", self.do_competition)
         monkeypatch.setattr(rounds, "SignatureCatalogue", self.do_catalogue)
 
     def do_pre_check(self, builder: Any, base: Fit, *_: Any) -> tuple[Fit, list[Any]]:
-        return (with_effects("limit") if self._checked else base), list(self._checked)
+        self.checks.append(base)
+        found = self._checked.pop(0) if self._checked else []
+        return (with_effects("limit") if found else base), found
 
     def do_catalogue(self, builder: Any, fit: Fit, *, candidates: list[EffectAtJoint], progress: Progress) -> Any:
         self.catalogues.append((fit, candidates))
@@ -258,6 +263,25 @@ def test_effects_of_the_pre_check_count_as_rounds(monkeypatch: pytest.MonkeyPatc
     assert [s.effect_at.effect for s in found.steps] == ["limit", "b"]
     assert competition.screened[0].model.added_effects == (EffectAtJoint("limit", 1),)
     assert competition.catalogues[0][0] is competition.screened[0]
+
+
+def test_what_others_have_laid_bare_is_checked_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A limit of the torque beside a payload: before that is in the model it is a small part of the gap."""
+    limit = SimpleNamespace(effect_at=EffectAtJoint("limit", 1))
+    competition = ByHand(monkeypatch, added("a"), (), (), again=[limit])
+    found, _ = run()
+    assert [s.effect_at.effect for s in found.steps] == ["a", "limit"]
+    assert [len(steps) for steps in competition.backward] == [1, 2]  # what the limit makes superfluous is taken out
+    assert [fit.simulations for fit in competition.checks] == [0, 77, 0]  # the last time beside the limit
+
+
+@pytest.mark.parametrize(("outcomes", "count"), [([()], 1), ([added("a"), ()], 2)])
+def test_the_same_fit_is_not_checked_twice(
+    monkeypatch: pytest.MonkeyPatch, outcomes: Sequence[Any], count: int
+) -> None:
+    competition = ByHand(monkeypatch, *outcomes)
+    run()
+    assert len(competition.checks) == count
 
 
 def test_signatures_are_made_anew_when_the_samples_shift(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -317,6 +317,30 @@ def test_three_effects_count_as_found_only_together_and_a_further_name_is_false(
     assert [note.split(":")[0] for note in score(lines, truths).notes] == ["two", "more"]
 
 
+@pytest.mark.parametrize(
+    ("findings", "sets", "good", "right", "held"),
+    [
+        ([("cubic_spring", 1)], {0: ["spring@1"]}, 0, 1, 1),
+        ([("spring", 1), ("torque_offset", 1)], {}, 1, 1, 1),
+        ([("spring", 1), ("asymmetric_coulomb", 1)], {}, 1, 1, 1),  # of the class of an offset
+        ([("spring", 1), ("torque_offset", 2)], {}, 1, 0, 1),  # on the other joint there is none
+        ([("cubic_spring", 2)], {0: ["spring@2"]}, 0, 0, 0),
+    ],
+)
+def test_parts_of_a_spring_are_no_false_names_and_no_spring(
+    findings: list[tuple[str, int]], sets: dict[int, list[str]], good: int, right: int, held: int
+) -> None:
+    others = [("stribeck", 2), ("base_tilt", 1)]
+    truths = {"a": truth(("spring", 1), ("stribeck", 2), ("base_tilt", None))}
+    row = line("a", *findings, *others)
+    for place, names in sets.items():
+        row["findings"][place]["ambiguous"] = names
+    found = counts([row], truths)
+    assert found["all of three effects found"] == (good, 1)
+    assert found["no false name beside three effects"] == (right, 1)
+    assert found["all of three effects found or in a set"] == (held, 1)
+
+
 def test_noise_has_the_stated_size_and_colour() -> None:
     design = replace(development_design(np.random.default_rng(0)), periods=20)
     values = noise(np.random.default_rng(1), design, np.array([2.0, 0.5]))
