@@ -168,10 +168,13 @@ def without_clutter(findings: Iterable[Mapping[str, Any]], truth: Truth) -> list
 
 
 def in_set(line: Mapping[str, Any], truth: Truth) -> bool:
-    """Whether the first serious finding, or its set, holds the class of the one effect that is hidden."""
+    """Whether the first serious finding, or its set, holds the class of the one effect that is hidden; of several,
+    whether each is held by a finding on its joint."""
     serious = without_clutter(line["findings"], truth)
-    if not serious or len(truth.effects) != 1:
+    if not serious or not truth.effects:
         return False
+    if len(truth.effects) > 1:
+        return all(any(holds(f, effect, joint) for f in serious) for effect, joint in truth.effects)
     return any(same_class(name, truth.effects[0][0]) for name in members(serious[0]))
 
 
@@ -217,7 +220,7 @@ def _judge(truth: Truth, line: Mapping[str, Any], serious: Sequence[Mapping[str,
         good = all(any(matches(f, effect, joint) for f in serious) for effect, joint in truth.effects)
         count = "two" if len(truth.effects) == 2 else "three"
         right = all(any(belongs(f, effect, joint) for effect, joint in truth.effects) for f in serious)
-        held = all(any(holds(f, effect, joint) for f in serious) for effect, joint in truth.effects)
+        held = in_set(line, truth)
         tally.update({count: 1, f"{count} good": int(good), f"{count} right": int(right), f"{count} set": int(held)})
         return good if count == "two" else good and right
     effect, joint = truth.effects[0]

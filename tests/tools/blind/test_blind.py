@@ -560,6 +560,8 @@ def test_a_table_holds_all_that_the_score_needs(tmp_path: Path) -> None:
         "x/d": truth(),
         "x/e": truth(("stribeck", 1), ("backlash", 2), rate_hz=20.0),
         "x/f": truth(("unknown_push", 1)),
+        "x/g": truth(("spring", 1), ("stribeck", 2), ("base_tilt", None)),
+        "x/h": truth(("spring", 1), ("stribeck", 2), ("base_tilt", None)),
     }
     lines = [
         line("x/a", ("torque_ripple", 2), ("torque_offset", 1)),
@@ -568,8 +570,11 @@ def test_a_table_holds_all_that_the_score_needs(tmp_path: Path) -> None:
         line("x/d", ("torque_ripple", 1)),
         line("x/e", ("stribeck", 1)),
         line("x/f", verdict="unknown"),
+        line("x/g", ("cubic_spring", 1), ("stribeck", 2), ("base_tilt", 2)),
+        line("x/h", ("cubic_spring", 1), ("stribeck", 2), ("base_tilt", 2)),
     ]
     lines[0]["findings"][1]["ambiguous"] = ["gravity_compensator"]
+    lines[6]["findings"][0]["ambiguous"] = ["spring@1"]
     write_rows(tmp_path / "all.csv", lines, truths)
     again = score(*read_rows(tmp_path / "all.csv"))
     before = score(lines, truths)
@@ -579,6 +584,7 @@ def test_a_table_holds_all_that_the_score_needs(tmp_path: Path) -> None:
     rates = [[r for r in found.rates if r.name != SHRINKS_SURELY] for found in (again, before)]
     assert rates[0] == rates[1]
     assert dict(counts(lines, truths))["right class within the reported set"] == (1, 2)
+    assert dict(counts(lines, truths))["all of three effects found or in a set"] == (1, 2)
 
 
 def test_truth_is_not_opened(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
