@@ -95,7 +95,7 @@ class Score:
 @dataclass(frozen=True)
 class Truth:
     """What a case hides: effects with their joints (None: not judged), the largest gap, whether clutter is planted, and
-    the base parameters by name."""
+    the base parameters by name. Of three effects the gap is the least that one of them makes alone: each must show."""
 
     effects: tuple[tuple[str, int | None], ...]
     gap: float
@@ -113,9 +113,11 @@ def read_truth(folder: Path) -> Truth:
         (e["effect"], None if e["effect"] in ANY_JOINT or e.get("whole_robot") else int(e["joint"]))
         for e in content["truth"]
     )
-    largest = max((float(g) for g in gaps["train"]), default=0.0)
+    size = max((float(g) for g in gaps["train"]), default=0.0)
+    if len(effects) > 2:
+        size = min(float(e["gap_alone_sigma"]) for e in content["truth"])
     clutter, rate = content.get("clutter", "none") != "none", float(case["measurement"]["rate_hz"])
-    return Truth(effects, largest, clutter, rate, content.get("parameters", {}))
+    return Truth(effects, size, clutter, rate, content.get("parameters", {}))
 
 
 def same_class(one: str, other: str) -> bool:

@@ -280,6 +280,20 @@ def test_a_harmonic_drive_has_all_its_parts_on_one_joint() -> None:
     assert gap(plant, path, deviation).refitted.max() > 1.0
 
 
+def test_of_three_effects_each_must_show(tmp_path: Path) -> None:
+    """A case counts where the least gap that one of them makes alone is one that is judged."""
+    (case, _) = made(tmp_path, *HARMONIC_DRIVE, robots="varied")
+    content = yaml.safe_load((case / "truth.yaml").read_text())
+    alone = [effect["gap_alone_sigma"] for effect in content["truth"]]
+    assert min(alone) > 1.5
+    assert read_truth(case).gap == min(alone)
+    content["truth"][1]["gap_alone_sigma"] = 0.7
+    (case / "truth.yaml").write_text(yaml.safe_dump(content))
+    assert read_truth(case).gap == 0.7
+    rows = [line(case.name, *read_truth(case).effects)]
+    assert counts(rows, {case.name: read_truth(case)})["all of three effects found"] == (0, 0)
+
+
 @pytest.mark.parametrize("first", [1, 9101])
 def test_triples_are_of_the_first_seed_without_other_cases(tmp_path: Path, first: int) -> None:
     make_campaign(tmp_path, [], seeds=range(first, first), rates=[100], level=1.0, triples=1, robots="development")

@@ -25,12 +25,17 @@ COLOURED, CORRELATION_S = 0.75, 0.011
 
 @dataclass(frozen=True)
 class Hidden:
-    """A form at an amplitude on a joint (from 0)."""
+    """A form at an amplitude on a joint (from 0).
+
+    Attributes:
+        alone: its gap without other effects after refitting the base, at its worst joint, in noise deviations.
+    """
 
     effect: str
     joint: int
     form: Form
     amplitude: float
+    alone: float = float("nan")
 
 
 @dataclass(frozen=True)
@@ -126,7 +131,7 @@ def tuned(plant: Plant, item: Hidden, motion: Motion, deviation: Array, level: f
             continue
         error = abs(np.log(size / level))
         if error < distance:
-            best, distance = replace(item, amplitude=amplitude), error
+            best, distance = replace(item, amplitude=amplitude, alone=size), error
         if error < 0.05 or (size < level and amplitude >= limit):
             break
         if size < level:
@@ -247,7 +252,7 @@ def write_cases(
             _table(folder / f"{run_name}_torque.csv", torque, ["t", *(f"tau{j}" for j in joints)], "%.7g")
     for folder, rate in folders:
         _document(folder / "case.yaml", case_document(design, rate))
-        hidden = [(h.effect, h.joint, h.form.equation, h.amplitude) for h in plant.hidden]
+        hidden = [(h.effect, h.joint, h.form.equation, h.amplitude, h.alone) for h in plant.hidden]
         sizes = {name: {run_name: getattr(g, name) for run_name, g in gaps.items()} for name in ("plain", "refitted")}
         truth = truth_document(folder.name, design, hidden, sizes, clutter=plant.clutter)
         _document(folder / "truth.yaml", truth)
