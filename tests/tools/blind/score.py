@@ -95,7 +95,8 @@ class Score:
 @dataclass(frozen=True)
 class Truth:
     """What a case hides: effects with their joints (None: not judged), the largest gap, whether clutter is planted, and
-    the base parameters by name. Of three effects the gap is the least that one of them makes alone: each must show."""
+    the base parameters by name. Of three effects the gap is the least that one of them makes beside the
+    others: each must show."""
 
     effects: tuple[tuple[str, int | None], ...]
     gap: float
@@ -115,7 +116,7 @@ def read_truth(folder: Path) -> Truth:
     )
     size = max((float(g) for g in gaps["train"]), default=0.0)
     if len(effects) > 2:
-        size = min(float(e["gap_alone_sigma"]) for e in content["truth"])
+        size = min(float(e["gap_beside_sigma"]) for e in content["truth"])
     clutter, rate = content.get("clutter", "none") != "none", float(case["measurement"]["rate_hz"])
     return Truth(effects, size, clutter, rate, content.get("parameters", {}))
 

@@ -73,16 +73,16 @@ def truth_document(
     """What is hidden: ``truth.yaml``; only the scoring reads it.
 
     Args:
-        hidden: effect, joint from 0, equation, amplitude and the gap that it makes alone.
+        hidden: effect, joint from 0, equation, amplitude and the gap that it makes beside the others.
         gaps: ``plain`` and ``refitted``, by run.
     """
     content: dict[str, Any] = {
         "id": name,
         "truth": [
             {"effect": effect, "joint": joint + 1, "form": equation, "amplitude": float(amplitude)}
-            | {"gap_alone_sigma": round(float(alone), 3)}
+            | {"gap_beside_sigma": round(float(own), 3)}
             | ({"whole_robot": True} if effect in WHOLE_ROBOT else {})
-            for effect, joint, equation, amplitude, alone in hidden
+            for effect, joint, equation, amplitude, own in hidden
         ],
         "parameters": {key: float(value) for key, value in design.true.items()},
     }
