@@ -41,7 +41,7 @@ DECIDING = (
     (held_out, ("HELD_OUT", "WORSE_JOINT", "NEARER", "OWN_SIZE", "FEWEST_BLOCKS", "GLITCH")),
     (plausible, ("ZERO", "UNTOLD", "LONGEST")),
     (pre_check, ("FITTED", "PROMISING", "WORSE")),
-    (rounds, ("KEPT_GAIN",)),
+    (rounds, ("KEPT_GAIN", "PAIRED")),
     (search, ("STEP_COST", "WEAKEST", "SMALLEST_GAIN", "LEAST")),
     (judge, ("REMAINDER",)),
     (facts, ("OTHER_SPEED", "OTHER_LOAD", "OTHER_GAIN")),
