@@ -25,7 +25,11 @@ from tests.tools.foreign.__main__ import texts as of_fmus
 from tests.tools.hidden_controllers.__main__ import texts as of_controllers
 
 FILES = sorted(FOLDER.glob("*.json"))
-TABLES = {"discovery": "discovery_matrix.csv", "discovery_harmonic": "discovery_harmonic.csv"}
+TABLES = {
+    "discovery": "discovery_matrix.csv",
+    "discovery_triples": "discovery_triples.csv",
+    "discovery_harmonic": "discovery_harmonic.csv",
+}
 """Figures of blind cases -> the table from which they follow."""
 
 
