@@ -25,7 +25,12 @@ from tests.tools.foreign.__main__ import texts as of_fmus
 from tests.tools.hidden_controllers.__main__ import texts as of_controllers
 
 FILES = sorted(FOLDER.glob("*.json"))
-MATRIX = ROOT / "docs" / "discovery_matrix.csv"
+TABLES = {
+    "discovery": "discovery_matrix.csv",
+    "discovery_triples": "discovery_triples.csv",
+    "discovery_harmonic": "discovery_harmonic.csv",
+}
+"""Figures of blind cases -> the table from which they follow."""
 
 
 @pytest.fixture
@@ -120,13 +125,15 @@ def test_files_are_written_and_read(include: ModuleType, tmp_path: Path) -> None
     assert str(tmp_path) not in json.dumps(content)
 
 
-def test_figures_of_discovery_are_those_of_its_table() -> None:
+@pytest.mark.parametrize("name", TABLES)
+def test_figures_of_discovery_are_those_of_its_table(name: str) -> None:
     """The shares, the matrix and the criteria follow from the table of cases alone, and so does what is right."""
-    lines, truths = read_rows(MATRIX)
-    held = json.loads((FOLDER / "discovery.json").read_text(encoding="utf-8"))["figures"]
+    table = ROOT / "docs" / TABLES[name]
+    lines, truths = read_rows(table)
+    held = json.loads((FOLDER / f"{name}.json").read_text(encoding="utf-8"))["figures"]
     assert held == of_cases(lines, truths)
     wrong = {note.partition(":")[0] for note in score(lines, truths).notes}
-    rows = MATRIX.read_text(encoding="utf-8").splitlines()
+    rows = table.read_text(encoding="utf-8").splitlines()
     place = rows[0].split(",").index("right")
     assert wrong == {"/".join(row.split(",")[:2]) for row in rows[1:] if row.split(",")[place] == "0"}
 

@@ -31,6 +31,10 @@ UNUSUAL = CATALOGUE(
 ZERO = 0.05
 """[1] Largest p value, by its covariance, of an effect that is named: that of a 95 % interval."""
 
+UNTOLD = 3.0
+"""[1] Standard deviation over value of all amplitudes of an effect from which not its form explains the data, but
+a limit of it: a gravity compensator of 35 ± 530 000 N.m has imitated an offset."""
+
 LONGEST = 0.5
 """[1] Fraction of the data that torques from outside may last: what lasts longer may as well be an offset, a load,
 or what a drift has that its form lacks."""
@@ -57,9 +61,12 @@ def implausible(fit: Fit, index: int, effect: Effect, link: Mapping[str, float])
     why = effect.impossible(found, dict(zip(names, deviations.tolist(), strict=True)), link)
     if why:
         return f"physically impossible: {why}"
+    text = ", ".join(f"{n} = {v:.3g} ± {s:.2g}" for n, v, s in zip(names, values, deviations, strict=True))
+    off = values - np.array([effect.neutral.get(name, 0.0) for name in names])
+    if len(names) > 1 and np.isfinite(off).all() and (deviations > UNTOLD * np.abs(off)).all():
+        return f"its form is not told: {text}"
     chance = chance_of_none(values, covariance, np.array([effect.neutral.get(name, 0.0) for name in names]))
     if chance > ZERO:
-        text = ", ".join(f"{n} = {v:.3g} ± {s:.2g}" for n, v, s in zip(names, values, deviations, strict=True))
         return f"may be absent: {text} (p = {chance:.2g})"
     return ""
 

@@ -31,7 +31,7 @@ are fitted along, make a little of it."""
 
 
 def pre_check(builder: LoopModelBuilder, base: Fit, options: Options, progress: Progress) -> tuple[Fit, list[Step]]:
-    """The base model with the effects of the pre-check, and a step for each of them.
+    """The base model, or one with effects, with the effects of the pre-check, and a step for each of them.
 
     Values at upper quantiles of the measured torque of each joint are tried in full simulations.
     """
@@ -96,7 +96,7 @@ def _tried(name: str, check: PreCheck, competition: Competition) -> list[tuple[f
     tried = [
         (effect_at, float(np.quantile(np.abs(measured[:, effect_at.joint - 1]), quantile)))
         for effect_at in candidates
-        if builder.at(effect_at).can_be_added
+        if builder.at(effect_at).can_be_added and effect_at not in fit.model.added_effects
         for quantile in check.quantiles
     ]
     models = [builder.build(fit.model, [Proposal(effect_at, {check.parameter: value})]) for effect_at, value in tried]

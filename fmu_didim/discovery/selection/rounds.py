@@ -6,14 +6,16 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
 from functools import partial
+from itertools import islice
 
 from fmu_didim.base.errors import SimulationError
 from fmu_didim.discovery.augmentation.builder import LoopModelBuilder
 from fmu_didim.discovery.progress import Progress
 from fmu_didim.discovery.screening.catalogue import SignatureCatalogue
 from fmu_didim.discovery.selection.candidates import FittedCandidate, Outcome, ScreenedCandidate, TriedCandidate
-from fmu_didim.discovery.selection.competition import Competition
-from fmu_didim.discovery.selection.decide import Options, Step, decide, nearness, step_of
+from fmu_didim.discovery.selection.competition import Competition, proposal_of
+from fmu_didim.discovery.selection.decide import Options, Step, decide, nearness, objection, step_of
+from fmu_didim.discovery.selection.held_out import FAILS_HELD_OUT, held_out_objection
 from fmu_didim.discovery.selection.missing_base import base_before, missing_base
 from fmu_didim.discovery.selection.pre_check import pre_check
 from fmu_didim.discovery.selection.refitted import Refitted
@@ -26,6 +28,11 @@ from fmu_didim.model.loop_model import EffectAtJoint
 
 KEPT_GAIN = 0.5
 """[1] Fraction of the smallest gain that an effect must still have beside later ones."""
+
+PAIRED = 4
+"""[candidates] The best ones that held-out data alone speak against, which are fitted two by two."""
+TOGETHER = "{0}: held-out data confirm it only beside {1}, and {1} only beside it."
+"""Remark on the first of two effects that are added together."""
 
 
 class Ending(Enum):
@@ -75,6 +82,7 @@ def run_rounds(
         before = [EffectAtJoint(name, j) for name in checked for j in builder.joints(name)]
         return Discovery(base, base, (), tried=(_not_tried([*before, *candidates]),), ending=Ending.TIME_UP)
     fit, steps = pre_check(builder, base, options, progress)
+    looked_at = fit
     if steps:
         keep(Discovery(base, fit, tuple(steps), ending=Ending.RUNNING))
     progress.say(f"signatures of {len(candidates)} candidates")
@@ -108,11 +116,15 @@ def run_rounds(
                 left = [c for c in candidates if c not in fit.model.added_effects]
                 catalogue = SignatureCatalogue(builder, fit, candidates=left, progress=progress)
         else:
-            exchanged = _base_instead(competition, ranking, base, steps, options, progress)
-            if exchanged is None:
+            changed = _base_instead(competition, ranking, base, steps, options, progress)
+            if changed is None and fit is not looked_at:
+                changed, looked_at = _checked_again(builder, fit, steps, options, progress), fit
+            if changed is None and len(steps) + 2 <= options.rounds:
+                changed = _pair(competition, ranking, base, steps, options, progress)
+            if changed is None:
                 refused = accepted
                 break
-            fit, steps = exchanged
+            fit, steps = changed
             keep(Discovery(base, fit, tuple(steps), tried=tuple(tried), ending=Ending.RUNNING))
     return Discovery(base, fit, tuple(steps), refused, tuple(tried), ending)
 
@@ -188,6 +200,65 @@ def _base_instead(
             left = [step_of(alone, (alone,), from_base, options)]
         return fit, left
     return None
+
+
+def _checked_again(
+    builder: LoopModelBuilder, fit: Fit, steps: list[Step], options: Options, progress: Progress
+) -> tuple[Fit, list[Step]] | None:
+    """The model and its steps with an effect of the pre-check that the effects found since have laid bare: before them
+    it was a small part of the gap; None if there is none."""
+    fit, found = pre_check(builder, fit, options, progress)
+    return _backward(builder, fit, [*steps, *found], options, progress) if found else None
+
+
+def _pair(
+    competition: Competition,
+    ranking: Sequence[FittedCandidate],
+    base: Fit,
+    steps: list[Step],
+    options: Options,
+    progress: Progress,
+) -> tuple[Fit, list[Step]] | None:
+    """The model and its steps with two effects, each of which held-out data confirm beside the other alone; None if
+    there are none.
+
+    What one lacks where the other is missing moves its size, and its prediction, along another motion.
+    """
+    whole_fits = (competition.finished(c) for c in ranking if c.delta_bic >= options.threshold)
+    hopeful = list(islice((c for c in whole_fits if _fails_held_out(c, competition.fit, base, options)), PAIRED))
+    for i, first in enumerate(hopeful):
+        beside = Competition(competition.builder, first.fit)
+        for second in hopeful[i + 1 :]:
+            found = beside.refit(proposal_of(second)) if _differ(competition, first, second) else None
+            if found is None:
+                continue
+            candidate = beside.finished(beside.assess(second.effect_at, found))
+            whole = candidate.fit
+            if objection(candidate, first.fit, options, base=base) or any(
+                held_out_objection(before, whole, seed=options.seed) for before in (second.fit, competition.fit)
+            ):
+                continue
+            names = [f"{c.effect_at.effect} on joint {c.effect_at.joint}" for c in (first, second)]
+            progress.say(f"added together: {' and '.join(names)}")
+            whole = minimise(whole.model, whole.noise, stopping=Stopping(updates=1, exact=True))
+            candidate = replace(candidate, fit=whole)
+            added = [
+                replace(step_of(first, (first,), competition, options), remark=TOGETHER.format(*names)),
+                step_of(candidate, (candidate,), beside, options),
+            ]
+            return _backward(competition.builder, whole, [*steps, *added], options, progress)
+    return None
+
+
+def _differ(competition: Competition, first: FittedCandidate, second: FittedCandidate) -> bool:
+    """Whether two candidates are no two forms of one effect: another class, or another joint."""
+    one, other = (competition.builder.effect(c.effect_at).class_name for c in (first, second))
+    return one != other or first.effect_at.joint != second.effect_at.joint
+
+
+def _fails_held_out(candidate: FittedCandidate, fit: Fit, base: Fit, options: Options) -> bool:
+    """Whether held-out data alone speak against a candidate."""
+    return objection(candidate, fit, options, base=base).startswith(FAILS_HELD_OUT)
 
 
 def _not_tried(candidates: Sequence[EffectAtJoint]) -> tuple[TriedCandidate, ...]:

@@ -13,6 +13,7 @@ class TorqueSettling(TorqueEffect):
     name = "torque_settling"
     title = "Offset of the torque that settles"
     equation = "settled*(1 - exp(-t/Tsettle))"
+    class_name = "torque_drift"
     confounded_with = ("torque_drift", "external_force", "thermal_friction_drift")
     signature = "Residual whose mean grows from one period of the same path to the next, less each time."
     experiment = "Repeat the path until nothing changes any more, and once more after a pause."

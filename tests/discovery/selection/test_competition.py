@@ -340,7 +340,12 @@ def test_a_fit_that_was_given_up_is_brought_to_its_minimum() -> None:
 
 def test_how_a_fit_is_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
     asked: dict[str, Any] = {}
-    monkeypatch.setattr(entries, "minimise", lambda model, noise, **more: asked.update(more, model=model))
+
+    def found(model: Any, noise: Any, **more: Any) -> Any:
+        asked.update(more, model=model)
+        return SimpleNamespace(chi_square=0.0, given_up=False)
+
+    monkeypatch.setattr(entries, "minimise", found)
     Competition(Builder(effect_of("gear")), fitted(plant())).refit(
         Proposal(GEAR, {"F": 2.0, "v": 0.1}), give_up_above=7.0
     )
@@ -362,12 +367,54 @@ def test_an_effect_with_states_of_its_own_has_steps_of_its_own(
         "with_fitting_substeps",
         lambda model, *more: found.append(more) or replace(model, substeps=7),
     )
-    monkeypatch.setattr(entries, "minimise", lambda model, noise, **more: model)
+    monkeypatch.setattr(
+        entries,
+        "minimise",
+        lambda model, noise, **more: SimpleNamespace(chi_square=0.0, given_up=False, substeps=model.substeps),
+    )
     builder, before = Builder(effect_of("gear")), fitted(replace(plant(), own_states=1))
     build = builder.build
     builder.build = lambda model, proposals: replace(build(model, proposals), own_states=own)  # type: ignore[method-assign]
     fit = Competition(builder, before).refit(Proposal(GEAR, {"F": 2.0, "v": 0.1}))
     assert bool(found) is asked and fit.substeps == (7 if asked else None)  # type: ignore[union-attr]
+
+
+@pytest.mark.parametrize(
+    ("ends", "promised", "until", "begun", "best"),
+    [
+        ((0.9,), 0.0, np.inf, [2.0], 0.9),
+        ((1.0,), 0.0, np.inf, [2.0], 1.0),
+        ((30.0, 0.8), 0.0, np.inf, [2.0, 0.6], 0.8),
+        ((30.0, 20.0, 0.7), 0.0, np.inf, [2.0, 0.6, 0.06], 0.7),
+        ((30.0, 40.0, 35.0), 0.0, np.inf, [2.0, 0.6, 0.06], 30.0),
+        ((30.0, 0.8), 0.0, 0.0, [2.0], 30.0),
+        ((0.70,), 0.4, np.inf, [2.0], 0.70),  # three quarters of what was promised
+        ((0.71, 5.0, 0.6), 0.4, np.inf, [2.0, 0.6, 0.06], 0.6),
+        ((0.71, 5.0, 0.8), 0.4, np.inf, [2.0, 0.6, 0.06], 0.71),
+        ((-0.9,), 0.4, np.inf, [2.0], 0.9),  # given up: another is ahead
+        ((-1.1, 0.65), 0.4, np.inf, [2.0, 0.6], 0.65),
+    ],
+)
+def test_a_fit_that_is_led_astray_starts_again_with_less_of_the_effect(
+    monkeypatch: pytest.MonkeyPatch, ends: Sequence[float], promised: float, until: float, begun: list[float],
+    best: float,
+) -> None:  # fmt: skip
+    """Astray: above the model without the effect, which is one of it, or well above what was promised. Chi-square by
+    that of that model, negative where a fit was given up."""
+    before, left, started = fitted(plant()), list(ends), []
+    whole = before.chi_square
+
+    def found(model: LawModel, noise: Any, **more: Any) -> Any:
+        started.append(round(float(model.start[1]), 9))
+        end = left.pop(0)
+        return SimpleNamespace(chi_square=abs(end) * whole, given_up=end < 0)
+
+    monkeypatch.setattr(entries, "minimise", found)
+    fit = Competition(Builder(effect_of("gear")), before).refit(
+        Proposal(GEAR, {"F": 2.0, "v": 0.1}), until=until, promised=promised * whole
+    )
+    assert fit is not None
+    assert (started, fit.chi_square) == (begun, pytest.approx(best * whole))
 
 
 def test_a_fit_is_finished_with_one_more_sensitivity(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -659,7 +706,7 @@ def test_each_fit_must_promise_more_than_the_best_so_far(
     squares = iter([900.0, 400.0, 600.0, 300.0])
     before = fitted(plant())
 
-    def one(self: Any, proposal: Proposal, *, give_up_above: float, until: float) -> Fit | None:
+    def one(self: Any, proposal: Proposal, *, give_up_above: float, until: float, promised: float) -> Fit | None:
         seen.append(give_up_above)
         square = next(squares)
         return None if square == 600.0 else replace(before, chi_square=square)

@@ -56,6 +56,18 @@ def test_values(effect: str, values: dict[str, tuple[float, float]], link: dict[
     assert found.startswith(reason) if reason else found == ""
 
 
+@pytest.mark.parametrize(
+    ("deviation", "reason"),
+    [(110.0, "its form is not told: Fgc = 35 ± 1.1e+02, kgc = -900 ± 3e+03"), (100.0, "")],
+)
+def test_amplitudes_none_of_which_is_known_are_those_of_another_form(deviation: float, reason: str) -> None:
+    """Together they are anything but nothing: a gravity compensator has imitated an offset beside a tilted base."""
+    found = fit("gravity_compensator", {"Fgc": (35.0, deviation), "kgc": (-900.0, 3000.0)})
+    found.covariance[1, 2] = found.covariance[2, 1] = -(1 - 1e-9) * deviation * 3000.0
+    told = implausible(found, 0, EFFECTS["gravity_compensator"], {})
+    assert told.startswith(reason) if reason else told == ""
+
+
 @pytest.mark.parametrize(("end", "reason"), [(11.9, ""), (13.0, "lasts 55 % of the data")])
 def test_a_torque_from_outside_that_lasts_is_something_else(end: float, reason: str) -> None:
     """Beside a drift that settles one of 13 s in 20 s was named, in a valid answer: it made up for the form."""

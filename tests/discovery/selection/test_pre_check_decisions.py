@@ -85,6 +85,14 @@ def test_trials_that_cannot_be_added_or_simulated_are_left_out() -> None:
     assert [(cost, at.joint, value) for cost, at, value in found] == [(pytest.approx(250.0), 2, pytest.approx(3.99))]
 
 
+def test_what_the_model_has_is_not_tried_again() -> None:
+    fit = ramp()
+    present = replace(fit, model=replace(fit.model, added_effects=(EffectAtJoint("limit", 2),)))
+    builder = Builder(left={(1, 3.0): 0.7, (1, 1.0): 0.9})
+    builder.left[1, round(float(np.quantile(np.abs(fit.model.measured[:, 0]), 0.5)), 6)] = 0.9
+    assert {at.joint for _, at, _ in _tried("limit", CHECK, Competition(builder, present))} == {1}
+
+
 class Check:
     """What the check calls.
 

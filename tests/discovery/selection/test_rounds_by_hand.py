@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from fmu_didim.base.errors import SimulationError
+from fmu_didim.discovery.augmentation.places import Proposal
 from fmu_didim.discovery.progress import Progress
 from fmu_didim.discovery.selection import rounds
 from fmu_didim.discovery.selection.candidates import (
@@ -54,10 +55,12 @@ class ByHand:
     """What the rounds call, and what it was called with.
 
     Args:
-        outcomes: of the decision, round by round.
+        outcomes: of the decision, round by round. checked, again: steps of the first pre-check, and of the second.
     """
 
-    def __init__(self, monkeypatch: pytest.MonkeyPatch, *outcomes: Any, checked: Sequence[Any] = ()) -> None:
+    def __init__(
+        self, monkeypatch: pytest.MonkeyPatch, *outcomes: Any, checked: Sequence[Any] = (), again: Sequence[Any] = ()
+    ) -> None:
         self.catalogues: list[tuple[Any, list[EffectAtJoint]]] = []
         self.screened: list[Fit] = []
         self.fitted: list[tuple[Any, dict[str, Any]]] = []
@@ -69,14 +72,28 @@ class ByHand:
         self.unfitted: tuple[Any, ...] = ()
         self.reached: list[Any] = []
         self.judged: list[Any] = []
-        self._outcomes, self._checked = list(outcomes), list(checked)
-        for name in ("pre_check", "decide", "minimise", "step_of", "_backward"):
+        self.checks: list[Fit] = []
+        self.paired: list[int] = []
+        self.pairs: list[str] = []
+        self._outcomes, self._checked = list(outcomes), [list(checked), list(again)]
+        for name in ("pre_check", "decide", "minimise", "step_of", "_backward", "_pair"):
             monkeypatch.setattr(rounds, name, getattr(self, f"do_{name.strip('_')}"))
         monkeypatch.setattr(rounds, "Competition", self.do_competition)
         monkeypatch.setattr(rounds, "SignatureCatalogue", self.do_catalogue)
 
     def do_pre_check(self, builder: Any, base: Fit, *_: Any) -> tuple[Fit, list[Any]]:
-        return (with_effects("limit") if self._checked else base), list(self._checked)
+        self.checks.append(base)
+        found = self._checked.pop(0) if self._checked else []
+        return (with_effects("limit") if found else base), found
+
+    def do_pair(self, competition: Any, ranking: Any, base: Fit, steps: list[Any], *_: Any) -> Any:
+        self.paired.append(len(steps))
+        if not self.pairs:
+            return None
+        return with_effects("c", "d"), [
+            *steps,
+            *(SimpleNamespace(effect_at=EffectAtJoint(n, 1)) for n in self.pairs.pop()),
+        ]
 
     def do_catalogue(self, builder: Any, fit: Fit, *, candidates: list[EffectAtJoint], progress: Progress) -> Any:
         self.catalogues.append((fit, candidates))
@@ -258,6 +275,119 @@ def test_effects_of_the_pre_check_count_as_rounds(monkeypatch: pytest.MonkeyPatc
     assert [s.effect_at.effect for s in found.steps] == ["limit", "b"]
     assert competition.screened[0].model.added_effects == (EffectAtJoint("limit", 1),)
     assert competition.catalogues[0][0] is competition.screened[0]
+
+
+def test_what_others_have_laid_bare_is_checked_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A limit of the torque beside a payload: before that is in the model it is a small part of the gap."""
+    limit = SimpleNamespace(effect_at=EffectAtJoint("limit", 1))
+    competition = ByHand(monkeypatch, added("a"), (), (), again=[limit])
+    found, _ = run()
+    assert [s.effect_at.effect for s in found.steps] == ["a", "limit"]
+    assert [len(steps) for steps in competition.backward] == [1, 2]  # what the limit makes superfluous is taken out
+    assert [fit.simulations for fit in competition.checks] == [0, 77, 0]  # the last time beside the limit
+
+
+@pytest.mark.parametrize(("outcomes", "count"), [([()], 1), ([added("a"), ()], 2)])
+def test_the_same_fit_is_not_checked_twice(
+    monkeypatch: pytest.MonkeyPatch, outcomes: Sequence[Any], count: int
+) -> None:
+    competition = ByHand(monkeypatch, *outcomes)
+    run()
+    assert len(competition.checks) == count
+
+
+@pytest.mark.parametrize(("most", "found"), [(5, "acd"), (3, "acd"), (2, "a")])
+def test_where_none_is_accepted_two_together_may_be(monkeypatch: pytest.MonkeyPatch, most: int, found: str) -> None:
+    competition = ByHand(monkeypatch, added("a"), (), ())
+    competition.pairs = ["cd"]
+    assert "".join(s.effect_at.effect for s in run(rounds=most)[0].steps) == found
+    assert competition.paired == {5: [1, 3], 3: [1], 2: []}[most][: len(competition.paired)]
+
+
+class Pairs:
+    """Candidates that held-out data speak against, and what they say of two of them.
+
+    Args:
+        helps: pairs of effects that are accepted, the first one in the model first.
+        against: the fit before, of which held-out data say that a pair does not help.
+    """
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch, helps: Sequence[str], against: str = "") -> None:
+        self.helps, self.against = helps, against
+        self.tried: list[str] = []
+        monkeypatch.setattr(rounds, "Competition", lambda builder, fit: self.competition(builder, fit))
+        monkeypatch.setattr(rounds, "objection", self.objection)
+        monkeypatch.setattr(rounds, "held_out_objection", self.held_out)
+        monkeypatch.setattr(rounds, "minimise", lambda model, noise, **more: fit_of(model, values=model.start))
+        monkeypatch.setattr(rounds, "step_of", lambda c, ranking, *_: step(c))
+        monkeypatch.setattr(rounds, "_backward", lambda builder, fit, steps, *_: (fit, steps))
+
+    def competition(self, builder: Any, fit: Fit) -> Any:
+        names = "".join(a.effect for a in fit.model.added_effects)
+
+        def refit(proposal: Proposal) -> Fit | None:
+            self.tried.append(names + proposal.effect_at.effect)
+            return with_effects(*names, proposal.effect_at.effect)
+
+        return SimpleNamespace(
+            builder=builder, fit=fit, refit=refit, finished=lambda c: c,
+            assess=lambda at, found: candidate_of(at.effect, fit=found),
+        )  # fmt: skip
+
+    def objection(self, candidate: FittedCandidate, fit: Fit, *_: Any, base: Fit) -> str:
+        names = "".join(a.effect for a in candidate.fit.model.added_effects)
+        if len(names) == 1:
+            return "too small" if names == "d" else f"{rounds.FAILS_HELD_OUT} 1.1"
+        return "" if names in self.helps else f"{rounds.FAILS_HELD_OUT} 1.1"
+
+    def held_out(self, before: Fit, after: Fit, *, seed: int) -> str:
+        names = "".join(a.effect for a in before.model.added_effects) or "none"
+        return "does not help" if names == self.against else ""
+
+
+def step(candidate: FittedCandidate) -> Step:
+    return Step(candidate.effect_at, 1.0, 1.0, 1.0, (), {}, {}, None)
+
+
+@pytest.mark.parametrize(
+    ("helps", "against", "tried", "found"),
+    [
+        (["ab"], "", ["ab"], "ab"),
+        (["ac"], "", ["ab", "ac"], "ac"),
+        (["bc"], "", ["ab", "ac", "bc"], "bc"),
+        ([], "", ["ab", "ac", "bc"], ""),
+        (["ab"], "b", ["ab", "ac", "bc"], ""),  # the first one says nothing beside the second
+        (["ab"], "none", ["ab", "ac", "bc"], ""),  # both together do not help
+        (["ad"], "", ["ab", "ac", "bc"], ""),  # more than held-out data speaks against the fourth
+    ],
+)
+def test_two_effects_that_confirm_each_other(
+    monkeypatch: pytest.MonkeyPatch, helps: Sequence[str], against: str, tried: list[str], found: str
+) -> None:
+    """A tilted base and a lag of the drive: either was refused because the other was not in the model."""
+    pairs = Pairs(monkeypatch, helps, against)
+    said: list[str] = []
+    builder = Catalogue(*(effect_of(name) for name in "abcde"))
+    ranking = [candidate_of(name, fit=with_effects(name)) for name in "dabc"] + [candidate_of("e", bic=9.0)]
+    competition = pairs.competition(builder, BASE)
+    added_now = rounds._pair(competition, ranking, BASE, [], Options(), Progress(said.append))
+    assert pairs.tried == tried
+    if not found:
+        assert added_now is None and said == []
+        return
+    assert added_now is not None
+    fit, steps = added_now
+    assert [a.effect for a in fit.model.added_effects] == list(found) == [s.effect_at.effect for s in steps]
+    assert "only beside" in steps[0].remark and steps[1].remark == ""
+    assert said == [f"added together: {found[0]} on joint 1 and {found[1]} on joint 1"]
+
+
+def test_two_forms_of_one_effect_are_no_pair(monkeypatch: pytest.MonkeyPatch) -> None:
+    pairs = Pairs(monkeypatch, ["ab"])
+    builder = Catalogue(*(effect_of(name, class_name="one") for name in "ab"))
+    ranking = [candidate_of(name, fit=with_effects(name)) for name in "ab"]
+    assert rounds._pair(pairs.competition(builder, BASE), ranking, BASE, [], Options(), Progress()) is None
+    assert pairs.tried == []
 
 
 def test_signatures_are_made_anew_when_the_samples_shift(monkeypatch: pytest.MonkeyPatch) -> None:

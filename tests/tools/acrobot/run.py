@@ -10,5 +10,7 @@ RESULT = "result"
 
 
 def discovered(case: Path) -> None:
-    """Discovery on a case, beside it."""
-    discover(case, case.parent / RESULT)
+    """Discovery on a case; what it found is written beside it, without models and page."""
+    folder = case.parent / RESULT
+    folder.mkdir(exist_ok=True)
+    (folder / "findings.json").write_text(discover(case).document.model_dump_json(), encoding="utf-8")

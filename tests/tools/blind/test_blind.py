@@ -280,6 +280,20 @@ def test_a_harmonic_drive_has_all_its_parts_on_one_joint() -> None:
     assert gap(plant, path, deviation).refitted.max() > 1.0
 
 
+def test_of_three_effects_each_must_show(tmp_path: Path) -> None:
+    """A case counts where the least gap that one of them makes beside the others is one that is judged."""
+    (case, _) = made(tmp_path, *HARMONIC_DRIVE, robots="varied")
+    content = yaml.safe_load((case / "truth.yaml").read_text())
+    own = [effect["gap_beside_sigma"] for effect in content["truth"]]
+    assert min(own) > 1.0
+    assert read_truth(case).gap == min(own)
+    content["truth"][1]["gap_beside_sigma"] = 0.7
+    (case / "truth.yaml").write_text(yaml.safe_dump(content))
+    assert read_truth(case).gap == 0.7
+    rows = [line(case.name, *read_truth(case).effects)]
+    assert counts(rows, {case.name: read_truth(case)})["all of three effects found"] == (0, 0)
+
+
 @pytest.mark.parametrize("first", [1, 9101])
 def test_triples_are_of_the_first_seed_without_other_cases(tmp_path: Path, first: int) -> None:
     make_campaign(tmp_path, [], seeds=range(first, first), rates=[100], level=1.0, triples=1, robots="development")
@@ -315,6 +329,30 @@ def test_three_effects_count_as_found_only_together_and_a_further_name_is_false(
     assert found["no false name beside three effects"] == (2, 3)
     assert found["both of two effects found"] == (0, 0)
     assert [note.split(":")[0] for note in score(lines, truths).notes] == ["two", "more"]
+
+
+@pytest.mark.parametrize(
+    ("findings", "sets", "good", "right", "held"),
+    [
+        ([("cubic_spring", 1)], {0: ["spring@1"]}, 0, 1, 1),
+        ([("spring", 1), ("torque_offset", 1)], {}, 1, 1, 1),
+        ([("spring", 1), ("asymmetric_coulomb", 1)], {}, 1, 1, 1),  # of the class of an offset
+        ([("spring", 1), ("torque_offset", 2)], {}, 1, 0, 1),  # on the other joint there is none
+        ([("cubic_spring", 2)], {0: ["spring@2"]}, 0, 0, 0),
+    ],
+)
+def test_parts_of_a_spring_are_no_false_names_and_no_spring(
+    findings: list[tuple[str, int]], sets: dict[int, list[str]], good: int, right: int, held: int
+) -> None:
+    others = [("stribeck", 2), ("base_tilt", 1)]
+    truths = {"a": truth(("spring", 1), ("stribeck", 2), ("base_tilt", None))}
+    row = line("a", *findings, *others)
+    for place, names in sets.items():
+        row["findings"][place]["ambiguous"] = names
+    found = counts([row], truths)
+    assert found["all of three effects found"] == (good, 1)
+    assert found["no false name beside three effects"] == (right, 1)
+    assert found["all of three effects found or in a set"] == (held, 1)
 
 
 def test_noise_has_the_stated_size_and_colour() -> None:
@@ -536,6 +574,8 @@ def test_a_table_holds_all_that_the_score_needs(tmp_path: Path) -> None:
         "x/d": truth(),
         "x/e": truth(("stribeck", 1), ("backlash", 2), rate_hz=20.0),
         "x/f": truth(("unknown_push", 1)),
+        "x/g": truth(("spring", 1), ("stribeck", 2), ("base_tilt", None)),
+        "x/h": truth(("spring", 1), ("stribeck", 2), ("base_tilt", None)),
     }
     lines = [
         line("x/a", ("torque_ripple", 2), ("torque_offset", 1)),
@@ -544,8 +584,11 @@ def test_a_table_holds_all_that_the_score_needs(tmp_path: Path) -> None:
         line("x/d", ("torque_ripple", 1)),
         line("x/e", ("stribeck", 1)),
         line("x/f", verdict="unknown"),
+        line("x/g", ("cubic_spring", 1), ("stribeck", 2), ("base_tilt", 2)),
+        line("x/h", ("cubic_spring", 1), ("stribeck", 2), ("base_tilt", 2)),
     ]
     lines[0]["findings"][1]["ambiguous"] = ["gravity_compensator"]
+    lines[6]["findings"][0]["ambiguous"] = ["spring@1"]
     write_rows(tmp_path / "all.csv", lines, truths)
     again = score(*read_rows(tmp_path / "all.csv"))
     before = score(lines, truths)
@@ -555,6 +598,7 @@ def test_a_table_holds_all_that_the_score_needs(tmp_path: Path) -> None:
     rates = [[r for r in found.rates if r.name != SHRINKS_SURELY] for found in (again, before)]
     assert rates[0] == rates[1]
     assert dict(counts(lines, truths))["right class within the reported set"] == (1, 2)
+    assert dict(counts(lines, truths))["all of three effects found or in a set"] == (1, 2)
 
 
 def test_truth_is_not_opened(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

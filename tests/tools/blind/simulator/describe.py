@@ -65,7 +65,7 @@ def _equation(design: Design) -> list[str]:
 def truth_document(
     name: str,
     design: Design,
-    hidden: Sequence[tuple[str, int, str, float]],
+    hidden: Sequence[tuple[str, int, str, float, float]],
     gaps: Mapping[str, Mapping[str, Array]],
     *,
     clutter: bool,
@@ -73,14 +73,16 @@ def truth_document(
     """What is hidden: ``truth.yaml``; only the scoring reads it.
 
     Args:
-        hidden: effect, joint from 0, equation and amplitude. gaps: ``plain`` and ``refitted``, by run.
+        hidden: effect, joint from 0, equation, amplitude and the gap that it makes beside the others.
+        gaps: ``plain`` and ``refitted``, by run.
     """
     content: dict[str, Any] = {
         "id": name,
         "truth": [
             {"effect": effect, "joint": joint + 1, "form": equation, "amplitude": float(amplitude)}
+            | {"gap_beside_sigma": round(float(own), 3)}
             | ({"whole_robot": True} if effect in WHOLE_ROBOT else {})
-            for effect, joint, equation, amplitude in hidden
+            for effect, joint, equation, amplitude, own in hidden
         ],
         "parameters": {key: float(value) for key, value in design.true.items()},
     }

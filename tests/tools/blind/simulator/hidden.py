@@ -210,12 +210,10 @@ def _eccentricity(rng: np.random.Generator, s: Surroundings) -> Form:
 
 def _transmission(rng: np.random.Generator, s: Surroundings) -> Form:
     ratio, phase = int(rng.choice([30, 50, 80])), float(rng.uniform(0, 2 * np.pi))
-    stiff = s.rotor * (2 * np.pi * 35.0) ** 2
-    gear = {"GEAR_STIFFNESS": stiff, "GEAR_DAMPING": 0.1 * float(np.sqrt(stiff * s.rotor)), "ROTOR": s.rotor}
     fixed = {"TRANSMISSION_NUMBER": 2.0 * ratio, "TRANSMISSION_PHASE": phase}
     return Form(
         f"link = q + a sin({2 * ratio:g} q + p), less the twist of the gear", 2e-4, 0.01,
-        lambda a: {**gear, "TRANSMISSION": a, **fixed},
+        lambda a: {"TRANSMISSION": a, **fixed},
     )  # fmt: skip
 
 
@@ -234,8 +232,9 @@ def _chirp(rng: np.random.Generator, s: Surroundings) -> Form:
     return Form("torque sweeping through frequencies in time", 0.4 * s.dry, 20 * s.dry, lambda a: {"CHIRP": a, **fixed})
 
 
-HARMONIC_DRIVE = ("transmission_error", "presliding", "joint_elasticity")
-"""What a harmonic drive has, all on its joint: two errors of position a turn of the motor, hysteresis, stiffness."""
+HARMONIC_DRIVE = ("joint_elasticity", "presliding", "transmission_error")
+"""What a harmonic drive has, all on its joint: stiffness, hysteresis, two errors of position a turn of the motor. Each
+makes its gap beside those before it."""
 
 EFFECTS: Mapping[str, Maker] = {
     "stribeck": _stribeck,
@@ -312,7 +311,8 @@ CURVES: Mapping[str, Maker] = {
 """Functions of one variable outside the catalogue: to be refused, and drawn as a curve."""
 
 GEARS: Mapping[str, Maker] = {"transmission_error": _transmission}
-"""What is hidden as a part of a gear only, and may be named as any other error that repeats along the joint."""
+"""What is hidden beside the elasticity of a gear only, and may be named as any other error that repeats along the
+joint."""
 
 WHOLE_ROBOT = ("base_tilt", "payload_change", "log_time_shift")
 """Effects that belong to no joint; the truth states the joint they start from."""

@@ -99,10 +99,10 @@ def instants(design: Design) -> Array:
     return np.arange(count) / design.rate_hz
 
 
-def gap(plant: Plant, motion: Motion, deviation: Array) -> Gap:
-    """How far the hidden effects move the torque of a run."""
+def gap(plant: Plant, motion: Motion, deviation: Array, others: tuple[Hidden, ...] = ()) -> Gap:
+    """How far the hidden effects move the torque of a run, beside others of them that act in both."""
     d = plant.design
-    without, bare = replace(plant, hidden=()).simulate(motion, quantised=False)
+    without, bare = replace(plant, hidden=others).simulate(motion, quantised=False)
     _, logged = plant.simulate(motion, quantised=False)
     difference = logged - bare
     turned = [d.sign * x for x in (without.q, without.dq, without.ddq)]
@@ -111,15 +111,29 @@ def gap(plant: Plant, motion: Motion, deviation: Array) -> Gap:
     return Gap(root_mean_square(difference / deviation), root_mean_square(left))
 
 
+def beside(plant: Plant, motion: Motion, deviation: Array) -> list[float]:
+    """The gap that each hidden effect makes beside the others after refitting the base, at its worst joint: what alone
+    meets a limit may not do so where others act. Infinite where the others alone cannot be simulated."""
+    sizes = []
+    for item in plant.hidden:
+        others = tuple(other for other in plant.hidden if other is not item)
+        try:
+            sizes.append(float(gap(plant, motion, deviation, others).refitted.max()))
+        except SimulationFailedError:
+            sizes.append(float("inf"))
+    return sizes
+
+
 def tuned(plant: Plant, item: Hidden, motion: Motion, deviation: Array, level: float) -> Hidden:
-    """The effect at the amplitude whose refitted gap, at its worst joint, is ``level`` (or at its limit)."""
+    """The effect at the amplitude whose refitted gap beside what the plant hides, at its worst joint, is ``level`` (or
+    at its limit)."""
     best, distance, amplitude, limit = item, np.inf, item.amplitude, item.form.limit
     below: tuple[float, float] | None = None
     above: tuple[float, float] | None = None
     for _ in range(12):
         try:
-            trial = replace(plant, hidden=(replace(item, amplitude=amplitude),))
-            size = max(float(gap(trial, motion, deviation).refitted.max()), 1e-9)
+            trial = replace(plant, hidden=(*plant.hidden, replace(item, amplitude=amplitude)))
+            size = max(float(gap(trial, motion, deviation, plant.hidden).refitted.max()), 1e-9)
         except SimulationFailedError:
             limit = 0.8 * amplitude
             amplitude *= 0.6
@@ -164,12 +178,13 @@ def make_plant(
     design = plant.design
     deviation = NOISE * root_mean_square(plant.simulate(motion)[1])
     makers = {**EFFECTS, **UNKNOWN, **CURVES, **GEARS}
-    order = rng.permutation(design.count)
-    items = []
+    order, one_gear = rng.permutation(design.count), tuple(effects) == HARMONIC_DRIVE
+    items: list[Hidden] = []
     for i, effect in enumerate(effects):
-        joint = int(order[0 if tuple(effects) == HARMONIC_DRIVE else i % design.count])
+        joint = int(order[0 if one_gear else i % design.count])
         form = makers[effect](rng, _surroundings(plant, motion, joint, rng))
-        items.append(tuned(plant, Hidden(effect, joint, form, form.start), motion, deviation, level))
+        present = replace(plant, hidden=tuple(items) if one_gear else ())
+        items.append(tuned(present, Hidden(effect, joint, form, form.start), motion, deviation, level))
     return replace(plant, hidden=tuple(items)), motion, deviation
 
 
@@ -229,10 +244,13 @@ def write_cases(
     """
     design, time = plant.design, instants(plant.design)
     gaps: dict[str, Gap] = {}
+    own_gaps: list[float] = []
     for run_name in ("train", "test"):
         path, logged = _run(plant, motion if run_name == "train" else random_motion(rng, design), rng)
         noisy = logged + noise(rng, design, deviation)
         gaps[run_name] = gap(plant, path, deviation)
+        if run_name == "train":
+            own_gaps = beside(plant, path, deviation)
         for folder, rate in folders:
             if design.rate_hz % rate:
                 raise ValueError(f"{rate} Hz does not divide the control rate {design.rate_hz} Hz")
@@ -247,7 +265,10 @@ def write_cases(
             _table(folder / f"{run_name}_torque.csv", torque, ["t", *(f"tau{j}" for j in joints)], "%.7g")
     for folder, rate in folders:
         _document(folder / "case.yaml", case_document(design, rate))
-        hidden = [(h.effect, h.joint, h.form.equation, h.amplitude) for h in plant.hidden]
+        hidden = [
+            (h.effect, h.joint, h.form.equation, h.amplitude, own)
+            for h, own in zip(plant.hidden, own_gaps, strict=True)
+        ]
         sizes = {name: {run_name: getattr(g, name) for run_name, g in gaps.items()} for name in ("plain", "refitted")}
         truth = truth_document(folder.name, design, hidden, sizes, clutter=plant.clutter)
         _document(folder / "truth.yaml", truth)
