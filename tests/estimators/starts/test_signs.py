@@ -3,25 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import cache
 
 import numpy as np
 import pytest
 
-from fmu_didim import Case, Result, check, discover, identify, load_case, simulate, trajectory
+from fmu_didim import check, discover, identify, load_case
 from fmu_didim.base.diagnostics import DiagnosedError
 from fmu_didim.base.errors import InputError
 from fmu_didim.checks.data.expected import Expected
 from fmu_didim.checks.data.unsigned import unsigned_diagnostics
-from fmu_didim.data.signals import Array, Trajectory
 from fmu_didim.estimators.starts.reference_start import rows_on, whole_reference
 from fmu_didim.estimators.starts.signs import best_values, signed_by, with_signs
 from fmu_didim.model.loop_model import LoopModel
-from tests.helpers import ROOT
+from tests.tools.unsigned import SCARA, case_of, errors_of
 from tests.tools.verdict.catalogue import right
-
-SCARA = ROOT / "examples/scara/identify.yaml"
-NOISE = (0.17, 0.0065)
 
 
 def unsigned(model: LoopModel) -> LoopModel:
@@ -65,36 +60,6 @@ def test_the_least_misfit_counts_wherever_it_begins() -> None:
     near = best_values(columns, known, sizes, model.theta(model.start))
     far = best_values(columns, known, sizes, 0.1 * model.theta(model.start)[::-1].copy())
     assert far[1] == pytest.approx(near[1], rel=1e-6)
-
-
-@cache
-def truth() -> dict[str, float]:
-    return dict(identify(SCARA).values)
-
-
-@cache
-def logs(seed: int) -> dict[str, Trajectory]:
-    """Logs of a SCARA at 20 Hz with noise, without signs."""
-    rng, found = np.random.default_rng(seed), {}
-    for label in ("estimation", "validation"):
-        motion = simulate(load_case(SCARA), parameters=truth(), experiment=label)
-        torque = np.abs((t := motion.select(["tau1", "tau2"])[::10]) + rng.normal(0, NOISE, t.shape))
-        found[label] = trajectory(motion.time[::10], {"tau1": torque[:, 0], "tau2": torque[:, 1]})
-    return found
-
-
-def case_of(seed: int, *, says_so: bool = True) -> Case:
-    """A case with these logs."""
-    content = dict(load_case(SCARA).content)
-    for run, label in (("train", "estimation"), ("validation", "validation")):
-        content[run] = content[run] | {"torque": {"file": label, **({"unsigned": True} if says_so else {})}}
-    content |= {"plant": {"kind": "model"}, "controller": {**content["controller"], "kind": "model"}}
-    return load_case(content, folder=SCARA.parent, signals=logs(seed))
-
-
-def errors_of(result: Result) -> Array:
-    """Errors of the values, over their standard deviations."""
-    return np.array([(p.value - truth()[name]) / p.std for name, p in result.parameters.items()])
 
 
 @pytest.mark.gate
