@@ -2,23 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from fmu_didim.base.errors import UnknownNameError
 from fmu_didim.case import Case
+from fmu_didim.data.signals import Array
 from fmu_didim.estimators import Progress
 from fmu_didim.estimators.search import check_minima, crew_of, profiled, searched
-from fmu_didim.estimators.starts.signs import signed_by
+from fmu_didim.estimators.starts.signs import unfolded, unknown_signs
 from fmu_didim.estimators.starts.start import with_free_delay
 from fmu_didim.fit.estimate import Estimate
 from fmu_didim.fit.exploration.choices import choices_of
+from fmu_didim.fit.noise.noise import TINY
+from fmu_didim.model.experiment import Experiment
 from fmu_didim.model.loop_model import LoopModel
 
 SIGNS_AGAIN = 5
-"""[fits] After the first one, for a log without signs, until these are those of the simulated torque: one or none."""
+"""[fits] After the first one, for a log without signs, until this is one with those of the simulated torque: two or
+three."""
+SAME_LOG = 0.05
+"""[standard deviations] Of the noise, by which such a log may change at most without being fitted again."""
 
 
 def profile_names(case: Case, asked: bool | Sequence[str] | None) -> tuple[str, ...] | None:
@@ -63,10 +69,14 @@ def _found(case: Case, model: LoopModel, progress: Progress) -> Estimate:
     """The estimate, with the signs of the torque that it simulates where a log has none."""
     found = _with_these_signs(case, model, progress)
     for _ in range(SIGNS_AGAIN if any(e.is_unsigned for e in model.experiments.values()) else 0):
-        signed = signed_by(found.model, found.value)
-        if _is_same(found.model, signed, found.model.estimation_labels):
-            return found if _is_same(found.model, signed, signed.experiments) else replace(found, model=signed)
-        found = _with_these_signs(case, _given_logs(model, signed), progress)
+        noise = found.noise[: model.joint_count]
+        signed = unfolded(found.model, found.value, noise, model)
+        if _change(found.model, signed, noise) <= SAME_LOG:
+            kept = {label: found.model.experiments[label] for label in found.model.estimation_labels}
+            fit = found.minimum or found.fit
+            lost = 0.0 if fit is None else unknown_signs(fit)
+            return replace(found, model=_given_logs(signed, kept), covariance=found.covariance + lost)
+        found = _with_these_signs(case, _given_logs(model, signed.experiments), progress)
     return found
 
 
@@ -81,14 +91,15 @@ def _beside_other_choices(case: Case, found: Estimate) -> Estimate:
     return replace(found, covariance=found.covariance + choices.covariance, choices=choices)
 
 
-def _is_same(model: LoopModel, other: LoopModel, labels: Iterable[str]) -> bool:
-    """Whether the logs of experiments are the same in both."""
-    return all(np.array_equal(model.experiments[k].torque, other.experiments[k].torque) for k in labels)
+def _change(model: LoopModel, other: LoopModel, noise: Array) -> float:
+    """The largest change between the fitted logs of two models, over the deviations of the noise (n,)."""
+    pairs = [(model.experiments[k].torque, other.experiments[k].torque) for k in model.estimation_labels]
+    return max(float(np.max(np.abs(a - b) / np.maximum(noise, TINY))) for a, b in pairs)
 
 
-def _given_logs(model: LoopModel, signed: LoopModel) -> LoopModel:
-    """The model with the logs of another one, which may have more parameters."""
-    for label, experiment in signed.experiments.items():
+def _given_logs(model: LoopModel, logs: Mapping[str, Experiment]) -> LoopModel:
+    """The model with the torque of these experiments."""
+    for label, experiment in logs.items():
         model = model.with_experiment(label, replace(model.experiments[label], torque=experiment.torque))
     return model
 

@@ -217,6 +217,8 @@ def test_values_too_small_to_be_shown_are_left_out_of_the_mean_and_told(criterio
     assert "MY2" in found.asked and set(found.asked) - set(found.in_mean) == {"MY2"}
     assert found.mean_percent < 100 and "without MY2: zero, or so small" in found.summary()
     assert found.saved()["in_mean"] == list(found.in_mean)
+    if criterion == "mean":
+        assert found.prediction.criterion == pytest.approx(-np.log(found.mean_percent / 100))
     with pytest.raises(InputError, match="have no relative deviation"):
         excite(SCARA, **QUICK, criterion="mean", parameters=tiny, only=["MY2"])
 

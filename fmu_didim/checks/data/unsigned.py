@@ -20,7 +20,8 @@ BOTH_WAYS = 0.02
 
 SIGNS_GIVEN = CATALOGUE(
     "signs-given", REMARK, rank=68,
-    meaning="The log shows the size of the torque alone, and has the signs of the simulated one.",
+    meaning="The log shows the size of the torque alone, and has the signs of the simulated one, less what noise adds "
+    "to sizes near zero.",
     next_step="",
 )  # fmt: skip
 LOG_UNSIGNED = CATALOGUE(

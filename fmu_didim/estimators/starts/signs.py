@@ -7,6 +7,18 @@ With y = |tau| + noise and a regressor W along the reference, signs and base par
 from the values of the description and from some drawn about them, of which the least misfit counts: each turn lowers
 it. A fit of the closed loop then asks again, with the torque that it simulates, until no sign changes. Source: the
 alternating projections of R. W. Gerchberg, W. O. Saxton, Optik 35 (1972), with signs in the place of phases.
+
+Near zero, sizes are too large on average, by normal noise of deviation sigma (F. C. Leone et al., Technometrics 3,
+1961, the folded normal distribution):
+
+    E|tau + noise| - |tau| = b(tau) = sigma sqrt(2/pi) exp(-tau^2 / 2 sigma^2) - |tau| erfc(|tau| / sigma sqrt(2)).
+
+The values then solve S'(s (y - b) - tau) = 0 with the whitened sensitivity S. Where the torque is zero a size says
+nothing of it; with the slopes a and the variances v of its terms,
+
+    a = erf(|tau| / sigma sqrt(2)),      v = 1 + tau^2/sigma^2 - (|tau| + b)^2/sigma^2,
+
+their covariance is (S'aS)^-1 S'vS (S'aS)^-1 (P. J. Huber, Proc. 5th Berkeley Symp., 1967) and not (S'S)^-1.
 """
 
 from __future__ import annotations
@@ -14,11 +26,14 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from scipy.special import erf, erfc
 
 from fmu_didim.base.errors import FmuDidimError, InputError
 from fmu_didim.data.signals import Array
 from fmu_didim.estimators.starts.reference_start import rows_on, whole_reference
+from fmu_didim.fit.fit import Fit
 from fmu_didim.fit.noise.noise import TINY
+from fmu_didim.fit.noise.weighting import whitened
 from fmu_didim.model.loop_model import LoopModel
 
 TURNS = 100
@@ -67,6 +82,50 @@ def signed_by(model: LoopModel, values: Array) -> LoopModel:
         if experiment.is_unsigned:
             model = _signed(model, label, model.torque(values, label))
     return model
+
+
+def unfolded(model: LoopModel, values: Array, noise: Array, logs: LoopModel) -> LoopModel:
+    """The model whose logs without a sign are those sizes of ``logs``, less what noise adds to them on average, with
+    the signs of the torque that is simulated with values (p,).
+
+    Args:
+        noise: (n,) its deviation, N.m; logs: a model with the sizes as they were measured.
+    """
+    for label, experiment in logs.experiments.items():
+        if experiment.is_unsigned:
+            torque = model.torque(values, label)
+            signs = np.where(torque < 0, -1.0, 1.0)
+            sizes = np.abs(experiment.torque) - folded_excess(torque, noise)
+            model = model.with_experiment(label, replace(model.experiments[label], torque=signs * sizes))
+    return model
+
+
+def folded_excess(torque: Array, noise: Array) -> Array:
+    """(N, n) by how much the size of a torque (N, n) with normal noise of these deviations (n,) is larger on average
+    than that of the torque, N.m."""
+    deviation = np.maximum(noise, TINY)
+    ratio = np.abs(torque) / deviation
+    return np.asarray(deviation * (np.sqrt(2 / np.pi) * np.exp(-(ratio**2) / 2) - ratio * erfc(ratio / np.sqrt(2))))
+
+
+def unknown_signs(fit: Fit) -> Array:
+    """(p, p) by how much the covariance of the values is larger than if the signs had been measured."""
+    slope, variance = np.ones_like(fit.outputs), np.ones_like(fit.outputs)
+    experiments, block = fit.model.experiments, fit.model.experiments.output_blocks[0]
+    for log in block.logs:
+        if experiments[log.label].is_unsigned:
+            deviation = fit.deviation[block.columns]
+            torque = np.abs(fit.outputs[log.rows, block.columns])
+            mean = torque + folded_excess(torque, deviation)
+            slope[log.rows, block.columns] = erf(torque / (deviation * np.sqrt(2)))
+            variance[log.rows, block.columns] = 1 + (torque**2 - mean**2) / deviation**2
+    table = fit.model.beside_prior(whitened(fit.jacobian, fit.deviation))
+    scale = np.linalg.norm(table, axis=0)
+    table, rest = table / scale, len(table) - slope.size
+    weights = (np.pad(one.ravel(), (0, rest), constant_values=1.0)[:, None] for one in (slope, variance))
+    sloped, varied = (table.T @ (weight * table) for weight in weights)
+    inverse = np.linalg.inv(sloped)
+    return np.asarray((inverse @ varied @ inverse - np.linalg.inv(table.T @ table)) / np.outer(scale, scale))
 
 
 def best_values(columns: Array, known: Array, sizes: Array, first: Array) -> tuple[Array, float]:

@@ -180,7 +180,8 @@ def predict(plan: Plan, reference: Trajectory, asked: Sequence[str], kind: Crite
     alike = confounded(columns, plan.values, model.names, torque=size)
     places = [model.names.index(name) for name in asked]
     prospect = predicted(model, plan.values, model.beside_prior(columns))
-    reached = information(columns, places) if kind == "determinant" else -float(np.log(mean_percent(prospect, asked)))
+    mean = mean_percent(prospect, asked) / 100
+    reached = information(columns, places) if kind == "determinant" else -float(np.log(mean))
     return Prediction(
         reference, loop, prospect, (), alike, condition, reached if np.isfinite(reached) else -np.inf, kind
     )

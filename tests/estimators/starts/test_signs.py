@@ -3,25 +3,24 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import cache
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
+from scipy import integrate, stats
 
-from fmu_didim import Case, Result, check, discover, identify, load_case, simulate, trajectory
+from fmu_didim import check, discover, identify, load_case
 from fmu_didim.base.diagnostics import DiagnosedError
 from fmu_didim.base.errors import InputError
 from fmu_didim.checks.data.expected import Expected
 from fmu_didim.checks.data.unsigned import unsigned_diagnostics
-from fmu_didim.data.signals import Array, Trajectory
+from fmu_didim.data.signals import Array
 from fmu_didim.estimators.starts.reference_start import rows_on, whole_reference
-from fmu_didim.estimators.starts.signs import best_values, signed_by, with_signs
+from fmu_didim.estimators.starts.signs import best_values, folded_excess, signed_by, unknown_signs, with_signs
 from fmu_didim.model.loop_model import LoopModel
-from tests.helpers import ROOT
+from tests.tools.unsigned import SCARA, case_of, errors_of
 from tests.tools.verdict.catalogue import right
-
-SCARA = ROOT / "examples/scara/identify.yaml"
-NOISE = (0.17, 0.0065)
 
 
 def unsigned(model: LoopModel) -> LoopModel:
@@ -67,34 +66,44 @@ def test_the_least_misfit_counts_wherever_it_begins() -> None:
     assert far[1] == pytest.approx(near[1], rel=1e-6)
 
 
-@cache
-def truth() -> dict[str, float]:
-    return dict(identify(SCARA).values)
+@pytest.mark.parametrize("torque", [0.0, 0.1, -0.3, 1.0, -4.0])
+def test_sizes_are_larger_than_the_torque_by_the_mean_of_the_folded_normal_distribution(torque: float) -> None:
+    noise = 0.3
+    mean = integrate.quad(lambda x: abs(torque + noise * x) * stats.norm.pdf(x), -12, 12, points=[-torque / noise])[0]
+    found = folded_excess(np.array([[torque]]), np.array([noise]))
+    np.testing.assert_allclose(found, [[mean - abs(torque)]], atol=1e-9)
 
 
-@cache
-def logs(seed: int) -> dict[str, Trajectory]:
-    """Logs of a SCARA at 20 Hz with noise, without signs."""
-    rng, found = np.random.default_rng(seed), {}
-    for label in ("estimation", "validation"):
-        motion = simulate(load_case(SCARA), parameters=truth(), experiment=label)
-        torque = np.abs((t := motion.select(["tau1", "tau2"])[::10]) + rng.normal(0, NOISE, t.shape))
-        found[label] = trajectory(motion.time[::10], {"tau1": torque[:, 0], "tau2": torque[:, 1]})
-    return found
+def fit_of(columns: Array, values: Array, *, is_unsigned: bool = True) -> Any:
+    """A point of a model torque = columns (N, p) values (p,), noise of deviation one."""
+    log = SimpleNamespace(label="a", rows=slice(None))
+    block = SimpleNamespace(logs=[log], columns=slice(0, 1))
+    experiments = {"a": SimpleNamespace(is_unsigned=is_unsigned)}
+    kind = type("Experiments", (), {"output_blocks": (block,), "__getitem__": lambda _, k: experiments[k]})
+    model = SimpleNamespace(experiments=kind(), beside_prior=lambda table: table)
+    return SimpleNamespace(
+        model=model, outputs=(columns @ values)[:, None], jacobian=columns[:, None, :], deviation=np.ones(1)
+    )
 
 
-def case_of(seed: int, *, says_so: bool = True) -> Case:
-    """A case with these logs."""
-    content = dict(load_case(SCARA).content)
-    for run, label in (("train", "estimation"), ("validation", "validation")):
-        content[run] = content[run] | {"torque": {"file": label, **({"unsigned": True} if says_so else {})}}
-    content |= {"plant": {"kind": "model"}, "controller": {**content["controller"], "kind": "model"}}
-    return load_case(content, folder=SCARA.parent, signals=logs(seed))
-
-
-def errors_of(result: Result) -> Array:
-    """Errors of the values, over their standard deviations."""
-    return np.array([(p.value - truth()[name]) / p.std for name, p in result.parameters.items()])
+def test_deviations_of_logs_without_signs_are_those_of_many_draws() -> None:
+    """Half of the torque is within its noise of zero. 4000 draws know a deviation to 1 %."""
+    rng = np.random.default_rng(3)
+    columns = np.column_stack([np.linspace(-1, 1, 200), np.cos(np.linspace(0, 9, 200))])
+    truth = np.array([1.5, 1.0])
+    clean, pseudo = columns @ truth, np.linalg.pinv(columns)
+    sizes = np.abs(clean + rng.normal(size=(4000, 200)))
+    theta = np.tile(truth, (4000, 1))
+    for _ in range(100):
+        torque = theta @ columns.T
+        signs = np.where(torque < 0, -1.0, 1.0)
+        theta = (signs * (sizes - folded_excess(torque, np.ones(200)))) @ pseudo.T
+    with_signs_known = np.linalg.inv(columns.T @ columns)
+    stated = np.sqrt(np.diag(with_signs_known + unknown_signs(fit_of(columns, truth))))
+    assert (np.abs(theta.mean(axis=0) - truth) < 0.15 * stated).all()
+    np.testing.assert_allclose(theta.std(axis=0), stated, rtol=0.06)
+    assert (stated > 1.15 * np.sqrt(np.diag(with_signs_known))).all()
+    np.testing.assert_allclose(unknown_signs(fit_of(columns, truth, is_unsigned=False)), 0, atol=1e-12)
 
 
 @pytest.mark.gate
