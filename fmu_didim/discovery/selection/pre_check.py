@@ -39,7 +39,7 @@ def pre_check(builder: LoopModelBuilder, base: Fit, options: Options, progress: 
     for name, effect in builder.effects.items():
         if effect.pre_check is None or name in options.forbid:
             continue
-        progress.say(f"pre-check: {effect.class_name}")
+        progress.say(f"{'looked for again' if fit.model.added_effects else 'pre-check'}: {effect.class_name}")
         found = _checked(name, effect.pre_check, Competition(builder, fit), options, progress)
         if found is not None:
             step, fit = found
