@@ -115,7 +115,8 @@ def test_friction_that_changes_along_the_joint_is_doubted(seed: int, length: flo
     ("robot", "seed", "place"),
     [
         ("scara", 4011, "joint 2: position of joint 1 near"), ("arm", 4016, "joint 2: load near"),
-        ("arm", 4051, "joint 1: position near"), ("scara", 4058, "joint 1: velocity near"),
+        pytest.param("arm", 4051, "joint 1: position near", marks=pytest.mark.slow),
+        pytest.param("scara", 4058, "joint 1: velocity near", marks=pytest.mark.slow),
     ],
 )  # fmt: skip
 def test_a_bump_is_doubted_and_told_with_its_place(robot: str, seed: int, place: str) -> None:
