@@ -48,7 +48,7 @@ LIKE_PLACES: Mapping[str, str] = {
 }
 """Quantity -> what a model may lack that acts near a value of it."""
 LIKE_NEIGHBOUR = "a cable or a hose across the joints"
-"""The same of the position of a neighbour."""
+"""The same of the position or velocity of a neighbour."""
 LOOKS_LIKE: Mapping[str, str] = {
     TORQUE_RATE: "a wrong clock or a lag of the drive",
     "direction of motion": "other Coulomb friction",

@@ -1,6 +1,6 @@
 """All that is asked of a residual torque and the motion, the cheapest first, up to the first answer.
 
-Functions of the motion, signatures of the catalogue beside them, ripples and stops along the joints: what the earlier
+Functions of the motion, signatures of the catalogue beside them, then ripples, stops and bumps: what the earlier
 ones tell of costs no simulations of the later ones.
 """
 
@@ -22,7 +22,7 @@ class MotionTests:
     Attributes:
         diagnostics: the joints whose residual depends on the motion, or is untested.
         misfits: whose signatures were looked for, without their motions; none if there was an answer before.
-        is_searched: whether ripples or stops are the answer, which are no misfits of the catalogue.
+        is_searched: whether ripples, stops or bumps are the answer, which are no misfits of the catalogue.
     """
 
     diagnostics: list[Diagnostic]
