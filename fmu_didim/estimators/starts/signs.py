@@ -72,7 +72,7 @@ def with_signs(model: LoopModel) -> LoopModel:
     )[0]  # fmt: skip
     for label in labels:
         columns, known = rows[label]
-        model = _signed(model, label, columns @ theta + known)
+        model = _signed(model, label, columns @ theta + known, np.abs(model.experiments[label].torque))
     return model
 
 
@@ -80,7 +80,7 @@ def signed_by(model: LoopModel, values: Array) -> LoopModel:
     """The model whose logs without a sign have those of the torque that is simulated with values (p,)."""
     for label, experiment in model.experiments.items():
         if experiment.is_unsigned:
-            model = _signed(model, label, model.torque(values, label))
+            model = _signed(model, label, model.torque(values, label), np.abs(experiment.torque))
     return model
 
 
@@ -94,9 +94,7 @@ def unfolded(model: LoopModel, values: Array, noise: Array, logs: LoopModel) -> 
     for label, experiment in logs.experiments.items():
         if experiment.is_unsigned:
             torque = model.torque(values, label)
-            signs = np.where(torque < 0, -1.0, 1.0)
-            sizes = np.abs(experiment.torque) - folded_excess(torque, noise)
-            model = model.with_experiment(label, replace(model.experiments[label], torque=signs * sizes))
+            model = _signed(model, label, torque, np.abs(experiment.torque) - folded_excess(torque, noise))
     return model
 
 
@@ -156,8 +154,7 @@ def best_values(columns: Array, known: Array, sizes: Array, first: Array) -> tup
     return best
 
 
-def _signed(model: LoopModel, label: str, torque: Array) -> LoopModel:
-    """The model whose log of an experiment has the signs of a torque (N, n)."""
-    experiment = model.experiments[label]
+def _signed(model: LoopModel, label: str, torque: Array, sizes: Array) -> LoopModel:
+    """The model whose log of an experiment has these sizes and the signs of a torque, (N, n) each."""
     signs = np.where(torque < 0, -1.0, 1.0)
-    return model.with_experiment(label, replace(experiment, torque=signs * np.abs(experiment.torque)))
+    return model.with_experiment(label, replace(model.experiments[label], torque=signs * sizes))
