@@ -8,7 +8,6 @@ import numpy as np
 
 from fmu_didim.base.errors import SimulationError
 from fmu_didim.checks.judgement import Judgement
-from fmu_didim.checks.motion.misfits import Misfits
 from fmu_didim.checks.power.moves import with_power
 from fmu_didim.data.signals import Array
 from fmu_didim.discovery.augmentation.builder import LoopModelBuilder
@@ -74,11 +73,9 @@ def findings_document(
     """
     residuals = residuals_of(discovery.base, discovery.final)
     unfinished_diagnostic, unfinished = unfinished_search(discovery, request.progress.limit_s)
-    judgement = judged(discovery, unfinished_diagnostic, request.doubts)
+    judgement, misfits = judged(discovery, unfinished_diagnostic, request.doubts)
     answer: Answer = "unfinished" if unfinished is not None else answer_of(discovery, judgement)
-    judgement, power = with_power(
-        judgement.acknowledging(request.acknowledged), discovery.final.torque_alone, Misfits()
-    )
+    judgement, power = with_power(judgement.acknowledging(request.acknowledged), discovery.final.torque_alone, misfits)
     base, noise = discovery.base, discovery.base.torque_alone.noise
     is_untried = EFFECTS_UNTRIED in {doubt.code for doubt in request.doubts}
     return FindingsDocument(

@@ -14,6 +14,7 @@ from fmu_didim.checks.held_out import WORSE_HELD_OUT, Residual, held_out_diagnos
 from fmu_didim.checks.held_out_channels import held_out_channel_diagnostics
 from fmu_didim.checks.judgement import Judgement, judgement
 from fmu_didim.checks.motion.dependence import DEPENDS_ON_MOTION
+from fmu_didim.checks.motion.misfits import Misfits
 from fmu_didim.checks.motion.tested import MotionTests
 from fmu_didim.checks.validation import validated_channels
 from fmu_didim.discovery.selection.rounds import Discovery
@@ -42,18 +43,23 @@ REMAINDER_FOLLOWS = CATALOGUE(
 )  # fmt: skip
 
 
-def judged(discovery: Discovery, unfinished: Diagnostic | None, before: Sequence[Diagnostic] = ()) -> Judgement:
-    """The judgement of the final model.
+def judged(
+    discovery: Discovery, unfinished: Diagnostic | None, before: Sequence[Diagnostic] = ()
+) -> tuple[Judgement, Misfits]:
+    """The judgement of the final model, and the misfits of its torque that were looked for, if any.
 
     Args:
         unfinished: the diagnostic of an unfinished search; before: doubts about the data.
     """
     final = discovery.final
-    found = [
-        *before, *remaining_gaps(final), *like_wrong_sensors(final),
-        *([unfinished] if unfinished is not None else _following(final)), *_held_out(final),
-    ]  # fmt: skip
-    return judgement(found, settled=unfinished is None)
+    found, misfits = [*before, *(gaps := remaining_gaps(final)), *like_wrong_sensors(final)], Misfits()
+    if unfinished is not None:
+        found.append(unfinished)
+    else:
+        tests = MotionTests.of(final.torque_alone)
+        misfits = tests.misfits
+        found += _following(tests, gaps)
+    return judgement([*found, *_held_out(final)], settled=unfinished is None), misfits
 
 
 def answer_of(discovery: Discovery, judged: Judgement) -> Answer:
@@ -91,13 +97,13 @@ def remaining_gaps(fit: Fit) -> list[Diagnostic]:
     ]  # fmt: skip
 
 
-def _following(fit: Fit) -> list[Diagnostic]:
+def _following(tests: MotionTests, gaps: Sequence[Diagnostic]) -> list[Diagnostic]:
     """The joints on which a model leaves little that still depends on the motion, as the verdict of an identification
     asks; not those of which it is told that more remains."""
-    told = {d.place for d in remaining_gaps(fit)}
+    told = {d.place for d in gaps}
     return [
         replace(found, code=REMAINDER_FOLLOWS)
-        for found in MotionTests.of(fit.torque_alone).diagnostics
+        for found in tests.diagnostics
         if found.code is DEPENDS_ON_MOTION and found.place not in told
     ]
 

@@ -17,7 +17,7 @@ from fmu_didim.discovery.selection.decide import Options, Step, objection, step_
 from fmu_didim.discovery.selection.held_out import FAILS_HELD_OUT
 from fmu_didim.dynamics.effects import PreCheck
 from fmu_didim.fit.fit import Fit
-from fmu_didim.fit.gap import held_out_ratio
+from fmu_didim.fit.gap import held_out_ratio, total_gap
 from fmu_didim.model.loop_model import EffectAtJoint, LoopModel
 from fmu_didim.model.workers import side_by_side
 
@@ -45,6 +45,13 @@ def pre_check(builder: LoopModelBuilder, base: Fit, options: Options, progress: 
             step, fit = found
             steps.append(step)
     return fit, steps
+
+
+def may_be_promising(fit: Fit) -> bool:
+    """Whether the gap of a fit is so large that a trial may explain enough of its chi-square without explaining noise:
+    of n samples of unit noise it is n (1 + gap^2), and n gap^2 at most can go."""
+    gap = total_gap(fit.residual, fit.noise)
+    return gap**2 >= (1 - PROMISING) * (1 + gap**2)
 
 
 def _checked(

@@ -17,7 +17,7 @@ from fmu_didim.discovery.selection.competition import Competition, proposal_of
 from fmu_didim.discovery.selection.decide import Options, Step, decide, nearness, objection, step_of
 from fmu_didim.discovery.selection.held_out import FAILS_HELD_OUT, held_out_objection
 from fmu_didim.discovery.selection.missing_base import base_before, missing_base
-from fmu_didim.discovery.selection.pre_check import pre_check
+from fmu_didim.discovery.selection.pre_check import may_be_promising, pre_check
 from fmu_didim.discovery.selection.refitted import Refitted
 from fmu_didim.fit.fit import Fit
 from fmu_didim.fit.gap import bic_gain, explained_gap
@@ -206,7 +206,9 @@ def _checked_again(
     builder: LoopModelBuilder, fit: Fit, steps: list[Step], options: Options, progress: Progress
 ) -> tuple[Fit, list[Step]] | None:
     """The model and its steps with an effect of the pre-check that the effects found since have laid bare: before them
-    it was a small part of the gap; None if there is none."""
+    it was a small part of the gap; None if there is none, and without a look where they have closed the gap."""
+    if not may_be_promising(fit):
+        return None
     fit, found = pre_check(builder, fit, options, progress)
     return _backward(builder, fit, [*steps, *found], options, progress) if found else None
 

@@ -17,7 +17,7 @@ from fmu_didim.discovery.selection import pre_check as checking
 from fmu_didim.discovery.selection.candidates import FittedCandidate
 from fmu_didim.discovery.selection.competition import Competition
 from fmu_didim.discovery.selection.decide import Options
-from fmu_didim.discovery.selection.pre_check import _held_out_tells, _tried, pre_check
+from fmu_didim.discovery.selection.pre_check import _held_out_tells, _tried, may_be_promising, pre_check
 from fmu_didim.dynamics.effects import PreCheck
 from fmu_didim.fit.fit import Fit
 from fmu_didim.fit.gap import Ratio
@@ -155,6 +155,14 @@ def test_a_promising_trial_is_fitted(monkeypatch: pytest.MonkeyPatch, best: floa
         ]
         assert check.stepped == [[1, 2]] and check.objected == [(1, base)]
         assert steps[0].remark == "" and not steps[0].untested
+
+
+@pytest.mark.parametrize(("size", "may"), [(1.0, False), (1.05, False), (1.06, True), (3.0, True)])
+def test_only_a_gap_leaves_a_trial_something_to_explain(size: float, may: bool) -> None:
+    """A residual that is so many times its noise: a tenth of its squares is not noise from 1 / sqrt(0.9) = 1.054 on."""
+    base = ramp(WHITE)
+    deviation = np.sqrt(np.mean(base.residual**2, axis=0)) / size
+    assert may_be_promising(replace(base, noise=noise(tuple(deviation)))) is may
 
 
 def test_joints_of_the_best_four_trials_are_fitted_from_their_best_value(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -75,7 +75,9 @@ class ByHand:
         self.checks: list[Fit] = []
         self.paired: list[int] = []
         self.pairs: list[str] = []
+        self.gap_is_large = True
         self._outcomes, self._checked = list(outcomes), [list(checked), list(again)]
+        monkeypatch.setattr(rounds, "may_be_promising", lambda fit: self.gap_is_large)
         for name in ("pre_check", "decide", "minimise", "step_of", "_backward", "_pair"):
             monkeypatch.setattr(rounds, name, getattr(self, f"do_{name.strip('_')}"))
         monkeypatch.setattr(rounds, "Competition", self.do_competition)
@@ -285,6 +287,13 @@ def test_what_others_have_laid_bare_is_checked_again(monkeypatch: pytest.MonkeyP
     assert [s.effect_at.effect for s in found.steps] == ["a", "limit"]
     assert [len(steps) for steps in competition.backward] == [1, 2]  # what the limit makes superfluous is taken out
     assert [fit.simulations for fit in competition.checks] == [0, 77, 0]  # the last time beside the limit
+
+
+def test_where_the_gap_is_closed_nothing_is_checked_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    competition = ByHand(monkeypatch, added("a"), ())
+    competition.gap_is_large = False
+    run()
+    assert len(competition.checks) == 1
 
 
 @pytest.mark.parametrize(("outcomes", "count"), [([()], 1), ([added("a"), ()], 2)])
