@@ -161,12 +161,16 @@ def rms_ratio(before: Array, after: Array, noise: Noise, *, block: int, seed: in
 
 def drawn_sums(columns: Array, *, block: int, seed: int = 0) -> Array:
     """(BOOTSTRAP, m) sums of columns (N, m) over blocks that are drawn with replacement."""
-    samples = columns.shape[0]
-    count = max(samples // max(block, 1), 1)
-    edges = np.linspace(0, samples, count + 1).astype(int)
-    sums = np.array([columns[a:b].sum(axis=0) for a, b in pairwise(edges)])
-    drawn = np.random.default_rng(seed).integers(0, count, size=(BOOTSTRAP, count))
+    sums = block_sums(columns, block=block)
+    drawn = np.random.default_rng(seed).integers(0, len(sums), size=(BOOTSTRAP, len(sums)))
     return np.asarray(sums[drawn].sum(axis=1))
+
+
+def block_sums(columns: Array, *, block: int) -> Array:
+    """(B, m) sums of columns (N, m) over blocks of about so many rows."""
+    samples = columns.shape[0]
+    edges = np.linspace(0, samples, max(samples // max(block, 1), 1) + 1).astype(int)
+    return np.array([columns[a:b].sum(axis=0) for a, b in pairwise(edges)])
 
 
 def held_out_ratio(before: Fit, after: Fit, *, seed: int = 0) -> Ratio | None:
@@ -194,6 +198,20 @@ def held_out_ratios(before: Fit, after: Fit, *, seed: int = 0) -> list[tuple[int
         (j + 1, rms_ratio(first[:, [j]], second[:, [j]], noise.of(slice(j, j + 1)), block=block, seed=seed))
         for j in range(first.shape[1]) if j < before.model.joint_count or first[:, j].any()
     ]  # fmt: skip
+
+
+def held_out_blocks(before: Fit, after: Fit) -> float:
+    """Effective number of blocks of held-out data in which two models differ, (sum d)^2 / sum d^2 of the squares d by
+    which they do in a block; infinite where one cannot be run, or there are no such data (Kish's effective size)."""
+    if not before.model.experiments.validation_labels:
+        return np.inf
+    try:
+        change = held_out_residual(before) - held_out_residual(after)
+    except SimulationError:
+        return np.inf
+    squares = np.sum((change / before.noise.deviation) ** 2, axis=1)
+    sums = block_sums(squares[:, None], block=held_out_block(before))[:, 0]
+    return float(sums.sum() ** 2 / max(float(sums @ sums), TINY))
 
 
 def held_out_residual(fit: Fit) -> Array:

@@ -17,6 +17,8 @@ from fmu_didim.fit.gap import (
     delta_bic,
     explained,
     explained_gap,
+    held_out_block,
+    held_out_blocks,
     held_out_ratios,
     joint_gaps,
     part_of_first,
@@ -209,3 +211,20 @@ def test_ratios_of_held_out_data_belong_to_their_joint() -> None:
     assert found[1].value == pytest.approx(1.0) and found[2].value == pytest.approx(0.5)
     alone = fit_of(TableModel(residual(4.0), {}, ()))
     assert held_out_ratios(alone, alone, seed=1) == []
+
+
+@pytest.mark.parametrize(("there", "blocks"), [([1.0], 1.0), ([1.0, 1.0, 1.0], 3.0), ([2.0, 1.0], 25 / 17)])
+def test_blocks_in_which_held_out_models_differ(there: list[float], blocks: float) -> None:
+    """(sum d)^2 / sum d^2 of the squares by which they differ; of another joint and its noise, too."""
+    before = fit_of(TableModel(residual(4.0, 4.0), {"held": residual(4.0, 4.0)}, ()), white=TWO)
+    held, length = residual(4.0, 4.0), held_out_block(before)
+    for place, size in enumerate(there):
+        held[2 * place * length : (2 * place + 1) * length, place % 2] += size * TWO.deviation[place % 2]
+    after = fit_of(TableModel(residual(4.0, 4.0), {"held": held}, ()), white=TWO)
+    assert SIGNS.size % length == 0
+    assert held_out_blocks(before, after) == pytest.approx(blocks)
+
+
+def test_without_held_out_data_no_block_is_few() -> None:
+    alone = fit_of(TableModel(residual(4.0), {}, ()))
+    assert held_out_blocks(alone, alone) == np.inf

@@ -17,7 +17,8 @@ from fmu_didim.discovery.selection.decide import Options, Step, objection, step_
 from fmu_didim.discovery.selection.held_out import FAILS_HELD_OUT
 from fmu_didim.dynamics.effects import PreCheck
 from fmu_didim.fit.fit import Fit
-from fmu_didim.fit.gap import held_out_ratio, total_gap
+from fmu_didim.fit.gap import held_out_blocks, held_out_ratio, total_gap
+from fmu_didim.fit.statistics import CONFIDENCE
 from fmu_didim.model.loop_model import EffectAtJoint, LoopModel
 from fmu_didim.model.workers import side_by_side
 
@@ -28,6 +29,9 @@ PROMISING = 0.9
 WORSE = 1.02
 """[1] Held-out RMS ratio beyond which data that do not reach the value still contradict it; the base parameters, which
 are fitted along, make a little of it."""
+FEW_BLOCKS = float(np.log(2 / (1 - CONFIDENCE)))
+"""[blocks] Of held-out data that reach the value, 3.7, with fewer of which the interval of the bootstrap reaches 1
+whatever the effect is: of k blocks among many a draw holds none with the probability exp(-k)."""
 
 
 def pre_check(builder: LoopModelBuilder, base: Fit, options: Options, progress: Progress) -> tuple[Fit, list[Step]]:
@@ -113,9 +117,10 @@ def _tried(name: str, check: PreCheck, competition: Competition) -> list[tuple[f
 
 
 def _held_out_tells(candidate: FittedCandidate, competition: Competition, options: Options) -> bool:
-    """Whether the held-out experiment reaches the value, so that the effect shows there, or contradicts it."""
-    change = competition.change_without(candidate.effect_at, candidate.fit, held_out=True)
-    if change >= options.smallest_size:
-        return True
-    ratio = held_out_ratio(competition.fit, candidate.fit, seed=options.seed)
-    return ratio is None or ratio.low > WORSE
+    """Whether the held-out experiment reaches the value, so often that the effect must show there, or contradicts it:
+    reached a few times, it may not show for sure, but the prediction must be better."""
+    fit = competition.fit
+    ratio = held_out_ratio(fit, candidate.fit, seed=options.seed)
+    if competition.change_without(candidate.effect_at, candidate.fit, held_out=True) < options.smallest_size:
+        return ratio is None or ratio.low > WORSE
+    return ratio is None or ratio.value >= 1 or held_out_blocks(fit, candidate.fit) >= FEW_BLOCKS

@@ -214,15 +214,25 @@ def test_only_effects_with_a_check_that_are_not_forbidden(monkeypatch: pytest.Mo
 
 
 @pytest.mark.parametrize(
-    ("change", "low", "tells"),
-    [(0.6, 0.0, True), (0.59, 0.0, False), (0.59, 1.021, True), (0.59, 1.02, False), (0.59, None, True)],
+    ("change", "value", "low", "blocks", "tells"),
+    [
+        (0.6, 0.9, 0.0, 4.0, True),  # reached often enough for a judgement
+        (0.6, 0.9, 0.0, 3.6, False),  # some draws of the bootstrap hold no such block
+        (0.6, 1.0, 0.0, 3.6, True),  # as bad with it as without it
+        (0.6, 0.9, None, 3.6, True),
+        (0.59, 1.5, 0.0, 9.0, False),  # hardly reached
+        (0.59, 1.5, 1.021, 1.0, True),
+        (0.59, 1.5, 1.02, 9.0, False),
+        (0.59, 1.5, None, 1.0, True),
+    ],
 )
 def test_whether_held_out_data_tell(
-    monkeypatch: pytest.MonkeyPatch, change: float, low: float | None, tells: bool
+    monkeypatch: pytest.MonkeyPatch, change: float, value: float, low: float | None, blocks: float, tells: bool
 ) -> None:
     asked: list[Any] = []
     monkeypatch.setattr(Competition, "change_without", lambda *_, **more: asked.append(more) or change)
-    monkeypatch.setattr(checking, "held_out_ratio", lambda *_, seed: None if low is None else Ratio(1.5, low, 2.0))
+    monkeypatch.setattr(checking, "held_out_ratio", lambda *_, seed: None if low is None else Ratio(value, low, 2.0))
+    monkeypatch.setattr(checking, "held_out_blocks", lambda *_: blocks)
     found = _held_out_tells(candidate_of(), Competition(Builder(), table_fit(5.0)), Options())
     assert found is tells
     assert asked == [{"held_out": True}]
