@@ -20,7 +20,7 @@ STAGES: Mapping[str, str] = {
     "competition": "selection",
 }
 """How the line begins that discovery says when a stage begins -> name of the stage, which lasts until the next one."""
-GOAL_S = 40.0
+GOAL_S = 20.0
 """Within how many seconds an answer is wanted."""
 CASES = ("load", "wrist")
 """Examples ``discover_<name>.yaml``; the second one only where time does not matter."""

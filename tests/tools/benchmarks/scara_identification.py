@@ -23,7 +23,7 @@ def run(settings: Settings) -> list[Figure]:
     ratio = times.ratio("ours", "c")
     return [
         Figure(
-            "SCARA identification, 10 Hz / (iterations x C program)", ratio / iterations, 2.5, "at most", raw,
+            "SCARA identification, 10 Hz / (iterations x C program)", ratio / iterations, 2.0, "at most", raw,
             f"{iterations} iterations take {len(runs.plain)} simulations, and {len(runs.varied)} with the derivatives",
         ),
         Figure("SCARA identification, 10 Hz / (simulations x C program)", ratio / count, None, "at most", raw),

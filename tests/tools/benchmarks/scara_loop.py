@@ -25,7 +25,7 @@ def run(settings: Settings) -> list[Figure]:
     )
     return [
         Figure(
-            "SCARA loop, 200 Hz, 10 s / one C program", times.ratio("ours", "c"), 1.5, "at most",
+            "SCARA loop, 200 Hz, 10 s / one C program", times.ratio("ours", "c"), 1.3, "at most",
             {"ours_ms": 1e3 * times.median("ours"), "c_program_ms": 1e3 * times.median("c")},
             f"{ticks.size} ticks, every one recorded; ours with the change of the parameters",
         )

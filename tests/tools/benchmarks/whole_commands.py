@@ -13,6 +13,8 @@ import numpy as np
 import yaml
 
 from fmu_didim.data.excitation import Fourier
+from tests.checks.data.right import CASES, RATES, loaded, logged
+from tests.checks.data.right import NOISE as RIGHT_NOISE
 from tests.helpers import ROOT
 from tests.tools.benchmarks import tx40
 from tests.tools.benchmarks.command_start import command
@@ -30,6 +32,8 @@ TX40_S = {5000: 5.0, 1000: 5.0}
 """Rate of the control in Hz -> the same for a TX40, held-out motion included."""
 NOISE = 0.05
 """[N.m] Of its torque."""
+PUMA, PUMA_S = "puma560", 3.0
+"""A case of `tests.checks.data.right`, the control at 1 kHz, and within how many seconds the answer is wanted."""
 
 
 def run(settings: Settings) -> list[Figure]:
@@ -46,6 +50,29 @@ def _cases(folder: Path, settings: Settings) -> Iterator[tuple[str, Path, float]
         made = folder / str(rate_hz)
         made.mkdir()
         yield f"TX40, torque at 100 Hz, control at {rate_hz / 1000:g} kHz", _tx40(made, rate_hz, settings), goal
+    yield "Puma 560, torque at 100 Hz, control at 1 kHz", _puma(folder), PUMA_S
+
+
+def _puma(folder: Path) -> Path:
+    """A case of a Puma along its own motions, with a held-out one, simulated by the loop and with noise of 3 %."""
+    source, model = ROOT / CASES[PUMA], loaded(PUMA)
+    content = yaml.safe_load(source.read_text(encoding="utf-8"))
+    content["robot"] = str(source.parent / content["robot"])
+    content["controller"]["source"] = str(source.parent / content["controller"]["source"])
+    for seed, (section, label) in enumerate((("train", "estimation"), ("validation", "validation"))):
+        logging = logged(model, label, model.experiments[label].reference, RATES[PUMA])
+        torque = logging.torque(logging.start, label)
+        torque += RIGHT_NOISE * torque.std(axis=0) * np.random.default_rng(seed).normal(size=torque.shape)
+        _write_log(folder / f"{section}.csv", logging.experiments[label].time, torque)
+        content[section]["torque"] = {"file": str(folder / f"{section}.csv")}
+    path = folder / "puma.yaml"
+    path.write_text(yaml.safe_dump(content, sort_keys=False), encoding="utf-8")
+    return path
+
+
+def _write_log(path: Path, time_s: np.ndarray, torque: np.ndarray) -> None:
+    names = ["t", *(f"tau{j + 1}" for j in range(torque.shape[1]))]
+    np.savetxt(path, np.column_stack([time_s, torque]), "%.17g", ",", header=",".join(names), comments="")
 
 
 def _tx40(folder: Path, rate_hz: int, settings: Settings) -> Path:
@@ -59,9 +86,7 @@ def _tx40(folder: Path, rate_hz: int, settings: Settings) -> Path:
         return torque + NOISE * np.random.default_rng(seed).normal(size=torque.shape)
 
     motions = [tx40.excitation(seed=seed, duration_s=duration_s) for seed in (1, 2)]
-    held_out = np.column_stack([ticks / rate_hz, log(motions[1], 2)])
-    names = ["t", *(f"tau{j}" for j in range(1, 7))]
-    np.savetxt(folder / "held_out.csv", held_out, "%.17g", ",", header=",".join(names), comments="")
+    _write_log(folder / "held_out.csv", ticks / rate_hz, log(motions[1], 2))
     path = tx40.write_case(folder, motions[0], ticks / rate_hz, log(motions[0], 1), controller=controller)
     content = yaml.safe_load(path.read_text(encoding="utf-8"))
     content["validation"] = {"reference": motions[1].model_dump(mode="json"), "torque": {"file": "held_out.csv"}}
