@@ -11,7 +11,7 @@ import sys
 import tempfile
 from pathlib import Path
 
-from fmu_didim.workflow import discover, identify
+from fmu_didim import discover, identify
 
 ROOT = Path(__file__).resolve().parent.parent
 PICTURE = ROOT / "docs/static/pages.png"

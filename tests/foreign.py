@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 import yaml
 
+from fmu_didim import simulate
 from fmu_didim.data.signals import Trajectory, Variable, trajectory, write_csv
 from fmu_didim.dynamics.block import Block
 from fmu_didim.export import build_fmu
-from fmu_didim.workflow import simulate
 from tests.awkward.build import by
 
 EXTERNAL = "FMU_DIDIM_EXTERNAL_FMUS"

@@ -24,6 +24,7 @@ from typing import Any
 import matplotlib.pyplot as plt
 import numpy as np
 
+from fmu_didim import discover, identify
 from fmu_didim.case import load_case
 from fmu_didim.components import ModelComponent
 from fmu_didim.controllers import read_controller
@@ -31,7 +32,6 @@ from fmu_didim.estimators import Didim
 from fmu_didim.fit.statistics import relative_deviation_percent
 from fmu_didim.report.numbers import rounding
 from fmu_didim.results.findings import FindingResult, FindingsDocument
-from fmu_didim.workflow import discover, identify
 from fmu_didim.workflow.output.result import Result
 from tests.figures import FOLDER, command_of, table, write_figures
 from tests.helpers import ROOT, with_component, with_torque

@@ -14,10 +14,10 @@ import pytest
 import yaml
 from scipy.optimize import least_squares
 
+from fmu_didim import discover, identify
 from fmu_didim.case import load_case
 from fmu_didim.components import ModelComponent
 from fmu_didim.estimators import Didim
-from fmu_didim.workflow import discover, identify
 from tests.conftest import ROOT, needs_emps
 
 SCARA = Path("examples/scara")

@@ -43,7 +43,7 @@ def compare_results(options: argparse.Namespace) -> int:
     out = options.out or Path("results") / "-".join(_name(path) for path in (options.before, options.after))
     with Display(quiet=options.quiet or options.json) as display:
         display.say(f"reading {options.before} and {options.after}")
-        from fmu_didim.workflow import Compared, compare
+        from fmu_didim.workflow.compare import Compared, compare
 
         def shown(found: Compared) -> None:
             display.close()

@@ -14,7 +14,7 @@ from fmu_didim.cli.numbers import at_least_one, at_least_two, not_negative, posi
 from fmu_didim.cli.saved import show_and_save
 
 if TYPE_CHECKING:
-    from fmu_didim.workflow import Excited
+    from fmu_didim.workflow.excitation.excited import Excited
 
 
 def add_excite_options(verb: argparse.ArgumentParser) -> None:
@@ -53,7 +53,7 @@ def run_excite(options: argparse.Namespace, stem: Callable[[Path], str]) -> int:
     out = options.out or Path("results") / f"{stem(options.case)}_excite"
 
     def make(progress: Callable[[str], None]) -> Excited:
-        from fmu_didim.workflow import excite
+        from fmu_didim.workflow.excitation.excite import excite
 
         return excite(
             options.case, limits=options.limits, only=options.only, criterion=options.criterion,

@@ -32,7 +32,8 @@ from fmu_didim.cli.printed_by_fmus import LastLines, kept_apart
 from fmu_didim.cli.watch import add_watch, run_watch
 
 if TYPE_CHECKING:
-    from fmu_didim.workflow import Discovered, Result
+    from fmu_didim.workflow.output.discovered import Discovered
+    from fmu_didim.workflow.output.result import Result
 
 _Commands: TypeAlias = "argparse._SubParsersAction[argparse.ArgumentParser]"
 EXIT_ERROR, EXIT_USAGE, EXIT_INTERRUPTED = 1, 2, 130
@@ -356,7 +357,7 @@ def _identify(options: argparse.Namespace) -> int:
     with Display(quiet=options.quiet or options.json) as display:
         display.say(f"Reading {options.case} and building its FMUs (the first time takes some seconds) ...")
         from fmu_didim.case import load_case  # what takes a second to import comes after the first line
-        from fmu_didim.workflow import identify
+        from fmu_didim.workflow.identify import identify
         from fmu_didim.workflow.output.result import OWN_ROBOT_FILE, ROBOT_FILE, result_folder
         from fmu_didim.workflow.output.values import SSV_FILE, VALUES_FILE
 
@@ -389,7 +390,7 @@ def _identify(options: argparse.Namespace) -> int:
 
 def _check(options: argparse.Namespace) -> int:
     """Check plant, parameters, data and start of a case; the exit code is 1 where something must be fixed."""
-    from fmu_didim.workflow import check
+    from fmu_didim.workflow.check import check
     from fmu_didim.workflow.output.result_folder import check_writable, write_whole
     from fmu_didim.workflow.reference.codes import codes_text
 
@@ -428,7 +429,7 @@ def _discover(options: argparse.Namespace) -> int:
     out = options.out or Path("results") / f"{_stem(options.case)}_discover"
     with Display(quiet=options.quiet or options.json) as display:
         display.say(f"reading {options.case}")
-        from fmu_didim.workflow import discover
+        from fmu_didim.workflow.discover import discover
 
         found = discover(
             options.case, out, forbid=options.forbid, prefer=options.prefer, effects=options.effect,
@@ -446,8 +447,8 @@ def _discover(options: argparse.Namespace) -> int:
 def _simulate(options: argparse.Namespace) -> int:
     """Simulate the closed loop of a case with the values of its robot description, or its model, write a CSV table."""
     from fmu_didim.data.signals import write_csv
-    from fmu_didim.workflow import simulate
     from fmu_didim.workflow.output.result_folder import check_writable, write_whole
+    from fmu_didim.workflow.simulate import simulate
 
     out = options.out or Path("results") / f"{_stem(options.case)}.csv"
     check_writable(out.parent)

@@ -12,7 +12,7 @@ from fmu_didim.cli.console import since_start
 from fmu_didim.cli.saved import show_and_save
 
 if TYPE_CHECKING:
-    from fmu_didim.workflow import NamedController
+    from fmu_didim.workflow.naming.named import NamedController
 
 
 def add_name_controller_options(verb: argparse.ArgumentParser) -> None:
@@ -33,7 +33,7 @@ def run_name_controller(options: argparse.Namespace, stem: Callable[[Path], str]
     out = options.out or Path("results") / f"{stem(options.case)}_controller"
 
     def make(progress: Callable[[str], None]) -> NamedController:
-        from fmu_didim.workflow import name_controller
+        from fmu_didim.workflow.naming.verb import name_controller
 
         return name_controller(options.case, progress=progress)
 

@@ -64,7 +64,7 @@ def watch_logs(options: argparse.Namespace, folder: Path, after: Path | None) ->
     out = options.out or Path("results") / f"{folder.resolve().name}-watch"
     with Display(quiet=options.quiet or options.json) as display:
         display.say(f"reading {folder}")
-        from fmu_didim.workflow import Watched, watch
+        from fmu_didim.workflow.watch import Watched, watch
 
         def shown(found: Watched) -> None:
             display.close()

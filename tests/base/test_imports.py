@@ -10,13 +10,12 @@ from typing import Any
 
 import pytest
 
-from fmu_didim import load_case
+from fmu_didim import discover, load_case
 from fmu_didim.base.errors import InputError, UnknownNameError
 from fmu_didim.base.imports import NO_CODE, import_object
 from fmu_didim.cli.main import main
 from fmu_didim.dynamics.effects import EFFECTS, find_effect
 from fmu_didim.dynamics.robot import RobotDescription, read_robot, write_robot
-from fmu_didim.workflow import discover
 from tests.cases import scara_case
 
 GAINS = (

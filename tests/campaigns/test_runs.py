@@ -16,6 +16,7 @@ import pandas as pd
 import pytest
 import yaml
 
+from fmu_didim import identify
 from fmu_didim.base.errors import InputError
 from fmu_didim.campaigns.campaign import Campaign, campaign, opened
 from fmu_didim.campaigns.reporting.page import write_campaign_report
@@ -23,7 +24,6 @@ from fmu_didim.campaigns.running import runner
 from fmu_didim.campaigns.running.runner import Progress
 from fmu_didim.campaigns.running.store import Journal, Store
 from fmu_didim.cli.main import main
-from fmu_didim.workflow import identify
 from tests.awkward.build import awkward_fmu
 from tests.campaigns.helpers import CASE, sledge_case, small
 from tests.patience import patience

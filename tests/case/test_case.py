@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import yaml
 
+from fmu_didim import check, discover, identify, simulate
 from fmu_didim.base.errors import FmuDidimError, InputError, UnknownNameError
 from fmu_didim.case import load_case
 from fmu_didim.cli.main import main
@@ -17,7 +18,6 @@ from fmu_didim.data.signals import trajectory, write_csv
 from fmu_didim.data.tables import read_trajectory
 from fmu_didim.export import build_fmu
 from fmu_didim.report.numbers import loop_lines
-from fmu_didim.workflow import check, discover, identify, simulate
 from tests.cases import SCARA, scara_case
 from tests.conftest import ROOT
 from tests.helpers import model_of

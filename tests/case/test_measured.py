@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from fmu_didim import discover, identify
 from fmu_didim.base.errors import InputError
 from fmu_didim.case import Case, load_case
 from fmu_didim.checks.channels import channel_diagnostics
@@ -19,7 +20,6 @@ from fmu_didim.checks.validation import validate_on
 from fmu_didim.data.signals import Trajectory, trajectory
 from fmu_didim.fit.estimate import Estimate, RefusedError
 from fmu_didim.model.loop_model import LoopModel
-from fmu_didim.workflow import discover, identify
 from tests.helpers import ROOT
 
 CASE = load_case(ROOT / "examples/scara/identify_200hz.yaml").with_(train={"torque": {"rate_hz": 50}}, validation=None)

@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 import yaml
 
+from fmu_didim import identify
 from fmu_didim.base.errors import FmuDidimError
 from fmu_didim.case import load_case
 from fmu_didim.cosim import simulate
 from fmu_didim.data.signals import Variable, trajectory, write_csv
 from fmu_didim.dynamics.block import Block
 from fmu_didim.export import build_fmu
-from fmu_didim.workflow import identify
 from tests.awkward.build import by
 
 RATE, LOGGED, NOISE = 200.0, 2, 0.01

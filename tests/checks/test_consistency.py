@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 import yaml
 
+from fmu_didim import identify, simulate
 from fmu_didim.base.errors import InputError, SimulationError, UnknownNameError
 from fmu_didim.case import load_case
 from fmu_didim.checks.plant.consistency import Consistency, check_consistency
@@ -24,7 +25,6 @@ from fmu_didim.export import build_fmu
 from fmu_didim.fit.estimate import RefusedError
 from fmu_didim.report import result_table, write_report
 from fmu_didim.results.result import read_result
-from fmu_didim.workflow import identify, simulate
 from tests.awkward.build import awkward_fmu
 from tests.cases import SCARA, plant_case, scara_case
 from tests.helpers import NEAR, drive, model_of, with_component

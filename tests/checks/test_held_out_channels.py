@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+from fmu_didim import Result, identify
 from fmu_didim.case import Case, load_case
 from fmu_didim.checks.identification import checked, held_out_channels
 from fmu_didim.checks.validation import Validation, validate_on
 from fmu_didim.data.signals import Array, Trajectory, trajectory
 from fmu_didim.fit.estimate import Estimate
-from fmu_didim.workflow import Result, identify
 from tests.helpers import ROOT
 
 CASE = load_case(ROOT / "examples/scara/identify_200hz.yaml").with_(

@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from fmu_didim import identify
 from fmu_didim.case import load_case
 from fmu_didim.checks.identification import checked, limit_diagnostics
 from fmu_didim.dynamics.robot import read_robot, write_robot
 from fmu_didim.fit.solver.numerical_noise import Roughness
 from fmu_didim.model.free_parameter import LONGEST_DELAY, delay_parameter
-from fmu_didim.workflow import identify
 from fmu_didim.workflow.output.result import Result
 from tests.identification.test_several_experiments import case, run
 

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import yaml
 
+from fmu_didim import check, discover, identify
 from fmu_didim.case import load_case
 from fmu_didim.components.fmu.load import load_fmu
 from fmu_didim.components.fmu.reuse import reading as module
@@ -17,7 +18,6 @@ from fmu_didim.components.fmu.reuse.reading import find_reading
 from fmu_didim.data.signals import Variable, trajectory, write_csv
 from fmu_didim.dynamics.block import Block
 from fmu_didim.export import build_fmu
-from fmu_didim.workflow import check, discover, identify
 from tests.awkward.build import awkward_fmu
 from tests.campaigns.helpers import sledge_case
 

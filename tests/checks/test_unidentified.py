@@ -10,8 +10,8 @@ from typing import Any
 import casadi as ca
 import pytest
 
+from fmu_didim import identify
 from fmu_didim.checks.plant.unidentified import unidentified_diagnostics
-from fmu_didim.workflow import identify
 from tests.foreign import crane, exported, foreign_case, one_joint, plant_block, spring_pendulum
 
 CRANE = {"M": 3.0, "m": 1.0, "l": 0.8, "d": 2.0, "b": 0.3}

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import yaml
 
+from fmu_didim import discover
 from fmu_didim.case import load_case
 from fmu_didim.discovery.augmentation.builder import LoopModelBuilder
 from fmu_didim.discovery.base_model import prepare
@@ -23,7 +24,6 @@ from fmu_didim.fit import gap
 from fmu_didim.fit.fit import Fit
 from fmu_didim.model.loop_model import EffectAtJoint
 from fmu_didim.results.findings import FindingsDocument
-from fmu_didim.workflow import discover
 from tests.discovery.helpers import arm_case
 
 STRIBECK = {"stribeck": {"Fs": 0.8, "vs": 0.1}}

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 import yaml
 
+from fmu_didim import discover, simulate
 from fmu_didim.base.errors import InputError, UnknownNameError
 from fmu_didim.cli.main import main
 from fmu_didim.components import load_fmu
@@ -21,7 +22,6 @@ from fmu_didim.data.tables import read_trajectory
 from fmu_didim.dynamics.robot import read_robot
 from fmu_didim.export import fmu, variational
 from fmu_didim.results.findings import FindingsDocument, findings_schema, load_findings
-from fmu_didim.workflow import discover, simulate
 from tests.discovery.helpers import TRUTH, arm_case
 
 FRICTION = {"quadratic_viscous": {"Fq": 0.3}}

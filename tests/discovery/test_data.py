@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 
+from fmu_didim import discover
 from fmu_didim.base.diagnostics import DiagnosedError, Diagnostic
 from fmu_didim.case import load_case
 from fmu_didim.checks.data.log import SAMPLES_MISSING
@@ -16,7 +17,6 @@ from fmu_didim.checks.data.runs import VALIDATION_WITHOUT_TORQUE
 from fmu_didim.checks.data.timing import CLOCK_LATE
 from fmu_didim.data.tables import read_trajectory
 from fmu_didim.discovery.request import Request
-from fmu_didim.workflow import discover
 
 SCARA = Path("examples/scara/identify.yaml")
 

@@ -10,11 +10,11 @@ from pathlib import Path
 import pytest
 import yaml
 
+from fmu_didim import discover
 from fmu_didim.controllers import read_controller
 from fmu_didim.export import build_fmu
 from fmu_didim.model import loop_model
 from fmu_didim.model.workers import VARIABLE
-from fmu_didim.workflow import discover
 from fmu_didim.workflow.output.discovered import Discovered
 from tests.awkward.build import by
 from tests.discovery.helpers import RATE, arm_case

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fmu_didim.workflow import discover
+from fmu_didim import discover
 from tests.foreign import exported, foreign_case, one_joint, spring_pendulum
 
 DEFAULTS = {"m": 1.0, "l": 0.5, "k": 2.0, "d": 0.2}

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import yaml
 
+from fmu_didim import discover, simulate
 from fmu_didim.case import load_case
 from fmu_didim.discovery.augmentation.builder import LoopModelBuilder
 from fmu_didim.discovery.augmentation.places import Proposal
@@ -18,7 +19,6 @@ from fmu_didim.fit.derivatives.sensitivity import sensitivity
 from fmu_didim.model.free_parameter import LOG
 from fmu_didim.model.loop_model import EffectAtJoint, LoopModel
 from fmu_didim.results.findings import FindingsDocument
-from fmu_didim.workflow import discover, simulate
 from tests.discovery.helpers import RATE, arm_case
 
 SHIFT = EffectAtJoint("log_time_shift", 1)

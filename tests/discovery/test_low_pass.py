@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 import yaml
 
+from fmu_didim import discover
 from fmu_didim.discovery.run import UNFILTERED
-from fmu_didim.workflow import discover
 from tests.discovery.helpers import arm_case
 
 

@@ -9,6 +9,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
+from fmu_didim import discover
 from fmu_didim.components import load_fmu
 from fmu_didim.data.signals import Variable
 from fmu_didim.dynamics.effects import (
@@ -27,7 +28,6 @@ from fmu_didim.dynamics.effects.steps import direction, smoothing_velocity
 from fmu_didim.dynamics.robot import RobotDescription, RobotModel, read_robot
 from fmu_didim.model.motion import motion_of
 from fmu_didim.results.findings import FindingsDocument
-from fmu_didim.workflow import discover
 from tests.discovery.helpers import arm_case, arm_document, sines
 
 

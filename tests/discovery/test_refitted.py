@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from fmu_didim.workflow import discover, identify
+from fmu_didim import discover, identify
 from tests.discovery.helpers import arm_case
 
 TRUE = 0.02

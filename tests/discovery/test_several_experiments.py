@@ -8,13 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from fmu_didim import discover
 from fmu_didim.data.tables import read_trajectory
 from fmu_didim.discovery.external_torques.fit import find_external_torques
 from fmu_didim.discovery.external_torques.search import linear_external_torques, step_response
 from fmu_didim.fit.gap import held_out_ratio
 from fmu_didim.model.external_torque import ExternalTorque
 from fmu_didim.results.findings import FindingsDocument
-from fmu_didim.workflow import discover
 from tests.discovery.helpers import TRUTH, Run, arm_experiments, base_of, sines
 
 FRICTION = {"quadratic_viscous": {"Fq": 0.3}}

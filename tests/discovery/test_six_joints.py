@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from fmu_didim import discover
 from fmu_didim.dynamics.effects import EFFECTS, TorqueEffect
 from fmu_didim.results.findings import FindingsDocument
-from fmu_didim.workflow import discover
 
 EXAMPLE = Path("examples/tx40")
 FRICTION = {

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from fmu_didim import discover
 from fmu_didim.discovery.untried import INTEGRATED
-from fmu_didim.workflow import discover
 from tests.discovery.drive import drive_case
 
 FRICTION = 0.08

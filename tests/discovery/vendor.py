@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 import yaml
 
+from fmu_didim import simulate
 from fmu_didim.data.signals import trajectory, write_csv
 from fmu_didim.dynamics.robot import RobotModel, read_robot, write_robot
 from fmu_didim.export import build_fmu
-from fmu_didim.workflow import simulate
 
 NOISE = (0.03, 0.003)
 """Standard deviation of the torque log of the joints, N.m."""

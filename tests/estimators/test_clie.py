@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 import yaml
 
+from fmu_didim import identify
 from fmu_didim.base.errors import FmuDidimError, InputError
 from fmu_didim.case import load_case
 from fmu_didim.estimators import Clie, Didim
@@ -19,7 +20,6 @@ from fmu_didim.estimators.finish import unsettled_advice
 from fmu_didim.fit.estimate import RefusedError, Status
 from fmu_didim.fit.iteration import Iteration
 from fmu_didim.fit.solver.search import NO_STEP
-from fmu_didim.workflow import identify
 from tests.cases import ENTRIES, TRUTH, plant_case
 from tests.helpers import NEAR, model_of
 

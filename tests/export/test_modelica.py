@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 import yaml
 
+from fmu_didim import identify, simulate
 from fmu_didim.base.errors import BuildError, InputError
 from fmu_didim.case import load_case
 from fmu_didim.cli.main import main
@@ -24,7 +25,6 @@ from fmu_didim.data.signals import trajectory, write_csv
 from fmu_didim.export import build_modelica, modelica
 from fmu_didim.export.modelica_names import SUFFIX, circular, restored, set_aside
 from fmu_didim.results.result import read_result
-from fmu_didim.workflow import identify, simulate
 from tests.conftest import package
 from tests.helpers import ROOT, drive
 from tests.patience import patience

@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 import pytest
 
+from fmu_didim import identify
 from fmu_didim.case import load_case
 from fmu_didim.components import load_fmu, rename
 from fmu_didim.cosim import closed_loop, decimated_times
 from fmu_didim.data.signals import trajectory
 from fmu_didim.estimators import Clie
 from fmu_didim.model.parameters import NamedParameters
-from fmu_didim.workflow import identify
 from tests.cases import scara_case
 from tests.conftest import package
 from tests.foreign import external_fmu

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 import yaml
 
+from fmu_didim import identify
 from fmu_didim.case import Case, load_case
 from fmu_didim.checks.validation import validate_on
 from fmu_didim.estimators import Didim, OutputError
 from fmu_didim.fit.estimate import Estimate, Status
-from fmu_didim.workflow import identify
 from tests.conftest import needs_emps
 
 pytestmark = needs_emps

@@ -16,9 +16,9 @@ import yaml
 from fmpy.fmi2 import FMU2Slave
 from fmpy.fmi3 import FMU3Slave
 
+from fmu_didim import discover, identify
 from fmu_didim.case import load_case
 from fmu_didim.data.signals import trajectory, write_csv
-from fmu_didim.workflow import discover, identify
 from tests.checks.test_reading import gain
 from tests.foreign import external_fmu
 

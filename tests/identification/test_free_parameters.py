@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 import yaml
 
+from fmu_didim import identify
 from fmu_didim.data.signals import trajectory, write_csv
 from fmu_didim.fit.derivatives.sensitivity import sensitivity
 from fmu_didim.report import result_table
-from fmu_didim.workflow import identify
 from tests.cases import scara_case
 from tests.helpers import model_of
 

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
+from fmu_didim import identify
 from fmu_didim.cosim.recording_cache import KeptRecordings
 from fmu_didim.model.workers import VARIABLE
-from fmu_didim.workflow import identify
 from tests.tools.benchmarks.growth import Size, write_case
 
 BYTES_A_SAMPLE = 3500

@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from fmu_didim import discover, identify
 from fmu_didim.base.errors import InputError
 from fmu_didim.case import Case, load_case
 from fmu_didim.data.signals import Array, Trajectory, trajectory
 from fmu_didim.fit.estimate import Estimate
-from fmu_didim.workflow import discover, identify
 from tests.helpers import ROOT
 
 RATE = 200

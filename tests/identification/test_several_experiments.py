@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 import yaml
 
+from fmu_didim import identify
 from fmu_didim.base.errors import FmuDidimError, InputError, UnknownNameError
 from fmu_didim.case import Case, load_case
 from fmu_didim.checks.agreement import agreement
@@ -24,7 +25,6 @@ from fmu_didim.fit.confounding import confounded
 from fmu_didim.fit.derivatives.sensitivity import sensitivity
 from fmu_didim.fit.estimate import Estimate, Status
 from fmu_didim.fit.noise.weighting import whitened
-from fmu_didim.workflow import identify
 
 Array = np.ndarray
 EXAMPLE = Path("examples/scara")

@@ -10,13 +10,13 @@ import pytest
 import yaml
 from fmpy.validation import validate_fmu
 
+from fmu_didim import simulate
 from fmu_didim.case import load_case
 from fmu_didim.controllers import read_controller
 from fmu_didim.dynamics.base_parameters import base_parameters
 from fmu_didim.dynamics.robot import RobotModel
 from fmu_didim.export import build_fmu
 from fmu_didim.fit.estimate import Status
-from fmu_didim.workflow import simulate
 from tests.conftest import package
 from tests.helpers import NEAR
 from tests.tools.benchmarks import tx40

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 import yaml
 
+from fmu_didim import identify
 from fmu_didim.base.errors import InputError
 from fmu_didim.model.prediction import predict
-from fmu_didim.workflow import identify
 from tests.cases import ENTRIES, TRUTH, plant_case
 from tests.helpers import NEAR, model_of
 

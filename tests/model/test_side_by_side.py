@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
 
+from fmu_didim import discover, identify
 from fmu_didim.base.errors import InputError, SimulationError
 from fmu_didim.estimators import Didim
 from fmu_didim.estimators.starts.start import with_free_delay
@@ -16,7 +17,6 @@ from fmu_didim.fit.derivatives.sensitivity import sensitivity
 from fmu_didim.fit.estimate import Status
 from fmu_didim.model.loop_model import LoopModel
 from fmu_didim.model.workers import VARIABLE, default_workers, may_run_side_by_side, one_blas_thread, side_by_side
-from fmu_didim.workflow import discover, identify
 from tests.cases import TRUTH
 from tests.helpers import component, model_of, scara, with_component, with_torque
 from tests.patience import patience

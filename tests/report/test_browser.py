@@ -9,10 +9,10 @@ from typing import Any
 
 import pytest
 
+from fmu_didim import identify
 from fmu_didim.campaigns.reporting.page import write_campaign_report
 from fmu_didim.report import write_report
 from fmu_didim.report.discovery.sections import write_discovery_report
-from fmu_didim.workflow import identify
 from tests.campaigns import test_quality
 from tests.campaigns.helpers import LAWS
 from tests.conftest import package

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from fmu_didim import identify
 from fmu_didim.report.paper import write_figures
-from fmu_didim.workflow import identify
 from tests.report import test_discovery, test_report
 
 

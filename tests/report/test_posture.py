@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from fmu_didim import identify
 from fmu_didim.base.diagnostics import Diagnostic
 from fmu_didim.checks.data.log import LOG_OUTLIERS
 from fmu_didim.checks.judgement import DiagnosticResult, diagnostic_result
@@ -23,7 +24,6 @@ from fmu_didim.report.experiment_charts import posture_matrix
 from fmu_didim.report.sections import Report
 from fmu_didim.report.verdict import Banner
 from fmu_didim.results.result import LinkResult, read_result
-from fmu_didim.workflow import identify
 from tests.conftest import package
 from tests.helpers import ROOT
 from tests.patience import wait_until

@@ -9,6 +9,7 @@ from typing import Literal
 import numpy as np
 import pytest
 
+from fmu_didim import identify
 from fmu_didim.base.errors import InputError
 from fmu_didim.checks.judgement import DiagnosticResult
 from fmu_didim.checks.plant.consistency import ColumnResult
@@ -28,7 +29,6 @@ from fmu_didim.results.result import (
     StageResult,
     save_result,
 )
-from fmu_didim.workflow import identify
 
 ERRORS: dict[Literal["estimation", "validation"], ErrorResult] = {
     "estimation": ErrorResult(total=4.831, per_joint=[4.831]),

@@ -16,11 +16,11 @@ import pytest
 import yaml
 
 from fmu_didim import __version__
+from fmu_didim import identify as identify_case
 from fmu_didim.base.cache import KINDS
 from fmu_didim.case import load_case
 from fmu_didim.cli.main import command_parser, main
 from fmu_didim.data.tables import read_trajectory
-from fmu_didim.workflow import identify as identify_case
 from fmu_didim.workflow.output.exit_codes import CHANGED_EXIT
 from tests.discovery.helpers import arm_case
 from tests.helpers import ROOT

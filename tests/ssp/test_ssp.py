@@ -19,6 +19,7 @@ import yaml
 from fmpy.ssp.ssd import read_ssd, read_ssv
 
 import fmu_didim
+from fmu_didim import export_ssp, identify
 from fmu_didim.base.errors import FmuDidimError, FmuError, InputError, UnknownNameError
 from fmu_didim.case import load_case
 from fmu_didim.components import Component, FmuComponent, load_fmu, rename
@@ -32,7 +33,6 @@ from fmu_didim.fit.derivatives import sensitivity
 from fmu_didim.report.numbers import loop_lines
 from fmu_didim.ssp import read_ssp, write_ssp
 from fmu_didim.ssp.transform import Unit, conversion
-from fmu_didim.workflow import export_ssp, identify
 from tests.awkward.build import ARRAYS, awkward_fmu, library
 from tests.awkward.build import pack as build_awkward
 from tests.cases import scara_case

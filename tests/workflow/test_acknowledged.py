@@ -7,13 +7,13 @@ from typing import Any
 
 import pytest
 
+from fmu_didim import check, identify
 from fmu_didim.base.diagnostics import DOUBT, PROBLEM, REMARK, Diagnostic
 from fmu_didim.base.errors import InputError, UnknownNameError
 from fmu_didim.case import Case, load_case
 from fmu_didim.checks.judgement import judgement
 from fmu_didim.report import result_table
 from fmu_didim.results.result import read_result
-from fmu_didim.workflow import check, identify
 from fmu_didim.workflow.acknowledged import acknowledged
 from fmu_didim.workflow.reference.codes import all_codes
 from fmu_didim.workflow.validate import mistakes

@@ -9,11 +9,10 @@ import numpy as np
 import pytest
 import yaml
 
-from fmu_didim import build_fmu, load_fmu, load_result, to_control
+from fmu_didim import build_fmu, identify, load_fmu, load_result, simulate, to_control
 from fmu_didim.base.errors import UnknownNameError
 from fmu_didim.cli.main import main
 from fmu_didim.dynamics.robot import RobotModel, read_robot, write_robot
-from fmu_didim.workflow import identify, simulate
 from tests.cases import scara_case
 
 

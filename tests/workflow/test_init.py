@@ -13,13 +13,13 @@ import numpy as np
 import pytest
 import yaml
 
+from fmu_didim import identify
 from fmu_didim.base.errors import InputError
 from fmu_didim.case import load_case
 from fmu_didim.case.document import CaseDocument
 from fmu_didim.case.files import data_folder
 from fmu_didim.cli.main import main
 from fmu_didim.data.signals import Array, Trajectory
-from fmu_didim.workflow import identify
 from fmu_didim.workflow.init import start_case
 from fmu_didim.workflow.reference.schema import SCHEMAS, schema
 from tests.cases import SCARA

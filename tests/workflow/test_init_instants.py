@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 import yaml
 
+from fmu_didim import identify
 from fmu_didim.base.documents import TO_FILL_IN
 from fmu_didim.base.errors import InputError
 from fmu_didim.case import load_case
 from fmu_didim.checks.data.checks import data_diagnostics
 from fmu_didim.cli.main import main
 from fmu_didim.data.signals import Array
-from fmu_didim.workflow import identify
 from fmu_didim.workflow.init import start_case
 from tests.case.test_instants import LONG_S, STEP, case, logged, slowing
 from tests.cases import TRUTH

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 import yaml
 
+from fmu_didim import identify, simulate
 from fmu_didim.base.errors import InputError
 from fmu_didim.case import load_case
 from fmu_didim.cli.main import main
 from fmu_didim.data.tables import Column, read_table
 from fmu_didim.data.tables.clock import clock_column, stamp_columns
 from fmu_didim.data.tables.columns import TimeColumn, conversion, target
-from fmu_didim.workflow import identify, simulate
 from fmu_didim.workflow.init import start_case
 from tests.cases import SCARA
 from tests.conftest import ROOT

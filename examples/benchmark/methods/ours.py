@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from examples.benchmark.answer import Answer, Name
-from fmu_didim.workflow import discover
+from fmu_didim import discover
 
 
 def answer(case: Path) -> Answer:

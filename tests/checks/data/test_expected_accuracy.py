@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from fmu_didim import check, identify
 from fmu_didim.case import load_case
 from fmu_didim.checks.data.expected_accuracy import predicted, resonance_diagnostics, resonances, ringing
-from fmu_didim.workflow import check, identify
 from tests.checks.data.right import loaded
 
 SCARA = "examples/scara/identify_200hz.yaml"

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 import yaml
 
+from fmu_didim import identify
 from fmu_didim.base.errors import InputError
 from fmu_didim.case import load_case
 from fmu_didim.model import loop_model
-from fmu_didim.workflow import identify
 from tests.conftest import ROOT, package
 from tests.patience import Calls
 

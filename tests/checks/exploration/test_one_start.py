@@ -7,12 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fmu_didim import identify
+from fmu_didim import Result, identify
 from fmu_didim.base.errors import IdentificationError
 from fmu_didim.checks.exploration.one_start import lower_elsewhere, one_start_diagnostics
 from fmu_didim.checks.identification import residual_tests
 from fmu_didim.fit.exploration.minima import misfit, squares_of
-from fmu_didim.workflow import Result
 from tests.estimators.search.waves import NOISE, wave_case
 
 TOLD_APART = 4.0

@@ -8,13 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from fmu_didim import identify
 from fmu_didim.base.errors import SimulationError
 from fmu_didim.case import load_case
 from fmu_didim.components.base import Instance
 from fmu_didim.components.fmu import load_fmu
 from fmu_didim.components.fmu.versions.fmi2 import Binding2
 from fmu_didim.data.signals import Array
-from fmu_didim.workflow import identify
 from tests.cases import ENTRIES, TRUTH
 from tests.components.fmu.helpers import exported
 from tests.helpers import begin

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from fmu_didim import simulate
 from fmu_didim.base.errors import FmuError, InputError
 from fmu_didim.cli.main import main
 from fmu_didim.components import ModelComponent, load_fmu
@@ -18,7 +19,6 @@ from fmu_didim.components.fmu.versions import VERSIONS, version_of
 from fmu_didim.components.fmu.versions.fmi3 import FMI_3, Binding3
 from fmu_didim.export import build_fmu
 from fmu_didim.export.versions import VERSIONS as WRITTEN
-from fmu_didim.workflow import simulate
 from tests.awkward.build import DEFAULTS, SLAVE, pack
 from tests.cases import SCARA, scara_case
 from tests.components.fmu.helpers import exported

@@ -8,6 +8,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
+from fmu_didim import discover
 from fmu_didim.case import load_case
 from fmu_didim.components import load_fmu
 from fmu_didim.discovery.augmentation.black_box import acts_on_own_joint, torque_part
@@ -15,7 +16,6 @@ from fmu_didim.discovery.augmentation.builder import LoopModelBuilder
 from fmu_didim.discovery.augmentation.places import Proposal
 from fmu_didim.dynamics.effects import EFFECTS, Surroundings, TorqueEffect
 from fmu_didim.model.loop_model import EffectAtJoint
-from fmu_didim.workflow import discover
 from tests.discovery.vendor import NOISE, vendor_case
 
 

@@ -10,9 +10,8 @@ from typing import Any
 import numpy as np
 import yaml
 
-from fmu_didim import Log, RobotDescription, Trajectory, load_case, read_robot, simulate
+from fmu_didim import Log, RobotDescription, Trajectory, identify, load_case, read_robot, simulate
 from fmu_didim.discovery.change.answers import Answer
-from fmu_didim.workflow import identify
 from fmu_didim.workflow.output.result import Result
 
 CASE = "examples/scara/identify.yaml"

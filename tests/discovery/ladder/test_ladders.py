@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 import yaml
 
+from fmu_didim import discover
 from fmu_didim.base.errors import InputError, UnknownNameError
 from fmu_didim.case import load_case
 from fmu_didim.data.signals import trajectory, write_csv
@@ -21,7 +22,6 @@ from fmu_didim.discovery.ladder.motions import new_part
 from fmu_didim.dynamics.effects import EFFECTS
 from fmu_didim.report.discovery.sections import discovery_table
 from fmu_didim.results.findings import FindingsDocument, load_findings
-from fmu_didim.workflow import discover
 from tests.discovery.helpers import TRUTH, Run, arm_document, arm_experiments
 
 FRICTION = {"quadratic_viscous": {"Fq": 0.3}}

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
+from fmu_didim import discover
 from fmu_didim.results.findings import FindingsDocument
-from fmu_didim.workflow import discover
 from tests.discovery.helpers import blind_case, hidden, true_parameters
 from tests.tools.blind.score import same_class
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from fmu_didim import discover
 from fmu_didim.case import Case
 from fmu_didim.data.signals import Array, trajectory
-from fmu_didim.workflow import discover
 from tests.case.calibration.models import case_of, noisy, steps_of_lag
 
 pytestmark = pytest.mark.gate

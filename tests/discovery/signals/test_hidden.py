@@ -9,8 +9,8 @@ from typing import Any
 
 import pytest
 
+from fmu_didim import Discovered, discover
 from fmu_didim.results.findings import FindingResult
-from fmu_didim.workflow import Discovered, discover
 from tests.discovery.signals.hidden import Hidden, crane, room
 
 pytestmark = pytest.mark.gate

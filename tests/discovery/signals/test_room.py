@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pytest
 
+from fmu_didim import Discovered, discover
 from fmu_didim.base.errors import InputError
 from fmu_didim.cli.main import main
 from fmu_didim.results.findings import FindingsDocument
-from fmu_didim.workflow import Discovered, discover
 from tests.room import STEP, forbidden, room_case, write_room
 
 HELD_OUT = {"inputs": {"file": "held_weather.csv", "interpolation": "held"}, "measured": "held_room.csv"}

@@ -13,6 +13,7 @@ from fmpy.validation import validate_fmu
 from scipy.integrate import solve_ivp
 
 import fmu_didim
+from fmu_didim import identify
 from fmu_didim.base.errors import InputError
 from fmu_didim.case import load_case
 from fmu_didim.components import ModelComponent, load_fmu
@@ -29,7 +30,6 @@ from fmu_didim.estimators import Didim
 from fmu_didim.export import build_fmu
 from fmu_didim.fit.estimate import Status
 from fmu_didim.model.parameters import RobotParameters
-from fmu_didim.workflow import identify
 from tests.helpers import PERIOD, ROOT, drive, law_block, loop, model_on, reference, scara, scara_pd, with_torque
 
 NONLINEAR: dict[str, NonlinearEffect] = {n: e for n, e in EFFECTS.items() if isinstance(e, NonlinearEffect)}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from fmu_didim.workflow import discover
+from fmu_didim import discover
 
 RESULT = "result"
 

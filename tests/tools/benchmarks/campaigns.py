@@ -12,6 +12,7 @@ from types import SimpleNamespace
 
 import numpy as np
 
+from fmu_didim import identify
 from fmu_didim.campaigns.campaign import Campaign, study
 from fmu_didim.campaigns.reporting.page import write_campaign_report
 from fmu_didim.campaigns.reporting.results import Results
@@ -19,7 +20,6 @@ from fmu_didim.campaigns.reporting.status import status_of
 from fmu_didim.campaigns.running.execute import Task, prepared, start_worker
 from fmu_didim.campaigns.running.runner import Progress, RunWorker, task_of
 from fmu_didim.campaigns.running.store import Journal, Store
-from fmu_didim.workflow import identify
 from tests.helpers import ROOT
 from tests.tools.benchmarks.figure import Figure, Settings
 from tests.tools.benchmarks.scara import case

@@ -17,7 +17,7 @@ EFFECT, LEVEL, SEED = "stribeck", 1.5, 1
 
 def run(settings: Settings) -> list[Figure]:
     """Seconds of a discovery over the goal of ten, without and with all that it writes; not a ratio of two times."""
-    from fmu_didim.workflow import discover
+    from fmu_didim import discover
 
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)

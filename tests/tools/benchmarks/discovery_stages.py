@@ -66,7 +66,7 @@ class _Watch:
 
 def staged(case: Path, *, forbid: Sequence[str] = ()) -> tuple[dict[str, Stage], list[str]]:
     """The stages of a discovery by name, in the order in which they began, and what it found."""
-    from fmu_didim.workflow import discover
+    from fmu_didim import discover
 
     with runs_of_loops() as runs:
         progress = _Watch(runs)

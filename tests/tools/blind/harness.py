@@ -26,7 +26,7 @@ VERDICTS = ("nothing", "named", "named_with_remainder", "unknown", "disagreement
 
 def project_discover(case: Path, out: Path) -> Mapping[str, Any]:
     """The project's ``discover``; what it wrote to ``findings.json`` is what counts."""
-    from fmu_didim.workflow import discover
+    from fmu_didim import discover
 
     discover(case, out)
     return _line(json.loads((out / "findings.json").read_text(encoding="utf-8")))

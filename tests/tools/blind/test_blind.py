@@ -16,8 +16,8 @@ import pytest
 import yaml
 from scipy.integrate import solve_ivp
 
+from fmu_didim import simulate
 from fmu_didim.base.errors import InputError
-from fmu_didim.workflow import simulate
 from tests.tools.blind.__main__ import main
 from tests.tools.blind.campaign import PAIRS, drawn_together, make_campaign
 from tests.tools.blind.harness import case_folders, evaluate, read_lines, reduced

@@ -22,7 +22,7 @@ SHARP = 0.003
 
 def run_pair(folder: Path) -> dict[str, Any]:
     """What ``compare`` says of a pair, as a line; a failure is a line with ``error``."""
-    from fmu_didim.workflow import compare
+    from fmu_didim import compare
 
     begin = time.process_time()
     line: dict[str, Any] = {"pair": folder.name}
@@ -43,7 +43,7 @@ def run_pair(folder: Path) -> dict[str, Any]:
 
 def run_history(folder: Path) -> dict[str, Any]:
     """What ``watch`` says of a history, as a line."""
-    from fmu_didim.workflow import watch
+    from fmu_didim import watch
 
     begin = time.process_time()
     found = watch(folder / "logs", _case(folder, "before"), folder / "result", reference=REFERENCE).document

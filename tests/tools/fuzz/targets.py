@@ -18,6 +18,7 @@ import numpy as np
 import yaml
 from scipy.io import savemat
 
+from fmu_didim import export_ssp, simulate
 from fmu_didim.case import load_case
 from fmu_didim.case.build import Case
 from fmu_didim.components.fmu import info_lines, load_fmu, read_description
@@ -27,7 +28,6 @@ from fmu_didim.data.tables import read_trajectory
 from fmu_didim.dynamics.base_parameters import base_parameters
 from fmu_didim.dynamics.robot import RobotModel, read_robot
 from fmu_didim.ssp import read_ssp
-from fmu_didim.workflow import export_ssp, simulate
 from tests.awkward import build
 from tests.tools.fuzz import mutate
 

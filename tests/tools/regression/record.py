@@ -14,10 +14,10 @@ from multiprocessing import get_context
 from pathlib import Path
 from typing import Any, Literal
 
+from fmu_didim import discover, identify
 from fmu_didim.base.version import __version__
 from fmu_didim.case import Case, load_case
 from fmu_didim.model.workers import default_workers
-from fmu_didim.workflow import discover, identify
 from tests.helpers import ROOT
 from tests.tools.blind.translate import translate
 from tests.tools.regression.cases import Job, digests_of_blind, digests_of_case
