@@ -122,7 +122,9 @@ def quick(name: str) -> set[str]:
     """The verbs that take seconds with a file."""
     if name in SLOW_FILES:
         return set()
-    return set(VERBS) - (SLOW & MEANT_FOR[kind_of(FILES[name])])
+    kind = kind_of(FILES[name])
+    taken = MEANT_FOR[kind] | (ANY if MEANT_FOR[kind] >= CASE_VERBS else set())
+    return set(VERBS) - (SLOW & taken)
 
 
 @pytest.mark.gate

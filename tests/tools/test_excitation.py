@@ -8,7 +8,7 @@ import pytest
 from tests.tools import excitation
 
 
-@pytest.mark.gate
+@pytest.mark.slow
 def test_a_designed_motion_is_better_than_random_ones_and_its_deviations_are_found(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

@@ -68,7 +68,7 @@ def test_shares_and_their_table() -> None:
     assert any("0 of 1" in row for row in criteria(rows))
 
 
-@pytest.mark.gate
+@pytest.mark.slow
 def test_a_pair_is_drawn_compared_and_not_compared_again(tmp_path: Path) -> None:
     write(draw(PLAN.index("payload"), 5), tmp_path / "pairs" / "p001")
     folders, out = [tmp_path / "pairs" / "p001"], tmp_path / "lines"
