@@ -257,6 +257,17 @@ class SignatureCatalogue:
                 found[effect_at].append(Signature(effect_at, shapes_at[effect_at], names, table, neutral))
         return found
 
+    def of_shapes(self, effect_at: EffectAtJoint, shapes: Sequence[Mapping[str, float]]) -> list[Signature]:
+        """Signatures of an effect that is smooth where it is neutral, at these shapes; none where the equations of the
+        loop are not known."""
+        neutral, found = self.builder.effect(effect_at).neutral, list[Signature]()
+        for at in shapes:
+            columns = self._derivatives({effect_at: at})
+            if columns is None:
+                return []
+            found.append(Signature(effect_at, at, *columns[effect_at], neutral))
+        return found
+
     def _derivatives(
         self, shapes_at: Mapping[EffectAtJoint, Mapping[str, float]]
     ) -> dict[EffectAtJoint, tuple[tuple[str, ...], Array]] | None:

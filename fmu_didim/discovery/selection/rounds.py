@@ -15,6 +15,7 @@ from fmu_didim.discovery.screening.catalogue import SignatureCatalogue
 from fmu_didim.discovery.selection.candidates import FittedCandidate, Outcome, ScreenedCandidate, TriedCandidate
 from fmu_didim.discovery.selection.competition import Competition, proposal_of
 from fmu_didim.discovery.selection.decide import Options, Step, decide, nearness, objection, step_of
+from fmu_didim.discovery.selection.gears import gear_with_error
 from fmu_didim.discovery.selection.held_out import FAILS_HELD_OUT, held_out_objection
 from fmu_didim.discovery.selection.missing_base import base_before, missing_base
 from fmu_didim.discovery.selection.pre_check import pre_check
@@ -103,10 +104,11 @@ def run_rounds(
             ending = Ending.TIME_UP
             break
         if isinstance(accepted, FittedCandidate):
-            # The fits of a competition are short; the next round starts from the minimum.
-            accepted = replace(
-                accepted, fit=minimise(accepted.fit.model, fit.noise, stopping=Stopping(updates=1, exact=True))
-            )
+            # The fits of a competition are short; the next round starts from the minimum. That of a gear lies in a
+            # valley of its stiffness and the inertia of its motor.
+            is_long = builder.effect(accepted.effect_at).needs_elastic
+            stopping = Stopping() if is_long else Stopping(updates=1, exact=True)
+            accepted = replace(accepted, fit=minimise(accepted.fit.model, fit.noise, stopping=stopping))
             step = step_of(accepted, ranking, competition, options)
             progress.say(f"added: {accepted.effect_at.effect} on joint {accepted.effect_at.joint}")
             steps.append(step)
@@ -120,6 +122,8 @@ def run_rounds(
                 changed, looked_at = _checked_again(builder, fit, steps, options, progress), fit
             if changed is None and len(steps) + 2 <= options.rounds:
                 changed = _pair(competition, ranking, base, steps, options, progress)
+            if changed is None and len(steps) + 2 <= options.rounds:
+                changed = _gear(competition, ranking, base, steps, options, progress)
             if changed is None:
                 refused = accepted
                 break
@@ -247,6 +251,20 @@ def _pair(
             ]
             return _backward(competition.builder, whole, [*steps, *added], options, progress)
     return None
+
+
+def _gear(
+    competition: Competition,
+    ranking: Sequence[FittedCandidate],
+    base: Fit,
+    steps: list[Step],
+    options: Options,
+    progress: Progress,
+) -> tuple[Fit, list[Step]] | None:
+    """The model and its steps with an elastic gear and what acts in it, neither of which shows alone; None if there is
+    none."""
+    found = gear_with_error(competition, ranking, base, options, progress)
+    return None if found is None else _backward(competition.builder, found[0], [*steps, *found[1]], options, progress)
 
 
 def _differ(competition: Competition, first: FittedCandidate, second: FittedCandidate) -> bool:
