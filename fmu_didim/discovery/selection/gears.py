@@ -152,7 +152,8 @@ def _fitted(competition: Competition, starts: Sequence[_Start]) -> Fit | None:
         model = model.with_values(np.clip(model.start, low, high))
         model = with_fitting_substeps(model, model.start, competition.fit.noise.deviation)
         try:
-            fitted = minimise(model, competition.fit.noise)  # stiffness and inertia of the motor lie along a valley
+            # Stiffness and inertia of the motor lie along a valley: a short fit ends ten deviations beside its bottom.
+            fitted = minimise(model, competition.fit.noise, stopping=Stopping(exact=True))
         except SimulationError:
             continue
         if found is None or fitted.chi_square < found.chi_square:

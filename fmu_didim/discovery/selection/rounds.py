@@ -104,10 +104,10 @@ def run_rounds(
             ending = Ending.TIME_UP
             break
         if isinstance(accepted, FittedCandidate):
-            # The fits of a competition are short; the next round starts from the minimum. That of a gear lies in a
-            # valley of its stiffness and the inertia of its motor.
-            is_long = builder.effect(accepted.effect_at).needs_elastic
-            stopping = Stopping() if is_long else Stopping(updates=1, exact=True)
+            # The fits of a competition are short; the next round starts from the minimum. That of an uneven gear lies
+            # in a valley of its stiffness and the inertia of its motor.
+            is_long = any(builder.effect(a).needs_elastic for a in accepted.fit.model.added_effects)
+            stopping = Stopping(exact=True) if is_long else Stopping(updates=1, exact=True)
             accepted = replace(accepted, fit=minimise(accepted.fit.model, fit.noise, stopping=stopping))
             step = step_of(accepted, ranking, competition, options)
             progress.say(f"added: {accepted.effect_at.effect} on joint {accepted.effect_at.joint}")

@@ -404,8 +404,10 @@ class TestEquationsOfTheStructure:
 
 
 class TestIdentification:
-    def test_didim_finds_the_parameters_of_an_elastic_arm(self) -> None:
-        truth = arm(joint2={"effects": ["joint_elasticity"], "K": 400.0, "D": 1.0})
+    @pytest.mark.parametrize("teeth", [{}, UNEVEN], ids=["even", "uneven"])
+    def test_didim_finds_the_parameters_of_an_elastic_arm(self, teeth: Mapping[str, float]) -> None:
+        effects = ["joint_elasticity", *(["transmission_error"] if teeth else [])]
+        truth = arm(joint2={"effects": effects, "K": 400.0, "D": 1.0, **teeth})
         model = RobotModel(truth)
         motion = reference(4.0)
         plant = with_compiled_twin(ModelComponent(model.block()))
