@@ -6,7 +6,7 @@ from fmu_didim.discovery import base_model, form, judge, localise, run
 from fmu_didim.discovery.external_torques import search
 from fmu_didim.discovery.ladder import evidence, facts, motions
 from fmu_didim.discovery.screening import catalogue
-from fmu_didim.discovery.selection import competition, decide, held_out, plausible, pre_check, rounds
+from fmu_didim.discovery.selection import competition, decide, gears, held_out, plausible, pre_check, rounds
 from fmu_didim.discovery.signals import kinds, remainder
 from fmu_didim.discovery.signals import search as signal_search
 from fmu_didim.fit import base_projection, gap
@@ -37,6 +37,7 @@ DECIDING = (
         ),
     ),
     (decide, ("ROUNDS", "BIC", "SMALLEST_SIZE", "SMALLEST_GAIN", "SMALLEST_SHARE", "SMALLEST_PART", "NEAR")),
+    (gears, ("STIFFNESSES", "EVERY", "STARTS")),
     (form, ("LEAD", "OWN", "TURNS")),
     (held_out, ("HELD_OUT", "WORSE_JOINT", "NEARER", "OWN_SIZE", "FEWEST_BLOCKS", "GLITCH")),
     (plausible, ("ZERO", "UNTOLD", "LONGEST")),

@@ -189,7 +189,7 @@ def _on_joint(
     final = _without(builder, before, filled) if filled else before
     beside = f"beside a curve of {curve.tried.effect.variable} on joint {joint} it explains nothing"
     taken = {**dict.fromkeys(own, told), **dict.fromkeys(filled, beside)}
-    kept = tuple(step for step in left if step.effect_at not in filled)
+    kept = tuple(step for step in left if step.effect_at in final.model.added_effects)
     refused = (*taken.items(), *discovery.refused)
     return (
         replace(discovery, final=final if taken else discovery.final, steps=kept, refused=refused),
@@ -198,10 +198,11 @@ def _on_joint(
 
 
 def _without(builder: LoopModelBuilder, fit: Fit, effects: list[EffectAtJoint]) -> Fit:
-    """The fit anew without some of its effects."""
+    """The fit anew without some of its effects, and without what has no place beside the others."""
     model = fit.model
     for effect_at in effects:
-        model = builder.without(model, model.added_effects.index(effect_at))
+        if effect_at in model.added_effects:
+            model = builder.without(model, model.added_effects.index(effect_at))
     return minimise(model, fit.noise, stopping=Stopping(updates=1))
 
 

@@ -49,6 +49,10 @@ class TableModel:
     is_virtual: bool = False
 
     @property
+    def names(self) -> tuple[str, ...]:
+        return tuple(p.name for p in self.free_parameters)
+
+    @property
     def loop(self) -> Any:
         return SimpleNamespace(is_virtual=self.is_virtual)
 
@@ -131,7 +135,8 @@ def candidate_of(
 def effect_of(name: str, *, class_name: str | None = None, place: str = "joint", **more: Any) -> Any:
     """An effect of the catalogue, as far as decisions look at it."""
     known = dict(
-        is_linear=True, shows_on_neighbours=False, is_proposed=True, is_base=False, pre_check=None, neutral={}
+        is_linear=True, shows_on_neighbours=False, is_proposed=True, is_base=False, pre_check=None, neutral={},
+        elastic=False, needs_elastic=False,
     )  # fmt: skip
     known["impossible"] = lambda values, deviations, link: ""
     known["acts"] = lambda shapes: None
@@ -162,6 +167,10 @@ class Catalogue:
             cost=self._costs.get(effect_at.effect, 1.0), can_be_added=True, is_present=self._is_present(effect_at),
             amplitudes=self.amplitudes, shapes=self.shapes,
         )  # fmt: skip
+
+    def has_place(self, effect_at: EffectAtJoint, added: Sequence[EffectAtJoint]) -> bool:
+        needed = self.effect(effect_at).needs_elastic
+        return not needed or any(self.effect(a).elastic and a.joint == effect_at.joint for a in added)
 
     def _is_present(self, effect_at: EffectAtJoint) -> bool:
         if self.description is None:

@@ -66,6 +66,13 @@ class LoopModelBuilder:
         effect = self.effects[name]
         return tuple(range(1, self.base.joint_count + 1))[: 1 if effect.is_of_log or effect.acts_on_base else None]
 
+    def has_place(self, effect_at: EffectAtJoint, added_effects: Sequence[EffectAtJoint]) -> bool:
+        """Whether an effect has its place beside those added: what acts in an elastic gear needs one on its joint."""
+        if not self.effect(effect_at).needs_elastic:
+            return True
+        present = self.description is not None and self.description.joints[effect_at.joint - 1].is_elastic
+        return present or any(self.effect(a).elastic and a.joint == effect_at.joint for a in added_effects)
+
     def link_values(self, joint: int) -> dict[str, float]:
         """Inertial parameters of the link of a joint, counted from 1, by their plain names; nothing for a black box."""
         return {} if self.description is None else dict(self.description.joints[joint - 1].parameters)
@@ -90,14 +97,16 @@ class LoopModelBuilder:
         return built.with_free(p for p in free_parameters if p.owner != PLANT or p.key in offered)
 
     def without(self, model: LoopModel, index: int) -> LoopModel:
-        """A model without one of its effects; its other free parameters keep their values."""
-        added_effects = tuple(a for i, a in enumerate(model.added_effects) if i != index)
+        """A model without one of its effects and those that have no place without it; its other free parameters keep
+        their values."""
+        others = tuple(a for i, a in enumerate(model.added_effects) if i != index)
+        kept = [i for i, a in enumerate(model.added_effects) if i != index and self.has_place(a, others)]
         free_parameters = [
-            replace(k, effect=k.effect - 1 if k.effect is not None and k.effect > index else k.effect)
+            k if k.effect is None else replace(k, effect=kept.index(k.effect))
             for k in model.free_parameters
-            if k.effect != index
+            if k.effect is None or k.effect in kept
         ]
-        return self._with_effects(model.with_free(free_parameters), added_effects)
+        return self._with_effects(model.with_free(free_parameters), tuple(model.added_effects[i] for i in kept))
 
     def prepare(self, wanted: Sequence[Sequence[EffectAtJoint]], *, progress: Progress, workers: int) -> None:
         """Compile what models with these effects need, plants side by side, as far as the time allows.

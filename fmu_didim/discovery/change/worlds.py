@@ -99,7 +99,8 @@ class LogFit:
         names = [name for name, effect in self.builder.effects.items() if effect.is_proposed]
         found = (EffectAtJoint(name, j) for name in names for j in self.builder.joints(name))
         added = self.fit.model.added_effects
-        return [a for a in found if not self.builder.at(a).is_present and a not in added]
+        free = (a for a in found if not self.builder.at(a).is_present and a not in added)
+        return [a for a in free if self.builder.has_place(a, added)]
 
 
 @dataclass(frozen=True)

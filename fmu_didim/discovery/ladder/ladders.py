@@ -93,7 +93,7 @@ def _without(step: Step, final: Fit, builder: LoopModelBuilder) -> Fit | None:
     known = step.without
     if known is not None and set(known.model.added_effects) == set(smaller.added_effects):
         return known
-    kept = [i for i, parameter in enumerate(final.model.free_parameters) if parameter.effect != index]
+    kept = [i for i, name in enumerate(final.model.names) if name in smaller.names]
     try:
         return minimise(smaller, final.noise, jacobian=final.jacobian[:, :, kept], stopping=Stopping(updates=1))
     except SimulationError:

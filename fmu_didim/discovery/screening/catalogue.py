@@ -24,7 +24,7 @@ from fmu_didim.fit.derivatives.repetition import Beginning, change_of_outputs
 from fmu_didim.fit.derivatives.sensitivity import by_variation, sensitivity
 from fmu_didim.fit.derivatives.torque_signature import TorqueSignature, search_grid
 from fmu_didim.fit.fit import Fit
-from fmu_didim.model.free_parameter import joint_parameter
+from fmu_didim.model.free_parameter import PLANT, FreeParameter, joint_parameter, plain_name
 from fmu_didim.model.loop_model import EffectAtJoint, LoopModel
 from fmu_didim.model.motion import Motion, simulated_motion
 from fmu_didim.model.workers import side_by_side
@@ -130,6 +130,14 @@ class SignatureCatalogue:
 
     def __iter__(self) -> Iterator[Signature]:
         return iter(self._signatures)
+
+    def extended(self, fit: Fit, candidates: Sequence[EffectAtJoint], progress: Progress) -> SignatureCatalogue:
+        """With the signatures of some candidates at another fit, in place of those that they had; the other ones stay
+        as they are, for the motion hardly changes when effects are added."""
+        found = SignatureCatalogue(self.builder, fit, candidates=candidates, progress=progress)
+        found._signatures += [s for s in self._signatures if s.effect_at not in candidates]
+        found.fit, found.left = self.fit, (*self.left, *found.left)
+        return found
 
     def _make(self, effect_at: EffectAtJoint) -> list[Signature]:
         effect, placed = self.builder.effect(effect_at), self.builder.at(effect_at)
@@ -249,6 +257,17 @@ class SignatureCatalogue:
                 found[effect_at].append(Signature(effect_at, shapes_at[effect_at], names, table, neutral))
         return found
 
+    def of_shapes(self, effect_at: EffectAtJoint, shapes: Sequence[Mapping[str, float]]) -> list[Signature]:
+        """Signatures of an effect that is smooth where it is neutral, at these shapes; none where the equations of the
+        loop are not known."""
+        neutral, found = self.builder.effect(effect_at).neutral, list[Signature]()
+        for at in shapes:
+            columns = self._derivatives({effect_at: at})
+            if columns is None:
+                return []
+            found.append(Signature(effect_at, at, *columns[effect_at], neutral))
+        return found
+
     def _derivatives(
         self, shapes_at: Mapping[EffectAtJoint, Mapping[str, float]]
     ) -> dict[EffectAtJoint, tuple[tuple[str, ...], Array]] | None:
@@ -270,7 +289,7 @@ class SignatureCatalogue:
         table = np.concatenate(parts)
         return {
             effect_at: (
-                tuple(model.free_parameters[i].key for i in places),
+                tuple(_plain(model.free_parameters[i], effect_at) for i in places),
                 table[:, :, [wanted.index(i) for i in places]],
             )
             for effect_at, places in own.items()
@@ -315,6 +334,11 @@ class _ExperimentMotion:
         assert self.thinned is not None
         states = made.states(self.motion, shapes)[self.response.ticks] if made.has_states else None
         return made.columns(self.thinned, shapes, states)
+
+
+def _plain(parameter: FreeParameter, effect_at: EffectAtJoint) -> str:
+    """The name of a parameter of an effect in the catalogue."""
+    return plain_name(parameter.key, effect_at.joint) if parameter.owner == PLANT else parameter.key
 
 
 def _one_at_a_time(search: Mapping[str, Search]) -> list[dict[str, float]]:

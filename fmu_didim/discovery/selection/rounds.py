@@ -15,6 +15,7 @@ from fmu_didim.discovery.screening.catalogue import SignatureCatalogue
 from fmu_didim.discovery.selection.candidates import FittedCandidate, Outcome, ScreenedCandidate, TriedCandidate
 from fmu_didim.discovery.selection.competition import Competition, proposal_of
 from fmu_didim.discovery.selection.decide import Options, Step, decide, nearness, objection, step_of
+from fmu_didim.discovery.selection.gears import gear_with_error
 from fmu_didim.discovery.selection.held_out import FAILS_HELD_OUT, held_out_objection
 from fmu_didim.discovery.selection.missing_base import base_before, missing_base
 from fmu_didim.discovery.selection.pre_check import may_be_promising, pre_check
@@ -103,24 +104,26 @@ def run_rounds(
             ending = Ending.TIME_UP
             break
         if isinstance(accepted, FittedCandidate):
-            # The fits of a competition are short; the next round starts from the minimum.
-            accepted = replace(
-                accepted, fit=minimise(accepted.fit.model, fit.noise, stopping=Stopping(updates=1, exact=True))
-            )
+            # The fits of a competition are short; the next round starts from the minimum. That of an uneven gear lies
+            # in a valley of its stiffness and the inertia of its motor.
+            is_long = any(builder.effect(a).needs_elastic for a in accepted.fit.model.added_effects)
+            stopping = Stopping(exact=True) if is_long else Stopping(updates=1, exact=True)
+            accepted = replace(accepted, fit=minimise(accepted.fit.model, fit.noise, stopping=stopping))
             step = step_of(accepted, ranking, competition, options)
             progress.say(f"added: {accepted.effect_at.effect} on joint {accepted.effect_at.joint}")
             steps.append(step)
             fit, steps = _backward(builder, accepted.fit, steps, options, progress)
             keep(Discovery(base, fit, tuple(steps), tried=tuple(tried), ending=Ending.RUNNING))
-            if _shifts_log(fit) != _shifts_log(catalogue.fit):  # signatures at other samples
-                left = [c for c in candidates if c not in fit.model.added_effects]
-                catalogue = SignatureCatalogue(builder, fit, candidates=left, progress=progress)
+            candidates = _candidates(builder, options, fit.model.added_effects)
+            catalogue = _beside(builder, catalogue, fit, candidates, progress)
         else:
             changed = _base_instead(competition, ranking, base, steps, options, progress)
             if changed is None and fit is not looked_at:
                 changed, looked_at = _checked_again(builder, fit, steps, options, progress), fit
             if changed is None and len(steps) + 2 <= options.rounds:
                 changed = _pair(competition, ranking, base, steps, options, progress)
+            if changed is None and len(steps) + 2 <= options.rounds:
+                changed = _gear(competition, ranking, base, steps, options, progress)
             if changed is None:
                 refused = accepted
                 break
@@ -252,6 +255,20 @@ def _pair(
     return None
 
 
+def _gear(
+    competition: Competition,
+    ranking: Sequence[FittedCandidate],
+    base: Fit,
+    steps: list[Step],
+    options: Options,
+    progress: Progress,
+) -> tuple[Fit, list[Step]] | None:
+    """The model and its steps with an elastic gear and what acts in it, neither of which shows alone; None if there is
+    none."""
+    found = gear_with_error(competition, ranking, base, options, progress)
+    return None if found is None else _backward(competition.builder, found[0], [*steps, *found[1]], options, progress)
+
+
 def _differ(competition: Competition, first: FittedCandidate, second: FittedCandidate) -> bool:
     """Whether two candidates are no two forms of one effect: another class, or another joint."""
     one, other = (competition.builder.effect(c.effect_at).class_name for c in (first, second))
@@ -261,6 +278,22 @@ def _differ(competition: Competition, first: FittedCandidate, second: FittedCand
 def _fails_held_out(candidate: FittedCandidate, fit: Fit, base: Fit, options: Options) -> bool:
     """Whether held-out data alone speak against a candidate."""
     return objection(candidate, fit, options, base=base).startswith(FAILS_HELD_OUT)
+
+
+def _beside(
+    builder: LoopModelBuilder, catalogue: SignatureCatalogue, fit: Fit, candidates: Sequence[EffectAtJoint],
+    progress: Progress,
+) -> SignatureCatalogue:  # fmt: skip
+    """The signatures beside the effects of a fit: anew where the log has moved, else those of what acts in elastic
+    gears, which ring otherwise with each effect."""
+    left = [c for c in candidates if c not in fit.model.added_effects]
+    if _shifts_log(fit) != _shifts_log(catalogue.fit):  # signatures at other samples
+        return SignatureCatalogue(builder, fit, candidates=left, progress=progress)
+    in_gears = [c for c in left if builder.effect(c).needs_elastic]
+    if not in_gears:
+        return catalogue
+    progress.say(f"signatures of what acts in elastic gears, at {len(in_gears)}")
+    return catalogue.extended(fit, in_gears, progress)
 
 
 def _not_tried(candidates: Sequence[EffectAtJoint]) -> tuple[TriedCandidate, ...]:
@@ -279,8 +312,11 @@ def _shifts_log(fit: Fit) -> bool:
     return any(parameter.owner == LOG for parameter in fit.model.free_parameters)
 
 
-def _candidates(builder: LoopModelBuilder, options: Options) -> list[EffectAtJoint]:
-    """The candidates; for a black box also the effects of every base model, which the box may lack."""
+def _candidates(
+    builder: LoopModelBuilder, options: Options, added: Sequence[EffectAtJoint] = ()
+) -> list[EffectAtJoint]:
+    """The candidates beside effects that were added; for a black box also the effects of every base model, which the
+    box may lack."""
     anything = builder.description is None
     names = [
         name
@@ -288,22 +324,22 @@ def _candidates(builder: LoopModelBuilder, options: Options) -> list[EffectAtJoi
         if (effect.is_proposed or (anything and effect.is_base)) and name not in options.forbid
     ]
     candidates = (EffectAtJoint(name, j) for name in names for j in builder.joints(name))
-    return [a for a in candidates if not builder.at(a).is_present]
+    return [a for a in candidates if not builder.at(a).is_present and builder.has_place(a, added)]
 
 
 def beside_others(
     builder: LoopModelBuilder, fit: Fit, effect_at: EffectAtJoint, options: Options
 ) -> tuple[Fit | None, bool]:
-    """The fit without one of its effects, None where that cannot be simulated; and whether all else in the model has
-    made the effect superfluous."""
-    index = fit.model.added_effects.index(effect_at)
-    kept = [i for i, parameter in enumerate(fit.model.free_parameters) if parameter.effect != index]
-    smaller = builder.without(fit.model, index)
+    """The fit without one of its effects and what has no place without it, None where that cannot be simulated; and
+    whether all else in the model has made them superfluous."""
+    smaller = builder.without(fit.model, fit.model.added_effects.index(effect_at))
+    kept = [i for i, name in enumerate(fit.model.names) if name in smaller.names]
+    gone = [a for a in fit.model.added_effects if a not in smaller.added_effects]
     try:
         without = minimise(smaller, fit.noise, jacobian=fit.jacobian[:, :, kept], stopping=Stopping(updates=1))
     except SimulationError:
         return None, False
-    gain = bic_gain(without, fit, builder.at(effect_at).cost, fit.noise)
+    gain = bic_gain(without, fit, sum(builder.at(a).cost for a in gone), fit.noise)
     size, _ = explained_gap(without, fit, fit.noise)
     return without, gain < options.threshold or size < KEPT_GAIN * options.smallest_gain
 
@@ -313,13 +349,15 @@ def _backward(
 ) -> tuple[Fit, list[Step]]:
     """Take out effects that the newest one has made superfluous."""
     for step in steps[:-1]:
+        if step.effect_at not in fit.model.added_effects:
+            continue
         without, is_superfluous = beside_others(builder, fit, step.effect_at, options)
         if without is None:
             continue
         if is_superfluous:
             progress.say(f"taken out again: {step.effect_at.effect} on joint {step.effect_at.joint}")
             fit = minimise(without.model, fit.noise)
-            steps = [s for s in steps if s is not step]
+            steps = [s for s in steps if s.effect_at in fit.model.added_effects]
         else:
             steps = [replace(s, without=without) if s is step else s for s in steps]
     return fit, steps

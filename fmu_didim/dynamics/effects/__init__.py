@@ -89,6 +89,7 @@ from fmu_didim.dynamics.effects.torque_offset import TorqueOffset
 from fmu_didim.dynamics.effects.torque_ripple import TorqueRipple
 from fmu_didim.dynamics.effects.torque_saturation import TorqueSaturation
 from fmu_didim.dynamics.effects.torque_settling import TorqueSettling
+from fmu_didim.dynamics.effects.transmission_error import TransmissionError
 from fmu_didim.dynamics.effects.viscous import Viscous
 from fmu_didim.dynamics.effects.wrist_friction import WristFriction
 
@@ -103,7 +104,7 @@ _ALL: tuple[Effect, ...] = (
     # drive and sensor
     ControllerGain(), TorqueSaturation(), DriveGain(), DeadZone(), Delay(), ActuatorLag(), EncoderEccentricity(),
     # structure
-    JointElasticity(), Backlash(), BaseTilt(),
+    JointElasticity(), Backlash(), TransmissionError(), BaseTilt(),
     # measurement
     LogTimeShift(),
 )  # fmt: skip

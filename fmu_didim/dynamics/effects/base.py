@@ -83,6 +83,7 @@ class Effect(ABC):
 
     Where it acts:
         elastic: whether it puts a spring between motor and link of its joint.
+        needs_elastic: whether it acts in such a spring, so that its joint has another effect that puts one there.
         acts_on_base: whether it acts on the base of the robot, so that it is listed at joint 1.
 
     How it is discovered:
@@ -124,6 +125,7 @@ class Effect(ABC):
     signed: ClassVar[frozenset[str]] = frozenset()
 
     elastic: ClassVar[bool] = False
+    needs_elastic: ClassVar[bool] = False
     acts_on_base: ClassVar[bool] = False
 
     is_base: ClassVar[bool] = False

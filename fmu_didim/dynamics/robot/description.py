@@ -13,6 +13,7 @@ from fmu_didim.base.errors import InputError, UnknownNameError
 from fmu_didim.data.signals import Variable
 from fmu_didim.dynamics.effects import (
     DEFAULT_EFFECTS,
+    EFFECTS,
     LINK_PARAMETERS,
     Effect,
     InsertedEffect,
@@ -98,6 +99,9 @@ class Joint(Strict):
             outside = effect.outside_limits(self.parameters)
             if outside:
                 raise ValueError(outside)
+            if effect.needs_elastic and not self.is_elastic:
+                gears = [name for name, other in EFFECTS.items() if other.elastic]
+                raise ValueError(f"{effect.name} acts in a gear that gives way: list {' or '.join(gears)}, too")
         return self
 
     @field_validator("limits")

@@ -136,6 +136,28 @@ def test_a_soft_loop_gives_way_to_ripple_as_its_response_says(tmp_path: Path) ->
         assert slope == pytest.approx(1, abs=0.05)
 
 
+GEAR = {"K": 1500.0, "D": 1.0, "motor_share": 0.4}
+"""An elastic gear of the first joint; with half a kg.m2 at either side it rings at some 12 Hz."""
+
+
+@pytest.mark.gate
+def test_the_error_of_a_gear_is_seen_in_what_it_does(tmp_path: Path) -> None:
+    """Its columns are the derivatives of the loop; one turn in 21 is missed by no number of periods that is tried."""
+    fit = minimise(arm_model(tmp_path, rate_hz=200.0, seconds=4.0, gear=GEAR), known_noise(0.1))
+    builder = LoopModelBuilder(fit.model, load_case(tmp_path / "case.yaml").parameters.model.description)  # type: ignore[union-attr]
+    bench = Bench(builder, fit, np.sqrt(np.mean(fit.torque**2, axis=0)))
+    found = signatures(bench, "transmission_error", 1)
+    numbers = sorted(s.shapes["gear_number"] for s in found)
+    travelled = bench.builder.loop.ranges[0]
+    assert max(np.diff(numbers)) * (travelled.highest - travelled.lowest) / 2 < np.pi / 2
+    near = min(found, key=lambda s: abs(s.shapes["gear_number"] - 60.0))
+    assert near.amplitudes == ("gear_cosine", "gear_sine")
+    for amplitude in near.amplitudes:
+        correlation, slope = compared(bench, near, amplitude)
+        assert correlation > 0.99
+        assert slope == pytest.approx(1, abs=0.05)
+
+
 def test_slow_loads_come_back_whole(bench: Bench) -> None:
     """The taps of the response sum to one on their own joint and to nothing across."""
     taps = load_response(bench.fit.simulation("estimation")).taps

@@ -26,6 +26,7 @@ from fmu_didim.discovery.selection.rounds import (
     Ending,
     _backward,
     _base_instead,
+    _beside,
     _candidates,
     _with_shapes_held,
     run_rounds,
@@ -426,6 +427,35 @@ def test_what_the_robot_has_already_is_no_candidate() -> None:
     )
     found = _candidates(builder, Options())
     assert [f"{c.effect}{c.joint}" for c in found] == ["a2", "b1", "shift1"]
+
+
+GEARED = Catalogue(effect_of("a"), effect_of("gear", elastic=True), effect_of("teeth", needs_elastic=True), joints=2)
+
+
+def test_what_acts_in_a_gear_is_a_candidate_where_one_was_added() -> None:
+    def found(*added: EffectAtJoint) -> list[str]:
+        return [f"{c.effect}{c.joint}" for c in _candidates(GEARED, Options(), added)]
+
+    without = ["a1", "a2", "gear1", "gear2"]
+    assert found() == without and found(EffectAtJoint("a", 2)) == without
+    assert found(EffectAtJoint("gear", 2)) == [*without, "teeth2"]
+
+
+def test_signatures_of_what_acts_in_a_gear_are_those_beside_all_that_was_found() -> None:
+    """The gear rings otherwise with each effect; all other signatures stay as they are."""
+    asked: list[tuple[Fit, list[EffectAtJoint]]] = []
+
+    def extended(fit: Fit, candidates: list[EffectAtJoint], progress: Progress) -> Any:
+        asked.append((fit, candidates))
+        return "more"
+
+    catalogue: Any = SimpleNamespace(fit=BASE, extended=extended)
+    for names, more in ((("a",), []), (("gear",), ["teeth"]), (("gear", "a"), ["teeth"]), (("gear", "teeth"), [])):
+        fit, asked[:] = with_effects(*names), []
+        candidates = [c for c in _candidates(GEARED, Options(), fit.model.added_effects) if c.joint == 1]
+        found = _beside(GEARED, catalogue, fit, candidates, Progress())
+        assert [[c.effect for c in joined] for at, joined in asked if at is fit] == ([more] if more else [])
+        assert found == ("more" if more else catalogue)
 
 
 @pytest.mark.parametrize(("described", "wanted"), [(True, ["a1"]), (False, ["a1", "coulomb1"])])

@@ -186,9 +186,15 @@ def closed(robot: RobotDescription, motion: Trajectory = MOTION) -> np.ndarray:
 class Arm:
     """The vertical arm with gears that give way, its equations by hand: lengths 0.5 m, friction at the motors."""
 
-    def __init__(self, p: Mapping[str, float], soft: Mapping[int, Callable[[float, float], float]]) -> None:
-        """``soft``: joint from 0 -> torque of its gear from twist and twist rate; p also has ``rotor1``, ``rotor2``."""
-        self.p, self.soft = p, soft
+    def __init__(
+        self,
+        p: Mapping[str, float],
+        soft: Mapping[int, Callable[[float, float], float]],
+        teeth: Mapping[int, tuple[float, float, float]] | None = None,
+    ) -> None:
+        """``soft``: joint from 0 -> torque of its gear from twist and twist rate; p also has ``rotor1``, ``rotor2``.
+        ``teeth``: joint from 0 -> a, phase and N of its gear's error a sin(N q + phase)."""
+        self.p, self.soft, self.teeth = p, soft, teeth or {}
 
     def rates(self, tau: np.ndarray, y: np.ndarray) -> np.ndarray:
         """y = link q (2), link dq (2), motor q (2), motor dq (2); those of a rigid joint's motor are its link's."""
@@ -206,9 +212,11 @@ class Arm:
         friction = np.array([p[f"Fv{j}"] * w[j - 1] + p[f"Fc{j}"] * np.tanh(w[j - 1] / 0.02) for j in (1, 2)])
         right, motor = tau - friction, np.zeros(2)
         for j, gear in self.soft.items():
-            through, rotor = gear(m[j] - q[j], w[j] - v[j]), p[f"rotor{j + 1}"]
+            size, phase, number = self.teeth.get(j, (0.0, 0.0, 0.0))
+            ahead, turn = size * np.sin(number * m[j] + phase), 1 + size * number * np.cos(number * m[j] + phase)
+            through, rotor = gear(m[j] + ahead - q[j], turn * w[j] - v[j]), p[f"rotor{j + 1}"]
             mass[j, j] -= rotor
-            motor[j] = (right[j] - through) / rotor
+            motor[j] = (right[j] - turn * through) / rotor  # by virtual work
             right[j] = through
         return np.concatenate([v, np.linalg.solve(mass, right - h), w, motor])
 
@@ -242,6 +250,7 @@ def play(k: float, d: float, gap: float) -> Callable[[float, float], float]:
     return gear
 
 
+UNEVEN = {"gear_cosine": 0.003, "gear_sine": 0.004, "gear_number": 60.0}
 SOFT: Mapping[str, tuple[RobotDescription, Mapping[int, Callable[[float, float], float]]]] = {
     "joint 2": (arm(joint2={"effects": ["joint_elasticity"], "K": 220.0, "D": 0.5}), {1: spring(220.0, 0.5)}),
     "joint 1, share of the link": (
@@ -257,7 +266,19 @@ SOFT: Mapping[str, tuple[RobotDescription, Mapping[int, Callable[[float, float],
     "backlash": (
         arm(joint2={"effects": ["backlash"], "K": 2000.0, "D": 4.0, "gap": 0.02}), {1: play(2000.0, 4.0, 0.02)},
     ),
+    "error of a gear": (
+        arm(joint2={"effects": ["joint_elasticity", "transmission_error"], "K": 500.0, "D": 0.4, **UNEVEN}),
+        {1: spring(500.0, 0.4)},
+    ),
+    "error of a gear with play": (
+        arm(joint2={"effects": ["backlash", "transmission_error"], "K": 2000.0, "D": 4.0, "gap": 0.01, **UNEVEN}),
+        {1: play(2000.0, 4.0, 0.01)},
+    ),
 }  # fmt: skip
+TEETH: Mapping[str, Mapping[int, tuple[float, float, float]]] = {
+    name: {1: (0.005, float(np.arctan2(0.003, 0.004)), 60.0)} for name in SOFT if name.startswith("error of a gear")
+}
+"""0.005 sin(60 q + phase) = 0.003 cos(60 q) + 0.004 sin(60 q)"""
 
 
 def torque(count: int) -> np.ndarray:
@@ -273,7 +294,8 @@ class TestEquationsOfTheStructure:
         tau = torque(160)
         plant = ModelComponent(RobotModel(robot).block(), substeps=128)  # so that integration plays no part
         names = [v.name for v in plant.outputs]
-        ours, theirs = drive(plant, tau, PERIOD), Arm(ARM, soft).run(tau)
+        by_hand = Arm(ARM, soft, TEETH.get(case))
+        ours, theirs = drive(plant, tau, PERIOD), by_hand.run(tau)
         for j in range(2):
             place = 4 if j in soft else 0
             assert np.abs(ours[:, names.index(f"q{j + 1}")] - theirs[:, place + j]).max() < tolerance
@@ -281,7 +303,7 @@ class TestEquationsOfTheStructure:
                 assert np.abs(ours[:, names.index(f"q_link{j + 1}")] - theirs[:, j]).max() < tolerance
                 twist = theirs[:, 4 + j] - theirs[:, j]
                 assert np.ptp(twist) > 3 * tolerance  # else nothing was tested
-                accelerations = [Arm(ARM, soft).rates(row, y) for row, y in zip(tau, theirs, strict=True)]
+                accelerations = [by_hand.rates(row, y) for row, y in zip(tau, theirs, strict=True)]
                 wanted = np.array(accelerations)[:, 6 + j]
                 assert np.abs(ours[:, names.index(f"ddq{j + 1}")] - wanted).max() < 1e-3 * np.ptp(wanted)
 
@@ -356,7 +378,14 @@ class TestEquationsOfTheStructure:
         assert first == pytest.approx([0, 0, 1])
         assert second @ gravity == pytest.approx(0, abs=1e-12) and second @ first == 0
 
-    @pytest.mark.parametrize("case", ["both", "backlash"])
+    def test_the_error_of_a_gear_is_felt(self) -> None:
+        """Else the cases above would say nothing of it."""
+        name, tau = "error of a gear", torque(160)
+        soft = SOFT[name][1]
+        moved = Arm(ARM, soft, TEETH[name]).run(tau) - Arm(ARM, soft).run(tau)
+        assert np.ptp(moved[:, 1]) > 0.005
+
+    @pytest.mark.parametrize("case", ["both", "backlash", "error of a gear"])
     def test_the_augmented_fmu_is_valid_and_equals_the_model(self, case: str) -> None:
         block = RobotModel(SOFT[case][0]).block()
         path = build_fmu(block)
@@ -375,8 +404,10 @@ class TestEquationsOfTheStructure:
 
 
 class TestIdentification:
-    def test_didim_finds_the_parameters_of_an_elastic_arm(self) -> None:
-        truth = arm(joint2={"effects": ["joint_elasticity"], "K": 400.0, "D": 1.0})
+    @pytest.mark.parametrize("teeth", [{}, UNEVEN], ids=["even", "uneven"])
+    def test_didim_finds_the_parameters_of_an_elastic_arm(self, teeth: Mapping[str, float]) -> None:
+        effects = ["joint_elasticity", *(["transmission_error"] if teeth else [])]
+        truth = arm(joint2={"effects": effects, "K": 400.0, "D": 1.0, **teeth})
         model = RobotModel(truth)
         motion = reference(4.0)
         plant = with_compiled_twin(ModelComponent(model.block()))
@@ -451,6 +482,16 @@ class TestInARobotDescription:
             (2, {"effects": ["joint_elasticity"], "D": -1.0}, "D = -1 must lie"),
             (2, {"effects": ["joint_elasticity"], "motor_share": 0.3}, "unknown parameters motor_share"),
             (2, {"effects": ["actuator_leg"]}, "actuator_lag"),
+            (
+                2,
+                {"effects": ["transmission_error"]},
+                "gives way: list joint_elasticity or backlash",
+            ),
+            (
+                2,
+                {"effects": ["joint_elasticity", "transmission_error"], "gear_number": 0.0},
+                "gear_number must be greater than 0",
+            ),
         ],
     )
     def test_what_cannot_be_is_refused(self, joint: int, change: dict[str, Any], message: str) -> None:

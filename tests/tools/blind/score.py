@@ -20,7 +20,7 @@ CLASSES: tuple[frozenset[str], ...] = tuple(
         "actuator_lag delay log_time_shift",
         "quadratic_viscous cubic_viscous power_viscous",
         "presliding dahl lugre maxwell_slip",
-        "torque_ripple current_ripple cogging encoder_eccentricity transmission_error",
+        "torque_ripple current_ripple cogging encoder_eccentricity",
         "spring cable_stiffness gravity_compensator",
         "unknown_push external_force external_force_window",
         "torque_drift torque_settling",

@@ -123,8 +123,9 @@ def draw(robot: str, seed: int, *, expressions: bool = False) -> Drawn | None:
 def catalogued(rng: np.random.Generator, model: LoopModel, torque: Array, robot: str) -> tuple[str, LoopModel] | None:
     """What is drawn, and the machine that has it: one or two effects of the catalogue."""
     wanted = 1 + int(rng.uniform() < TWO)
-    # Curves stand for anything, over a range that only a motion gives.
-    names = rng.permutation([name for name, effect in EFFECTS.items() if name not in OWN and not effect.is_form])
+    # Curves stand for anything, over a range that only a motion gives; what acts in an elastic gear has none here.
+    free = [n for n, effect in EFFECTS.items() if not (n in OWN or effect.is_form or effect.needs_elastic)]
+    names = rng.permutation(free)
     proposals = list[Proposal]()
     for name in names:
         if len(proposals) == wanted:

@@ -311,8 +311,8 @@ CURVES: Mapping[str, Maker] = {
 """Functions of one variable outside the catalogue: to be refused, and drawn as a curve."""
 
 GEARS: Mapping[str, Maker] = {"transmission_error": _transmission}
-"""What is hidden beside the elasticity of a gear only, and may be named as any other error that repeats along the
-joint."""
+"""What is hidden beside the elasticity of a gear only. Named as another error that repeats along the joint, it is not
+found."""
 
 WHOLE_ROBOT = ("base_tilt", "payload_change", "log_time_shift")
 """Effects that belong to no joint; the truth states the joint they start from."""

@@ -1,0 +1,190 @@
+"""An elastic gear and what acts in it, looked for together where neither shows alone.
+
+The error of a gear drives its link near the resonance. Where it is larger than what the elasticity does without it, a
+fit of the elasticity alone has nothing to hold on to, and without elasticity the error has no place. So stiffnesses are
+tried, and beside each of them the error with all its periods, to first order.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import chain
+
+import numpy as np
+
+from fmu_didim.base.errors import SimulationError
+from fmu_didim.data.signals import Array
+from fmu_didim.discovery.augmentation.places import Proposal
+from fmu_didim.discovery.progress import Progress
+from fmu_didim.discovery.screening.catalogue import Signature, SignatureCatalogue
+from fmu_didim.discovery.selection.candidates import FittedCandidate
+from fmu_didim.discovery.selection.competition import Competition
+from fmu_didim.discovery.selection.decide import Options, Step, objection, step_of
+from fmu_didim.fit.fit import Fit
+from fmu_didim.fit.gap import bic_gain, joint_gaps
+from fmu_didim.fit.solver.accuracy import with_fitting_substeps
+from fmu_didim.fit.solver.least_squares import minimise
+from fmu_didim.fit.solver.termination import Stopping
+from fmu_didim.model.loop_model import EffectAtJoint
+
+STIFFNESSES = 7
+"""[1] Tried on the grid of a stiffness, without its ends: resonances a factor of 1.5 apart on three decades."""
+EVERY = 2
+"""[shapes] Of the grid of what acts in the gear one in so many is tried beside each stiffness; beside the best one all
+that lie between."""
+STARTS = 2
+"""[starts] Of stiffness and error, from which both are fitted."""
+IN_IT = "{0}: it shows only beside {1}, which acts in it."
+"""Remark on a gear."""
+
+
+@dataclass(frozen=True)
+class _Start:
+    """A gear and what acts in it, to first order.
+
+    Attributes:
+        left: weighted sum of squares that they leave; gear, error: proposals.
+    """
+
+    left: float
+    gear: Proposal
+    error: Proposal
+
+
+def gear_with_error(
+    competition: Competition,
+    ranking: Sequence[FittedCandidate],
+    base: Fit,
+    options: Options,
+    progress: Progress,
+) -> tuple[Fit, list[Step]] | None:
+    """The model with an elastic gear and what acts in it, and their steps; None if there is none that the data
+    support, both of them and each.
+
+    Args:
+        ranking: of the round, where none was accepted: what one effect alone explains as well needs no two.
+    """
+    for gear, error in _places(competition, options):
+        if progress.is_time_up:
+            return None
+        progress.say(f"{gear.effect} with {error.effect} on joint {gear.joint}")
+        whole = _fitted(competition, sorted(_starts(competition, gear, error), key=lambda s: s.left)[:STARTS])
+        found = None if whole is None else _judged(competition, ranking, whole, (gear, error), base, options)
+        if found is not None:
+            progress.say(f"added together: {gear.effect} and {error.effect} on joint {gear.joint}")
+            return found
+    return None
+
+
+def _places(competition: Competition, options: Options) -> Iterator[tuple[EffectAtJoint, EffectAtJoint]]:
+    """Gears that may be there, of the simplest kind, with what acts in them, on joints with a gap, the largest
+    first."""
+    builder, fit = competition.builder, competition.fit
+    allowed = {n: e for n, e in builder.effects.items() if n not in options.forbid and e.is_proposed}
+    inside = [name for name, effect in allowed.items() if effect.needs_elastic]
+    gaps = joint_gaps(fit.torque_alone.residual, fit.torque_alone.noise)
+    for j in (np.argsort(-gaps) + 1).tolist():
+        gears = [EffectAtJoint(name, j) for name, effect in allowed.items() if effect.elastic]
+        gears = sorted((g for g in gears if builder.at(g).can_be_added), key=lambda g: builder.at(g).cost)
+        if gears and gaps[j - 1] > options.smallest_size:
+            free = (EffectAtJoint(n, j) for n in inside)
+            yield from ((gears[0], a) for a in free if not builder.has_place(a, fit.model.added_effects))
+
+
+def _starts(competition: Competition, gear: EffectAtJoint, error: EffectAtJoint) -> list[_Start]:
+    """Stiffnesses with the errors beside each of them."""
+    builder, base = competition.builder, competition.base
+    places = builder.at(error)
+    (name,) = (v.name for v in places.shapes)
+    grid = np.linspace(places.search[name].lowest, places.search[name].highest, places.search[name].count)
+
+    def beside(there: Fit, proposal: Proposal, numbers: Array) -> list[_Start]:
+        residual = base.rest_of(base.weighted(there.residual))
+        signatures = SignatureCatalogue(builder, there, candidates=[]).of_shapes(error, [{name: n} for n in numbers])
+        rests = base.rests_of(signature.columns for signature in signatures)
+        return [_start(proposal, s, rest, residual) for s, (_, rest) in zip(signatures, rests, strict=True)]
+
+    gears = [(there, proposal) for there, proposal in _gears(competition, gear)]
+    found = [[*beside(there, proposal, grid[::EVERY])] for there, proposal in gears]
+    if not any(found):
+        return []
+    place = min((i for i in range(len(found)) if found[i]), key=lambda i: min(s.left for s in found[i]))
+    best = min(found[place], key=lambda s: s.left).error.values[name]
+    near = np.abs(grid - best) <= EVERY * (grid[1] - grid[0])
+    return [*chain(*found), *beside(*gears[place], np.setdiff1d(grid[near], grid[::EVERY]))]
+
+
+def _start(gear: Proposal, signature: Signature, rest: Array, residual: Array) -> _Start:
+    coefficients = np.asarray(np.linalg.lstsq(rest, residual, rcond=None)[0], dtype=float)
+    left = float(np.sum((residual - rest @ coefficients) ** 2))
+    return _Start(left, gear, signature.proposal(coefficients))
+
+
+def _gears(competition: Competition, gear: EffectAtJoint) -> Iterator[tuple[Fit, Proposal]]:
+    """The present model with stiffnesses from the grid, all else as it is, where it can be simulated with the other
+    shapes in the middle of theirs or at their ends."""
+    builder, fit = competition.builder, competition.fit
+    placed, effect = builder.at(gear), builder.effect(gear)
+    stiffness = next(v.name for v in placed.amplitudes if not np.isfinite(effect.neutral[v.name]))
+    search = placed.search[stiffness]
+    for value in np.geomspace(search.lowest, search.highest, STIFFNESSES + 2)[1:-1]:
+        for part in (0.5, 1.0, 0.0) if placed.shapes else (0.5,):
+            grids = {v.name: placed.search[v.name] for v in placed.shapes}
+            shapes = {name: float(g.lowest + part * (g.highest - g.lowest)) for name, g in grids.items()}
+            proposal = Proposal(gear, {**shapes, stiffness: float(value)})
+            model = builder.build(fit.model, [proposal])
+            model = with_fitting_substeps(model, model.start, fit.noise.deviation)
+            try:
+                outputs = model.outputs(model.start)
+            except SimulationError:
+                continue
+            yield replace(fit, model=model, values=model.start, outputs=outputs), proposal
+            break
+
+
+def _fitted(competition: Competition, starts: Sequence[_Start]) -> Fit | None:
+    """The model with both, fitted from the best of these starts."""
+    found: Fit | None = None
+    for start in starts:
+        model = competition.builder.build(competition.fit.model, [start.gear, start.error])
+        low, high = model.free_parameters.limits
+        model = model.with_values(np.clip(model.start, low, high))
+        model = with_fitting_substeps(model, model.start, competition.fit.noise.deviation)
+        try:
+            # Stiffness and inertia of the motor lie along a valley: a short fit ends ten deviations beside its bottom.
+            fitted = minimise(model, competition.fit.noise, stopping=Stopping(exact=True))
+        except SimulationError:
+            continue
+        if found is None or fitted.chi_square < found.chi_square:
+            found = fitted
+    return found
+
+
+def _judged(
+    competition: Competition,
+    ranking: Sequence[FittedCandidate],
+    whole: Fit,
+    both: tuple[EffectAtJoint, EffectAtJoint],
+    base: Fit,
+    options: Options,
+) -> tuple[Fit, list[Step]] | None:
+    """The fit and its steps, if the data support the two together and the second beside the first, better than any
+    other effect alone."""
+    builder, fit, (gear, error) = competition.builder, competition.fit, both
+    gain = bic_gain(fit, whole, sum(builder.at(a).cost for a in both), fit.noise)
+    candidate = replace(competition.assess(gear, whole), delta_bic=gain)
+    best = max((c.delta_bic for c in ranking), default=0.0)
+    if gain < best + options.threshold or objection(candidate, fit, options, base=base):
+        return None
+    smaller = builder.without(whole.model, whole.model.added_effects.index(error))
+    try:
+        beside = Competition(builder, minimise(smaller, fit.noise, stopping=Stopping(updates=1)))
+    except SimulationError:
+        return None
+    second = beside.assess(error, whole)
+    if objection(second, beside.fit, options, base=base):
+        return None
+    names = [f"{builder.effect(a).title} on joint {a.joint}" for a in both]
+    first = replace(step_of(candidate, (candidate,), competition, options), remark=IN_IT.format(*names))
+    return whole, [first, step_of(second, (second,), beside, options)]
