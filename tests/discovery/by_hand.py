@@ -131,7 +131,8 @@ def candidate_of(
 def effect_of(name: str, *, class_name: str | None = None, place: str = "joint", **more: Any) -> Any:
     """An effect of the catalogue, as far as decisions look at it."""
     known = dict(
-        is_linear=True, shows_on_neighbours=False, is_proposed=True, is_base=False, pre_check=None, neutral={}
+        is_linear=True, shows_on_neighbours=False, is_proposed=True, is_base=False, pre_check=None, neutral={},
+        stands_for=(),
     )  # fmt: skip
     known["impossible"] = lambda values, deviations, link: ""
     known["acts"] = lambda shapes: None

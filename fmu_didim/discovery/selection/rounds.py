@@ -17,6 +17,7 @@ from fmu_didim.discovery.selection.competition import Competition, proposal_of
 from fmu_didim.discovery.selection.decide import Options, Step, decide, nearness, objection, step_of
 from fmu_didim.discovery.selection.held_out import FAILS_HELD_OUT, held_out_objection
 from fmu_didim.discovery.selection.missing_base import base_before, missing_base
+from fmu_didim.discovery.selection.parts import parts_instead
 from fmu_didim.discovery.selection.pre_check import pre_check
 from fmu_didim.discovery.selection.refitted import Refitted
 from fmu_didim.fit.fit import Fit
@@ -103,14 +104,7 @@ def run_rounds(
             ending = Ending.TIME_UP
             break
         if isinstance(accepted, FittedCandidate):
-            # The fits of a competition are short; the next round starts from the minimum.
-            accepted = replace(
-                accepted, fit=minimise(accepted.fit.model, fit.noise, stopping=Stopping(updates=1, exact=True))
-            )
-            step = step_of(accepted, ranking, competition, options)
-            progress.say(f"added: {accepted.effect_at.effect} on joint {accepted.effect_at.joint}")
-            steps.append(step)
-            fit, steps = _backward(builder, accepted.fit, steps, options, progress)
+            fit, steps = _with(competition, ranking, accepted, base, steps, options, progress)
             keep(Discovery(base, fit, tuple(steps), tried=tuple(tried), ending=Ending.RUNNING))
             if _shifts_log(fit) != _shifts_log(catalogue.fit):  # signatures at other samples
                 left = [c for c in candidates if c not in fit.model.added_effects]
@@ -166,6 +160,35 @@ def _round(
     if first is not accepted:
         ranking = tuple(c for c in ranking if c.delta_bic <= first.delta_bic)
     return ranking, tried, first
+
+
+def _with(
+    competition: Competition,
+    ranking: Sequence[FittedCandidate],
+    accepted: FittedCandidate,
+    base: Fit,
+    steps: list[Step],
+    options: Options,
+    progress: Progress,
+) -> tuple[Fit, list[Step]]:
+    """The model and its steps with the accepted effect, or with those that it would stand for."""
+
+    def at_minimum(candidate: FittedCandidate) -> FittedCandidate:
+        # The fits of a competition are short; the next round starts from the minimum.
+        stopping = Stopping(updates=1, exact=True)
+        return replace(candidate, fit=minimise(candidate.fit.model, competition.fit.noise, stopping=stopping))
+
+    parts, remark = parts_instead(competition, accepted, base, options)
+    if parts:
+        candidates = [*(p.candidate for p in parts[:-1]), at_minimum(parts[-1].candidate)]
+        added = [step_of(c, (c,), p.competition, options) for c, p in zip(candidates, parts, strict=True)]
+        added[0] = replace(added[0], remark=" ".join(filter(None, (added[0].remark, remark))))
+    else:
+        candidates = [at_minimum(accepted)]
+        added = [step_of(candidates[0], ranking, competition, options)]
+    for step in added:
+        progress.say(f"added: {step.effect_at.effect} on joint {step.effect_at.joint}")
+    return _backward(competition.builder, candidates[-1].fit, [*steps, *added], options, progress)
 
 
 def _base_instead(
