@@ -7,7 +7,7 @@ from fmu_didim.discovery.external_torques import search
 from fmu_didim.discovery.ladder import evidence, facts, motions
 from fmu_didim.discovery.screening import catalogue
 from fmu_didim.discovery.selection import competition, decide, gears, held_out, plausible, pre_check, rounds
-from fmu_didim.discovery.signals import kinds, remainder
+from fmu_didim.discovery.signals import kinds, remainder, windows
 from fmu_didim.discovery.signals import search as signal_search
 from fmu_didim.fit import base_projection, gap
 from fmu_didim.results.provenance import ENGINE
@@ -50,6 +50,7 @@ DECIDING = (
     (evidence, ("VALUE_DIFFERS",)),
     (signal_search, ("STARTS", "LEAST", "FEWEST_CLIPPED")),
     (remainder, ("BY_CHANCE",)),
+    (windows, ("TURNS", "LEFT_OUT")),
     (kinds, ("LAGS", "DELAYS", "FADING", "LONGEST", "ROOM", "LEVELS")),
 )
 """Constants on which a discovery depends, by module."""

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
+from fmu_didim import discover
 from fmu_didim.results.findings import FindingsDocument
-from fmu_didim.workflow import discover
 from tests.discovery.helpers import arm_case
 
 GEAR = {"K": 1500.0, "motor_share": 0.4}

@@ -18,6 +18,7 @@ from fmu_didim.discovery.selection.decide import Options, Step, decide, nearness
 from fmu_didim.discovery.selection.gears import gear_with_error
 from fmu_didim.discovery.selection.held_out import FAILS_HELD_OUT, held_out_objection
 from fmu_didim.discovery.selection.missing_base import base_before, missing_base
+from fmu_didim.discovery.selection.parts import parts_instead
 from fmu_didim.discovery.selection.pre_check import may_be_promising, pre_check
 from fmu_didim.discovery.selection.refitted import Refitted
 from fmu_didim.fit.fit import Fit
@@ -104,15 +105,7 @@ def run_rounds(
             ending = Ending.TIME_UP
             break
         if isinstance(accepted, FittedCandidate):
-            # The fits of a competition are short; the next round starts from the minimum. That of an uneven gear lies
-            # in a valley of its stiffness and the inertia of its motor.
-            is_long = any(builder.effect(a).needs_elastic for a in accepted.fit.model.added_effects)
-            stopping = Stopping(exact=True) if is_long else Stopping(updates=1, exact=True)
-            accepted = replace(accepted, fit=minimise(accepted.fit.model, fit.noise, stopping=stopping))
-            step = step_of(accepted, ranking, competition, options)
-            progress.say(f"added: {accepted.effect_at.effect} on joint {accepted.effect_at.joint}")
-            steps.append(step)
-            fit, steps = _backward(builder, accepted.fit, steps, options, progress)
+            fit, steps = _with(competition, ranking, accepted, base, steps, options, progress)
             keep(Discovery(base, fit, tuple(steps), tried=tuple(tried), ending=Ending.RUNNING))
             candidates = _candidates(builder, options, fit.model.added_effects)
             catalogue = _beside(builder, catalogue, fit, candidates, progress)
@@ -169,6 +162,37 @@ def _round(
     if first is not accepted:
         ranking = tuple(c for c in ranking if c.delta_bic <= first.delta_bic)
     return ranking, tried, first
+
+
+def _with(
+    competition: Competition,
+    ranking: Sequence[FittedCandidate],
+    accepted: FittedCandidate,
+    base: Fit,
+    steps: list[Step],
+    options: Options,
+    progress: Progress,
+) -> tuple[Fit, list[Step]]:
+    """The model and its steps with the accepted effect, or with those that it would stand for."""
+
+    def at_minimum(candidate: FittedCandidate) -> FittedCandidate:
+        # The fits of a competition are short; the next round starts from the minimum. That of an uneven gear lies in a
+        # valley of its stiffness and the inertia of its motor.
+        is_long = any(competition.builder.effect(a).needs_elastic for a in candidate.fit.model.added_effects)
+        stopping = Stopping(exact=True) if is_long else Stopping(updates=1, exact=True)
+        return replace(candidate, fit=minimise(candidate.fit.model, competition.fit.noise, stopping=stopping))
+
+    parts, remark = parts_instead(competition, accepted, base, options)
+    if parts:
+        candidates = [*(p.candidate for p in parts[:-1]), at_minimum(parts[-1].candidate)]
+        added = [step_of(c, (c,), p.competition, options) for c, p in zip(candidates, parts, strict=True)]
+        added[0] = replace(added[0], remark=" ".join(filter(None, (added[0].remark, remark))))
+    else:
+        candidates = [at_minimum(accepted)]
+        added = [step_of(candidates[0], ranking, competition, options)]
+    for step in added:
+        progress.say(f"added: {step.effect_at.effect} on joint {step.effect_at.joint}")
+    return _backward(competition.builder, candidates[-1].fit, [*steps, *added], options, progress)
 
 
 def _base_instead(

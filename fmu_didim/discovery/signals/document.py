@@ -15,12 +15,12 @@ from fmu_didim.checks.outputs.following import OUTPUT_FOLLOWS
 from fmu_didim.checks.residual import RESIDUAL_ABOVE_NOISE, RESIDUAL_SLOW
 from fmu_didim.data.signals import Array
 from fmu_didim.discovery.document import gap_pair, residuals_of, with_intervals
-from fmu_didim.discovery.localise import output_windows
 from fmu_didim.discovery.request import Request
 from fmu_didim.discovery.selection.candidates import Outcome
 from fmu_didim.discovery.signals.candidates import Candidate
 from fmu_didim.discovery.signals.remainder import SLOW_REMAINDER, SLOW_TEXT, slow_remainders
 from fmu_didim.discovery.signals.search import FittedSignal, SignalDiscovery, SignalStep, quick_noise
+from fmu_didim.discovery.signals.windows import windows_of
 from fmu_didim.discovery.unfinished import SEARCH_CUT
 from fmu_didim.fit.estimate import Estimate
 from fmu_didim.fit.fit import Fit
@@ -40,7 +40,6 @@ from fmu_didim.results.findings import (
     Rival,
     UnfinishedResult,
     ValueFound,
-    WindowResult,
 )
 
 UNDECIDED = CATALOGUE(
@@ -102,7 +101,7 @@ def signals_document(
         ),
         channels=_channels(found, noise),
         regions=[],
-        windows=list(_windows(found.final)),
+        windows=windows_of(found.final),
         refused=[
             (t.candidate.name, 0, t.fitted.objection)
             for t in (found.tried[-1] if found.tried else ()) if t.fitted is not None and t.fitted.objection
@@ -262,22 +261,6 @@ def _errors(found: SignalDiscovery) -> Iterator[tuple[str, tuple[float | None, f
         about = measured - measured.mean(axis=0)
         both = [relative_error_percent(about, about - r)[0] if np.isfinite(r).all() else None for r in pair]
         yield label, (both[0], both[1])
-
-
-def _windows(final: Fit) -> Iterator[WindowResult]:
-    """Intervals in which an output is off the final model, by experiment."""
-    names, noise, experiments = final.model.loop.output_names, quick_noise(final).deviation, final.model.experiments
-    for label, experiment in experiments.items():
-        try:
-            residual, simulated = final.residual_in(label), final.simulation(label).channels()
-        except SimulationError:
-            continue
-        outputs = [(name, experiment.time, residual[:, k]) for k, name in enumerate(names)]
-        outputs += [(c.name, c.time, c.values - simulated[c.name]) for c in experiment.channels if c.name in simulated]
-        deviation = dict(zip((*names, *experiments.channels), noise.tolist(), strict=True))
-        for name, time, own in outputs:
-            if name in deviation and np.isfinite(own).all():
-                yield from output_windows(own, time, deviation[name], name, label)
 
 
 def _channels(found: SignalDiscovery, noise: Noise) -> dict[str, ChannelResult]:

@@ -103,6 +103,8 @@ class Effect(ABC):
             loop show it.
         is_smooth: outside the torque balance: whether the torque of the loop has a derivative by its parameters where
             they are neutral, which then is its signature; else simulations with some values are.
+        stands_for: names of effects that, together on its joint, it may stand for: it is named only where it explains
+            more than they do.
         distance: the shape that is the distance over which it builds up after a reversal; none if it is empty.
 
     What a verdict says of it:
@@ -139,6 +141,7 @@ class Effect(ABC):
     pre_check: ClassVar[PreCheck | None] = None
     first_order: ClassVar[FirstOrder | None] = None
     is_smooth: ClassVar[bool] = False
+    stands_for: ClassVar[tuple[str, ...]] = ()
     distance: ClassVar[str] = ""
     stated: ClassVar[StatedSize | None] = None
 

@@ -22,6 +22,7 @@ class ContactStop(TorqueEffect):
     source = "Gilardi and Sharf: Literature survey of contact dynamics modelling, Mechanism and Machine Theory 2002"
     signed = frozenset({"qupper"})
     acts_on_link = True
+    stands_for = ("spring", "torque_offset")
     own_parameters = (Parameter("kupper", "stiffness", "stiffness of the contact", least=0.0),)
     own_shapes = (
         Parameter("qupper", "position", "position where the contact starts", (1.0, 0.1), search=contact_positions),

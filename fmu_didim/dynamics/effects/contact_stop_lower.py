@@ -19,6 +19,7 @@ class ContactStopLower(TorqueEffect):
     source = "Gilardi and Sharf: Literature survey of contact dynamics modelling, Mechanism and Machine Theory 2002"
     signed = frozenset({"qlower"})
     acts_on_link = True
+    stands_for = ("spring", "torque_offset")
     own_parameters = (Parameter("klower", "stiffness", "stiffness of the contact", least=0.0),)
     own_shapes = (
         Parameter("qlower", "position", "position where the contact starts", (-1.0, -0.1), search=contact_positions),

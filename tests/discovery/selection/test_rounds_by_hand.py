@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -13,7 +13,7 @@ import pytest
 from fmu_didim.base.errors import SimulationError
 from fmu_didim.discovery.augmentation.places import Proposal
 from fmu_didim.discovery.progress import Progress
-from fmu_didim.discovery.selection import rounds
+from fmu_didim.discovery.selection import parts, rounds
 from fmu_didim.discovery.selection.candidates import (
     Comparison,
     FittedCandidate,
@@ -21,6 +21,7 @@ from fmu_didim.discovery.selection.candidates import (
     ScreenedCandidate,
     TriedCandidate,
 )
+from fmu_didim.discovery.selection.competition import Competition
 from fmu_didim.discovery.selection.decide import Options, Step
 from fmu_didim.discovery.selection.rounds import (
     Ending,
@@ -189,6 +190,31 @@ def test_effects_are_added_one_after_the_other(monkeypatch: pytest.MonkeyPatch) 
     assert [len(steps) for steps in competition.backward] == [1, 2]
     assert len(competition.catalogues) == 1  # the motion hardly changes
     assert found.refused == ()
+
+
+def test_what_an_effect_would_stand_for_is_added_in_its_place(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Both parts as steps of their own, the second one from the minimum, and nothing of the effect itself."""
+    ByHand(monkeypatch, added("shift"), ())
+    first, second = added("a"), added("ab")
+    beside = SimpleNamespace(fit=first.fit)
+    taken = (parts.Part(cast(Competition, SimpleNamespace(fit=BASE)), first),
+             parts.Part(cast(Competition, beside), second))  # fmt: skip
+    monkeypatch.setattr(rounds, "parts_instead", lambda *_: (taken, "It explains these data as well."))
+    stepped: list[tuple[Any, ...]] = []
+
+    def step_of(accepted: FittedCandidate, ranking: Any, competition: Any, options: Any) -> Step:
+        stepped.append((accepted.effect_at.effect, ranking, competition.fit, accepted.fit.simulations))
+        return Step(accepted.effect_at, 0.0, 0.0, 0.0, (), {}, {}, None, remark="Own." * (len(stepped) == 1))
+
+    monkeypatch.setattr(rounds, "step_of", step_of)
+    found, said = run()
+    assert [(s.effect_at.effect, s.remark) for s in found.steps] == [
+        ("a", "Own. It explains these data as well."), ("b", ""),
+    ]  # fmt: skip
+    assert [(name, fit, simulations) for name, _, fit, simulations in stepped] == [("a", BASE, 0), ("b", first.fit, 77)]
+    assert [len(ranking) for _, ranking, _, _ in stepped] == [1, 1]
+    assert found.final.model.added_effects == second.fit.model.added_effects
+    assert said[2:] == ["added: a on joint 1", "added: b on joint 1"]
 
 
 def test_what_is_known_is_kept_before_the_first_round_and_after_each(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -102,7 +102,7 @@ def write_cases(runs: Iterable[tuple[str, Path]], folder: Path) -> int:
     """A folder with a case for each run, which holds nothing of ``tau_pert``; returns how many."""
     folder.mkdir(parents=True, exist_ok=True)
     fmu, count = build_fmu(drives(), directory=folder), 0
-    limits = {"gain1": {"minimum": 0}, "gain2": {"minimum": 0}}
+    limits: dict[str, dict[str, float]] = {"gain1": {"minimum": 0}, "gain2": {"minimum": 0}}
     limits |= {f"lag{j}": {"minimum": 0.001, "maximum": 0.05} for j in (1, 2)}
     for count, (name, path) in enumerate(runs, start=1):  # noqa: B007 - counted
         log, own = read(path), folder / name

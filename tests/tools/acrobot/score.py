@@ -6,6 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from tests.tools.acrobot.cases import Pulse
 
 EDGE_S = 0.020
@@ -82,11 +84,18 @@ def figures_of(runs: Sequence[Scored]) -> dict[str, str]:
         "pulses": str(count),
         "found": f"{sum(r.found for r in disturbed)} of {count}",
         "sharp": f"{sum(r.sharp for r in disturbed)} of {count}",
+        "late": " and ".join(f"{late:.0f}" for late in _late(disturbed)),
         "beyond": f"{sum(len(r.beyond) for r in disturbed)} in {len(disturbed)} runs",
         "undisturbed_beyond": f"{sum(bool(r.beyond) for r in still)} of {len(still)} runs",
         "undisturbed_windows": f"{sum(r.windows for r in still)} in {len(still)} runs",
         "named_valid": str(sum(bool(r.names) and r.verdict == "valid" for r in runs)),
     }
+
+
+def _late(runs: Sequence[Scored]) -> list[float]:
+    """Median errors of begin and end in ms, positive where they are late."""
+    errors = [errors for run in runs for _, errors in run.pulses if errors is not None]
+    return (1e3 * np.median(errors, axis=0)).tolist() if errors else []
 
 
 def text(runs: Sequence[Scored]) -> str:

@@ -72,6 +72,8 @@ def test_the_score_counts_a_window_once_and_names_what_is_beyond() -> None:
     still = scored("undisturbed01", {"windows": windows[:1], "findings": [], "verdict": "valid"}, [], least=0.5)
     figures = figures_of([one, still])
     assert figures["found"] == "2 of 3" and figures["sharp"] == "1 of 3"
+    assert figures["late"] == "30 and -5"
+    assert figures_of([still])["late"] == ""
     assert figures["undisturbed_beyond"] == "1 of 1 runs"
     assert "missed" in text([one]) and "+10 -10 ms" in text([one])
 

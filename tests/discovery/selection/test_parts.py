@@ -1,0 +1,122 @@
+"""A stop is named only where it explains more than a spring at rest elsewhere: decisions, with hand-made fits."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import pytest
+
+from fmu_didim.discovery.selection import parts
+from fmu_didim.discovery.selection.competition import Competition
+from fmu_didim.discovery.selection.decide import Options
+from fmu_didim.discovery.selection.parts import parts_instead
+from fmu_didim.dynamics.effects import EFFECTS
+from fmu_didim.fit.fit import Fit
+from fmu_didim.model.loop_model import EffectAtJoint
+from tests.discovery.by_hand import Catalogue, TableModel, candidate_of, effect_of, fit_of, residual, table_fit
+
+CATALOGUE: Any = Catalogue(
+    effect_of("stop", title="Stop", stands_for=("spring", "offset")), effect_of("spring"), effect_of("offset")
+)  # fmt: skip
+STOP = candidate_of("stop", bic=1000.0, cost=2.0)  # what is within 20 of it is as good
+
+
+@dataclass
+class Fits:
+    """What fits of the parts tell.
+
+    Attributes:
+        together: gain of both. alone: of each beside those before it; no entry: it cannot be simulated.
+        share: of the gap; values: what makes one implausible. asked: the effects fitted.
+    """
+
+    together: float = 1100.0
+    alone: dict[str, float] = field(default_factory=lambda: {"spring": 100.0, "offset": 700.0})
+    share: float = 0.01
+    implausible: str = ""
+    asked: list[str] = field(default_factory=list)
+
+    def refit(self, competition: Competition, proposal: Any) -> Fit | None:
+        name = proposal.effect_at.effect
+        self.asked.append(name)
+        known = competition.fit.model.added_effects
+        model = TableModel(residual(1.0), {}, (*known, proposal.effect_at))
+        return fit_of(model) if name in self.alone else None
+
+    def assess(self, competition: Competition, effect_at: EffectAtJoint, found: Fit) -> Any:
+        why = "physically impossible" if effect_at.effect == self.implausible else ""
+        return candidate_of(effect_at.effect, bic=self.alone[effect_at.effect], share=self.share, fit=found,
+                            implausible=why)  # fmt: skip
+
+
+def instead(monkeypatch: pytest.MonkeyPatch, fits: Fits, *, present: str = "", **options: Any) -> tuple[list[str], str]:
+    """The effects to add instead of the stop, and the remark."""
+    monkeypatch.setattr(Competition, "refit", lambda self, proposal: fits.refit(self, proposal))
+    monkeypatch.setattr(Competition, "assess", lambda self, effect_at, found: fits.assess(self, effect_at, found))
+    monkeypatch.setattr(parts, "bic_gain", lambda *_: fits.together)
+    monkeypatch.setattr(parts, "implausible", lambda *_: "")
+    base = table_fit(100.0)
+    known = table_fit(100.0, added_effects=(EffectAtJoint(present, 1),) if present else ())
+    found, remark = parts_instead(Competition(CATALOGUE, known), STOP, base, Options(**options))
+    return [part.candidate.effect_at.effect for part in found], remark
+
+
+@pytest.mark.parametrize(
+    ("together", "named", "remark"),
+    [
+        (1100.0, ["offset", "spring"], ""),
+        (1010.0, ["offset", "spring"], "Stop on joint 1 explains these data as well: BIC difference 10."),
+        (985.0, ["offset", "spring"], "Stop on joint 1 explains these data as well: BIC difference -15."),
+        (979.0, [], ""),
+        (300.0, [], ""),
+    ],
+)
+def test_the_parts_are_named_unless_the_stop_explains_more(
+    monkeypatch: pytest.MonkeyPatch, together: float, named: list[str], remark: str
+) -> None:
+    """The part that explains most alone first; how small a share the other closes does not count."""
+    assert instead(monkeypatch, Fits(together)) == (named, remark)
+
+
+@pytest.mark.parametrize(
+    ("fits", "options"),
+    [
+        (Fits(alone={"offset": 700.0}), {}),  # the spring cannot be simulated
+        (Fits(alone={"offset": 700.0, "spring": 9.0}), {}),  # no evidence of a spring beside the offset
+        (Fits(implausible="spring"), {}),
+        (Fits(), {"forbid": frozenset({"spring"})}),
+        (Fits(), {"prefer": ("stop",)}),
+        (Fits(), {"present": "offset"}),  # the spring alone had its chance
+    ],
+)
+def test_the_stop_stays_where_a_part_cannot_be(
+    monkeypatch: pytest.MonkeyPatch, fits: Fits, options: dict[str, Any]
+) -> None:
+    assert instead(monkeypatch, fits, **options) == ([], "")
+
+
+def test_parts_that_are_impossible_together_are_not_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Beside the spring an offset, alone possible, may not be."""
+    fits = Fits()
+    base = table_fit(100.0)
+    monkeypatch.setattr(Competition, "refit", lambda self, proposal: fits.refit(self, proposal))
+    monkeypatch.setattr(Competition, "assess", lambda self, effect_at, found: fits.assess(self, effect_at, found))
+    monkeypatch.setattr(parts, "bic_gain", lambda *_: fits.together)
+    monkeypatch.setattr(parts, "implausible", lambda fit, index, effect, link: "no" if effect.name == "offset" else "")
+    assert parts_instead(Competition(CATALOGUE, base), STOP, base, Options()) == ((), "")
+
+
+def test_what_an_effect_stands_for_is_in_the_catalogue() -> None:
+    stand = {name: effect.stands_for for name, effect in EFFECTS.items() if effect.stands_for}
+    assert set(stand) == {"contact_stop", "contact_stop_lower"}
+    for named in stand.values():
+        assert all(EFFECTS[name].is_proposed and not EFFECTS[name].stands_for for name in named)
+
+
+def test_nothing_is_fitted_for_an_effect_that_stands_for_none(monkeypatch: pytest.MonkeyPatch) -> None:
+    fits = Fits()
+    monkeypatch.setattr(Competition, "refit", lambda self, proposal: fits.refit(self, proposal))
+    base = table_fit(100.0)
+    assert parts_instead(Competition(CATALOGUE, base), candidate_of("spring"), base, Options()) == ((), "")
+    assert fits.asked == []
