@@ -27,6 +27,7 @@ from fmu_didim.estimators import no_progress
 from fmu_didim.estimators.joint import motion_minimum
 from fmu_didim.fit.fit import Fit
 from fmu_didim.fit.noise.weighting import NoiseOfResidual
+from fmu_didim.fit.solver.accuracy import integrated, with_fitting_substeps
 from fmu_didim.fit.solver.least_squares import minimise
 from fmu_didim.workflow.naming.catalogue import EQUAL_EFFECT, LAWS, TIMES, Candidate, Extra, simpler, takes
 from fmu_didim.workflow.naming.contest import Contest
@@ -176,7 +177,9 @@ class LoopContest:
 
     def _fitted(self, candidate: Candidate, start: Sequence[Mapping[str, float]]) -> LoopEntry:
         model = self.model(candidate, start).model
-        fit = minimise(model, NoiseOfResidual(model))
+        model = with_fitting_substeps(model, model.start)
+        # What is left may be far less than at the start, and the steps then too long for it.
+        fit = integrated(minimise(model, NoiseOfResidual(model)))
         counts = model.output_counts
         variance = np.nansum(fit.residual**2, axis=0) / counts
         return LoopEntry(candidate, fit, float(np.sum(counts * np.log(variance))))
