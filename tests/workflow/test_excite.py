@@ -105,6 +105,27 @@ def test_optimum_tells_more_than_random_motions(basis: Basis) -> None:
 
 
 @pytest.mark.gate
+def test_the_torque_keeps_its_limit_where_the_best_motion_without_one_would_not() -> None:
+    basis, wide = Series(0.2, 1, 2), bounds()
+    one, tight = problem(basis), replace(wide, torque=np.array([4.0, 0.5]))
+    start = one.random(np.random.default_rng([7, 0]), tight)
+    free, held = one.solved(start, wide), one.solved(start, tight)
+    assert one._broken(free.coefficients, tight) > 0.1 and one._broken(held.coefficients, tight) <= 1e-6
+    assert one.criterion(start) < held.criterion < free.criterion and held.is_settled
+
+
+@pytest.mark.gate
+@pytest.mark.parametrize("basis", [Series(0.2, 1, 2, harmonics=8), Points(0.2, 1, 2, moves=8)])
+def test_a_variable_of_the_optimiser_is_as_large_as_the_limits_in_any_direction(basis: Basis) -> None:
+    one, limits = problem(basis), bounds().limits
+    for joint, unit in enumerate(one._units(bounds())):
+        size = (limits.high - limits.low)[joint] / 2, limits.speed[joint], limits.acceleration[joint]
+        moved = [table @ unit / own for table, own in zip(basis.tables(basis.grid()), size, strict=True)]
+        mean_square = sum(part.T @ part for part in moved) / basis.grid().size
+        np.testing.assert_allclose(mean_square, np.eye(basis.count), atol=1e-9)
+
+
+@pytest.mark.gate
 def test_loop_that_does_not_follow_is_told_and_no_reference_beyond_limits_is_written(tmp_path: Path) -> None:
     weak = yaml.safe_load((ROOT / "controllers/scara_pd.yaml").read_text(encoding="utf-8"))
     (tmp_path / "weak.yaml").write_text(yaml.safe_dump({**weak, "Kp": [40, 0.6], "Kd": [10, 0.15]}), encoding="utf-8")

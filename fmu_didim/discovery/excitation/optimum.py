@@ -15,7 +15,7 @@ Transactions on Robotics and Automation 13(5), 1997; Atkinson, Donev, "Optimum E
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal
 
@@ -36,7 +36,7 @@ MOST_INSTANTS = 240
 """[samples] Of a period that stand for all of a faster log: many more than there are coefficients."""
 DIGITS = 9
 """[decimals] Of an instant within a period, s, so that those of all periods are the same."""
-ITERATIONS = 200
+ITERATIONS = 300
 """[iterations] Of IPOPT from one start."""
 SETTLED = 1e-4
 """[1] Accuracy of the optimum, in the mean logarithm of the information on a parameter: far below what shows."""
@@ -55,6 +55,8 @@ TORQUE_WITHIN = 0.99
 """[1] Of the limit of the torque, asked for at the instants of the grid: more than it grows between them."""
 KEPT = 1e-6
 """[1] By which a solution may break a limit, of its size: the accuracy of IPOPT's constraints."""
+TORQUE_ROUNDS = 6
+"""[1] Most of giving joints a limit of the torque, or a lower one, until it is kept between the instants, too."""
 SHRINK = 0.9
 """[1] Factor by which a motion beyond the torque is made smaller, again and again;"""
 SHRINKS = 60
@@ -212,40 +214,64 @@ class Problem:
         )  # fmt: skip
 
     def solved(self, start: Array, bounds: Bounds, *, iterations: int = ITERATIONS) -> Solution:
-        """The best coefficients near a start (d, n); raises RuntimeError where IPOPT fails."""
-        size = self._sizes(bounds)
-        z = ca.MX.sym("z", *start.shape)
-        scaled = z * ca.DM(size)
-        objective = self._objective(scaled, start)
-        rows, low, high = self._constraints(scaled, bounds)
+        """The best coefficients near a start (d, n); raises RuntimeError where IPOPT fails.
+
+        The torque is what makes the constraints nonlinear, and often far from its limit: only the joints whose torque
+        is beyond it without one are given theirs, and less where friction that turns makes it larger between the
+        instants of the grid; the solution goes on from there.
+        """
+        best, count, own, limited = start, 0, bounds, np.zeros(bounds.torque.size, dtype=bool)
+        for _ in range(TORQUE_ROUNDS):
+            best, status, steps = self._ended(best, own, limited, iterations)
+            count += steps
+            if not np.isfinite(best).all():
+                raise RuntimeError(status)
+            peak = np.abs(self.torque(best, self.basis.grid(FINE))).max(axis=0)
+            beyond = peak > bounds.torque
+            if not beyond.any():
+                break
+            own = replace(own, torque=np.where(beyond & limited, own.torque * bounds.torque / peak, own.torque))
+            limited |= beyond
+        broken = self._broken(best, bounds)
+        if broken > KEPT:
+            raise RuntimeError(f"{status}, limits broken by {broken:.2g}")
+        settled = status in ("Solve_Succeeded", "Solved_To_Acceptable_Level")
+        return Solution(best, self.criterion(best), self.criterion(start), status, settled, count)
+
+    def _ended(self, start: Array, bounds: Bounds, limited: Array, iterations: int) -> tuple[Array, str, int]:
+        """Coefficients (d, n) at the end of IPOPT, its status and iterations; ``limited``: (n,) joints whose torque
+        has its limit."""
+        units = self._units(bounds)
+        y = ca.MX.sym("y", *start.shape)
+        z = ca.horzcat(*(ca.mtimes(ca.DM(unit), column) for unit, column in zip(units, ca.horzsplit(y), strict=True)))
+        rows, low, high = self._constraints(z, bounds, np.flatnonzero(limited).tolist())
         options = {
             "print_time": False,
             "ipopt": {
                 "print_level": 0, "sb": "yes", "max_iter": iterations, "tol": SETTLED, "acceptable_tol": NEARLY,
                 "acceptable_iter": ACCEPTED, "acceptable_obj_change_tol": SETTLED,
                 "hessian_approximation": "limited-memory", "mu_strategy": "adaptive",
+                "jac_d_constant": "no" if limited.any() else "yes",
             },
         }  # fmt: skip
-        problem = {"x": ca.vec(z), "f": objective, "g": rows}
-        solver = ca.nlpsol("excitation", "ipopt", problem, options)
-        found = solver(x0=(start / size).ravel(order="F"), lbg=low, ubg=high)
-        stats = solver.stats()
-        best = found["x"].full().reshape(start.shape, order="F") * size
-        status = str(stats["return_status"])
-        if not np.isfinite(best).all():
-            raise RuntimeError(status)
-        broken = self._broken(best, bounds)
-        if broken > KEPT:
-            raise RuntimeError(f"{status}, limits broken by {broken:.2g}")
-        settled = status in ("Solve_Succeeded", "Solved_To_Acceptable_Level")
-        return Solution(
-            best, self.criterion(best), self.criterion(start), status, settled, int(stats.get("iter_count", 0))
-        )
+        solver = ca.nlpsol("excitation", "ipopt", {"x": ca.vec(y), "f": self._objective(z, start), "g": rows}, options)
+        begin = np.concatenate([np.linalg.solve(unit, one) for unit, one in zip(units, start.T, strict=True)])
+        found, stats = solver(x0=begin, lbg=low, ubg=high), solver.stats()
+        end = found["x"].full().reshape(start.shape, order="F")
+        best = np.column_stack([unit @ one for unit, one in zip(units, end.T, strict=True)])
+        return best, str(stats["return_status"]), int(stats.get("iter_count", 0))
 
-    def _sizes(self, bounds: Bounds) -> Array:
-        """(d, n) of the coefficients, by which IPOPT's variables are about one."""
-        half = (bounds.limits.high - bounds.limits.low) / 2
-        return np.tile(half, (self.basis.count, 1))
+    def _units(self, bounds: Bounds) -> list[Array]:
+        """(d, d) of each joint: the coefficients that a unit of each of IPOPT's variables is.
+
+        In these variables the mean square of position, velocity and acceleration over their limits is y'y: a step is
+        as large in any direction, which it is not in the coefficients, a high harmonic of which is all acceleration.
+        """
+        limits, tables = bounds.limits, self.basis.tables(self.basis.grid())
+        sizes = np.stack([(limits.high - limits.low) / 2, limits.speed, limits.acceleration], axis=1)
+        grams = np.stack([table.T @ table / table.shape[0] for table in tables])
+        roots = [np.linalg.cholesky(np.tensordot(1 / size**2, grams, axes=1)) for size in sizes]
+        return [np.asarray(np.linalg.inv(root).T) for root in roots]
 
     def _objective(self, z: ca.MX, start: Array) -> ca.MX:
         """Minus the criterion for each parameter, up to a constant."""
@@ -271,8 +297,8 @@ class Problem:
         q, dq, ddq = (ca.mtimes(ca.DM(table), z).T for table in self.basis.tables(time))
         return q + ca.repmat(ca.DM(self.basis.constant()), 1, time.size), dq, ddq
 
-    def _constraints(self, z: ca.MX, bounds: Bounds) -> tuple[ca.MX, Array, Array]:
-        """Rows g and their limits, each divided by its size."""
+    def _constraints(self, z: ca.MX, bounds: Bounds, limited: Sequence[int]) -> tuple[ca.MX, Array, Array]:
+        """Rows g and their limits, each divided by its size; ``limited``: joints whose torque has one."""
         limits, time = bounds.limits, self.basis.grid()
         middle, half = (limits.high + limits.low) / 2, (limits.high - limits.low) / 2
         q, dq, ddq = self._symbolic(time, z)
@@ -282,10 +308,9 @@ class Problem:
             ddq / ca.repmat(ca.DM(limits.acceleration), 1, time.size),
         ]
         sizes = [self.basis.room] * 3
-        limited = np.flatnonzero(np.isfinite(bounds.torque)).tolist()
         if limited:
-            torque = self._torque.map(time.size)(q, dq, ddq)[limited, :]
-            parts.append(torque / ca.repmat(ca.DM(bounds.torque[limited]), 1, time.size))
+            torque = self._torque.map(time.size)(q, dq, ddq)[list(limited), :]
+            parts.append(torque / ca.repmat(ca.DM(bounds.torque[list(limited)]), 1, time.size))
             sizes.append(TORQUE_WITHIN)
         bound = np.concatenate([np.full(part.numel(), size) for part, size in zip(parts, sizes, strict=True)])
         return ca.vertcat(*(ca.vec(part) for part in parts)), -bound, bound

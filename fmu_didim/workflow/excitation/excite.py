@@ -300,7 +300,7 @@ def _best(
     for solution in solutions[:SIMULATED]:
         progress(f"simulating motion {len(found) + 1} of {min(SIMULATED, len(solutions))}")
         try:
-            found.append(_within(plan, problem, bounds, solution, asked, kind))
+            found.append(_within(plan, problem, bounds, solution, asked, kind, progress))
         except SimulationError as error:
             failure = error
     if not found:
@@ -315,8 +315,9 @@ def _best(
 
 
 def _within(
-    plan: Plan, problem: Problem, bounds: Bounds, solution: Solution, asked: Sequence[str], kind: Criterion
-) -> tuple[Fourier | PointToPoint, Prediction, bool]:
+    plan: Plan, problem: Problem, bounds: Bounds, solution: Solution, asked: Sequence[str], kind: Criterion,
+    progress: Callable[[str], None],
+) -> tuple[Fourier | PointToPoint, Prediction, bool]:  # fmt: skip
     """A solution in the simulated loop; where that exceeds limits, solved again with tighter ones."""
     n, own = plan.deviation.size, bounds
     for remaining in reversed(range(ROUNDS + SHRINKS)):
@@ -325,6 +326,7 @@ def _within(
         peaks = Peaks.of(prediction.loop, n)
         if peaks.excess(bounds) <= BEYOND or not remaining:
             break
+        progress(f"the loop exceeds a limit by {100 * peaks.excess(bounds):.2g} %: once more, with less room")
         smaller = problem.basis.smaller(solution.coefficients, 1 / (1 + max(peaks.excess(bounds), LEAST_SHRINK)))
         solution = replace(solution, coefficients=smaller, is_settled=remaining >= SHRINKS and solution.is_settled)
         if remaining < SHRINKS:

@@ -27,6 +27,7 @@ from fmu_didim.estimators import no_progress
 from fmu_didim.estimators.joint import motion_minimum
 from fmu_didim.fit.fit import Fit
 from fmu_didim.fit.noise.weighting import NoiseOfResidual
+from fmu_didim.fit.solver.accuracy import integrated, with_fitting_substeps
 from fmu_didim.fit.solver.least_squares import minimise
 from fmu_didim.workflow.naming.catalogue import EQUAL_EFFECT, LAWS, TIMES, Candidate, Extra, simpler, takes
 from fmu_didim.workflow.naming.contest import Contest
@@ -44,7 +45,8 @@ HOPELESS = 2.0
 """[1] What a law leaves in the regression along the spline, over what the best one leaves there, at a joint: above it
 the law is not tried in the loop. What the spline misses is left by all, the right one among them."""
 LEAST_TIME = 0.2
-"""[control periods] At which a time begins at least: at zero nothing shows in which direction to go."""
+"""[control periods] Of a time, at least: it acts by exp(-1 / this) there, less than a log shows, and at zero its column
+is zero, by which a fit ends: a step that took the filter of one joint of six there lost the right law."""
 LAGS = 10
 """[samples] Over which neighbouring residuals are compared."""
 
@@ -176,16 +178,18 @@ class LoopContest:
 
     def _fitted(self, candidate: Candidate, start: Sequence[Mapping[str, float]]) -> LoopEntry:
         model = self.model(candidate, start).model
-        fit = minimise(model, NoiseOfResidual(model))
+        model = with_fitting_substeps(model, model.start)
+        # What is left may be far less than at the start, and the steps then too long for it.
+        fit = integrated(minimise(model, NoiseOfResidual(model)))
         counts = model.output_counts
         variance = np.nansum(fit.residual**2, axis=0) / counts
         return LoopEntry(candidate, fit, float(np.sum(counts * np.log(variance))))
 
     def model(self, candidate: Candidate, start: Sequence[Mapping[str, float]]) -> Case:
         """The case with a law whose gains are free."""
-        block = _block(candidate, self.logs)
+        block, least = _block(candidate, self.logs), LEAST_TIME * self.logs.step
         free: dict[str, Any] = {
-            f"{name}{j}": {"of": "controller", "start": value, **({"minimum": 0.0} if name in TIMES else {})}
+            f"{name}{j}": {"of": "controller", "start": value, **({"minimum": least} if name in TIMES else {})}
             for j, values in enumerate(start, start=1)
             for name, value in values.items()
         }
@@ -193,7 +197,7 @@ class LoopContest:
         return self.case.with_(controller=block, identify={**plant, **free}, loop={"rate_hz": 1 / self.logs.step})
 
     def _start(self, candidate: Candidate) -> list[dict[str, float]]:
-        """From the regression, joint by joint; a time that is none there begins a little above it."""
+        """From the regression, joint by joint; a time that is none there begins at the least one."""
         least = dict.fromkeys(TIMES, LEAST_TIME * self.logs.step)
         fits = self.rough.fit(candidate).joints
         return [{name: max(value, least.get(name, -np.inf)) for name, value in fit.values.items()} for fit in fits]

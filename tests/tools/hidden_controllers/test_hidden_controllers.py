@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import yaml
 
-from tests.tools.hidden_controllers.__main__ import main, read_rows
+from tests.tools.hidden_controllers.__main__ import main, one, read_rows
 from tests.tools.hidden_controllers.draw import OUTSIDE, POSITION_NOISE, SCALE, draw
 from tests.tools.hidden_controllers.score import Row, is_misled, lines, totals
 
@@ -78,3 +78,11 @@ def test_a_case_is_named_and_published(tmp_path: Path) -> None:
     main(["publish", str(out), "--figures", str(figures), "--tree", "abc"])
     written = json.loads(figures.read_text(encoding="utf-8"))
     assert written["data"]["tree"] == "abc" and written["figures"]["scara_200.law"] == "100 % (1 of 1)"
+
+
+@pytest.mark.slow
+def test_the_filter_of_one_joint_of_six_does_not_lose_the_law() -> None:
+    """A step takes it to zero, where nothing would show that it acts; a minute."""
+    found = one(("tx40", "pid", 20.0, 41))
+    assert found["right_law"] and found["right_set"] and found["verdict"] == "doubtful"
+    assert max(map(abs, found["gains"].values())) < 4.0
