@@ -105,7 +105,7 @@ def _starts(competition: Competition, gear: EffectAtJoint, error: EffectAtJoint)
         rests = base.rests_of(signature.columns for signature in signatures)
         return [_start(proposal, s, rest, residual) for s, (_, rest) in zip(signatures, rests, strict=True)]
 
-    gears = [(there, proposal) for there, proposal in _gears(competition, gear)]
+    gears = list(_gears(competition, gear))
     found = [[*beside(there, proposal, grid[::EVERY])] for there, proposal in gears]
     if not any(found):
         return []
