@@ -6,6 +6,7 @@ import importlib
 import pkgutil
 
 import fmu_didim.checks
+import fmu_didim.workflow
 from fmu_didim.base.diagnostics import CATALOGUE, Code, Severity
 from fmu_didim.report.terminal import wrapped
 
@@ -13,10 +14,11 @@ from fmu_didim.report.terminal import wrapped
 def all_codes() -> list[Code]:
     """Every code that any verb can name: by severity, then by rank, then by name.
 
-    The verbs themselves, and with them the modules of the case, have been imported with this package.
+    The modules that define them are those of the checks, and those that the verbs import.
     """
-    for module in pkgutil.walk_packages(fmu_didim.checks.__path__, f"{fmu_didim.checks.__name__}."):
-        importlib.import_module(module.name)
+    for package in (fmu_didim.checks, fmu_didim.workflow):
+        for module in pkgutil.walk_packages(package.__path__, f"{package.__name__}."):
+            importlib.import_module(module.name)
     order = list(Severity)
     return sorted(CATALOGUE, key=lambda code: (order.index(code.severity), code.rank, code.name))
 
