@@ -37,7 +37,7 @@ DECIDING = (
         ),
     ),
     (decide, ("ROUNDS", "BIC", "SMALLEST_SIZE", "SMALLEST_GAIN", "SMALLEST_SHARE", "SMALLEST_PART", "NEAR")),
-    (gears, ("STIFFNESSES", "EVERY", "STARTS")),
+    (gears, ("STIFFNESSES", "EVERY", "FAR", "STARTS")),
     (form, ("LEAD", "OWN", "TURNS")),
     (held_out, ("HELD_OUT", "WORSE_JOINT", "NEARER", "OWN_SIZE", "FEWEST_BLOCKS", "GLITCH")),
     (plausible, ("ZERO", "UNTOLD", "LONGEST")),

@@ -33,6 +33,9 @@ STIFFNESSES = 7
 EVERY = 2
 """[shapes] Of the grid of what acts in the gear one in so many is tried beside each stiffness; beside the best one all
 that lie between."""
+FAR = 3.0
+"""[1] Times the sum of squares without a gear beyond which that of a gear alone says that it is far too soft: an error
+of its teeth, which repeats along the joint, does not make up for it."""
 STARTS = 2
 """[starts] Of stiffness and error, from which both are fitted."""
 IN_IT = "{0}: it shows only beside {1}, which acts in it."
@@ -105,7 +108,11 @@ def _starts(competition: Competition, gear: EffectAtJoint, error: EffectAtJoint)
         rests = base.rests_of(signature.columns for signature in signatures)
         return [_start(proposal, s, rest, residual) for s, (_, rest) in zip(signatures, rests, strict=True)]
 
-    gears = list(_gears(competition, gear))
+    def left(fit: Fit) -> float:
+        return float(np.sum(base.rest_of(base.weighted(fit.residual)) ** 2))
+
+    most = FAR * left(competition.fit)
+    gears = [(there, proposal) for there, proposal in _gears(competition, gear) if left(there) <= most]
     found = [[*beside(there, proposal, grid[::EVERY])] for there, proposal in gears]
     if not any(found):
         return []

@@ -176,9 +176,9 @@ def _with(
     """The model and its steps with the accepted effect, or with those that it would stand for."""
 
     def at_minimum(candidate: FittedCandidate) -> FittedCandidate:
-        # The fits of a competition are short; the next round starts from the minimum. That of an uneven gear lies in a
+        # The fits of a competition are short; the next round starts from the minimum. That of an elastic gear lies in a
         # valley of its stiffness and the inertia of its motor.
-        is_long = any(competition.builder.effect(a).needs_elastic for a in candidate.fit.model.added_effects)
+        is_long = any(competition.builder.effect(a).elastic for a in candidate.fit.model.added_effects)
         stopping = Stopping(exact=True) if is_long else Stopping(updates=1, exact=True)
         return replace(candidate, fit=minimise(candidate.fit.model, competition.fit.noise, stopping=stopping))
 
