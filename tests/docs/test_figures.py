@@ -179,6 +179,7 @@ STATED: Mapping[str, Mapping[str, str]] = {
         "(0.08 N.m, 0.15 rad/s)": MADE, "friction (0.8 N·m), logged at 20 Hz with noise of 0.3 N·m": MADE,
         "the joint changes by 10 % or more": THRESHOLD, "that differ by more than 10 %": THRESHOLD,
         "differs by a factor of 1.5 or more": THRESHOLD, "less than 0.2 of the noise": THRESHOLD,
+        "each pulse above 0.5 N·m, with begin and end within 20 ms": "what was asked",
     },
     "examples": {"200 to 0.5 Hz": MADE},
     "exchange": {"FMI 1.0 and 3.0": "versions"},

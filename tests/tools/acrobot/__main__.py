@@ -12,6 +12,7 @@ import json
 import sys
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
+from functools import partial
 from multiprocessing import get_context
 from pathlib import Path
 
@@ -30,6 +31,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("folders", type=Path, nargs="+", metavar="FOLDER", help="LEADERBOARD (not for run), FOLDER")
     parser.add_argument("--robot", choices=("acrobot", "pendubot"), default="acrobot")
     parser.add_argument("--least", type=float, default=0.5, help="smallest pulse that is asked for, N.m (0.5)")
+    parser.add_argument("--time-limit", type=float, help="seconds of search for a name in each run (none)")
     parser.add_argument("--jobs", type=int, default=1, help="processes (1)")
     parser.add_argument("--figures", type=Path, help="file of figures for docs/include.py")
     options = parser.parse_args(arguments)
@@ -38,7 +40,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     folder = options.folders[-1]
     if options.what == "run":
         with ProcessPoolExecutor(options.jobs, mp_context=get_context("spawn")) as pool:
-            list(pool.map(discovered, sorted(folder.glob("*/case.yaml"))))
+            search = partial(discovered, time_limit=options.time_limit)
+            list(pool.map(search, sorted(folder.glob("*/case.yaml"))))
         return 0
     try:
         runs = runs_of(options.folders[0], options.robot)
