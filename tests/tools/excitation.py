@@ -232,6 +232,8 @@ def measured(name: str, urdf: Path | None, draws: int = DRAWS) -> dict[str, Any]
     row: dict[str, Any] = {
         "robot": name,
         "parameters": len(names),
+        "harmonics": HARMONICS,
+        "starts": STARTS,
         "in_mean": list(in_mean),
         "random_percent": random_mean,
         "random_same_percent": [mean_percent(one.prospect, in_mean) for one in same],
@@ -251,7 +253,7 @@ def measured(name: str, urdf: Path | None, draws: int = DRAWS) -> dict[str, Any]
 
 HEADS = (
     "robot", "parameters in the mean", "best of the random ones", "of those with as many harmonics as the design",
-    "designed: Fourier series", "designed: moves", "seconds of a design",
+    "harmonics of the design, starts", "designed: Fourier series", "designed: moves", "seconds of a design",
     "σ over that of the best random one, geometric mean", "draws", "σ found / predicted", "of what is reported",
 )  # fmt: skip
 
@@ -261,15 +263,18 @@ def texts(rows: Sequence[Mapping[str, Any]]) -> dict[str, str | list[str]]:
     lines = []
     for row in rows:
         best, one, other = min(row["random_percent"]), row["fourier_percent"], row["moves_percent"]
-        taken = " and ".join(f"{row[f'{kind}_seconds']:.0f}" for kind in ("fourier", "moves"))
+        # Rows of an earlier run, that did not measure all, are shown as far as they go.
+        seconds = [f"{row[f'{kind}_seconds']:.0f}" for kind in ("fourier", "moves") if f"{kind}_seconds" in row]
+        same = row.get("random_same_percent")
         shares = " and ".join(f"{geometric(row[f'{kind}_of_best']):.2f}" for kind in ("fourier", "moves"))
         count = f"{len(row['in_mean'])} of {row['parameters']}"
         lines.append(
-            (MACHINES[row["robot"]].title, count, f"{best:.3g} %", f"{min(row['random_same_percent']):.3g} %",
-             f"{one:.3g} % ({one / best:.2f})", f"{other:.3g} % ({other / best:.2f})", taken, shares, str(row["draws"]),
+            (MACHINES[row["robot"]].title, count, f"{best:.3g} %", f"{min(same):.3g} %" if same else "–",
+             f"{row.get('harmonics', '–')}, {row.get('starts', '–')}", f"{one:.3g} % ({one / best:.2f})",
+             f"{other:.3g} % ({other / best:.2f})", " and ".join(seconds) or "–", shares, str(row["draws"]),
              scatter(row.get("found_over_predicted", [])), scatter(row["as_machine_over_predicted"]))
         )  # fmt: skip
-    numbers = {"random": RANDOM, "starts": STARTS, "harmonics": HARMONICS, "usual": USUAL}
+    numbers = {"random": RANDOM, "usual": USUAL}
     return {
         "table": table(HEADS, lines),
         **{key: str(value) for key, value in numbers.items()},
