@@ -102,7 +102,7 @@ def fails(monkeypatch: pytest.MonkeyPatch) -> None:
     def broken(*arguments: object, **options: object) -> None:
         raise ZeroDivisionError("nobody thought\nof that")
 
-    monkeypatch.setattr("fmu_didim.workflow.check", broken)
+    monkeypatch.setattr("fmu_didim.workflow.check.check", broken)
 
 
 def test_an_error_that_nobody_has_foreseen(
