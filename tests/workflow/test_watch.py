@@ -137,7 +137,7 @@ def test_what_is_kept_depends_on_log_case_and_program(
     assert Store.of(tmp_path, one).known != known
 
 
-@pytest.mark.gate
+@pytest.mark.slow
 def test_a_machine_that_changes_is_seen_named_and_dated_and_nothing_is_identified_twice(
     case: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
