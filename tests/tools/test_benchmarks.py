@@ -27,7 +27,7 @@ from tests.tools.benchmarks.discovery_stages import STAGES, staged
 from tests.tools.benchmarks.figure import OFF, OVER, Figure, Settings, interleaved
 from tests.tools.benchmarks.master_overhead import _against
 from tests.tools.benchmarks.other_masters import ecos, libcosim
-from tests.tools.benchmarks.publish import publish, record, texts
+from tests.tools.benchmarks.publish import Conditions, publish, record, texts
 from tests.tools.benchmarks.scara_loop import ours
 from tests.tools.benchmarks.tx40_simulation import model, pinocchio
 from tests.tools.blind.campaign import Order, make_order
@@ -137,16 +137,16 @@ def test_an_absent_competitor_is_no_missed_goal(monkeypatch: pytest.MonkeyPatch)
 
 
 def test_what_is_run_again_takes_its_place_in_the_file(tmp_path: Path) -> None:
-    file, settings = tmp_path / "speed.json", Settings(3)
-    first = {"b": record([Figure("of b", 2.0, 1.0)], settings, 0.5), "gone": record([], settings, 0.5)}
+    file, settings, before = tmp_path / "speed.json", Settings(3), Conditions(0.5, 20.4)
+    first = {"b": record([Figure("of b", 2.0, 1.0)], settings, before), "gone": record([], settings, before)}
     publish(file, first, ["a", "b", "gone"])
-    publish(file, {"a": record([Figure("of a", 5.0, 4.0, "at least")], settings, 9.0)}, ["a", "b"])
+    publish(file, {"a": record([Figure("of a", 5.0, 4.0, "at least")], settings, Conditions(9.0, 20.4))}, ["a", "b"])
     held = json.loads(file.read_text(encoding="utf-8"))
     assert list(held["data"]) == ["a", "b"]
     assert held["figures"] == texts(held["data"], ["a", "b"])
     when = held["date"]
     assert held["figures"]["table"][2:] == [
-        f"| of a | ≥ 4 | 5 | yes | {when}, 9 |", f"| of b | ≤ 1 | 2 | **no** | {when}, 0.5 |",
+        f"| of a | ≥ 4 | 5 | yes | {when}, 9, 20 ms |", f"| of b | ≤ 1 | 2 | **no** | {when}, 0.5, 20 ms |",
     ]  # fmt: skip
     assert (held["figures"]["missed"], held["figures"]["not_run"]) == ("of b; 1 of 2 that were measured", "none")
     assert texts(held["data"], ["a", "b", "c"])["not_run"] == "c"
@@ -157,12 +157,19 @@ def test_what_is_run_again_takes_its_place_in_the_file(tmp_path: Path) -> None:
 def test_an_absent_tool_keeps_its_last_figure_with_its_date(tmp_path: Path) -> None:
     file, settings, name = tmp_path / "speed.json", Settings(3), f"a task{OVER}another"
     medians = {"ours s": 0.5, "theirs s": 10.0, OFF: 0.25}
-    there = {**record([Figure(name, 0.05, None, medians=medians)], settings, 0.5), "date": "2026-01-02"}
+    there = {
+        **record([Figure(name, 0.05, None, medians=medians)], settings, Conditions(0.5, 20.4)),
+        "date": "2026-01-02",
+    }
     publish(file, {"a": there}, ["a"])
     for _ in range(2):
-        publish(file, {"a": record([Figure(name, None, None, note="absent: no uv")], settings, 0.7)}, ["a"])
+        publish(
+            file,
+            {"a": record([Figure(name, None, None, note="absent: no uv")], settings, Conditions(0.7, 20.4))},
+            ["a"],
+        )
     held = json.loads(file.read_text(encoding="utf-8"))
-    when = f"2026-01-02, 0.5; not here on {held['date']}"
+    when = f"2026-01-02, 0.5, 20 ms; not here on {held['date']}"
     assert held["figures"]["table"][2:] == [f"| {name} | reported | 0.05 |  | {when} |"]
     assert held["figures"]["peers"][2:] == [f"| a task | another | 10 | 0.5 | 0.25 | {when} |"]
     assert held["data"]["a"]["figures"][0]["note"] == "absent: no uv"

@@ -30,7 +30,7 @@ from tests.tools.benchmarks import (
     whole_commands,
 )
 from tests.tools.benchmarks.figure import Figure, Settings
-from tests.tools.benchmarks.publish import load, publish, record
+from tests.tools.benchmarks.publish import Conditions, publish, record
 
 BENCHMARKS: Mapping[str, Callable[[Settings], list[Figure]]] = {
     "master_overhead": master_overhead.run,
@@ -68,17 +68,17 @@ def table(figures: Sequence[Figure]) -> str:
 
 
 def measure(
-    names: Sequence[str], settings: Settings, keep: Callable[[str, Sequence[Figure], float], None]
+    names: Sequence[str], settings: Settings, keep: Callable[[str, Sequence[Figure], Conditions], None]
 ) -> list[Figure]:
     """The figures of these benchmarks; progress goes to standard error.
 
     Args:
-        keep: called after each with its name, its figures and the load of the machine before it.
+        keep: called after each with its name, its figures and how the machine was before it.
     """
     figures = []
     for name in names:
         print(f"{name} ...", file=sys.stderr, flush=True)
-        before = load()
+        before = Conditions.now()
         found = BENCHMARKS[name](settings)
         keep(name, found, before)
         figures += found
@@ -105,7 +105,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         parser.error("--quick measures too little for --figures")
     settings = Settings(options.repeats, options.quick, options.full)
 
-    def keep(name: str, found: Sequence[Figure], before: float) -> None:
+    def keep(name: str, found: Sequence[Figure], before: Conditions) -> None:
         if options.figures:
             publish(options.figures, {name: record(found, settings, before)}, list(BENCHMARKS))
 

@@ -4,7 +4,12 @@ from __future__ import annotations
 
 import json
 import os
+import statistics
+import subprocess
+import sys
+import time
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -14,16 +19,41 @@ from tests.tools.benchmarks.figure import EXPONENT, OFF, OVER, PARAMETERS, Figur
 Records = Mapping[str, Mapping[str, Any]]
 
 
-def load() -> float:
-    """How many processes ran or waited for a core in the last minute; not a number where the system does not say it."""
-    return round(os.getloadavg()[0], 1) if hasattr(os, "getloadavg") else float("nan")
+STARTS = 9
+"""[processes] That do nothing, whose median start says how fast the machine is at that time."""
 
 
-def record(figures: Sequence[Figure], settings: Settings, load_before: float) -> dict[str, Any]:
+@dataclass(frozen=True)
+class Conditions:
+    """How a machine was when a benchmark began.
+
+    Attributes:
+        load: how many processes ran or waited for a core in the last minute; not a number where the system does not
+            say it.
+        python_ms: how long ``python -c pass`` took: the cores that are lent to a virtual machine are now faster and now
+            slower, by half and more.
+    """
+
+    load: float
+    python_ms: float
+
+    @staticmethod
+    def now() -> Conditions:
+        """Those of this moment."""
+        busy = round(os.getloadavg()[0], 1) if hasattr(os, "getloadavg") else float("nan")
+        times = []
+        for _ in range(STARTS):
+            begin = time.perf_counter()
+            subprocess.run([sys.executable, "-c", "pass"], check=True)
+            times.append(time.perf_counter() - begin)
+        return Conditions(busy, round(1e3 * statistics.median(times), 1))
+
+
+def record(figures: Sequence[Figure], settings: Settings, before: Conditions) -> dict[str, Any]:
     """What is kept of a benchmark."""
     return {
-        "date": today(), "machine": machine(), "load_before": load_before, "rounds": settings.repeats,
-        "figures": [figure.content() for figure in figures],
+        "date": today(), "machine": machine(), "load_before": before.load, "python_ms": before.python_ms,
+        "rounds": settings.repeats, "figures": [figure.content() for figure in figures],
     }  # fmt: skip
 
 
@@ -56,7 +86,8 @@ def _with_last(entry: Mapping[str, Any], before: Mapping[str, Any] | None) -> Ma
 
 
 def _when(entry: Mapping[str, Any]) -> str:
-    return f"{entry['date']}, {entry['load_before']:g}"
+    known = f", {entry['python_ms']:.0f} ms" if "python_ms" in entry else ""
+    return f"{entry['date']}, {entry['load_before']:g}{known}"
 
 
 def texts(records: Records, order: Sequence[str]) -> dict[str, str | list[str]]:
@@ -81,10 +112,12 @@ def texts(records: Records, order: Sequence[str]) -> dict[str, str | list[str]]:
             missed += [figure["name"]] if figure["met"] is False else []
     machines = sorted({entry["machine"] for entry in records.values()})
     return {
-        "table": table(("figure", "goal", "measured", "met", "date, load before"), rows),
-        "peers": table(("task", "beside", "its s", "ours s", "its values off ours, σ", "date, load before"), peers),
+        "table": table(("figure", "goal", "measured", "met", "date, load and Python before"), rows),
+        "peers": table(
+            ("task", "beside", "its s", "ours s", "its values off ours, σ", "date, load and Python before"), peers
+        ),
         "growth": table(
-            ("number", "of", "parameters", "s", "MB", "date, load before"),
+            ("number", "of", "parameters", "s", "MB", "date, load and Python before"),
             [
                 (number, of, *(v.get(k, "") for k in (PARAMETERS, "s", "MB", "when")))
                 for (of, number), v in grown.items()
