@@ -14,6 +14,7 @@ import yaml
 from fmu_didim import InputError, check, excite, load_case
 from fmu_didim.base.diagnostics import Diagnostic
 from fmu_didim.cli.main import main
+from fmu_didim.discovery.excitation import optimum
 from fmu_didim.discovery.excitation.basis import Basis
 from fmu_didim.discovery.excitation.limits import Bounds, Limits
 from fmu_didim.discovery.excitation.optimum import Problem
@@ -322,3 +323,18 @@ def test_command_writes_the_reference_and_says_what_is_told(tmp_path: Path, caps
         case.with_(train={"reference": source}).reference("estimation").select(["q1", "q2"]),
         np.loadtxt(out / "reference.csv", delimiter=",", skiprows=1)[:, [1, 4]], atol=1e-9,
     )  # fmt: skip
+
+
+def test_a_torque_that_is_beyond_between_the_instants_costs_a_little_of_the_motion(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Where friction turns, a lower limit at the instants moves the peak on, round after round: no start is lost."""
+    tight = replace(bounds(), torque=np.array([4.0, 0.5]))
+    one = problem(Series(0.2, 1, 2))
+    start = one.random(np.random.default_rng([7, 0]), tight)
+    ended = one.solved(start, tight)
+    monkeypatch.setattr(optimum, "TORQUE_ROUNDS", 2)
+    monkeypatch.setattr(optimum, "TORQUE_WITHIN", 1.02)  # the limit at the instants is too high
+    found = one.solved(start, tight)
+    assert one._broken(found.coefficients, tight) <= 1e-6
+    assert found.criterion == pytest.approx(ended.criterion, abs=0.5)

@@ -61,6 +61,9 @@ SHRINK = 0.9
 """[1] Factor by which a motion beyond the torque is made smaller, again and again;"""
 SHRINKS = 60
 """[1] so often, to a five-hundredth."""
+LITTLE = 0.002
+"""[1] By which a solution is made smaller, again and again, where its torque is still beyond the limit between the
+instants: friction turns there, and moves on where the limit is lowered."""
 
 
 @dataclass(frozen=True)
@@ -232,11 +235,21 @@ class Problem:
                 break
             own = replace(own, torque=np.where(beyond & limited, own.torque * bounds.torque / peak, own.torque))
             limited |= beyond
+        best = self._a_little_smaller(best, bounds)
         broken = self._broken(best, bounds)
         if broken > KEPT:
             raise RuntimeError(f"{status}, limits broken by {broken:.2g}")
         settled = status in ("Solve_Succeeded", "Solved_To_Acceptable_Level")
         return Solution(best, self.criterion(best), self.criterion(start), status, settled, count)
+
+    def _a_little_smaller(self, z: Array, bounds: Bounds) -> Array:
+        """Coefficients (d, n) of the motion, smaller by as little as keeps its torque within the limit."""
+        fine = self.basis.grid(FINE)
+        for _ in range(SHRINKS):
+            if (np.abs(self.torque(z, fine)).max(axis=0) <= bounds.torque).all():
+                break
+            z = self.basis.smaller(z, 1 - LITTLE)
+        return z
 
     def _ended(self, start: Array, bounds: Bounds, limited: Array, iterations: int) -> tuple[Array, str, int]:
         """Coefficients (d, n) at the end of IPOPT, its status and iterations; ``limited``: (n,) joints whose torque
