@@ -202,13 +202,10 @@ class Problem:
     def random(self, rng: np.random.Generator, bounds: Bounds) -> Array:
         """(d, n) coefficients of a random motion as large as the limits allow; raises InputError where none keeps the
         torque."""
-        z = self.basis.drawn(rng, bounds.limits)
-        fine = self.basis.grid()
-        for _ in range(SHRINKS):
-            if (np.abs(self.torque(z, fine)).max(axis=0) <= TORQUE_WITHIN * bounds.torque).all():
-                return z
-            z = self.basis.smaller(z, SHRINK)
-        peak = np.abs(self.torque(z, fine)).max(axis=0)
+        limit = TORQUE_WITHIN * bounds.torque
+        z, peak = self._within(self.basis.drawn(rng, bounds.limits), limit, SHRINK, self.basis.grid())
+        if (peak <= limit).all():
+            return z
         joint = int(np.argmax(peak / bounds.torque))
         raise InputError(
             "Even a motion that hardly moves needs more torque than the limit.",
@@ -224,32 +221,37 @@ class Problem:
         instants of the grid; the solution goes on from there.
         """
         best, count, own, limited = start, 0, bounds, np.zeros(bounds.torque.size, dtype=bool)
+        fine = self.basis.grid(FINE)
         for _ in range(TORQUE_ROUNDS):
             best, status, steps = self._ended(best, own, limited, iterations)
             count += steps
             if not np.isfinite(best).all():
                 raise RuntimeError(status)
-            peak = np.abs(self.torque(best, self.basis.grid(FINE))).max(axis=0)
+            peak = self._peak(best, fine)
             beyond = peak > bounds.torque
             if not beyond.any():
                 break
             own = replace(own, torque=np.where(beyond & limited, own.torque * bounds.torque / peak, own.torque))
             limited |= beyond
-        best = self._a_little_smaller(best, bounds)
+        best, _ = self._within(best, bounds.torque, 1 - LITTLE, fine)
         broken = self._broken(best, bounds)
         if broken > KEPT:
             raise RuntimeError(f"{status}, limits broken by {broken:.2g}")
         settled = status in ("Solve_Succeeded", "Solved_To_Acceptable_Level")
         return Solution(best, self.criterion(best), self.criterion(start), status, settled, count)
 
-    def _a_little_smaller(self, z: Array, bounds: Bounds) -> Array:
-        """Coefficients (d, n) of the motion, smaller by as little as keeps its torque within the limit."""
-        fine = self.basis.grid(FINE)
+    def _within(self, z: Array, torque: Array, factor: float, time: Array) -> tuple[Array, Array]:
+        """Coefficients (d, n) of the motion, made smaller by a factor until its torque at some instants (K,) is at most
+        so large (n,), and how large it is."""
         for _ in range(SHRINKS):
-            if (np.abs(self.torque(z, fine)).max(axis=0) <= bounds.torque).all():
-                break
-            z = self.basis.smaller(z, 1 - LITTLE)
-        return z
+            if ((peak := self._peak(z, time)) <= torque).all():
+                return z, peak
+            z = self.basis.smaller(z, factor)
+        return z, self._peak(z, time)
+
+    def _peak(self, z: Array, time: Array) -> Array:
+        """(n,) largest torque of a motion at some instants (K,)."""
+        return np.asarray(np.abs(self.torque(z, time)).max(axis=0))
 
     def _ended(self, start: Array, bounds: Bounds, limited: Array, iterations: int) -> tuple[Array, str, int]:
         """Coefficients (d, n) at the end of IPOPT, its status and iterations; ``limited``: (n,) joints whose torque
@@ -338,7 +340,7 @@ class Problem:
             np.abs(q.T - middle).max(axis=0) / half,
             np.abs(dq).max(axis=1) / limits.speed,
             np.abs(ddq).max(axis=1) / limits.acceleration,
-            np.abs(self.torque(z, time)).max(axis=0) / bounds.torque,
+            self._peak(z, time) / bounds.torque,
         ]
         return float(np.max(ratios) - 1.0)
 

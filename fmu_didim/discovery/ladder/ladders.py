@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from fmu_didim.base.diagnostics import CATALOGUE, DOUBT, REMARK, Diagnostic
-from fmu_didim.base.errors import SimulationError
 from fmu_didim.discovery.augmentation.builder import LoopModelBuilder
 from fmu_didim.discovery.ladder.evidence import evidence_in, scale_deviation
 from fmu_didim.discovery.ladder.facts import RunFacts, facts_of
@@ -13,10 +12,8 @@ from fmu_didim.discovery.ladder.rungs import ladder_of
 from fmu_didim.discovery.request import Request
 from fmu_didim.discovery.selection.candidates import Outcome
 from fmu_didim.discovery.selection.decide import Step
-from fmu_didim.discovery.selection.rounds import Discovery, Ending
+from fmu_didim.discovery.selection.rounds import Discovery, Ending, fit_of_smaller
 from fmu_didim.fit.fit import Fit
-from fmu_didim.fit.solver.least_squares import minimise
-from fmu_didim.fit.solver.termination import Stopping
 from fmu_didim.results.findings import FindingResult, RungResult
 
 CONTRADICTED = CATALOGUE(
@@ -93,11 +90,7 @@ def _without(step: Step, final: Fit, builder: LoopModelBuilder) -> Fit | None:
     known = step.without
     if known is not None and set(known.model.added_effects) == set(smaller.added_effects):
         return known
-    kept = [i for i, name in enumerate(final.model.names) if name in smaller.names]
-    try:
-        return minimise(smaller, final.noise, jacobian=final.jacobian[:, :, kept], stopping=Stopping(updates=1))
-    except SimulationError:
-        return None
+    return fit_of_smaller(smaller, final)
 
 
 def of_event(finding: FindingResult) -> Ladder:

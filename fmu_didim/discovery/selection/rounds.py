@@ -26,7 +26,7 @@ from fmu_didim.fit.gap import bic_gain, explained_gap
 from fmu_didim.fit.solver.least_squares import minimise
 from fmu_didim.fit.solver.termination import Stopping
 from fmu_didim.model.free_parameter import LOG
-from fmu_didim.model.loop_model import EffectAtJoint
+from fmu_didim.model.loop_model import EffectAtJoint, LoopModel
 
 KEPT_GAIN = 0.5
 """[1] Fraction of the smallest gain that an effect must still have beside later ones."""
@@ -351,18 +351,25 @@ def _candidates(
     return [a for a in candidates if not builder.at(a).is_present and builder.has_place(a, added)]
 
 
+def fit_of_smaller(smaller: LoopModel, fit: Fit) -> Fit | None:
+    """A model with some of the parameters of a fit, fitted from there; None where it cannot be simulated."""
+    kept = [i for i, name in enumerate(fit.model.names) if name in smaller.names]
+    try:
+        return minimise(smaller, fit.noise, jacobian=fit.jacobian[:, :, kept], stopping=Stopping(updates=1))
+    except SimulationError:
+        return None
+
+
 def beside_others(
     builder: LoopModelBuilder, fit: Fit, effect_at: EffectAtJoint, options: Options
 ) -> tuple[Fit | None, bool]:
     """The fit without one of its effects and what has no place without it, None where that cannot be simulated; and
     whether all else in the model has made them superfluous."""
     smaller = builder.without(fit.model, fit.model.added_effects.index(effect_at))
-    kept = [i for i, name in enumerate(fit.model.names) if name in smaller.names]
-    gone = [a for a in fit.model.added_effects if a not in smaller.added_effects]
-    try:
-        without = minimise(smaller, fit.noise, jacobian=fit.jacobian[:, :, kept], stopping=Stopping(updates=1))
-    except SimulationError:
+    without = fit_of_smaller(smaller, fit)
+    if without is None:
         return None, False
+    gone = [a for a in fit.model.added_effects if a not in smaller.added_effects]
     gain = bic_gain(without, fit, sum(builder.at(a).cost for a in gone), fit.noise)
     size, _ = explained_gap(without, fit, fit.noise)
     return without, gain < options.threshold or size < KEPT_GAIN * options.smallest_gain

@@ -53,6 +53,12 @@ def excitation(*, seed: int = 1, duration_s: float = 10.0, harmonics: int = 5) -
     )
 
 
+def write_log(path: Path, time: np.ndarray, torque: np.ndarray) -> None:
+    """Times (N,) and torques (N, n) as a table of numbers with all their digits."""
+    names = ["t", *(f"tau{j + 1}" for j in range(torque.shape[1]))]
+    np.savetxt(path, np.column_stack([time, torque]), "%.17g", ",", header=",".join(names), comments="")
+
+
 def write_case(
     folder: Path,
     motion: Fourier,
@@ -70,9 +76,7 @@ def write_case(
         noise: standard deviation of the torque that the estimator is told; controller: its description.
         estimator: its other options.
     """
-    table = np.column_stack([time, torque])
-    names = ["t", *(f"tau{j}" for j in range(1, 7))]
-    np.savetxt(folder / "torque.csv", table, "%.17g", ",", header=",".join(names), comments="")
+    write_log(folder / "torque.csv", time, torque)
     content = {
         "schema": 1,
         "name": "TX40",

@@ -63,16 +63,11 @@ def _puma(folder: Path) -> Path:
         logging = logged(model, label, model.experiments[label].reference, RATES[PUMA])
         torque = logging.torque(logging.start, label)
         torque += RIGHT_NOISE * torque.std(axis=0) * np.random.default_rng(seed).normal(size=torque.shape)
-        _write_log(folder / f"{section}.csv", logging.experiments[label].time, torque)
+        tx40.write_log(folder / f"{section}.csv", logging.experiments[label].time, torque)
         content[section]["torque"] = {"file": str(folder / f"{section}.csv")}
     path = folder / "puma.yaml"
     path.write_text(yaml.safe_dump(content, sort_keys=False), encoding="utf-8")
     return path
-
-
-def _write_log(path: Path, time_s: np.ndarray, torque: np.ndarray) -> None:
-    names = ["t", *(f"tau{j + 1}" for j in range(torque.shape[1]))]
-    np.savetxt(path, np.column_stack([time_s, torque]), "%.17g", ",", header=",".join(names), comments="")
 
 
 def _tx40(folder: Path, rate_hz: int, settings: Settings) -> Path:
@@ -86,7 +81,7 @@ def _tx40(folder: Path, rate_hz: int, settings: Settings) -> Path:
         return torque + NOISE * np.random.default_rng(seed).normal(size=torque.shape)
 
     motions = [tx40.excitation(seed=seed, duration_s=duration_s) for seed in (1, 2)]
-    _write_log(folder / "held_out.csv", ticks / rate_hz, log(motions[1], 2))
+    tx40.write_log(folder / "held_out.csv", ticks / rate_hz, log(motions[1], 2))
     path = tx40.write_case(folder, motions[0], ticks / rate_hz, log(motions[0], 1), controller=controller)
     content = yaml.safe_load(path.read_text(encoding="utf-8"))
     content["validation"] = {"reference": motions[1].model_dump(mode="json"), "torque": {"file": "held_out.csv"}}
