@@ -8,6 +8,8 @@ from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
 
+import numpy as np
+
 from fmu_didim.base.diagnostics import Diagnostic
 from fmu_didim.base.errors import InputError
 from fmu_didim.base.files import is_file
@@ -128,7 +130,7 @@ def read_stamps(
     clock = clock_column(table, time, ())
     rows = table.columns[clock] if clock is not None else next(iter(table.columns.values()))
     stamps, told = instants(table, time, clock, rows.size)
-    return stamps, found_in(told, source.file)
+    return stamps[np.isfinite(stamps)] if time.polled else stamps, found_in(told, source.file)
 
 
 def found_in(told: Iterable[Diagnostic], file: str) -> tuple[Diagnostic, ...]:

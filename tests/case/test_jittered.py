@@ -1,4 +1,5 @@
-"""A log whose stamps jitter: it is said, the case puts it right, and what is no jitter is not put right."""
+"""A log whose stamps jitter, or that was read at a pace of its own: it is said, the case puts it right, and what is
+neither is not put right."""
 
 from __future__ import annotations
 
@@ -74,3 +75,46 @@ def test_rows_that_lack_are_said_where_the_stamps_jitter(tmp_path: Path) -> None
     (told,) = (reason for reason in found.reasons if reason.code == "stamps-jitter")
     assert "not those of an even clock with all its rows" in told.text and "lacking near row" in told.text
     assert "jittered: true" not in told.next_step
+
+
+def polled(folder: Path, time: Any = None) -> dict[str, Any]:
+    """The same machine, of which a program reads the newest sample some ten times in nine ticks or eleven."""
+    content = case(folder)
+    rng, rows = np.random.default_rng(2), np.loadtxt(folder / "log.csv", delimiter=",", skiprows=1)
+    waits = rng.uniform(0.5, 1.5, rows.shape[0] - 2)
+    at = 1 + np.cumsum(waits)
+    at = at[at < rows.shape[0] - 1]
+    read = rows[at.astype(int)]
+    read[:, 0] = PERIOD * at
+    np.savetxt(folder / "log.csv", read, delimiter=",", header=",".join(("t", *NOISE)), comments="")
+    for kind in ("torque", "positions"):
+        content["train"][kind] = {"file": str(folder / "log.csv"), **({} if time is None else {"time": time})}
+    return content
+
+
+@pytest.mark.gate
+def test_rows_read_at_a_pace_of_their_own_are_put_right(tmp_path: Path) -> None:
+    (told,) = (reason for reason in identify(polled(tmp_path)).reasons if reason.code == "stamps-jitter")
+    assert "polled: [columns of positions]" in told.next_step
+    found = identify(polled(tmp_path, {"name": "t", "rate_hz": 1 / PERIOD, "polled": ["q1", "q2"]}))
+    assert any("show a tick again and were left out" in text for text in found.document.remarks)
+    for name, true in TRUE.items():
+        assert abs(found.parameters[name].value - true) < 4 * found.parameters[name].std
+    as_jittered = {"name": "t", "jittered": True}
+    with pytest.raises(InputError, match="not jittered readings of an even clock"):
+        load_case(polled(tmp_path, as_jittered)).model  # noqa: B018
+
+
+@pytest.mark.parametrize(
+    ("time", "says"),
+    [
+        ({"name": "t", "polled": ["q1"]}, "polled goes with rate_hz"),
+        ({"name": "t", "rate_hz": 200, "polled": ["q1"], "jittered": True}, "polled goes with rate_hz"),
+        ({"name": "t", "rate_hz": 200, "polled": ["angle1"]}, "angle1"),
+        ({"name": "t", "rate_hz": 190, "polled": ["q1", "q2"]}, "whole ticks|another one"),
+        ({"name": "t", "rate_hz": 200, "polled": ["tau1"]}, "whole ticks"),
+    ],
+)
+def test_what_does_not_tell_ticks_is_refused(time: dict[str, Any], says: str, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=says):
+        load_case(polled(tmp_path, time)).model  # noqa: B018

@@ -238,8 +238,11 @@ def _of_jitter(clock: EvenClock, text: str, label: str, scatter: float) -> Diagn
     """Scattered stamps: whether they are those of an even clock, and what to do then."""
     if clock.fault:
         text += f", and are not those of an even clock with all its rows: {clock.fault}."
-        step = "Find out what the stamps mean. Rows that a reader dropped or read twice cannot be counted: log the "
-        step += "machine's own clock, too, and take its stamps."
+        step = (
+            "Find out what the stamps mean. Where a program read a machine's newest sample at its own pace, some twice "
+        )
+        step += "and others never, positions in the same rows show the ticks: time: {name: ..., rate_hz: that of the "
+        step += "machine, polled: [columns of positions]}; else log the machine's own clock, too."
         return Diagnostic(STAMPS_JITTER, text, label, scatter, JITTER, "1", step)
     text += (
         f", as readings of an even clock of {1 / clock.period:.6g} Hz do that a program stamps late: no row is missing."

@@ -10,8 +10,15 @@ import numpy as np
 from fmu_didim.base.diagnostics import Diagnostic
 from fmu_didim.base.errors import InputError
 from fmu_didim.data.even_clock import even_clock
+from fmu_didim.data.polled import ticks_of
 from fmu_didim.data.signals import Array
-from fmu_didim.data.tables.codes import COUNTED_TIME, STAMPS_ON_GRID, STAMPS_REBUILT, TIME_CONTRADICTS
+from fmu_didim.data.tables.codes import (
+    COUNTED_TIME,
+    STAMPS_ON_GRID,
+    STAMPS_POLLED,
+    STAMPS_REBUILT,
+    TIME_CONTRADICTS,
+)
 from fmu_didim.data.tables.columns import TimeColumn
 from fmu_didim.data.tables.table import SignalTable, split_unit
 from fmu_didim.data.units import known_unit
@@ -38,7 +45,7 @@ def clock_column(table: SignalTable, time: TimeColumn, names: Sequence[str]) -> 
     own = {table.times[name] for name in names if name in table.times}
     if time.name is not None:
         own = own and own | {table.column(time.name)}
-    elif time.rate_hz is not None and not time.jittered:
+    elif time.rate_hz is not None and not time.is_rebuilt:
         return None
     else:
         own = own or set(table.times.values())
@@ -93,11 +100,12 @@ def stamp_columns(table: SignalTable) -> list[str]:
 
 
 def instants(table: SignalTable, time: TimeColumn, clock: str | None, count: int) -> tuple[Array, list[Diagnostic]]:
-    """(N,) instants of the rows in s, and the diagnostics of how they were found.
+    """(N,) instants of the rows in s, not a number for a row that is left out, and the diagnostics of how they were
+    found.
 
     Raises:
         InputError: the unit is not a unit of time, or the stamps are not rounded instants of the given rate, or not
-            jittered ones of an even clock.
+            jittered or polled ones of an even clock.
     """
     if clock is None:
         assert time.rate_hz is not None
@@ -105,6 +113,8 @@ def instants(table: SignalTable, time: TimeColumn, clock: str | None, count: int
     seconds = _seconds(table, clock, time)
     stamps = table.columns[clock]
     stamps = stamps if seconds == 1.0 else stamps * seconds
+    if time.polled:
+        return _of_polled(table, stamps, time)
     if time.jittered:
         return _of_even_clock(stamps, time.rate_hz, table.source)
     return (stamps, []) if time.rate_hz is None else _on_grid(stamps, time.rate_hz, table.source)
@@ -152,6 +162,34 @@ def _of_even_clock(stamps: Array, rate: float | None, source: str) -> tuple[Arra
         f"instants of an even clock of {1 / clock.period:.6g} Hz, which were taken instead, as the case asks for."
     )
     return clock.instants(stamps.size), [Diagnostic(STAMPS_REBUILT, text, source, 1000 * clock.scatter, None, "ms")]
+
+
+def _of_polled(table: SignalTable, stamps: Array, time: TimeColumn) -> tuple[Array, list[Diagnostic]]:
+    """The ticks of a machine's clock behind rows that were read at a pace of their own."""
+    assert time.rate_hz is not None
+    names = [table.column(name) for name in time.polled]
+    other = [name for name in names if table.columns[name].size != stamps.size]
+    if other:
+        raise InputError(
+            "A column of positions that is to tell the ticks has other rows than the time column.", where=table.source,
+            got=f"{other[0]}: {table.columns[other[0]].size} rows, not {stamps.size}",
+            next_step="Name columns that stand in the same rows: time: {polled: [...]}.",
+        )  # fmt: skip
+    found = ticks_of(stamps, time.rate_hz, np.column_stack([table.columns[name] for name in names]))
+    if found.fault:
+        raise InputError(
+            "The rows are not the newest samples of a machine, read at a pace of their own.", where=table.source,
+            got=found.fault,
+            next_step="Correct time: {rate_hz: ..., polled: [...]}, or leave out polled, so that the stamps count.",
+        )  # fmt: skip
+    text = (
+        f"Its {stamps.size} rows are readings of a clock of {time.rate_hz:g} Hz at a pace of their own, as the case "
+        f"says: {stamps.size - int(found.fresh.sum())} show a tick again and were left out, {found.skipped} ticks have "
+        f"no row. The motion tells the ticks of {100 * found.told:.3g} % of the rows, to {found.off:.1g} of a tick; "
+        f"readings are up to {1000 * found.latest:.3g} ms later than the promptest."
+    )
+    told = Diagnostic(STAMPS_POLLED, text, table.source, found.skipped, None, "ticks")
+    return np.where(found.fresh, found.instants, np.nan), [told]
 
 
 def _on_grid(stamps: Array, rate: float, source: str) -> tuple[Array, list[Diagnostic]]:

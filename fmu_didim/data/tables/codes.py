@@ -46,3 +46,11 @@ STAMPS_REBUILT = CATALOGUE(
     next_step="Nothing if torque and positions stand in the same rows; else look for a late clock (torque: "
     "{log_shift_s: ...}, or fmu-didim discover).",
 )  # fmt: skip
+STAMPS_POLLED = CATALOGUE(
+    "stamps-polled", REMARK, rank=92,
+    meaning="A program read the samples of a machine at its own pace, as the case says: the tick of each row was found "
+    "in the motion, and rows that show a tick again were left out. How late readings are on average cannot be seen: "
+    "all instants may be late by a constant.",
+    next_step="Nothing if torque and positions stand in the same rows; else look for a late clock (torque: "
+    "{log_shift_s: ...}, or fmu-didim discover).",
+)  # fmt: skip

@@ -73,6 +73,9 @@ class TimeColumn(Strict):
             With it: the stamps are rounded, and each row belongs to the nearest instant of that rate.
         jittered: the stamps are jittered readings of an even clock, whose instants are taken instead: of the rate that
             is given, or that fits. Refused where rows are missing or the period changes.
+        polled: columns of positions in the file, whose motion tells the tick of each row: a program read the newest
+            sample of a machine with an even clock of ``rate_hz`` at its own pace, some twice, others never. A row that
+            shows a tick again is left out.
         start_s: instant of the first row, where there is no time column.
     """
 
@@ -80,6 +83,7 @@ class TimeColumn(Strict):
     unit: str | None = None
     rate_hz: Positive | None = None
     jittered: bool = False
+    polled: tuple[str, ...] = ()
     start_s: float = Field(default=0.0, allow_inf_nan=False)
 
     @model_validator(mode="before")
@@ -96,7 +100,14 @@ class TimeColumn(Strict):
             raise ValueError("start_s goes with rate_hz and without name")
         if self.jittered and self.start_s:
             raise ValueError("jittered: the stamps say when the first row is, not start_s")
+        if self.polled and (self.rate_hz is None or self.jittered or self.start_s):
+            raise ValueError("polled goes with rate_hz, that of the machine's clock, and without jittered and start_s")
         return self
+
+    @property
+    def is_rebuilt(self) -> bool:
+        """Whether its stamps are put right by what is known of the clock behind them."""
+        return self.jittered or bool(self.polled)
 
 
 LARGEST_FACTOR = 1e30

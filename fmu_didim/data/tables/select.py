@@ -91,8 +91,10 @@ def selected(
         told.append(Diagnostic(UNIT_FROM_FILE, text, table.source))
     variables = tuple(Variable(signal, shown[signal]) for signal in made)
     values = np.column_stack(list(made.values()))
+    kept = np.isfinite(stamps) if time.polled else np.ones(stamps.size, dtype=bool)
     if sparse:
-        kept = np.isfinite(values).all(axis=1) & np.isfinite(stamps)
+        kept &= np.isfinite(values).all(axis=1) & np.isfinite(stamps)
+    if not kept.all():
         stamps, values = stamps[kept], values[kept]
     signals = Trajectory(stamps, values, variables, source=table.source)
     return Selected(signals, tuple(told))

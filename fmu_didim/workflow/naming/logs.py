@@ -118,7 +118,7 @@ def logs_of(case: Case | Path | str | Mapping[str, Any]) -> Logs:
 
 def _is_rebuilt(run: ExperimentSource) -> bool:
     files = (run.torque, run.positions, *run.measured_files)
-    return any(file is not None and file.time is not None and file.time.jittered for file in files)
+    return any(file is not None and file.time is not None and file.time.is_rebuilt for file in files)
 
 
 def _document(case: Case | Path | str | Mapping[str, Any]) -> tuple[CaseDocument, Path]:
