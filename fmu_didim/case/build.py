@@ -201,7 +201,9 @@ class Case:
         """The entry of an experiment; that of followed positions without their borders, which an estimator that takes
         positions as they are leaves out itself."""
         run = self.document.runs[label]
-        return run if self.tracking is None or self.estimator.needs_positions else self.tracking.inside(run, label)
+        if self.tracking is None:
+            return run
+        return self.tracking.inside(run, label, borders=not self.estimator.needs_positions)
 
     def system(self, label: str, reference: Trajectory) -> System:
         """The loop of an experiment along its reference, whose rows are the instants of the controller or a period

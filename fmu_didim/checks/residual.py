@@ -205,7 +205,7 @@ def slow_diagnostics(
         band = _band(test, motion_hz, cutoff_hz)
         if band is not None and band.share > SLOW_SHARE and band.contrast > SLOW_CONTRAST:
             found.append(_slow(test, band, labels, what))
-    return found
+    return _worst(found)
 
 
 def large_diagnostics(
@@ -239,7 +239,15 @@ def large_diagnostics(
             one = _slow(test, band, labels, what)
             text = f"{one.text} That is {100 * error:.2g} % of the {of}, and too much for noise."
             found.append(replace(one, text=text, value=error, bound=LARGE_ERROR))
-    return found
+    return _worst(found)
+
+
+def _worst(found: Sequence[Diagnostic]) -> list[Diagnostic]:
+    """One of each joint, that of its largest value: logs of several rates have tests of their own."""
+    largest: dict[str, Diagnostic] = {}
+    for one in sorted(found, key=lambda one: -(one.value or 0.0)):
+        largest.setdefault(one.place, one)
+    return [one for one in found if largest[one.place] is one]
 
 
 @dataclass(frozen=True)

@@ -72,6 +72,10 @@ ADVICE = (
     "Run fmu-didim check, and check the sign, unit and clock of the torque, "
     "the gains and the rate of the controller, and the delay of the loop."
 )
+WITHOUT_SIMULATION = (
+    " The log has positions: estimator: {kind: idim_ls} takes the measured motion and simulates nothing, and shows how "
+    "far from a machine the data alone are."
+)
 
 
 @dataclass(frozen=True)
@@ -169,7 +173,7 @@ class Didim(Estimator):
             raise lost[0]
         raise RefusedError(
             "The identified model is not physical.", iterations=history.iterations, got="; ".join(failures),
-            next_step=start_advice(model) + ADVICE,
+            next_step=start_advice(model) + ADVICE + (WITHOUT_SIMULATION if _has_positions(model) else ""),
             values=last.theta if last else None, deviation=last.deviation if last else None,
         )  # fmt: skip
 
@@ -365,3 +369,8 @@ def _inverse(prediction: Prediction) -> tuple[Array, Array]:
     assert prediction.regressor is not None
     assert prediction.known is not None
     return prediction.regressor, prediction.known
+
+
+def _has_positions(model: LoopModel) -> bool:
+    """Whether all logs that are fitted show the motion, too."""
+    return all(model.experiments[label].positions is not None for label in model.estimation_labels)

@@ -135,6 +135,14 @@ def test_a_residual_that_is_as_slow_as_the_motion(
         assert found[0].value == pytest.approx(2 / np.pi * np.arctan(2 * np.pi * motion_hz * 2.0), abs=0.01)
 
 
+def test_logs_of_several_rates_tell_a_slow_residual_of_a_joint_once() -> None:
+    less, more = (
+        lack_of_fit([replace(COLOURED, coefficients=np.array([memory]))], None)[0] for memory in (0.985, 0.99)
+    )
+    (found,) = slow_diagnostics([less, more, less], 1.0)
+    assert slow_diagnostics([less], 1.0) and found == slow_diagnostics([more], 1.0)[0]
+
+
 @pytest.mark.gate
 def test_the_noise_by_periods_is_that_of_the_log_whatever_it_is_filtered_with() -> None:
     """The residual that it is compared with is that of the log, too."""

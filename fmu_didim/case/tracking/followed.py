@@ -113,9 +113,14 @@ class Tracking:
         reference = replace(self.law.reference(run.smooth(self.bandwidth_hz), label), source=run.source)
         return Selected(reference, run.told)
 
-    def inside(self, source: ExperimentSource, label: str) -> ExperimentSource:
-        """The entry of a run without the borders of its positions, and with a start on the reference."""
-        return _inside(source, self.runs[label], self.border_hz)
+    def inside(self, source: ExperimentSource, label: str, *, borders: bool = True) -> ExperimentSource:
+        """The entry of a run without the borders of its positions, and with a start on the reference; or of all of it
+        in which positions at even instants are known."""
+        if borders:
+            return _inside(source, self.runs[label], self.border_hz)
+        first, last = (float(self.runs[label].time[k]) for k in (0, -1))
+        first = first if source.from_s is None else max(first, source.from_s)
+        return source.model_copy(update={"from_s": first, "to_s": last if source.to_s is None else source.to_s})
 
     def loop(self, plant: Component, reference: Trajectory) -> System:
         """The loop of the plant and the virtual controller."""

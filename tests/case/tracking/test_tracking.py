@@ -239,6 +239,19 @@ def test_the_classical_method_takes_positions_without_a_controller() -> None:
     assert np.abs(errors_of(found)).max() < 8  # noise of positions biases it
 
 
+def test_the_classical_method_takes_uneven_rows_to_their_end() -> None:
+    """Rows 10, 10 and 15 ms apart: positions at even instants of 10 ms end before the last of them."""
+    run = machine()
+    rows = np.cumsum(np.resize([2, 2, 3], 269)) - 2
+    signals = {"log": ("tau1", "tau2"), "positions": ("q1", "q2")}
+    found = {
+        name: trajectory(run.time[rows], {c: run.column(c)[rows] for c in columns}) for name, columns in signals.items()
+    }
+    content = content_of(estimator={"kind": "idim_ls", "cutoff_hz": 20}, loop={"rate_hz": 1000})
+    (experiment,) = load_case(content, folder=SCARA.parent, signals=found).model.experiments.values()
+    assert run.time[rows[-1]] - 0.01 <= experiment.time[-1] <= run.time[rows[-1]]
+
+
 @pytest.mark.gate
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_nothing_is_named_of_a_machine_that_lacks_nothing(seed: int) -> None:

@@ -1,0 +1,1 @@
+"""Measured logs of three public industrial arms, as their users would identify them."""

@@ -1,0 +1,155 @@
+"""The cases of public arms: what is in a repository, and the YAML that a user would write for it.
+
+shamilmamedov/dynamic_calibration        UR10e: URDF, logs of positions and currents at some 95 Hz, two with a load
+marcocognetti/FrankaEmikaPandaDynModel   Panda: geometry, one log of positions and torques, read at its own pace
+thanhndv212/figaroh-examples             TX40: URDF, logs of motor positions and torques at 5 kHz, coupled wrist
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+from scipy.signal import decimate
+
+from fmu_didim import read_robot, write_robot
+from fmu_didim.data.signals import Array
+
+UR10E, PANDA, TX40 = "dynamic_calibration", "FrankaEmikaPandaDynModel", "figaroh-examples"
+"""Folders of the repositories."""
+LOAD = 2.805
+"""[kg] Of the loaded runs, by the scripts of the repository."""
+UR10E_LOGS = "dataset_ur10e/identification_data/ur-20_"
+UR10E_RUNS: Mapping[str, str] = {
+    "empty": "02_19_14harm50sec", "loaded": "02_19_14harm50secLoad", "fifteen": "02_19_15harm50sec",
+    "fifty": "02_12-50sec_12harm", "forty": "02_12-40sec_12harm", "held": "02_10-30sec_12harm",
+}  # fmt: skip
+"""Label -> log; ``held`` is held out."""
+PANDA_LOG = "matlab/data/Exciting_Traj/Trajectory_1/rbt_log/exciting_traj_"
+PANDA_HZ = 1000
+PANDA_JOINTS = (
+    {"d": 0.333}, {"alpha": "-pi/2"}, {"alpha": "pi/2", "d": 0.316}, {"alpha": "pi/2", "a": 0.0825},
+    {"alpha": "-pi/2", "a": -0.0825, "d": 0.384}, {"alpha": "pi/2"}, {"alpha": "pi/2", "a": 0.088},
+)  # fmt: skip
+"""Modified Denavit-Hartenberg parameters, m, of matlab/utils/Load_Franka_DH.m."""
+TX40_FOLDER = "examples/staubli_TX40"
+TX40_HZ = 5000.0
+TX40_RATIOS = (32.0, 32.0, 45.0, -48.0, 45.0, 32.0)
+"""[1] Motor turns per joint turn, of TX40_config.yaml; motor 6 turns with joint 5, too."""
+TX40_LOG_EVERY, TX40_POSITIONS_EVERY = 50, 5
+"""[rows] Of 5 kHz: torque at 100 Hz behind a filter against aliasing, positions at 1 kHz."""
+
+Content = dict[str, Any]
+
+
+def write(content: Content, path: Path) -> Path:
+    """A case as a file."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(yaml.safe_dump(content, sort_keys=False), encoding="utf-8")
+    return path
+
+
+def table(path: Path, columns: Mapping[str, Array]) -> str:
+    """A CSV file; its name."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    np.savetxt(path, np.column_stack(list(columns.values())), "%.10g", ",", header=",".join(columns), comments="")
+    return path.name
+
+
+def named(prefix: str, values: Array) -> dict[str, Array]:
+    """``prefix1``, ... -> column."""
+    return {f"{prefix}{j}": values[:, j - 1] for j in range(1, values.shape[1] + 1)}
+
+
+def ur10e(folder: Path, out: Path, gains: Mapping[str, float] | None = None) -> Path:
+    """Five fitted runs, one with a weighed load that gives the gains of the drives, and a held-out one.
+
+    Args:
+        gains: of the drives, where they are known: then the runs without the load, by least squares.
+    """
+    root = (folder / UR10E).resolve()
+
+    def run(label: str, log: str) -> Content:
+        file = {"file": str(root / f"{UR10E_LOGS}{log}.csv"), "time": {"name": "1"}}
+        scales = {} if gains is None else {f"tau{j}": {"scale": gains[f"gain{j}"]} for j in range(1, 7)}
+        torque = {f"tau{j}": {"name": str(13 + j), **scales.get(f"tau{j}", {})} for j in range(1, 7)}
+        content: Content = {"torque": {**file, "columns": torque}}
+        content["positions"] = {**file, "columns": {f"q{j}": str(1 + j) for j in range(1, 7)}}
+        content |= {"load": {"mass": LOAD}} if label == "loaded" else {}
+        return content | ({"role": "validation"} if label == "held" else {})
+
+    runs = {label: run(label, log) for label, log in UR10E_RUNS.items() if gains is None or label != "loaded"}
+    content: Content = {
+        "schema": 1, "name": "UR10e", "robot": str(root / "URe/urdf/ur10e.urdf"), "controller": {"kind": "tracking"},
+        "loop": {"rate_hz": 500}, "experiments": runs,
+    }  # fmt: skip
+    if gains is None:
+        content["identify"] = {f"gain{j}": {"of": "drive", "joint": j} for j in range(1, 7)}
+    else:
+        content["estimator"] = {"kind": "idim_ls", "decimation": 1, "cutoff_hz": 10}
+    return write(content, out / "case.yaml")
+
+
+def panda(folder: Path, out: Path, share: float) -> Path:
+    """One log, of which this share is fitted, from its beginning, or below zero from its end, and the rest held out."""
+
+    def read(kind: str) -> Array:
+        return np.loadtxt(folder / PANDA / f"{PANDA_LOG}{kind}.txt")
+
+    time, q, tau = read("time"), read("positions").reshape(-1, 7), read("torques").reshape(-1, 7)
+    clock = {"name": "t", "rate_hz": PANDA_HZ, "polled": [f"q{j}" for j in range(1, 8)]}
+    robot: Content = {"schema": 1, "name": "panda", "gravity": [0, 0, -9.81]}
+    robot["joints"] = [{"type": "revolute", **joint} for joint in PANDA_JOINTS]
+    write(robot, out / "robot.yaml")
+    content: Content = {
+        "schema": 1, "name": "Panda", "robot": "robot.yaml", "controller": {"kind": "tracking"},
+        "loop": {"rate_hz": PANDA_HZ}, "estimator": {"kind": "idim_ls", "decimation": 1},
+    }  # fmt: skip
+    log = table(out / "log.csv", {"t": time, **named("q", q), **named("tau", tau)})
+    file, border = {"file": log, "time": clock}, round(float((share % 1) * time[-1]), 3)
+    parts = ({"to_s": border}, {"from_s": border})
+    for run, part in zip(("train", "validation"), parts if share > 0 else parts[::-1], strict=True):
+        content[run] = {"torque": file, "positions": file, **part}
+    return write(content, out / "case.yaml")
+
+
+def _read(path: Path) -> Array:
+    return np.loadtxt(path, delimiter=",", skiprows=1)
+
+
+def tx40(folder: Path, out: Path, *, by_least_squares: bool = False) -> Path:
+    """The first six tenths of one log fitted, the others held out; wrist friction beside the usual one."""
+    root = folder / TX40 / TX40_FOLDER
+    motors, ratios = np.diag(TX40_RATIOS), np.array(TX40_RATIOS)
+    motors[5, 4] = ratios[5]  # motor 6 turns with joint 5
+    data = {
+        kind: np.loadtxt(root / f"data/{kind}_data.csv", delimiter=",", skiprows=1) for kind in ("pos_read", "curr")
+    }
+    q, tau = data["pos_read"] @ np.linalg.inv(motors).T, data["curr"] @ motors
+    robot = read_robot(root / "urdf/tx40_mdh_modified.urdf")
+    joints = list(robot.joints)
+    joints[4] = joints[4].model_copy(update={"effects": (*joints[4].effects, "wrist_friction")})
+    out.mkdir(parents=True, exist_ok=True)
+    write_robot(robot.model_copy(update={"joints": tuple(joints)}), out / "robot.yaml")
+    content: Content = {
+        "schema": 1, "name": "TX40", "robot": "robot.yaml", "controller": {"kind": "tracking"},
+        "loop": {"rate_hz": TX40_HZ},
+    }  # fmt: skip
+    every = TX40_LOG_EVERY
+    if by_least_squares:  # which takes both in the same rows
+        every = TX40_POSITIONS_EVERY
+        content["estimator"] = {"kind": "idim_ls", "decimation": 1}
+    border = round(0.6 * q.shape[0] / TX40_LOG_EVERY) * TX40_LOG_EVERY
+    for run, rows in (("train", slice(0, border)), ("validation", slice(border, None))):
+        torque = decimate(tau[rows], TX40_POSITIONS_EVERY, axis=0)
+        if every != TX40_POSITIONS_EVERY:
+            torque = decimate(torque, every // TX40_POSITIONS_EVERY, axis=0)
+        time = np.arange(q[rows].shape[0]) / TX40_HZ
+        log = table(out / f"{run}_torque.csv", {"t": time[::every], **named("tau", torque)})
+        seen = slice(None, None, TX40_POSITIONS_EVERY)
+        positions = table(out / f"{run}_positions.csv", {"t": time[seen], **named("q", q[rows][seen])})
+        content[run] = {"torque": {"file": log}, "positions": {"file": positions}}
+    return write(content, out / "case.yaml")
