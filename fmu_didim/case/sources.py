@@ -387,8 +387,8 @@ class LoadSource(Strict):
 
     Attributes:
         mass: as weighed, kg; mass_std: its standard deviation, kg; exact by default.
-        centre: of mass, m, in the frame of the last link of the robot description (of a URDF in that of its DH
-            parameters, which ``result.json`` has).
+        centre: of mass, m, in the frame of the last link of the robot description (of a URDF, and of a description with
+            ``frames: standard``, in that of its modified DH parameters, which ``result.json`` has).
         inertia: about the centre, axes as those frames: Ixx, Iyy, Izz, Ixy, Ixz, Iyz, kg.m2, products as in the matrix.
         same_as: label of the experiment that carries the same load.
     """
