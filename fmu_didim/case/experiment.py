@@ -13,6 +13,7 @@ from fmu_didim.case.torque_log import read_torque_log
 from fmu_didim.cosim import Instants, sample_operator
 from fmu_didim.data.signals import Trajectory
 from fmu_didim.data.tables import Selected
+from fmu_didim.data.tables.motors import mixes
 from fmu_didim.model.experiment import Experiment, InitialState
 
 
@@ -59,6 +60,7 @@ def read_experiment(
         reference, log.times, log.torque, operator, positions, label, source.role, stamps=log.stamps,
         told=tuple(dict.fromkeys(told)), initial_state=initial_state_of(source),
         leaves_out_outliers=source.torque.outliers == "leave_out", is_unsigned=source.torque.unsigned,
+        shares_noise=source.torque.motors is not None and mixes(source.torque.motors),
         unit=source.unit, day=source.recorded_on,
     )  # fmt: skip
 

@@ -26,6 +26,7 @@ from fmu_didim.data.tables import (
     read_table,
     selected,
 )
+from fmu_didim.data.tables.motors import on_joints
 from fmu_didim.data.tables.select import NO_UNITS
 
 DATA_VARIABLE = "FMU_DIDIM_DATA"
@@ -93,8 +94,12 @@ def read_signals(
     table, time = table_and_time(source, folder, signals)
     command = isinstance(source, TorqueFile) and source.quantity == "command"
     found = selected(
-        table, time=time, columns=source.columns, torque_units=torque_units, is_command=command, units=units
-    )
+        table, time=time, columns=source.columns, torque_units=torque_units, is_command=command, units=units,
+        of_motors=source.motors is not None,
+    )  # fmt: skip
+    if source.motors is not None:
+        of_joints = on_joints(found.signals, source.motors, torque_units, where=source.file)
+        found = replace(found, signals=of_joints)
     return replace(found, told=found_in(found.told, source.file))
 
 

@@ -20,7 +20,7 @@ from fmu_didim.case.sources import IdentifiedParameter, RelativeStd
 from fmu_didim.cosim import System
 from fmu_didim.dynamics.effects.drive_gain import DriveGain
 from fmu_didim.dynamics.load import Load, load_of
-from fmu_didim.dynamics.physical_set import FRICTION, MOTOR_INERTIA
+from fmu_didim.dynamics.physical_set import COUPLED, FRICTION, MOTOR_INERTIA
 from fmu_didim.dynamics.prior import Prior, prior_of, prior_of_values, with_known
 from fmu_didim.dynamics.robot import RobotDescription, read_robot
 from fmu_didim.model.free_parameter import (
@@ -201,7 +201,7 @@ def _stated_prior(document: CaseDocument, parameters: Parameters, folder: Path) 
     count = len(model.description.joints)
     links = _by_joint(source.relative_std, count, "relative_std")
     single: dict[str, float] = {}
-    for key, stems in (("motor_inertia", (MOTOR_INERTIA,)), ("friction", FRICTION)):
+    for key, stems in (("motor_inertia", (MOTOR_INERTIA, COUPLED)), ("friction", FRICTION)):
         for joint, relative in _by_joint(getattr(source, key), count, key).items():
             found = {f"{stem}{joint}": abs(nominal.get(f"{stem}{joint}", 0.0)) for stem in stems}
             single |= {name: relative * v for name, v in found.items() if v > 0 and name in base.standard_names}

@@ -17,6 +17,7 @@ from fmu_didim.cosim.system import LoopTreatment
 from fmu_didim.data.excitation import AnyExcitation
 from fmu_didim.data.tables import Column, CsvLayout, TimeColumn
 from fmu_didim.data.tables.dates import dates_in
+from fmu_didim.data.tables.motors import check_turns
 from fmu_didim.export.versions import DEFAULT_VERSION, VERSIONS
 from fmu_didim.model.experiment import Role
 from fmu_didim.model.signals.error_model import ErrorModel
@@ -174,9 +175,30 @@ class SignalFile(DataFile):
     Attributes:
         columns: signal (``q1``, ``tau1``) -> column in the file: its name, or ``{name: ..., unit: deg, scale: ...,
             zero: ..., sign: -1, gear_ratio: ..., torque_constant: ...}``; without ``name`` that of the signal.
+        motors: where the file shows motors that drive several joints, as those of a wrist: a row for each motor, by how
+            much it turns when one joint after the other turns by one (rad for 1 m of a slide), gear ratios included.
+            Positions and torques, ``q1`` and ``tau1`` being those of motor 1, become those of joints.
     """
 
     columns: Mapping[str, Annotated[Column, AlsoWritten(("string", "integer"))]] = Field(default_factory=dict)
+    motors: tuple[tuple[float, ...], ...] | None = None
+
+    @field_validator("motors")
+    @classmethod
+    def _joints_follow(cls, value: tuple[tuple[float, ...], ...] | None) -> tuple[tuple[float, ...], ...] | None:
+        if value is not None:
+            check_turns(value)
+        return value
+
+    @model_validator(mode="after")
+    def _one_gear(self) -> SignalFile:
+        twice = [name for name, column in self.columns.items() if column.gear_ratio is not None]
+        if self.motors is not None and twice:
+            raise ValueError(
+                f"gear_ratio: of {', '.join(twice)} and motors: both bring motors to joints; give the gear ratios in "
+                "motors: alone"
+            )
+        return self
 
     @field_validator("columns", mode="before")
     @classmethod
@@ -205,6 +227,12 @@ class InputsFile(SignalFile):
     @classmethod
     def _path_alone(cls, value: Any) -> Any:
         return {"file": value} if isinstance(value, str) else value
+
+    @model_validator(mode="after")
+    def _of_no_joints(self) -> InputsFile:
+        if self.motors is not None:
+            raise ValueError("motors: belongs to files of joints, and a model has none")
+        return self
 
 
 class InstantsFile(DataFile):
@@ -277,6 +305,17 @@ class TorqueFile(SignalFile):
     outliers: Literal["keep", "leave_out"] = "keep"
     unsigned: bool = False
 
+    @model_validator(mode="after")
+    def _torques_of_motors(self) -> TorqueFile:
+        if self.motors is not None and self.quantity == "command":
+            raise ValueError(
+                "quantity: command is one for each joint, and motors: is for torques of motors; give torques, such as "
+                "columns: {tau1: {name: ..., unit: A, torque_constant: ...}}"
+            )
+        if self.motors is not None and self.unsigned:
+            raise ValueError("unsigned: sizes of motors' torques do not make those of joints; give a log with signs")
+        return self
+
 
 Freedom = Annotated[float, Field(ge=1)]
 
@@ -344,6 +383,15 @@ class MeasuredFile(SignalFile):
         return {**value, **found}
 
     @model_validator(mode="after")
+    def _of_outputs(self) -> MeasuredFile:
+        if self.motors is not None:
+            raise ValueError(
+                "motors: is for reference, torque and positions; what is fitted beside the torque is an output of the "
+                "plant, each with noise of its own"
+            )
+        return self
+
+    @model_validator(mode="after")
     def _of_its_signals(self) -> MeasuredFile:
         named = self.signals or tuple(self.columns)
         for key in OF_NOISE:
@@ -387,8 +435,8 @@ class LoadSource(Strict):
 
     Attributes:
         mass: as weighed, kg; mass_std: its standard deviation, kg; exact by default.
-        centre: of mass, m, in the frame of the last link of the robot description (of a URDF in that of its DH
-            parameters, which ``result.json`` has).
+        centre: of mass, m, in the frame of the last link of the robot description (of a URDF, and of a description with
+            ``frames: standard``, in that of its modified DH parameters, which ``result.json`` has).
         inertia: about the centre, axes as those frames: Ixx, Iyy, Izz, Ixy, Ixz, Iyz, kg.m2, products as in the matrix.
         same_as: label of the experiment that carries the same load.
     """

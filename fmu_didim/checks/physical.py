@@ -124,12 +124,18 @@ def far_from_physical(robot: RobotModel, base: BaseParameters, theta: Array, cov
 
 def _not_physical(base: BaseParameters, theta: Array, near: Nearest, bound: float) -> Diagnostic:
     name, unit = base.names[near.parameter], base.units[near.parameter]
+    if len(near.link) > 1:
+        place = f"joints {' and '.join(map(str, near.link))}"
+        holder, kind = f"No coupled motors of {place} have", "motors"
+    else:
+        place = f"link {''.join(map(str, near.link))}"
+        holder, kind = f"No {place} of positive mass has", "links"
     text = (
-        f"No link {near.link} of positive mass has these values: the nearest that physical links have are "
+        f"{holder} these values: the nearest that physical {kind} have are "
         f"{near.distance:.1f} standard deviations away, where chance explains {bound:.1f}; {name} would move most, "
         f"from {theta[near.parameter]:.3g} to {near.values[near.parameter]:.3g} {unit}."
     )
-    return Diagnostic(NOT_PHYSICAL, text, f"link {near.link}", near.distance, bound, "standard deviations")
+    return Diagnostic(NOT_PHYSICAL, text, place, near.distance, bound, "standard deviations")
 
 
 def indefinite(

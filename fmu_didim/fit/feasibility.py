@@ -29,14 +29,15 @@ class Nearest:
     Attributes:
         values: (b,) base parameters; those of friction and the like as they were.
         distance: sqrt of the minimum, in standard deviations; constraints: how many independent ones hold it back.
-        link: number of the link whose inertia has the largest part in that, from 1; 0 where nothing holds it back.
+        link: number of the link whose inertia has the largest part in that, from 1, or those of joints whose motors are
+            coupled; none where nothing holds it back.
         parameter: place of the base parameter that moves farthest, in standard deviations.
     """
 
     values: Array
     distance: float
     constraints: int
-    link: int
+    link: tuple[int, ...]
     parameter: int
 
 
@@ -58,7 +59,7 @@ def nearest_physical(
         physical = physical.only(alone)
     rows = physical.rows
     if not rows.size:
-        return Nearest(values.copy(), 0.0, 0, 0, 0)
+        return Nearest(values.copy(), 0.0, 0, (), 0)
     least = SMALLEST_DEVIATION * np.maximum(np.abs(values[rows]), SMALLEST_DEVIATION * physical.row_scale)
     covered = covariance[np.ix_(rows, rows)] + np.diag(least**2)
     deviation = np.sqrt(np.diag(covered))
@@ -77,6 +78,6 @@ def nearest_physical(
     distance = float(np.sqrt(found.squares))
     farthest = int(rows[np.argmax(np.abs(moved / deviation))])
     if distance < TOUCHES:
-        return Nearest(result, distance, 0, 0, farthest)
+        return Nearest(result, distance, 0, (), farthest)
     dual, slack = found.duals[0], found.slacks[0]
     return Nearest(result, distance, physical.held_back(dual, slack), physical.link_of(moved, dual), farthest)

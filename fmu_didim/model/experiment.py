@@ -63,6 +63,8 @@ class Experiment:
             fit; recorded: (N, n) what was measured where a fit takes other values for it; as of :class:`Channel`.
         leaves_out_outliers: whether samples that are outliers are left out before a fit.
         is_unsigned: whether the log shows sizes alone; ``torque`` then has signs that a model gave it.
+        shares_noise: whether torques of joints were made of those of motors that drive several, so that they share
+            their noise.
         unit: of the machine, empty where it is not known; day: on which it was recorded, None where it is not known.
     """
 
@@ -83,6 +85,7 @@ class Experiment:
     recorded: Array | None = None
     leaves_out_outliers: bool = False
     is_unsigned: bool = False
+    shares_noise: bool = False
     unit: str = ""
     day: date | None = None
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
@@ -12,8 +13,10 @@ from fmu_didim.base.errors import InputError
 from fmu_didim.data.signals import Array
 from fmu_didim.dynamics.base_parameters import base_parameters
 from fmu_didim.dynamics.robot import RobotDescription, RobotModel, read_robot, write_robot
+from fmu_didim.dynamics.robot.description import looks_standard
 from fmu_didim.dynamics.robot.ellipsoid import ellipsoid_of
 from fmu_didim.dynamics.robot.formats.urdf import SUFFIX, read_urdf
+from fmu_didim.dynamics.robot.formats.write_urdf import pose_of
 from fmu_didim.report.drawing.skeleton import joint_points
 from fmu_didim.report.sections import Column, Table
 from fmu_didim.report.terminal import listing, table_lines, wrapped
@@ -64,6 +67,7 @@ def robot_lines(robot: RobotDescription) -> list[str]:
     return [
         *wrapped(f"{robot.name}: {head}"), *(line for text in more for line in wrapped(text)), "",
         *table_lines(_frames(robot)), "",
+        *table_lines(_places(robot)), "",
         *table_lines(_masses(robot)), "",
         *wrapped(f"{base.count} base parameters: {', '.join(base.names)}", hanging="  "),
         *listing("Regrouping", base.relations()),
@@ -98,7 +102,7 @@ def write_picture(robot: RobotDescription, path: Path) -> Path:
         )  # fmt: skip
     made_of = dict(relation.split(" = ", 1) for relation in base.relations())
     tables = {
-        "Frames": _frames(robot), "Masses": _masses(robot),
+        "Frames": _frames(robot), "With all joints at zero": _places(robot), "Masses": _masses(robot),
         "Base parameters": Table([
             Column("name", base.names, is_text=True), Column("unit", base.units, is_text=True),
             Column("regrouping", [made_of.get(name, "") for name in base.names], is_text=True),
@@ -109,7 +113,24 @@ def write_picture(robot: RobotDescription, path: Path) -> Path:
 
 def _heads(robot: RobotDescription) -> list[str]:
     gravity = ", ".join(f"{g:.4g}" for g in robot.gravity)
-    return [f"{len(robot.joints)} joints, gravity ({gravity}) m/s2 in the frame of the base", _reach_text(robot)]
+    heads = [f"{len(robot.joints)} joints, gravity ({gravity}) m/s2 in the frame of the base", _reach_text(robot)]
+    return [*heads, _frames_text(robot)]
+
+
+def _frames_text(robot: RobotDescription) -> str:
+    """In which frames numbers and names of parameters are, and whether the table looks like one of the other ones."""
+    if robot.original_frames == "standard":
+        return (
+            "Frames: read in the classical (standard) convention and brought to modified Denavit-Hartenberg; what "
+            "follows, and all parameters by name (MX2, ZZ3), are in modified frames, not in those of the file"
+        )
+    text = "Frames: modified Denavit-Hartenberg (Khalil and Kleinfinger), alpha and a before the axis of their joint"
+    if looks_standard(robot):
+        text += (
+            ". The first row has alpha or a and the last one has none, as in tables of the classical convention: if "
+            "this is one, write frames: standard"
+        )
+    return text
 
 
 def _reach_text(robot: RobotDescription) -> str:
@@ -150,6 +171,19 @@ def _frames(robot: RobotDescription) -> Table:
     ])  # fmt: skip
 
 
+def _places(robot: RobotDescription) -> Table:
+    """Where the axes of the joints are with all joints at zero, which a wrong convention shows."""
+    poses = [np.eye(4)]
+    for joint in robot.joints:
+        poses.append(poses[-1] @ pose_of(joint))
+    return Table([
+        Column("frame at zero", [str(j) for j in range(1, len(poses))]),
+        Column("origin [m], in frame 0", [_shown_vector(pose[:3, 3]) for pose in poses[1:]], is_text=True),
+        Column("axis of its joint (z)", [_shown_vector(pose[:3, 2]) for pose in poses[1:]], is_text=True),
+        Column("x", [_shown_vector(pose[:3, 0]) for pose in poses[1:]], is_text=True),
+    ])  # fmt: skip
+
+
 def _limits(limits: tuple[float, float] | None) -> str:
     return "" if limits is None else f"{limits[0]:.4g} to {limits[1]:.4g}"
 
@@ -158,16 +192,20 @@ def _masses(robot: RobotDescription) -> Table:
     own = [joint.parameters for joint in robot.joints]
     masses = [values.get("M", 0.0) for values in own]
     centres = [
-        ", ".join(_shown(values.get(name, 0.0) / mass) for name in ("MX", "MY", "MZ")) if mass > 0 else "not given"
+        _shown_vector([values.get(name, 0.0) / mass for name in ("MX", "MY", "MZ")]) if mass > 0 else "not given"
         for values, mass in zip(own, masses, strict=True)
     ]
-    inertias = [", ".join(_shown(values.get(name, 0.0)) for name in ("XX", "YY", "ZZ")) for values in own]
+    inertias = [_shown_vector([values.get(name, 0.0) for name in ("XX", "YY", "ZZ")]) for values in own]
     return Table([
         Column("link", [str(j) for j in range(1, len(own) + 1)]),
         Column("mass [kg]", [f"{mass:.6g}" for mass in masses]),
         Column("centre of mass [m]", centres, is_text=True),
         Column("XX, YY, ZZ at the frame [kg.m2]", inertias, is_text=True),
     ])  # fmt: skip
+
+
+def _shown_vector(values: Iterable[float]) -> str:
+    return ", ".join(_shown(float(value)) for value in values)
 
 
 def _shown(value: float) -> str:

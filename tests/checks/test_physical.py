@@ -86,7 +86,7 @@ def test_nearest_motor_inertia_is_zero() -> None:
     values[i] = -5 * deviation[i]
     near = nearest_physical(model, base, values, np.diag(deviation**2))
     assert near.distance == pytest.approx(5.0, abs=1e-3)
-    assert (near.constraints, near.link, near.parameter) == (1, 6, i)
+    assert (near.constraints, near.link, near.parameter) == (1, (6,), i)
     np.testing.assert_allclose(np.delete(near.values, i), np.delete(truth, i), atol=1e-5)
     assert near.values[i] == pytest.approx(0.0, abs=1e-5)
 

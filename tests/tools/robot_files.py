@@ -27,7 +27,7 @@ import numpy as np
 from fmu_didim.base.errors import FmuDidimError, InputError
 from fmu_didim.data.signals import Array
 from fmu_didim.dynamics.robot import RobotDescription, RobotModel
-from fmu_didim.dynamics.robot.formats.body import body_of
+from fmu_didim.dynamics.robot.body import body_of
 from fmu_didim.dynamics.robot.formats.urdf import read_urdf
 from fmu_didim.dynamics.robot.formats.write_mjcf import mjcf_of
 from fmu_didim.dynamics.robot.formats.write_urdf import urdf_like, urdf_of

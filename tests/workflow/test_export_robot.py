@@ -19,7 +19,7 @@ from fmu_didim.cli.main import main
 from fmu_didim.dynamics.base_parameters import base_parameters
 from fmu_didim.dynamics.physical_set import ENTRIES
 from fmu_didim.dynamics.robot import RobotDescription, RobotModel, read_robot, write_robot
-from fmu_didim.dynamics.robot.formats.body import body_of
+from fmu_didim.dynamics.robot.body import body_of
 from fmu_didim.dynamics.robot.formats.urdf import read_urdf
 from fmu_didim.dynamics.robot.formats.write_urdf import pose_of
 from fmu_didim.results.result import read_result

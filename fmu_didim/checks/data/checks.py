@@ -31,8 +31,8 @@ from fmu_didim.checks.data.robot import (
     LINK_LENGTH,
     TORQUE_SCALE,
     another_robot,
-    gravity_diagnostics,
     length_unit_diagnostics,
+    misread_diagnostics,
 )
 from fmu_didim.checks.data.runs import run_diagnostics
 from fmu_didim.checks.data.timing import CLOCK_EARLY, CLOCK_LATE, COMMAND_DELAY, SAMPLING_KIND, kind_is_clear, timing
@@ -127,7 +127,7 @@ def _of_log(model: LoopModel, label: str, gains: Array, *, causes: bool) -> _OfL
     # What is wrong by itself would make a log look like that of another motion.
     faulty = wrong_by_themselves(experiment, given)
     clean = given.without(faulty)
-    of_units = (unit_diagnostics(run, clean) or gravity_diagnostics(run, clean)) if clean.has_all_joints else []
+    of_units = (unit_diagnostics(run, clean) or misread_diagnostics(run, clean)) if clean.has_all_joints else []
     of_log = wrapped or unsigned_diagnostics(given, label) or of_units
     of_log = of_log or ([] if faulty.all() else torque_channel_diagnostics(
         clean, gains, label, scale_is_free=scale_is_free))  # fmt: skip

@@ -1,11 +1,12 @@
-"""Whether another robot explains a log better: another length of a link, a torque that is scaled against the others, or
-gravity that pulls elsewhere than the description says, as where it has none.
+"""Whether another robot explains a log better: another length of a link, a torque that is scaled against the others,
+gravity that pulls elsewhere than the description says, as where it has none, or frames in the other convention.
 
 Along one simulated motion near the measured one, the base parameters are fitted anew for each of them:
 
     length     W(q, dq, ddq; a (1 + x)) theta
     scale      exp(x) times the rows of one joint; all joints together only scale theta
     gravity    W(q, dq, ddq; g along an axis of the base) theta, with the base parameters of that robot
+    frames     likewise, with the table of frames read in the classical convention
 
 so that only what base parameters cannot absorb counts.
 """
@@ -26,6 +27,7 @@ from fmu_didim.checks.data.timing import SHIFT_SIGMAS
 from fmu_didim.checks.data.torque_channel import EXPLAINS
 from fmu_didim.dynamics.base_parameters import base_parameters
 from fmu_didim.dynamics.robot import RobotDescription, RobotModel
+from fmu_didim.dynamics.robot.description import modified_joints
 from fmu_didim.estimators.starts.reference_start import whole_reference
 from fmu_didim.model.loop_model import LoopModel, Simulation
 from fmu_didim.model.parameters import RobotParameters
@@ -46,7 +48,8 @@ SAME_GRAVITY = 1.0
 """[m/s2] By which a gravity must differ from the one of the description to be another one: 6 degrees."""
 GRAVITY_LEAVES = 0.5
 """[1] Of the mean square residual, at most, that another gravity leaves. First moments act by inertia, too, so that a
-gravity that is not there leaves many times as much; joints that it does not turn keep all that they have."""
+gravity that is not there leaves many times as much; joints that it does not turn keep all that they have. The same of
+frames in the other convention: axes that point elsewhere."""
 
 LINK_TOO_LONG = CATALOGUE(
     "length-unit", DOUBT, rank=4,
@@ -71,6 +74,13 @@ GRAVITY = CATALOGUE(
     next_step="Check how the base stands, and gravity: in the robot description: m/s2 along the axes of the base, such "
     "as [0, 0, -9.81] where z points up.",
 )  # fmt: skip
+FRAMES = CATALOGUE(
+    "frames-convention", DOUBT, rank=21,
+    meaning="The table of frames explains the log clearly better when it is read in the classical convention of "
+    "Denavit and Hartenberg: alpha and a behind the axis of their joint, not before it.",
+    next_step="If the table is one of a textbook or a data sheet in that convention, write frames: standard in the "
+    "robot description; fmu-didim robot FILE shows where the axes are.",
+)  # fmt: skip
 DISTANCES = ("a", "d")
 Vector = tuple[float, ...]
 """Along x, y, z of the base."""
@@ -90,10 +100,10 @@ def length_unit_diagnostics(model: LoopModel) -> list[Diagnostic]:
 
 
 def another_robot(fitted: FittedMotion) -> Iterator[Explanation]:
-    """Other scales, lengths and directions of gravity that explain a log better, one at a time."""
+    """Other scales, lengths, directions of gravity and frames that explain a log better, one at a time."""
     yield from _scales(fitted)
     yield from _link_lengths(fitted)
-    yield from _gravities(fitted)
+    yield from _other_descriptions(fitted)
 
 
 def _scales(fitted: FittedMotion) -> Iterator[Explanation]:
@@ -149,60 +159,77 @@ def _link_lengths(fitted: FittedMotion) -> Iterator[Explanation]:
             yield Explanation(least, fitted.gain(least), diagnostic)
 
 
-def _gravities(fitted: FittedMotion) -> Iterator[Explanation]:
+def _other_descriptions(fitted: FittedMotion) -> Iterator[Explanation]:
     own = len(fitted.run.model.parameters.names)
-    for gravity, other in _pulled_elsewhere(fitted.run.model):
+    for robot, other in _misread(fitted.run.model):
 
-        def pulled(ticks: Ticks, other: RobotParameters = other) -> tuple[np.ndarray, np.ndarray]:
+        def of_it(ticks: Ticks, other: RobotParameters = other) -> tuple[np.ndarray, np.ndarray]:
             return fitted.along.columns(other, ticks), fitted.along(ticks)[1]
 
-        least = fitted.misfit_of(replace(fitted, changed=pulled))
+        least = fitted.misfit_of(replace(fitted, changed=of_it))
         if least > GRAVITY_LEAVES:
             continue
-        diagnostic = _gravity_diagnostic(fitted.run, [(gravity, math.sqrt(least))], 1.0)
+        diagnostic = _misread_diagnostic(fitted.run, [(robot, math.sqrt(least))], 1.0)
         yield Explanation(least, fitted.gain(least, 1.0 + max(len(other.names) - own, 0)), diagnostic)
 
 
-def gravity_diagnostics(run: Simulation, given: Expected) -> list[Diagnostic]:
-    """Gravity that explains a log along its reference, where no base parameters of the description do: a simulated
-    motion of such a robot comes nowhere near."""
+def misread_diagnostics(run: Simulation, given: Expected) -> list[Diagnostic]:
+    """Gravity or frames that explain a log along its reference, where no base parameters of the description do: a
+    simulated motion of such a robot comes nowhere near."""
     if given.fitted is None or (left := given.error(given.fitted)) <= EXPLAINS:
         return []
     motion, found = whole_reference(run), []
     known = np.zeros_like(given.measured) if given.known is None else given.known
-    for gravity, other in _pulled_elsewhere(run.model):
+    for robot, other in _misread(run.model):
         observed = other.observed_along(run.experiment.reference.time, *motion)
         ticks = run.operator.ticks
         columns = other.regressor(*(signal[ticks] for signal in motion), observed=observed[ticks])[0]
         rest = given.error(fitted_by(given.kept(run.sampled(columns)), given.measured, known, given.size))
         if rest <= EXPLAINS and rest**2 <= GRAVITY_LEAVES * left**2:
-            found.append((gravity, rest))
-    return [_gravity_diagnostic(run, sorted(found, key=lambda one: one[1]), left)] if found else []
+            found.append((robot, rest))
+    return [_misread_diagnostic(run, sorted(found, key=lambda one: one[1]), left)] if found else []
 
 
-def _pulled_elsewhere(model: LoopModel) -> Iterator[tuple[Vector, RobotParameters]]:
-    """Gravity along the axes of the base where the description has another one, with the robot that it pulls."""
+def _misread(model: LoopModel) -> Iterator[tuple[RobotDescription, RobotParameters]]:
+    """Robots that may have been meant, with their base parameters: gravity along an axis of the base where the
+    description has another one, and its table of frames in the classical convention."""
     robot = _description(model)
     if robot is None:
         return
+    others = list[RobotDescription]()
     for axis, sign in itertools.product(range(3), (-1, 1)):
         gravity = tuple(sign * STANDARD_GRAVITY if i == axis else 0.0 for i in range(3))
         if math.dist(gravity, robot.gravity) >= SAME_GRAVITY:
-            other = RobotModel(robot.model_copy(update={"gravity": gravity, "identified": "computed"}))
-            yield gravity, RobotParameters(other, base_parameters(other))
+            others.append(robot.model_copy(update={"gravity": gravity, "identified": "computed"}))
+    turned = modified_joints(robot.joints)
+    if robot.original_frames == "modified" and any(
+        (one.alpha, one.a) != (other.alpha, other.a) for one, other in zip(robot.joints, turned, strict=True)
+    ):
+        others.append(
+            robot.model_copy(update={"joints": turned, "original_frames": "standard", "identified": "computed"})
+        )
+    for other in others:
+        model_of_it = RobotModel(other)
+        yield other, RobotParameters(model_of_it, base_parameters(model_of_it))
 
 
-def _gravity_diagnostic(run: Simulation, found: Sequence[tuple[Vector, float]], left: float) -> Diagnostic:
-    """Args: found: gravity and what it leaves, the best first; left: what that of the description leaves."""
+def _misread_diagnostic(run: Simulation, found: Sequence[tuple[RobotDescription, float]], left: float) -> Diagnostic:
+    """Args: found: robots and what they leave, the best first; left: what the one of the description leaves."""
     robot = _description(run.model)
     assert robot is not None
     (best, rest), *others = found
-    also = [f"; {_vector(gravity)} leaves {100 * error / left:.0f} %" for gravity, error in others[:1]]
-    text = (
-        f"gravity = {_vector(robot.gravity)} m/s2 seems to be {_vector(best)} m/s2: with that, the residual of the "
-        f"base parameters falls to {100 * rest / left:.0f} %{''.join(also)}."
-    )
-    return Diagnostic(GRAVITY, text, run.label, 100 * rest / left, 100 * math.sqrt(GRAVITY_LEAVES), "%")
+    also = [f"; {_meant(other)} leaves {100 * error / left:.0f} %" for other, error in others[:1]]
+    falls = f"with that, the residual of the base parameters falls to {100 * rest / left:.0f} %{''.join(also)}."
+    if best.original_frames == robot.original_frames:
+        code, text = GRAVITY, f"gravity = {_vector(robot.gravity)} m/s2 seems to be {_vector(best.gravity)} m/s2"
+    else:
+        code, text = FRAMES, "The table of frames seems to be in the classical convention (frames: standard)"
+    return Diagnostic(code, f"{text}: {falls}", run.label, 100 * rest / left, 100 * math.sqrt(GRAVITY_LEAVES), "%")
+
+
+def _meant(robot: RobotDescription) -> str:
+    """The robot that may have been meant, in words."""
+    return "frames: standard" if robot.original_frames == "standard" else _vector(robot.gravity)
 
 
 def _vector(values: Sequence[float]) -> str:

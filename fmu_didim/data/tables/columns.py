@@ -182,11 +182,14 @@ class Conversion:
     contradicts: str = ""
 
 
-def conversion(signal: str, column: Column, stated: str, wanted: Target, *, where: str) -> Conversion:
+def conversion(
+    signal: str, column: Column, stated: str, wanted: Target, *, where: str, of_motor: bool = False
+) -> Conversion:
     """How the numbers of a column become a signal in SI units.
 
     Args:
         stated: unit in the file, or empty; wanted: what the signal must be; where: file and column, for messages.
+        of_motor: whether it is that of a motor, which turns whatever its joint does.
 
     Raises:
         InputError: the unit cannot become that of the signal.
@@ -200,7 +203,7 @@ def conversion(signal: str, column: Column, stated: str, wanted: Target, *, wher
         _check_rated(unit, definition, wanted, where)
         factor *= column.rated
     elif definition is not None:
-        _check(signal, unit, definition, column, wanted, where)
+        _check(signal, unit, definition, column, wanted, where, of_motor=of_motor or column.gear_ratio is not None)
     offset = 0.0
     if definition is not None:
         factor *= definition.factor
@@ -238,10 +241,12 @@ def _check_rated(unit: str, definition: UnitDefinition | None, wanted: Target, w
         )  # fmt: skip
 
 
-def _check(signal: str, unit: str, definition: UnitDefinition, column: Column, wanted: Target, where: str) -> None:
+def _check(
+    signal: str, unit: str, definition: UnitDefinition, column: Column, wanted: Target, where: str, *, of_motor: bool
+) -> None:
     powers = definition.powers
     valid, names = wanted.units, wanted.names
-    if column.gear_ratio is not None and valid:  # the motor turns, whatever the joint does
+    if of_motor and valid:  # the motor turns, whatever the joint does
         names = ("N.m",) if wanted.is_torque else (("rad", "rad/s", "rad/s2")[wanted.order or 0],)
         valid = tuple(_powers(name) for name in names)
     if column.torque_constant is not None:

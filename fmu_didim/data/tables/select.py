@@ -39,6 +39,7 @@ def selected(
     units: Mapping[str, str] = NO_UNITS,
     others: bool = True,
     sparse: bool = False,
+    of_motors: bool = False,
 ) -> Selected:
     """The signals of a table.
 
@@ -48,6 +49,7 @@ def selected(
         units: name of a signal -> unit in which it is wanted, SI or not.
         others: whether columns that are not among ``columns`` are signals, too.
         sparse: whether rows in which a signal is no number, such as empty cells, are left out.
+        of_motors: whether signals of joints are those of their motors, which turn, as they are in the file.
 
     Raises:
         InputError, UnknownNameError: a column or the time is missing, or a unit is not one of its signal.
@@ -68,7 +70,7 @@ def selected(
         wanted = target(signal, tuple(torque_units), is_command=is_command, unit=units.get(signal))
         column = columns.get(signal, Column(name=name))
         stated = table.unit(name)
-        how = conversion(signal, column, stated, wanted, where=f"{table.source}, column {name}")
+        how = conversion(signal, column, stated, wanted, where=f"{table.source}, column {name}", of_motor=of_motors)
         numbers = table.columns[name]
         numbers = numbers * how.factor if how.factor != 1.0 else numbers
         made[signal] = numbers - how.shift if how.shift else numbers

@@ -35,6 +35,7 @@ from fmu_didim.dynamics.effects.contact_stop import ContactStop
 from fmu_didim.dynamics.effects.contact_stop_lower import ContactStopLower
 from fmu_didim.dynamics.effects.controller_gain import ControllerGain
 from fmu_didim.dynamics.effects.coulomb import Coulomb
+from fmu_didim.dynamics.effects.coupled_inertia import CoupledInertia
 from fmu_didim.dynamics.effects.coupling_friction import CouplingFriction
 from fmu_didim.dynamics.effects.cubic_spring import CubicSpring
 from fmu_didim.dynamics.effects.cubic_viscous import CubicViscous
@@ -97,10 +98,10 @@ _ALL: tuple[Effect, ...] = (
     # torque balance
     MotorInertia(), Viscous(), Coulomb(), TorqueOffset(), AsymmetricCoulomb(), AsymmetricViscous(), QuadraticViscous(),
     CubicViscous(), PowerViscous(), Stribeck(), Presliding(), LuGre(), LoadDependentFriction(),
-    DirectionalEfficiency(), PositionDependentFriction(), CouplingFriction(), WristFriction(), Spring(), CubicSpring(),
-    GravityCompensator(), TorqueRipple(), CurrentRipple(), ContactStop(), ContactStopLower(), ThermalFrictionDrift(),
-    TorqueDrift(), TorqueSettling(), ExternalForce(), PayloadChange(), CurveOfPosition(), CurveOfVelocity(),
-    CurveOfLoad(), CurveOfTime(), CurveOfNeighbour(),
+    DirectionalEfficiency(), PositionDependentFriction(), CouplingFriction(), WristFriction(), CoupledInertia(),
+    Spring(), CubicSpring(), GravityCompensator(), TorqueRipple(), CurrentRipple(), ContactStop(), ContactStopLower(),
+    ThermalFrictionDrift(), TorqueDrift(), TorqueSettling(), ExternalForce(), PayloadChange(), CurveOfPosition(),
+    CurveOfVelocity(), CurveOfLoad(), CurveOfTime(), CurveOfNeighbour(),
     # drive and sensor
     ControllerGain(), TorqueSaturation(), DriveGain(), DeadZone(), Delay(), ActuatorLag(), EncoderEccentricity(),
     # structure

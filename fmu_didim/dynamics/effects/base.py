@@ -17,6 +17,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from types import MappingProxyType
 from typing import ClassVar, Literal
 
 import casadi as ca
@@ -232,6 +233,7 @@ class TorqueEffect(Effect):
         reach: number of joints after its own that it acts on or looks at.
         acts_on_link: whether it acts on the link and sees the link's motion where a gear gives way; else it acts on the
             motor.
+        added_to_link: amplitude -> inertial parameter of the link that it adds to, which is stated in the link's frame.
     """
 
     place: ClassVar[Place] = "torque balance"
@@ -239,6 +241,7 @@ class TorqueEffect(Effect):
     acts_on_link: ClassVar[bool] = False
     needs: ClassVar[frozenset[Need]] = frozenset()
     reach: ClassVar[int] = 0
+    added_to_link: ClassVar[Mapping[str, str]] = MappingProxyType({})
 
     @property
     def is_steep(self) -> bool:

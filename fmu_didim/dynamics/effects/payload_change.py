@@ -1,3 +1,5 @@
+from types import MappingProxyType
+
 import casadi as ca
 
 from fmu_didim.dynamics.effects.base import SURE, TorqueEffect
@@ -29,9 +31,10 @@ class PayloadChange(TorqueEffect):
     signed = frozenset({"t_load"})
     acts_on_link = True
     rivals_external_torque = True
+    added_to_link = MappingProxyType({f"d{name}": name for name in PAYLOAD})
     stated = StatedSize(
         "a payload that changes halfway", "% of the mass and first moments of the link", 100.0, largest=200.0,
-        shares={f"d{name}": name for name in PAYLOAD}, in_log={"t_load": 0.5}, joints="last",
+        shares=added_to_link, in_log={"t_load": 0.5}, joints="last",
     )  # fmt: skip
     own_parameters = tuple(
         Parameter(f"d{name}", "kg" if name == "M" else "kg.m", f"change of {name} of the link") for name in PAYLOAD

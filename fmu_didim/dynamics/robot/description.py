@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Literal
 
+import numpy as np
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from fmu_didim.base.documents import FOLDER, Angle, Strict
@@ -22,13 +23,16 @@ from fmu_didim.dynamics.effects import (
     effect_name,
     find_effect,
 )
+from fmu_didim.dynamics.robot.body import body_of, inverse, parameters_of, turn
+
+Frames = Literal["modified", "standard"]
 
 
 class Joint(Strict):
     """One joint and its link, in modified Denavit-Hartenberg convention (Khalil and Kleinfinger 1986).
 
-    The frame of link j follows from that of link j-1 by Rx(alpha) Tx(a) Rz(theta) Tz(d); the joint's
-    position adds to theta (revolute) or d (prismatic).
+    The frame of link j follows from that of link j-1 by Rx(alpha) Tx(a) Rz(theta) Tz(d), with ``frames: standard`` by
+    Rz(theta) Tz(d) Tx(a) Rx(alpha); the joint's position adds to theta (revolute) or d (prismatic).
 
     Attributes:
         name: for reading only.
@@ -159,6 +163,11 @@ class RobotDescription(Strict):
         name: identifier of the robot (a legal C name).
         description: what it is; source: where geometry and values come from.
         gravity: acceleration of gravity in m/s2, in the frame of the base.
+        frames: ``modified`` Denavit-Hartenberg (Khalil and Kleinfinger), or ``standard``, the classical one of Denavit
+            and Hartenberg: then joint j moves about z of frame j-1, and the parameters of a link are those in the
+            classical frame j. Such a description is brought to modified frames as it is read, inertial parameters and
+            all, and everything afterwards is in these.
+        original_frames: the convention that it was read in; written by the program, for reading only.
         joints: from the base to the tip, each with its link.
         identified: the base parameters: ``computed`` (rank-revealing QR), or a mapping from the name of each base
             parameter to the standard parameter that carries it. All other parameters keep the values given at their
@@ -171,9 +180,30 @@ class RobotDescription(Strict):
     description: str = ""
     source: str = ""
     gravity: tuple[float, float, float] = (0.0, 0.0, -9.81)
+    frames: Frames = "modified"
+    original_frames: Frames = "modified"
     joints: tuple[Joint, ...] = Field(min_length=1)
     identified: Literal["computed"] | Mapping[str, str] = "computed"
     known: tuple[str, ...] = ()
+
+    @model_validator(mode="after")
+    def _brought_to_modified_frames(self) -> RobotDescription:
+        if self.frames == "modified":
+            return self
+        named = {*self.known, *(() if isinstance(self.identified, str) else self.identified.values())}
+        turned = {
+            f"{v.name}{j}" for j, joint in enumerate(self.joints, start=1) if joint.a or joint.alpha
+            for v in LINK_PARAMETERS if v.name != "M"
+        }  # fmt: skip
+        if named & turned:
+            raise ValueError(
+                f"{', '.join(sorted(named & turned))} in known: or identified: would be meant in a classical frame, "
+                "and parameters are identified in modified ones. Write the description in these first "
+                "(fmu-didim robot FILE --out robot.yaml), and name them there"
+            )
+        # The model is frozen; a validator may still complete it.
+        self.__dict__.update(joints=modified_joints(self.joints), frames="modified", original_frames="standard")
+        return self
 
     @model_validator(mode="after")
     def _joints_in_reach(self) -> RobotDescription:
@@ -248,3 +278,45 @@ class RobotDescription(Strict):
             joint.model_copy(update={"parameters": p}) for joint, p in zip(self.joints, changed, strict=True)
         )
         return self.model_copy(update={"joints": joints})
+
+
+def modified_joints(joints: tuple[Joint, ...]) -> tuple[Joint, ...]:
+    """Joints of a description in the classical convention, in the modified one.
+
+    Classical frame j follows from frame j-1 by Rz(theta_j) Tz(d_j) Tx(a_j) Rx(alpha_j), and joint j moves about z_j-1.
+    Modified frame j lies after the first two of these movements, so that the other two belong to the row of joint j+1:
+
+        modified frame j = classical frame j * (Tx(a_j) Rx(alpha_j))^-1
+
+    Both have the same base. Of the last row a and alpha place a frame behind which nothing moves; what its link weighs
+    is brought to the modified frame, like that of all others.
+    """
+    before = [(0.0, 0.0), *((joint.alpha, joint.a) for joint in joints[:-1])]
+    return tuple(
+        joint.model_copy(update={"alpha": alpha, "a": a, "parameters": _in_modified_frame(joint)})
+        for joint, (alpha, a) in zip(joints, before, strict=True)
+    )
+
+
+def _in_modified_frame(joint: Joint) -> dict[str, float]:
+    """The parameters of a joint and its link that are stated in the classical frame, in the modified one."""
+    pose = np.eye(4)  # of the classical frame in the modified one
+    pose[:3, :3], pose[0, 3] = turn(0, joint.alpha), joint.a
+    own = [{v.name: v.name for v in LINK_PARAMETERS}, *(effect.added_to_link for effect in joint.effect_objects())]
+    found = dict(joint.parameters)
+    for names in own:
+        stated = {of_link: found.pop(name) for name, of_link in names.items() if name in found}
+        there = parameters_of(body_of(stated).seen_from(inverse(pose)))
+        found |= {name: there[of_link] for name, of_link in names.items() if of_link in there}
+    return found
+
+
+def looks_standard(robot: RobotDescription) -> bool:
+    """Whether a table of modified frames looks like one in the classical convention.
+
+    The first frame of a modified table, and the last one of a classical table, can be chosen freely, and nearly always
+    are so that alpha = a = 0 there. It is a hint, no more: an arm whose base is turned may have a first row with alpha.
+    """
+    first, last = robot.joints[0], robot.joints[-1]
+    is_read_as_given = robot.original_frames == "modified" and len(robot.joints) > 1
+    return is_read_as_given and bool(first.alpha or first.a) and not (last.alpha or last.a)

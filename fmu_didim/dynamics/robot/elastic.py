@@ -9,7 +9,7 @@ With q, dq, ddq the motion on the motors' side (what encoders see) and q_link th
 where G are the rigid-body torques, own_j the effects that say of themselves that they act on the link, drive_j all
 others, and z(x) = x or, with backlash, x with a dead zone. At rigid joints q_link = q. Added up, tau = G + Im ddq +
 drive + own: linear in the standard parameters, with the links' motion as something observed. A rotor's inertia counts
-about its own joint only.
+about its own joint only, or where the description says so about the next one, too (``coupled_inertia``).
 
 Where the teeth of a gear turn its link by e(q_j) more than its motor, x_j = q_j + e - q_link_j, dx_j/dt = (1 + e') dq_j
 - dq_link_j, and the motor feels (1 + e') tau_s_j, so that no power is lost.
@@ -282,7 +282,7 @@ class ElasticEquations(EquationsOfMotion):
         # where the drives are: the motor's own inertia at elastic joints
         drives = ca.SX(links)
         for i, j in enumerate(self.elastic):
-            drives[j, :], drives[:, j] = ca.SX.zeros(1, n), ca.SX.zeros(n)
+            drives[j, :], drives[:, j] = inertia[j, :n], inertia[:n, j]  # zero but where motors are coupled
             drives[j, j] = motor[i]
         at_motor = [p for p in self.effects if p.joint in self.elastic and not p.effect.acts_on_link]
         at_link = [p for p in self.effects if p not in at_motor]
@@ -291,11 +291,36 @@ class ElasticEquations(EquationsOfMotion):
             fastest_rate(self.robot, at_link, links, by_name, by_shape, method=method),
         )
         inverse, gears, driven = ca.ldl_solve(ca.SX.eye(n), *ca.ldl(links)), ca.SX(0), ca.SX(0)
+        yielding = self._of_motors(drives, motor)
         for i, j in enumerate(self.elastic):
             turn, rate = self._bound_of_error(j, by_shape)
             driven = ca.fmax(driven, rate)
             both = ca.fabs(inverse[j, j]) + turn**2 / ca.fabs(motor[i])
-            damping = by_shape[f"D_{j + 1}"] * both * method.damped
-            # fastest root of s^2 + damping s + K both = 0, or its magnitude
-            gears = ca.fmax(gears, damping / 2 + ca.sqrt(damping**2 / 4 + by_shape[f"K_{j + 1}"] * both))
+            damping, stiffness = by_shape[f"D_{j + 1}"] * both, by_shape[f"K_{j + 1}"] * both
+            for k, more in yielding[i].items():  # torques of all gears whose motors move this one
+                other = self._bound_of_error(k, by_shape)[0]
+                damping, stiffness = (
+                    v + turn * other * more * by_shape[f"{name}_{k + 1}"]
+                    for v, name in ((damping, "D"), (stiffness, "K"))
+                )
+            damping = damping * method.damped
+            # fastest root of s^2 + damping s + stiffness = 0, or its magnitude
+            gears = ca.fmax(gears, damping / 2 + ca.sqrt(damping**2 / 4 + stiffness))
         return ca.fmax(total + gears * method.oscillating, driven * method.oscillating)
+
+    def _of_motors(self, drives: ca.SX, motor: ca.SX) -> list[dict[int, ca.SX]]:
+        """Of each elastic joint i, by elastic joint k: bound of the acceleration of motor i by a torque of one at motor
+        k, less that of motor i alone; nothing where motors are not coupled.
+
+        Args:
+            drives: (n, n) inertia where the drives are; motor: (m,) diagonal elements of the motors.
+        """
+        joined = [j for j in self.elastic if any(not drives[j, k].is_zero() for k in range(drives.shape[0]) if k != j)]
+        if not joined:
+            return [{} for _ in self.elastic]
+        inverse = ca.ldl_solve(ca.SX.eye(drives.shape[0]), *ca.ldl(drives))
+        found = []
+        for i, j in enumerate(self.elastic):
+            alone = {k: 1 / ca.fabs(motor[i]) if k == j else ca.SX(0) for k in joined}
+            found.append({k: ca.fabs(inverse[j, k]) - alone[k] for k in joined if j in joined})
+        return found

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fmu_didim.data.signals import Array
-from fmu_didim.dynamics.robot.formats.body import body_of
+from fmu_didim.dynamics.robot.body import body_of
 
 NO_EXTENT = 1e-9
 """[1] Of the sum of the principal moments, by which a body that is flat or thin may miss the inequality: rounding."""

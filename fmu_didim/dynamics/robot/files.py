@@ -12,9 +12,11 @@ from fmu_didim.dynamics.robot.formats.urdf import SUFFIX, read_urdf
 
 
 def write_robot(robot: RobotDescription, path: Path | str) -> None:
-    """Write a robot description as YAML; :func:`read_robot` gives it back."""
+    """Write a robot description as YAML, in modified frames; :func:`read_robot` gives it back."""
     content = robot.model_dump(mode="json", by_alias=True, exclude_defaults=True)
-    content = {"schema": robot.schema_version, **content}
+    # Of what was read in another convention the file says in which its numbers are.
+    frames = {"frames": robot.frames} if "original_frames" in content else {}
+    content = {"schema": robot.schema_version, **frames, **content}
     Path(path).write_text(yaml.safe_dump(content, sort_keys=False, allow_unicode=True), encoding="utf-8")
 
 

@@ -9,6 +9,9 @@ moves the values, the variance of their sum over that of independent outputs is
 
 for each value. Blocks are longer than the noise remembers.
 
+Torques of joints share noise where they were made of those of motors that drive several (``motors:`` of a file): the
+noise of such a motor is in all of them.
+
 Source: Kuensch, Annals of Statistics 17 (1989), for blocks.
 """
 
@@ -46,10 +49,17 @@ class Part:
 
 
 def parts_of_outputs(experiments: Experiments) -> list[Part]:
-    """The samples of all outputs that are fitted."""
+    """The samples of all outputs that are fitted; torques that share noise each as an output of its own."""
     return [
-        Part(log.label, log.rows, block.columns, log.time) for block in experiments.output_blocks for log in block.logs
+        Part(log.label, log.rows, columns, log.time)
+        for block in experiments.output_blocks
+        for log in block.logs
+        for columns in (_single(block.columns) if experiments[log.label].shares_noise else [block.columns])
     ]
+
+
+def _single(columns: slice) -> list[slice]:
+    return [slice(k, k + 1) for k in range(columns.start, columns.stop)]
 
 
 def remembered_s(residual: Array, time: Array) -> float:
@@ -66,7 +76,7 @@ def shared_variance(influence: Array, residual: Array, parts: Sequence[Part]) ->
 
     Args:
         influence: (M, m, p); residual: (M, m); parts: of all experiments, the first of each with its torques, which
-            count as independent of each other here as everywhere.
+            count as independent of each other here as everywhere but where motors drive several joints.
     """
     independent, together = np.zeros((2, influence.shape[2]))
     for experiment in sorted({part.experiment for part in parts}):
@@ -84,8 +94,8 @@ def shared_variance(influence: Array, residual: Array, parts: Sequence[Part]) ->
 
 def variance_by_sharing(influence: Array, residual: Array, experiments: Experiments) -> Array:
     """(p,) the same of the outputs of experiments, at least 1: what outputs share by chance makes no value better
-    known. 1 where there is nothing beside the torque."""
-    if not experiments.channels:
+    known. 1 where there is nothing beside the torque, and no motor drives several joints."""
+    if not experiments.channels and not any(experiments[label].shares_noise for label in experiments.estimation_labels):
         return np.ones(influence.shape[2])
     return np.maximum(shared_variance(influence, residual, parts_of_outputs(experiments)), 1.0)
 

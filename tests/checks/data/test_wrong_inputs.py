@@ -6,6 +6,7 @@ import importlib
 import pkgutil
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -204,14 +205,29 @@ def delayed(samples: float) -> Callable[[LoopModel], LoopModel]:
     return lambda model: model.with_delay(samples)
 
 
-def without_gravity(robot: str, model: LoopModel) -> LoopModel:
-    """The loop of a description that lacks gravity, with the logs of the one that has it."""
+def described(model: LoopModel) -> dict[str, Any]:
     assert isinstance(model.parameters, RobotParameters)
-    content = model.parameters.model.description.model_dump(mode="json", exclude_defaults=True)
-    other = case_of(robot).with_(robot={**content, "gravity": [0, 0, 0], "identified": "computed"}).model
+    return model.parameters.model.description.model_dump(mode="json", exclude_defaults=True)
+
+
+def with_description(robot: str, model: LoopModel, **entries: Any) -> LoopModel:
+    """The loop of a description with other entries, with the logs of the right one."""
+    other = case_of(robot).with_(robot={**described(model), **entries, "identified": "computed"}).model
     for label in model.experiments:
         other = other.with_experiment(label, model.experiments[label])
     return other
+
+
+def without_gravity(robot: str, model: LoopModel) -> LoopModel:
+    return with_description(robot, model, gravity=[0, 0, 0])
+
+
+def classical_table(robot: str, model: LoopModel) -> LoopModel:
+    """The table of frames as a textbook in the classical convention has it: alpha and a one row higher."""
+    joints = described(model)["joints"]
+    rows = [{key: joint.get(key, 0.0) for key in ("alpha", "a")} for joint in joints[1:]]
+    rows.append({"alpha": 0.0, "a": 0.0})
+    return with_description(robot, model, joints=[joint | row for joint, row in zip(joints, rows, strict=True)])
 
 
 def longer(model: LoopModel) -> LoopModel:
@@ -247,7 +263,8 @@ ELSEWHERE = {
     "log-wrapped",  # test_wrapped.py
     "log-unsigned", "signs-given",  # tests/estimators/starts/test_signs.py
     "clock-slightly-off", "timing-slightly-off",  # below
-    "drive-gain", "gravity", "length-unit", "link-length", "reference-unit-doubtful", "torque-scale",  # below
+    "drive-gain", "frames-convention", "gravity", "length-unit", "link-length",  # below
+    "reference-unit-doubtful", "torque-scale",  # below
 }  # fmt: skip
 """Codes that are provoked in other tests."""
 
@@ -363,6 +380,13 @@ def test_gravity_that_the_description_lacks_is_told(robot: str, seed: int) -> No
     found = data_diagnostics(without_gravity(robot, model))
     assert found[0].code.name == "gravity", [f"{d.code.name}: {d}" for d in found]
     assert f"seems to be ({', '.join(f'{value:.3g}' for value in true)}) m/s2" in found[0].text
+
+
+@pytest.mark.gate
+@pytest.mark.parametrize(("robot", "seed"), RUNS)
+def test_a_table_in_the_classical_convention_that_is_read_as_modified_is_told(robot: str, seed: int) -> None:
+    found = data_diagnostics(classical_table(robot, right(robot, seed)))
+    assert "frames-convention" in [d.code.name for d in found[:2]], [f"{d.code.name}: {d}" for d in found]
 
 
 @pytest.mark.gate

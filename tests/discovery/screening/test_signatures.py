@@ -26,7 +26,7 @@ from tests.discovery.helpers import arm_model, known_noise
 ADDED = [
     name for name, effect in EFFECTS.items() if isinstance(effect, TorqueEffect) and name not in ("viscous", "coulomb")
 ]  # the two that the arm has
-PAIRED = ("coupling_friction", "wrist_friction")
+PAIRED = ("coupling_friction", "wrist_friction", "coupled_inertia")
 """Effects of a joint and the next one: the last joint has none."""
 UNMOVED = {("payload_change", 1): {"dM", "dMZ"}, ("payload_change", 2): {"dMZ"}}
 """Amplitudes that an arm in a plane does not feel: mass on the first axis, moments along the axes."""

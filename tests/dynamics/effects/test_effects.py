@@ -135,6 +135,7 @@ EQUATIONS: Mapping[str, Callable[[ProjectedMotion], float | np.ndarray]] = {
     ),
     "coupling_friction": lambda x: x.p["Fvm"] * x.dq[::-1] + x.p["Fcm"] * np.tanh(x.dq[::-1] / x.p["v0"]),
     "wrist_friction": lambda x: both(x.p["Fvw"] * x.dq.sum() + x.p["Fcw"] * x.s(x.dq.sum())),
+    "coupled_inertia": lambda x: x.p["Iam"] * x.ddq[::-1],
     "spring": lambda x: x.p["k"] * x.q[x.j],
     "cubic_spring": lambda x: x.p["kcube"] * x.q[x.j] ** 3,
     "gravity_compensator": compensator,
@@ -159,7 +160,7 @@ EQUATIONS: Mapping[str, Callable[[ProjectedMotion], float | np.ndarray]] = {
     "curve_of_neighbour": lambda x: curve("n", x.q[x.j - 1], x.p),
     "payload_change": lambda x: step_at(x.t, x.p["t_load"], x.p["w_load"]) * x.moved_mass(),
 }
-FIRST_OF_TWO = ("coupling_friction", "wrist_friction")
+FIRST_OF_TWO = ("coupling_friction", "wrist_friction", "coupled_inertia")
 SHAPES = {
     "v0": 0.1,
     "vs": 0.4,
@@ -350,7 +351,8 @@ def torque_unit(v: Variable, kind: str, name: str) -> str:
     """Unit of amplitude times column, the column's unit written out by hand."""
     length, torque = ("rad", "N.m") if kind == "revolute" else ("m", "N")
     column = {
-        "Ia": f"{length}/s2", "Fq": f"{length}2/s2", "Fcube": f"{length}3/s3", "kcube": f"{length}3", "drift": "s",
+        **dict.fromkeys(("Ia", "Iam"), f"{length}/s2"),
+        "Fq": f"{length}2/s2", "Fcube": f"{length}3/s3", "kcube": f"{length}3", "drift": "s",
         **dict.fromkeys(("Fv", "Fva", "Fvm", "Fvw", "Fvt"), f"{length}/s"),
         **dict.fromkeys(("k", "kupper", "klower"), length),
         **dict.fromkeys(("Fl", "Fldrive", "Flback", "Ksin", "Kcos"), torque),

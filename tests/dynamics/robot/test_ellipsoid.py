@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from fmu_didim.dynamics.robot.body import Body, parameters_of
 from fmu_didim.dynamics.robot.ellipsoid import Ellipsoid, ellipsoid_of
-from fmu_didim.dynamics.robot.formats.body import Body, parameters_of
 
 
 @pytest.mark.parametrize("seed", range(5))

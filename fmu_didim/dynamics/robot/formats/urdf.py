@@ -24,8 +24,8 @@ import numpy as np
 
 from fmu_didim.base.errors import InputError
 from fmu_didim.data.signals import Array
+from fmu_didim.dynamics.robot.body import Body, inverse, parameters_of, rounded, turn
 from fmu_didim.dynamics.robot.description import Joint, RobotDescription
-from fmu_didim.dynamics.robot.formats.body import Body, inverse, parameters_of, rounded, turn
 
 SUFFIX = ".urdf"
 MAXIMUM_BYTES = 16 * 2**20

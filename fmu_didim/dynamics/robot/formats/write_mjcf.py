@@ -13,8 +13,8 @@ import numpy as np
 
 from fmu_didim.base.errors import InputError
 from fmu_didim.data.signals import Array
+from fmu_didim.dynamics.robot.body import body_of, text_of
 from fmu_didim.dynamics.robot.description import RobotDescription
-from fmu_didim.dynamics.robot.formats.body import body_of, text_of
 from fmu_didim.dynamics.robot.formats.write_urdf import joint_names, not_held, pose_of, text_of_pose
 
 HELD = {"armature": "Ia", "damping": "Fv", "frictionloss": "Fc"}

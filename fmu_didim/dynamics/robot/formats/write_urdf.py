@@ -16,8 +16,8 @@ import numpy as np
 
 from fmu_didim.base.errors import InputError
 from fmu_didim.data.signals import Array
+from fmu_didim.dynamics.robot.body import Body, body_of, inverse, rounded, text_of, turn
 from fmu_didim.dynamics.robot.description import Joint, RobotDescription
-from fmu_didim.dynamics.robot.formats.body import Body, body_of, inverse, rounded, text_of, turn
 from fmu_didim.dynamics.robot.formats.urdf import GRAVITY, serial_robot
 
 DAMPING, FRICTION = "Fv", "Fc"
