@@ -101,7 +101,8 @@ class CaseDocument(Strict):
             entries of a component. ``inputs`` and ``measured`` then say, here for the one experiment or in each of
             several, what drove it and what was measured of it, and ``identify`` which of its parameters are unknown.
         inputs, measured: of the experiment that is fitted, in the short form.
-        robot: robot description (``.yaml``) or URDF (``.urdf``); a plant without one needs ``identify``.
+        robot: robot description (``.yaml``), URDF (``.urdf``) or MJCF (``.xml``); a plant without one needs
+            ``identify``.
         identify: name -> parameter of another part of the loop that is identified beside the robot's base parameters;
             or, where parameters of the plant are listed, these instead of the base parameters.
         plant, controller: what runs in the loop: the short form for two components.

@@ -69,9 +69,13 @@ def add_prepare_verbs(commands: Commands, *, parser: argparse.ArgumentParser) ->
     schema = _verb(commands, "schema", help_, _SCHEMA)
     schema.add_argument("kind", choices=KINDS, help=", ".join(KINDS))
     schema.set_defaults(run=_schema)
-    robot = _verb(commands, "robot", "show what a robot description or a URDF says, and write it as YAML", _ROBOT)
-    robot.add_argument("file", type=Path, metavar="FILE", help="robot description, .yaml or .urdf")
-    robot.add_argument("--tip", default="", metavar="LINK", help="the link of a URDF at which the robot ends")
+    robot = _verb(
+        commands, "robot", "show what a robot description, a URDF or an MJCF file says, and write it as YAML", _ROBOT
+    )
+    robot.add_argument("file", type=Path, metavar="FILE", help="robot description, .yaml, .urdf or .xml (MJCF)")
+    robot.add_argument(
+        "--tip", default="", metavar="LINK", help="the link of a URDF or MJCF file at which the robot ends"
+    )
     robot.add_argument("--out", type=Path, metavar="FILE.yaml", help="write the description there")
     robot.add_argument("--page", type=Path, metavar="FILE.html", help="write a page with the robot drawn there")
     robot.set_defaults(run=_robot)
@@ -212,9 +216,10 @@ def _schema(options: argparse.Namespace) -> int:
 
 
 def _robot(options: argparse.Namespace) -> int:
-    from fmu_didim.workflow.robot_file import robot_lines, robot_of, write_as_yaml, write_picture
+    from fmu_didim import read_robot
+    from fmu_didim.workflow.robot_file import robot_lines, write_as_yaml, write_picture
 
-    robot = robot_of(options.file, options.tip)
+    robot = read_robot(options.file, tip=options.tip)
     print("\n".join(robot_lines(robot)))
     if options.out is not None:
         write_as_yaml(robot, options.out)

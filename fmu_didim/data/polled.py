@@ -14,7 +14,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import savgol_filter
 
 from fmu_didim.data.even_clock import BLOCK, FEWEST, TO_DEVIATION
 from fmu_didim.data.signals import Array
@@ -110,6 +109,8 @@ def _steps(stamps: Array, rate: float, positions: Array) -> tuple[Array, Flags, 
 
 def _slope(along: Array, positions: Array) -> Array:
     """(N, n) d positions / d along in the middle of local parabolas against the rows."""
+    from scipy.signal import savgol_filter  # few cases need it
+
     rate = savgol_filter(along, WINDOW, 2, deriv=1)
     return np.asarray(savgol_filter(positions, WINDOW, 2, deriv=1, axis=0) / rate[:, None])
 

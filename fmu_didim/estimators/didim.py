@@ -73,7 +73,7 @@ ADVICE = (
     "the gains and the rate of the controller, and the delay of the loop."
 )
 WITHOUT_SIMULATION = (
-    " The log has positions: estimator: {kind: idim_ls} takes the measured motion and simulates nothing, and shows how "
+    "The log has positions: estimator: {kind: idim_ls} takes the measured motion and simulates nothing, and shows how "
     "far from a machine the data alone are."
 )
 
@@ -173,7 +173,7 @@ class Didim(Estimator):
             raise lost[0]
         raise RefusedError(
             "The identified model is not physical.", iterations=history.iterations, got="; ".join(failures),
-            next_step=start_advice(model) + ADVICE + (WITHOUT_SIMULATION if _has_positions(model) else ""),
+            next_step=start_advice(model) + _advice(model),
             values=last.theta if last else None, deviation=last.deviation if last else None,
         )  # fmt: skip
 
@@ -371,6 +371,7 @@ def _inverse(prediction: Prediction) -> tuple[Array, Array]:
     return prediction.regressor, prediction.known
 
 
-def _has_positions(model: LoopModel) -> bool:
-    """Whether all logs that are fitted show the motion, too."""
-    return all(model.experiments[label].positions is not None for label in model.estimation_labels)
+def _advice(model: LoopModel) -> str:
+    """What to do where no answer is physical: where the logs show the motion, too, it need not be simulated."""
+    seen = all(model.experiments[label].positions is not None for label in model.estimation_labels)
+    return f"{ADVICE} {WITHOUT_SIMULATION}" if seen else ADVICE

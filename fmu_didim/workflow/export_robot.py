@@ -20,6 +20,7 @@ from fmu_didim.base.version import __version__
 from fmu_didim.case import Case, load_case
 from fmu_didim.data.signals import Array
 from fmu_didim.dynamics.robot import RobotDescription, RobotModel, write_robot
+from fmu_didim.dynamics.robot.formats.read_mjcf import SUFFIX as MJCF
 from fmu_didim.dynamics.robot.formats.urdf import SUFFIX as URDF
 from fmu_didim.dynamics.robot.formats.write_mjcf import mjcf_of, not_in_mjcf
 from fmu_didim.dynamics.robot.formats.write_urdf import not_in_urdf, urdf_like, urdf_of
@@ -36,7 +37,6 @@ from fmu_didim.workflow.output.result import Result
 from fmu_didim.workflow.output.result_folder import check_writable
 from fmu_didim.workflow.simulate import model_without_data, named_values
 
-MJCF = ".xml"
 YAML = (".yaml", ".yml")
 NAMED = 8
 """[parameters] That have no place in a format, named at most."""

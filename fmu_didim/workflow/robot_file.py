@@ -12,10 +12,9 @@ from scipy.optimize import minimize
 from fmu_didim.base.errors import InputError
 from fmu_didim.data.signals import Array
 from fmu_didim.dynamics.base_parameters import base_parameters
-from fmu_didim.dynamics.robot import RobotDescription, RobotModel, read_robot, write_robot
+from fmu_didim.dynamics.robot import RobotDescription, RobotModel, write_robot
 from fmu_didim.dynamics.robot.description import looks_standard
 from fmu_didim.dynamics.robot.ellipsoid import ellipsoid_of
-from fmu_didim.dynamics.robot.formats.urdf import SUFFIX, read_urdf
 from fmu_didim.dynamics.robot.formats.write_urdf import pose_of
 from fmu_didim.report.drawing.skeleton import joint_points
 from fmu_didim.report.sections import Column, Table
@@ -27,25 +26,6 @@ ROUNDING = 1e-12
 """[m, kg.m2] Below which a centre of mass or an inertia is shown as zero."""
 WITHOUT_LIMITS = {"revolute": (-math.pi, math.pi), "prismatic": (-0.5, 0.5)}
 """[rad, m] Range of a joint on the page whose limits are not known."""
-
-
-def robot_of(path: Path, tip: str = "") -> RobotDescription:
-    """The robot of a YAML or URDF file.
-
-    Args:
-        tip: the link at which it ends, for a URDF with branches.
-
-    Raises:
-        InputError: the file is none of both, or has no such link.
-    """
-    if not tip:
-        return read_robot(path)
-    if path.suffix.lower() != SUFFIX:
-        raise InputError(
-            "Only a URDF has links where a robot may end.", where=str(path), got=f"--tip {tip}",
-            next_step="Leave --tip out.",
-        )  # fmt: skip
-    return read_urdf(path, tip=tip)
 
 
 def write_as_yaml(robot: RobotDescription, path: Path) -> None:

@@ -13,6 +13,7 @@ from fmu_didim.base.errors import InputError
 from fmu_didim.components.fmu import read_description
 from fmu_didim.data.tables import READER_OF, read_table
 from fmu_didim.dynamics.robot import RobotDescription, read_robot
+from fmu_didim.dynamics.robot.formats.read_mjcf import SUFFIX as MJCF
 from fmu_didim.dynamics.robot.formats.urdf import SUFFIX as URDF
 from fmu_didim.export import build_modelica
 from fmu_didim.workflow.init.data_file import TORQUES, WORDS_OF_LOOPS, DataFile
@@ -101,7 +102,7 @@ def inventory(
             found.fmus.append(FmuPorts(path, read_description(build_modelica(path))))
         elif suffix == ".ssp":
             found.system = path
-        elif suffix == URDF:
+        elif suffix in (URDF, MJCF):
             found.robot = path, read_robot(path)
         elif suffix in (".yaml", ".yml"):
             content = load_yaml(path)
@@ -117,7 +118,7 @@ def inventory(
         else:
             raise InputError(
                 "This file is of no kind that is known.", where=str(path),
-                valid=(*READER_OF, ".fmu", ".mo", ".ssp", ".yaml", URDF),
+                valid=(*READER_OF, ".fmu", ".mo", ".ssp", ".yaml", URDF, MJCF),
                 next_step="Leave it out, or export it as one of these.",
             )  # fmt: skip
     if found.robot is not None:

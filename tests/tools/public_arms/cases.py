@@ -121,17 +121,15 @@ def _read(path: Path) -> Array:
 
 
 def tx40(folder: Path, out: Path, *, by_least_squares: bool = False) -> Path:
-    """The first six tenths of one log fitted, the others held out; wrist friction beside the usual one."""
+    """The first six tenths of one log fitted, the others held out; friction and inertia of the coupled wrist."""
     root = folder / TX40 / TX40_FOLDER
-    motors, ratios = np.diag(TX40_RATIOS), np.array(TX40_RATIOS)
-    motors[5, 4] = ratios[5]  # motor 6 turns with joint 5
-    data = {
-        kind: np.loadtxt(root / f"data/{kind}_data.csv", delimiter=",", skiprows=1) for kind in ("pos_read", "curr")
-    }
-    q, tau = data["pos_read"] @ np.linalg.inv(motors).T, data["curr"] @ motors
+    motors = np.diag(TX40_RATIOS)
+    motors[5, 4] = TX40_RATIOS[5]  # motor 6 turns with joint 5
+    q, tau = _read(root / "data/pos_read_data.csv"), _read(root / "data/curr_data.csv")
     robot = read_robot(root / "urdf/tx40_mdh_modified.urdf")
     joints = list(robot.joints)
-    joints[4] = joints[4].model_copy(update={"effects": (*joints[4].effects, "wrist_friction")})
+    wrist = {"effects": (*joints[4].effects, "wrist_friction", "coupled_inertia")}
+    joints[4] = joints[4].model_copy(update=wrist)
     out.mkdir(parents=True, exist_ok=True)
     write_robot(robot.model_copy(update={"joints": tuple(joints)}), out / "robot.yaml")
     content: Content = {
@@ -151,5 +149,6 @@ def tx40(folder: Path, out: Path, *, by_least_squares: bool = False) -> Path:
         log = table(out / f"{run}_torque.csv", {"t": time[::every], **named("tau", torque)})
         seen = slice(None, None, TX40_POSITIONS_EVERY)
         positions = table(out / f"{run}_positions.csv", {"t": time[seen], **named("q", q[rows][seen])})
-        content[run] = {"torque": {"file": log}, "positions": {"file": positions}}
+        turns = {"motors": motors.tolist()}
+        content[run] = {"torque": {"file": log, **turns}, "positions": {"file": positions, **turns}}
     return write(content, out / "case.yaml")

@@ -38,7 +38,7 @@ README = (ROOT / "README.md").read_text(encoding="utf-8")
 GATE = (ROOT / ".ci" / "run").read_text(encoding="utf-8")
 REMOVES_TREE = ["git", "rm", "-r", "-q", "fmu_didim"]
 """So that the installed wheel is what runs."""
-ALL_EXTRAS = ("hdf5", "mf4", "ros", "cluster", "modelica", "sensitivity", "docs", "test")
+ALL_EXTRAS = ("hdf5", "mf4", "ros", "mjcf", "cluster", "modelica", "sensitivity", "docs", "test")
 
 
 # ---- bounds and tested versions --------------------------------------------------------------------
@@ -52,7 +52,7 @@ def test_lower_bounds_become_exact_versions() -> None:
 
 
 def test_everything_that_is_needed_to_run_has_a_lowest_version() -> None:
-    every = requirements("hdf5", "mf4", "ros", "cluster", "modelica", "sensitivity", "docs")
+    every = requirements("hdf5", "mf4", "ros", "mjcf", "cluster", "modelica", "sensitivity", "docs")
     assert len(lowest(every)) == len(every) > 20
 
 
@@ -68,7 +68,7 @@ def test_extras_that_name_others_have_what_these_have(tmp_path: Path) -> None:
 
 def test_an_extra_and_the_tests_ask_for_the_same_version() -> None:
     tests = requirements("test")
-    for extra in ("hdf5", "mf4", "ros", "cluster", "modelica", "sensitivity"):
+    for extra in ("hdf5", "mf4", "ros", "mjcf", "cluster", "modelica", "sensitivity"):
         assert requirements(extra).items() <= tests.items()
 
 

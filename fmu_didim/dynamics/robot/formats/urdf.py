@@ -95,6 +95,14 @@ def serial_robot(path: Path | str, tip: str = "") -> SerialRobot:
     root = _root(path)
     bodies = {_name(link, path, "link"): _body(link, path) for link in root.iter("link")}
     joints = [_joint(element, path) for element in root.findall("joint")]
+    return serial_of(bodies, joints, tip, path, root)
+
+
+def serial_of(
+    bodies: Mapping[str, Body], joints: Sequence[UrdfJoint], tip: str, path: Path, root: ET.Element
+) -> SerialRobot:
+    """The serial robot of links, each with what it weighs in its own frame, and joints; errors as of
+    :func:`read_urdf`."""
     chain, carried = _chain(bodies, joints, tip, path)
     if not chain:
         raise InputError(
@@ -117,24 +125,29 @@ def read_urdf(path: Path | str, *, tip: str = "") -> RobotDescription:
             in a plane.
     """
     serial = serial_robot(path, tip)
-    root, chain, frames = serial.root, serial.chain, serial.frames
+    return described(serial, serial.root.get("name") or Path(path).stem, Path(path), GRAVITY)
+
+
+def described(serial: SerialRobot, name: str, path: Path, gravity: Sequence[float]) -> RobotDescription:
+    """The description of a serial robot that was read from a file, with gravity (3,) in m/s2 in the frame of its
+    root."""
+    chain, frames = serial.chain, serial.frames
     base = frames[0]
-    described = []
+    joints = []
     for k, (joint, _) in enumerate(chain):
         before = base if k == 0 else frames[k - 1]
         inside = serial.inside(k)
-        described.append(
+        joints.append(
             Joint(
                 name=joint.name, type=MOVING[joint.type], limits=joint.limits,  # type: ignore[arg-type]
                 parameters={**parameters_of(serial.carried[joint.name].seen_from(inside)), **joint.friction},
                 **_denavit_hartenberg(before, frames[k]),
             )
         )  # fmt: skip
-    gravity = base[:3, :3].T @ np.array(GRAVITY)
+    turned = base[:3, :3].T @ np.array(gravity)
     return RobotDescription(
-        name=_identifier(root.get("name") or Path(path).stem), description=f"From {Path(path).name}",
-        source=Path(path).name,
-        gravity=tuple(rounded(float(g)) for g in gravity), joints=tuple(described),  # type: ignore[arg-type]
+        name=_identifier(name), description=f"From {path.name}", source=path.name,
+        gravity=tuple(rounded(float(g)) for g in turned), joints=tuple(joints),  # type: ignore[arg-type]
     )  # fmt: skip
 
 
@@ -328,7 +341,7 @@ def _only_tip(bodies: Mapping[str, Body], joints: Sequence[UrdfJoint], path: Pat
     last = [joint for joint in moving if not any(other.parent in beyond[joint.name] for other in moving)]
     if not last:
         raise InputError(
-            "The robot of this URDF has no joint that moves.", where=str(path),
+            "The robot of this file has no joint that moves.", where=str(path),
             got=", ".join(f"{joint.name} ({joint.type or 'no type'})" for joint in joints) or "no joints",
             valid=", ".join(MOVING), next_step="Give the file of the whole robot.",
         )  # fmt: skip
