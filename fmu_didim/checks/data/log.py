@@ -36,6 +36,9 @@ NEARLY_CONTROL_RATE = 0.9
 """[1] Of the control rate, from which stairs in a log are rightly those of the held command."""
 JITTER = 0.05
 """[1] Of a sample period by which stamps may scatter: rounding of clocks is less."""
+ON_TICKS = 0.9
+"""[1] Of the steps between uneven stamps that are whole control periods, from which these are ticks: of stamps that are
+late by chance a fiftieth are, and half where they are rounded to half a period."""
 COARSE = 256
 """[steps] In the range of a column, up to which quantisation is reported: 8 bits; finer steps are below usual noise."""
 TOO_COARSE = 24
@@ -135,6 +138,12 @@ STAMPS_JITTER = CATALOGUE(
     next_step="Find out what the stamps mean; if the samples were taken at equal steps, say so where the file is "
     "named: time: {name: ..., jittered: true}, of torque and positions alike.",
 )  # fmt: skip
+STAMPS_ON_TICKS = CATALOGUE(
+    "stamps-on-ticks", REMARK, rank=91,
+    meaning="The rows of a log are uneven, and whole control periods apart: its stamps are ticks of the controller, of "
+    "which the logger took some.",
+    next_step="Nothing if the rate of the control loop is stated rightly.",
+)  # fmt: skip
 PERIOD_CHANGES = CATALOGUE(
     "period-changes", DOUBT, rank=3,
     meaning="The control period changes, and the loop is simulated with a constant one: the clock seems late, friction "
@@ -227,11 +236,25 @@ def _of_stamps(experiment: Experiment, label: str, control_rate_hz: float) -> It
         scatter = min(float(np.std(stamps - origin - slope * places)), scatter_of_steps(stamps, places)) / slope
         if scatter > JITTER:
             text = f"The stamps scatter by {1000 * scatter * slope:.3g} ms about steps of {1000 * slope:.4g} ms"
-            yield _of_jitter(even_clock(stamps), text, label, scatter)
+            if (share := on_ticks(stamps, 1 / control_rate_hz)) >= ON_TICKS:
+                text += f", and {100 * share:.3g} % of them are whole control periods apart, as ticks of it are."
+                yield Diagnostic(STAMPS_ON_TICKS, text, label, share, ON_TICKS, "1")
+            else:
+                yield _of_jitter(even_clock(stamps), text, label, scatter)
     rate = float(places[-1] / (stamps[-1] - stamps[0]))
     if experiment.rate_hz > rate * (1 + REFERENCE_STEP):
         text = f"rate_hz requests {experiment.rate_hz:.4g} Hz, but the log has {rate:.4g} Hz."
         yield Diagnostic(RATE_ABOVE_LOG, text, label, experiment.rate_hz, rate, "Hz")
+
+
+def on_ticks(stamps: Array, period: float) -> float:
+    """Share of the steps between stamps (N,), s, that are whole numbers of a control period, s; 0 of a period that is
+    such a part of a second, 1 ms say, as stamps are rounded to anyhow."""
+    decimals = -np.log10(period)
+    if abs(decimals - np.rint(decimals)) < REFERENCE_STEP:
+        return 0.0
+    steps = np.diff(stamps) / period
+    return float(np.mean(np.abs(steps - np.rint(steps)) < REFERENCE_STEP))
 
 
 def _of_jitter(clock: EvenClock, text: str, label: str, scatter: float) -> Diagnostic:

@@ -16,6 +16,7 @@ from fmu_didim.checks import data
 from fmu_didim.checks.data import linear_fit
 from fmu_didim.checks.data.checks import data_diagnostics, drive_gains
 from fmu_didim.checks.data.linear_fit import fitted_motion
+from fmu_didim.checks.data.log import on_ticks
 from fmu_didim.checks.data.robot import length_unit_diagnostics
 from fmu_didim.checks.data.timing import SAMPLING_KIND, _clock, _Near, _of_clock
 from fmu_didim.checks.judgement import MATTERS
@@ -178,6 +179,25 @@ WRONG: list[tuple[str, Callable[[LoopModel], LoopModel], str]] = [
     ("validation is the estimation", validated_by_itself, "validation-copied"),
     ("validation is the estimation but for noise", validated_by_its_repetition, "validation-repeats-motion"),
 ]
+
+
+@pytest.mark.parametrize(
+    ("period", "steps", "rounded", "least", "most"),
+    [
+        (0.002, [5, 5, 6], 6, 1.0, 1.0),  # a logger of every fifth tick or sixth
+        (0.002, [5, 5.5, 5, 6, 5, 5, 6, 5, 5, 6, 5, 5], 6, 0.9, 0.95),  # here and there rounded
+        (0.002, None, 3, 0.4, 0.6),  # late by chance, rounded to 1 ms
+        (0.002, None, 9, 0.0, 0.05),
+        (0.001, [10, 11, 12], 6, 0.0, 0.0),  # as stamps in whole ms are anyhow
+        (0.0008, [10, 11, 12], 6, 1.0, 1.0),
+    ],
+)
+def test_uneven_stamps_are_ticks_where_they_are_whole_control_periods_apart(
+    period: float, steps: list[float] | None, rounded: int, least: float, most: float
+) -> None:
+    rng = np.random.default_rng(1)
+    waits = 5.3 + rng.uniform(-0.5, 0.5, 600) if steps is None else np.resize(steps, 600)
+    assert least <= on_ticks(np.round(7.3 + period * np.cumsum(waits), rounded), period) <= most
 
 
 def late(seconds: float) -> Callable[[LoopModel], LoopModel]:
