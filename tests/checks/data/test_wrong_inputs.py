@@ -281,6 +281,7 @@ ELSEWHERE = {
     "positions-unit",  # tests/workflow/test_objects.py
     "outliers-left-out",  # tests/workflow/test_outliers.py
     "log-wrapped",  # test_wrapped.py
+    "stamps-on-ticks",  # above
     "log-unsigned", "signs-given",  # tests/estimators/starts/test_signs.py
     "clock-slightly-off", "timing-slightly-off",  # below
     "drive-gain", "frames-convention", "gravity", "length-unit", "link-length",  # below
