@@ -96,6 +96,21 @@ def clipped(torque: Array) -> Array:
     return torque
 
 
+def dead(torque: Array) -> Array:
+    torque[:, 0] = 0.0
+    return torque
+
+
+def copied(torque: Array) -> Array:
+    torque[:, 1] = torque[:, 0]
+    return torque
+
+
+def in_millis(torque: Array) -> Array:
+    torque[:, 1] *= 1000
+    return torque
+
+
 def coarse(torque: Array) -> Array:
     step = np.ptp(torque, axis=0) / 12
     return np.rint(torque / step) * step
@@ -167,6 +182,9 @@ WRONG: list[tuple[str, Callable[[LoopModel], LoopModel], str]] = [
     ("a tail that stands still", lambda m: with_log(m, stuck), "log-constant"),
     ("all columns constant", lambda m: with_log(m, lambda torque: np.full_like(torque, 0.3)), "log-constant"),
     ("column constant", lambda m: with_log(m, constant), "log-constant"),
+    ("a dead channel, zero throughout", lambda m: with_log(m, dead), "log-constant"),
+    ("one column twice", lambda m: with_log(m, copied), "log-copied"),
+    ("joint 2 in mN.m", lambda m: with_log(m, in_millis), "torque-unit"),
     ("clipped at 60 %", lambda m: with_log(m, clipped), "log-saturated"),
     ("12 steps in the range", lambda m: with_log(m, coarse), "log-coarse"),
     ("each sample held five times", lambda m: with_log(m, held), "log-upsampled"),
