@@ -281,7 +281,7 @@ ELSEWHERE = {
     "log-wrapped",  # test_wrapped.py
     "log-unsigned", "signs-given",  # tests/estimators/starts/test_signs.py
     "clock-slightly-off", "timing-slightly-off",  # below
-    "drive-gain", "frames-convention", "gravity", "length-unit", "link-length",  # below
+    "drive-gain", "frames-brought", "frames-convention", "gravity", "length-unit", "link-length",  # below
     "reference-unit-doubtful", "torque-scale",  # below
 }  # fmt: skip
 """Codes that are provoked in other tests."""
@@ -405,6 +405,15 @@ def test_gravity_that_the_description_lacks_is_told(robot: str, seed: int) -> No
 def test_a_table_in_the_classical_convention_that_is_read_as_modified_is_told(robot: str, seed: int) -> None:
     found = data_diagnostics(classical_table(robot, right(robot, seed)))
     assert "frames-convention" in [d.code.name for d in found[:2]], [f"{d.code.name}: {d}" for d in found]
+
+
+def test_names_in_other_frames_than_the_description_are_told() -> None:
+    model = right("arm", 1)
+    joints = described(model)["joints"]
+    classical = [{key: value for key, value in joint.items() if key != "parameters"} for joint in joints]
+    classical = [one | {"a": other.get("a", 0.0)} for one, other in zip(classical, [*joints[1:], {}], strict=True)]
+    found = data_diagnostics(with_description("arm", model, joints=classical, frames="standard"))
+    assert [d.code.name for d in found] == ["frames-brought"]  # and nothing else: it is the same robot
 
 
 @pytest.mark.gate
