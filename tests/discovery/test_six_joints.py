@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import runpy
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -22,11 +23,11 @@ FRICTION = {
 CLASS = {"wrist": "wrist coupling", "load": "load_dependent_friction"}
 
 
-def script() -> dict[str, object]:
+def script() -> dict[str, Any]:
     return runpy.run_path(str(EXAMPLE / "make_data.py"))
 
 
-def case_in(folder: Path, name: str) -> Path:
+def case_in(folder: Path, name: str, made: Any = None) -> Path:
     """The case of the example with data made anew, in a folder laid out like that of the example."""
     out = folder / "examples" / "tx40"
     out.mkdir(parents=True)
@@ -34,13 +35,20 @@ def case_in(folder: Path, name: str) -> Path:
         (folder / kind).symlink_to(Path(kind).resolve())
     for file in EXAMPLE.glob("*.yaml"):
         (out / file.name).write_text(file.read_text(encoding="utf-8"), encoding="utf-8")
-    script()["make"](name, out)  # type: ignore[operator]
+    (made or script()["make"])(name, out)
     return out / f"discover_{name}.yaml"
+
+
+def case_that_hides(folder: Path, effect: str, joint: int, values: dict[str, float]) -> Path:
+    """The case ``wrist`` with another effect in its data."""
+    made = script()["make"]
+    made.__globals__["HIDDEN"]["wrist"] = (effect, joint, values)
+    return case_in(folder, "wrist", made)
 
 
 def check(document: FindingsDocument, name: str) -> None:
     """Right name and joint first, the true values within the intervals, and the gap closed."""
-    effect, joint, truth = script()["HIDDEN"][name]  # type: ignore[index]
+    effect, joint, truth = script()["HIDDEN"][name]
     first = document.findings[0]
     assert (first.effect, first.joint, first.class_) == (effect, joint, CLASS[name])
     assert [f.joint for f in document.findings] == [joint], "nothing else is named"
@@ -71,6 +79,17 @@ def test_effect_is_named_among_the_whole_catalogue(tmp_path: Path, name: str) ->
     assert (tmp_path / "out" / document.files["plant_fmu"]).is_file()
     (note,) = [n for n in document.notes if "augmented case" in n]
     assert "could not" not in note
+
+
+@pytest.mark.slow
+def test_the_inertia_of_a_motor_of_two_joints_is_named_among_the_whole_catalogue(tmp_path: Path) -> None:
+    """Of a motor that turns with joints 5 and 6, most of whose inertia is its own: Ia6 = 0.0114 kg.m2."""
+    document = discover(case_that_hides(tmp_path, "coupled_inertia", 5, {"Iam": 0.0097}), tmp_path / "out")
+    assert [(f.effect, f.joint) for f in document.findings] == [("coupled_inertia", 5)]
+    (value,) = document.findings[0].parameters
+    assert value.std is not None and abs(value.value - 0.0097) <= 3 * value.std <= 0.001
+    assert document.verdict == "valid"
+    assert "coupled_inertia" in Path(tmp_path / "out" / document.files["robot"]).read_text(encoding="utf-8")
 
 
 @pytest.mark.slow

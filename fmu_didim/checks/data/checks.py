@@ -31,6 +31,7 @@ from fmu_didim.checks.data.robot import (
     LINK_LENGTH,
     TORQUE_SCALE,
     another_robot,
+    frames_diagnostics,
     length_unit_diagnostics,
     misread_diagnostics,
 )
@@ -76,7 +77,7 @@ def data_diagnostics(model: LoopModel, *, without_torque: Sequence[str] = (), ca
             such causes itself.
     """
     model = _quick(model)
-    found = [*length_unit_diagnostics(model), *run_diagnostics(model, without_torque)]
+    found = [*length_unit_diagnostics(model), *frames_diagnostics(model), *run_diagnostics(model, without_torque)]
     found += plant_diagnostics(model.simulation(model.start, model.first))
     gains, explained = drive_gains(model), list[Diagnostic]()
     tasks = [partial(_of_log, model, label, gains, causes=causes) for label in model.experiments]

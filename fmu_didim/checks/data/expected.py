@@ -24,6 +24,9 @@ SHIFTS = (0.13, 0.23, 0.31, 0.43, 0.57, 0.69, 0.77)
 """[1] Of the length of the log: no whole periods."""
 DEPENDENT = 1e-12
 """[1] Eigenvalue of the normal equations, of the largest one, below which columns depend on others."""
+DEAD = 1e-15
+"""[1] Of the largest torque of a log, below which the deviation of a joint is none: squares of its inverse are
+numbers, and a constant that is rounded has about as much."""
 MOSTLY = 0.5
 """[1] Part of the samples of a joint that are wrong by themselves, above which its log tells nothing."""
 FEWEST = 20
@@ -48,8 +51,10 @@ class Expected:
 
     @property
     def size(self) -> Array:
-        """(n,) standard deviation of each measured torque, never zero."""
-        return np.asarray(np.maximum(self.measured.std(axis=0), TINY))
+        """(n,) standard deviation of each measured torque, never zero: that of a dead channel is a rounding of the
+        largest torque, 1 where there is none."""
+        largest = float(np.abs(self.measured).max(initial=0.0))
+        return np.asarray(np.maximum(self.measured.std(axis=0), DEAD * largest if largest > TINY else 1.0))
 
     def without(self, wrong: NDArray[np.bool_]) -> Expected:
         """The same without the samples (N, n) that are wrong by themselves: without the joints of which hardly any

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -84,6 +85,11 @@ LOG_CONSTANT = CATALOGUE(
     meaning="A torque column does not change, throughout or for long, although the joint's torque must: the wrong "
     "column, a dead channel, or a logger that repeats its last value.",
     next_step="Check the columns of the log: torque: {columns: {tau1: ...}}.",
+)  # fmt: skip
+LOG_COPIED = CATALOGUE(
+    "log-copied", PROBLEM, rank=2,
+    meaning="Two torque columns are the same: one joint's torque stands in the place of another one's.",
+    next_step="Check the columns of the log: torque: {columns: {tau1: ...}}; each joint has a torque of its own.",
 )  # fmt: skip
 RATE_ABOVE_LOG = CATALOGUE(
     "rate-above-log", PROBLEM, rank=7,
@@ -173,6 +179,7 @@ def log_diagnostics(experiment: Experiment, label: str, given: Expected, control
         *_missing(experiment, label),
         *_of_stamps(experiment, label, control_rate_hz),
         *_upsampled(experiment, label, control_rate_hz),
+        *_copied(experiment.torque, label),
     ]
     for j in range(experiment.torque.shape[1]):
         place, values = f"{label}: joint {j + 1}", experiment.torque[:, j]
@@ -303,6 +310,16 @@ def stairs(torque: Array, order: int) -> float:
     every = float(steps.sum() / counts.sum())
     phase = places - every * np.concatenate([[0.0], np.cumsum(counts)])
     return every if np.ptp(np.percentile(phase, ON_STAIRS)) < 1 else 1.0
+
+
+def _copied(torque: Array, label: str) -> Iterator[Diagnostic]:
+    """Columns of a log (N, n) that are the same, those that vary."""
+    ranges = np.ptp(torque, axis=0)
+    for j, k in itertools.combinations(range(torque.shape[1]), 2):
+        apart = float(np.abs(torque[:, j] - torque[:, k]).max())
+        if ranges[j] > SAME * float(np.abs(torque).max()) and apart <= SAME * float(ranges[j]):
+            text = f"Its torque is that of joint {j + 1}, sample by sample."
+            yield Diagnostic(LOG_COPIED, text, f"{label}: joint {k + 1}", apart)
 
 
 def _constant(experiment: Experiment, j: int, place: str, given: Expected) -> Iterator[Diagnostic]:

@@ -20,7 +20,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from fmu_didim.base.diagnostics import CATALOGUE, DOUBT, Diagnostic
+from fmu_didim.base.diagnostics import CATALOGUE, DOUBT, REMARK, Diagnostic
 from fmu_didim.checks.data.expected import Expected, fitted_by
 from fmu_didim.checks.data.linear_fit import Explanation, FittedMotion, Ticks
 from fmu_didim.checks.data.timing import SHIFT_SIGMAS
@@ -81,6 +81,13 @@ FRAMES = CATALOGUE(
     next_step="If the table is one of a textbook or a data sheet in that convention, write frames: standard in the "
     "robot description; fmu-didim robot FILE shows where the axes are.",
 )  # fmt: skip
+FRAMES_BROUGHT = CATALOGUE(
+    "frames-brought", REMARK, rank=90,
+    meaning="The robot description was given in the classical convention of Denavit and Hartenberg, and brought to "
+    "modified frames, in which inertial parameters are named and identified.",
+    next_step="Take values of links from the result, or from fmu-didim robot FILE --out robot.yaml, not from the "
+    "description as it was written.",
+)  # fmt: skip
 DISTANCES = ("a", "d")
 Vector = tuple[float, ...]
 """Along x, y, z of the base."""
@@ -97,6 +104,18 @@ def length_unit_diagnostics(model: LoopModel) -> list[Diagnostic]:
         for j, name, length in ([] if robot is None else _lengths(robot))
         if abs(length) > LARGEST_LENGTH
     ]  # fmt: skip
+
+
+def frames_diagnostics(model: LoopModel) -> list[Diagnostic]:
+    """That names of parameters mean other frames than those of the file."""
+    robot = _description(model)
+    if robot is None or robot.original_frames == "modified":
+        return []
+    text = (
+        "The description was read in the classical Denavit-Hartenberg convention: first moments and inertias of the "
+        "links, and the centre of a load, are in modified frames here, not in those of the file."
+    )
+    return [Diagnostic(FRAMES_BROUGHT, text, f"robot: {robot.name}")]
 
 
 def another_robot(fitted: FittedMotion) -> Iterator[Explanation]:

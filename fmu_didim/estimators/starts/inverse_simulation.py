@@ -122,7 +122,10 @@ class _Loop:
         operator, every, measured = self._run.operator, self._loop.subdivision, self._run.experiment.torque
         left = measured - operator.apply(self._run.logged_torque(found)[::every][operator.ticks])
         q, dq, ddq = (found.table(self._loop.joint_signals(name))[::every] for name in ("q", "dq", "ddq"))
-        return (q, dq, ddq), float(np.max(np.linalg.norm(left, axis=0) / np.linalg.norm(measured, axis=0)))
+        size = np.linalg.norm(measured, axis=0)
+        alive = size > 0
+        parts = np.linalg.norm(left[:, alive], axis=0) / size[alive]  # a dead channel is told elsewhere
+        return (q, dq, ddq), float(np.max(parts, initial=0.0))
 
     def _target(self) -> Array:
         """(K, n) the measured torque at all ticks: a cubic spline through the middles of its samples."""

@@ -30,7 +30,8 @@ def noise_floor(measured: Array, counts: Array | None = None) -> Array:
         measured: (M, m); counts: (m,) samples of each output; by default all rows are.
     """
     sums = (measured**2).sum(axis=0)
-    return np.asarray(NOISE_FLOOR * np.sqrt(sums / (measured.shape[0] if counts is None else counts)) + TINY)
+    least = TINY if sums.any() else NOISE_FLOOR  # of a log without any torque, whose squared weights are numbers
+    return np.asarray(NOISE_FLOOR * np.sqrt(sums / (measured.shape[0] if counts is None else counts)) + least)
 
 
 def whitened(values: Array, deviation: Array) -> Array:

@@ -97,6 +97,21 @@ def clipped(torque: Array) -> Array:
     return torque
 
 
+def dead(torque: Array) -> Array:
+    torque[:, 0] = 0.0
+    return torque
+
+
+def copied(torque: Array) -> Array:
+    torque[:, 1] = torque[:, 0]
+    return torque
+
+
+def in_millis(torque: Array) -> Array:
+    torque[:, 1] *= 1000
+    return torque
+
+
 def coarse(torque: Array) -> Array:
     step = np.ptp(torque, axis=0) / 12
     return np.rint(torque / step) * step
@@ -168,6 +183,9 @@ WRONG: list[tuple[str, Callable[[LoopModel], LoopModel], str]] = [
     ("a tail that stands still", lambda m: with_log(m, stuck), "log-constant"),
     ("all columns constant", lambda m: with_log(m, lambda torque: np.full_like(torque, 0.3)), "log-constant"),
     ("column constant", lambda m: with_log(m, constant), "log-constant"),
+    ("a dead channel, zero throughout", lambda m: with_log(m, dead), "log-constant"),
+    ("one column twice", lambda m: with_log(m, copied), "log-copied"),
+    ("joint 2 in mN.m", lambda m: with_log(m, in_millis), "torque-unit"),
     ("clipped at 60 %", lambda m: with_log(m, clipped), "log-saturated"),
     ("12 steps in the range", lambda m: with_log(m, coarse), "log-coarse"),
     ("each sample held five times", lambda m: with_log(m, held), "log-upsampled"),
@@ -284,7 +302,7 @@ ELSEWHERE = {
     "stamps-on-ticks",  # above
     "log-unsigned", "signs-given",  # tests/estimators/starts/test_signs.py
     "clock-slightly-off", "timing-slightly-off",  # below
-    "drive-gain", "frames-convention", "gravity", "length-unit", "link-length",  # below
+    "drive-gain", "frames-brought", "frames-convention", "gravity", "length-unit", "link-length",  # below
     "reference-unit-doubtful", "torque-scale",  # below
 }  # fmt: skip
 """Codes that are provoked in other tests."""
@@ -408,6 +426,15 @@ def test_gravity_that_the_description_lacks_is_told(robot: str, seed: int) -> No
 def test_a_table_in_the_classical_convention_that_is_read_as_modified_is_told(robot: str, seed: int) -> None:
     found = data_diagnostics(classical_table(robot, right(robot, seed)))
     assert "frames-convention" in [d.code.name for d in found[:2]], [f"{d.code.name}: {d}" for d in found]
+
+
+def test_names_in_other_frames_than_the_description_are_told() -> None:
+    model = right("arm", 1)
+    joints = described(model)["joints"]
+    classical = [{key: value for key, value in joint.items() if key != "parameters"} for joint in joints]
+    classical = [one | {"a": other.get("a", 0.0)} for one, other in zip(classical, [*joints[1:], {}], strict=True)]
+    found = data_diagnostics(with_description("arm", model, joints=classical, frames="standard"))
+    assert [d.code.name for d in found] == ["frames-brought"]  # and nothing else: it is the same robot
 
 
 @pytest.mark.gate
