@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -9,11 +10,12 @@ import numpy as np
 import pytest
 import yaml
 
-from fmu_didim import InputError, excite, load_case
+from fmu_didim import InputError, excite, load_case, trajectory
 from fmu_didim.cli.main import main
 from fmu_didim.data.signals import Trajectory
 from fmu_didim.discovery.excitation.optimum import Problem
 from fmu_didim.workflow.excitation.excited import Excited
+from fmu_didim.workflow.excitation.findings import _of_space
 from tests.helpers import ROOT
 from tests.workflow.test_excite import LIMITS, NOISE, SCARA
 
@@ -85,6 +87,7 @@ def test_lines_stand_for_links_without_shape_and_that_is_told() -> None:
     assert "are not looked at" in none.summary() and none.saved()["space"]["compared"] == []
 
 
+FAR = [[2.0, 3.0], [0.0, 1.0], [-1.0, 1.0]]
 AROUND = [[-2.0, 2.0], [-2.0, 2.0], [-1.0, 1.0]]
 
 
@@ -200,3 +203,38 @@ def test_the_command_reads_boxes_and_says_what_is_nearest(tmp_path: Path, capsys
     arguments = ["--torque-std", "0.17,0.0065", "--limits", str(limits), "--period", "5", "--starts", "1"]
     assert main(["excite", str(SCARA), *arguments, "--out", str(tmp_path / "out")]) == 0
     assert "nearest" in capsys.readouterr().out
+
+
+def test_each_random_start_keeps_its_space() -> None:
+    drawn = []
+    own = Problem.solved
+
+    def kept(self: Problem, start: np.ndarray, bounds: Any, **options: Any) -> Any:
+        q = self._motion(self.basis.grid(400), start)[0].T
+        drawn.append(self.space.at(q).min() if self.space is not None else -1.0)
+        return own(self, start, bounds, **options)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Problem, "solved", kept)
+        excite(SCARA, limits=wide(capsules=CAPSULES, boxes=[BOX]), **{**QUICK, "starts": 3})
+    assert len(drawn) >= 3 and min(drawn[:3]) >= 0
+
+
+def test_links_that_are_no_neighbours_and_always_overlap_are_told(tmp_path: Path) -> None:
+    """The capsules of a robot of two links in mm: a post of 100 m."""
+    post = [{"link": 0, "from": [0, 0, 0], "to": [0, 0, 0.3], "radius": 100}]
+    found = excite(SCARA, limits={**LIMITS, "capsules": [*post, *CAPSULES]}, **QUICK)
+    text = {d.code.name: d.text for d in found.diagnostics}["excitation-pairs-left-out"]
+    assert "link 2, link 0" in text and found.saved()["space"]["compared"] == []
+
+
+def test_clearances_of_links_behind_gears_that_give_way_are_told() -> None:
+    found = excite(SCARA, limits={**LIMITS, "capsules": CAPSULES, "boxes": [FAR]}, **QUICK)
+    assert "excitation-space-unverified" not in {d.code.name for d in found.diagnostics}
+    told = _of_space(replace(found.around, is_elastic=True), found.prediction)
+    assert "gears give way" in {d.code.name: d.text for d in told}["excitation-space-unverified"]
+    loop = found.prediction.loop
+    unseen = replace(found.prediction, loop=trajectory(loop.time, {"tau1": loop.column("tau1")}))
+    assert (
+        "no positions" in {d.code.name: d.text for d in _of_space(found.around, unseen)}["excitation-space-unverified"]
+    )

@@ -34,7 +34,7 @@ class Compared:
         space: the checks that a motion must keep; none where nothing is known.
         shape: where the shape of the links comes from, in words; "" where there is none.
         links: numbers of the links that have one; left_out: pairs of links that overlap always, or never move;
-            odd: those of them that are no neighbours, and move.
+            odd: those of them that overlap and are no neighbours.
         unread: collision geometry that could not be read, in words.
         joints: n; is_elastic: whether gears give way, whose links are taken for where their motors are.
     """
@@ -123,7 +123,7 @@ def _box(pairs: Sequence[tuple[float, float]], name: str) -> Box:
 
 def _telling(space: Space, bounds: Bounds) -> tuple[list[Check], tuple[tuple[str, ...], tuple[str, ...]]]:
     """The checks that depend on the motion and can be kept, and names of the pairs of links that are left out, all and
-    those of no neighbours that move; raises InputError where nothing can be kept."""
+    those of no neighbours that overlap; raises InputError where nothing can be kept."""
     if not space.checks:
         return [], ((), ())
     limits, start = bounds.limits, bounds.start
@@ -139,7 +139,7 @@ def _telling(space: Space, bounds: Bounds) -> tuple[list[Check], tuple[tuple[str
         beside = isinstance(check.other, Capsule) and check.one.link - check.other.link == 1
         if of_links and (always[i] or stands[i] or (beside and at_start[i] < 0)):
             left.append(check.name)
-            odd += [check.name] if not beside and not stands[i] else []
+            odd += [check.name] if not beside and always[i] else []
         elif always[i]:
             raise InputError(
                 "No posture keeps its space.", where=f"limits: {check.name}",
