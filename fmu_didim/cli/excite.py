@@ -21,7 +21,7 @@ def add_excite_options(verb: argparse.ArgumentParser) -> None:
     """Add the options of the verb."""
     help_ = "folder for reference.yaml, reference.csv and excite.json (results/<case>_excite)"
     verb.add_argument("--out", type=Path, metavar="DIR", help=help_)
-    help_ = "position, velocity, acceleration, torque, start (as the robot and the case's reference have them)"
+    help_ = "position, velocity, acceleration, torque, start (else as the case has them); inside, boxes, capsules"
     verb.add_argument("--limits", type=Path, metavar="LIMITS.yaml", help=help_)
     help_ = "standard deviation of the torque noise of each joint, such as 0.2,0.05 (torque_std of the case)"
     verb.add_argument("--torque-std", type=_several, metavar="LIST", help=help_)

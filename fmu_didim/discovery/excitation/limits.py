@@ -48,11 +48,13 @@ class Bounds:
     Attributes:
         limits: of position, velocity and acceleration; torque: (n,) largest size, N.m or N; infinite without a limit.
         start: (n,) position at which it begins and ends, rad or m; None: anywhere.
+        clearance: (C,) least of each check of the space that is looked at, m; None: none is.
     """
 
     limits: Limits
     torque: Array
     start: Array | None = None
+    clearance: Array | None = None
 
     def __post_init__(self) -> None:
         if self.start is None:
@@ -79,7 +81,7 @@ class Bounds:
             speed=own.speed * np.minimum(1.0, own.speed / np.maximum(speed, NOTHING)),
         )
         size = self.torque * np.minimum(1.0, self.torque / np.maximum(torque, NOTHING))
-        return Bounds(limits, np.where(np.isfinite(self.torque), size, np.inf), self.start)
+        return replace(self, limits=limits, torque=np.where(np.isfinite(self.torque), size, np.inf))
 
 
 def limits_of(

@@ -28,6 +28,7 @@ from fmu_didim.discovery.excitation.basis import FINE, Basis
 from fmu_didim.discovery.excitation.limits import Bounds
 from fmu_didim.dynamics.base_parameters import BaseParameters
 from fmu_didim.dynamics.robot import RobotModel
+from fmu_didim.dynamics.space.space import Space
 from fmu_didim.fit.statistics import covariance_white
 
 Criterion = Literal["determinant", "mean"]
@@ -61,6 +62,14 @@ SHRINK = 0.9
 """[1] Factor by which a motion beyond the torque is made smaller, again and again;"""
 SHRINKS = 60
 """[1] so often, to a five-hundredth."""
+POSTURES = 500
+"""[postures] Drawn at most for one about which a random motion keeps its space;"""
+SMALL = 0.05
+"""[1] of the range of each joint, which a motion that is drawn is not smaller than, while others are left."""
+ROOM = 0.1
+"""[m] By which clearances are divided as constraints: of the size of links, as the others are of that of limits."""
+NEAR = 0.003
+"""[m] Beyond the least clearance, asked for at the instants of the grid: links come nearer between them."""
 LITTLE = 0.002
 """[1] By which a solution is made smaller, again and again, where its torque is still beyond the limit between the
 instants: friction turns there, and moves on where the limit is lowered."""
@@ -91,6 +100,7 @@ class Problem:
         model, base: the robot and its base parameters; theta: (b,) their values, for the limits of the torque.
         deviation: (n,) of the noise of the torque; instants: (N,) of the log within the motion, s.
         asked: places of the parameters asked for among the base parameters; kind: what is made best.
+        space: the clearances that a motion keeps, as ``Bounds.clearance`` says; None: none.
 
     Attributes:
         idle: places of base parameters on which the torque does not depend along any motion of this model without
@@ -99,8 +109,9 @@ class Problem:
 
     def __init__(
         self, model: RobotModel, base: BaseParameters, theta: Array, deviation: Array, basis: Basis, instants: Array,
-        asked: Sequence[int], kind: Criterion = "determinant",
+        asked: Sequence[int], kind: Criterion = "determinant", space: Space | None = None,
     ) -> None:  # fmt: skip
+        self.space = space
         self.model, self.base, self.basis, self.theta = model, base, basis, theta
         self._deviation, self._asked, self._kind = deviation, tuple(asked), kind
         self._instants = representative(instants, basis)
@@ -202,8 +213,10 @@ class Problem:
     def random(self, rng: np.random.Generator, bounds: Bounds) -> Array:
         """(d, n) coefficients of a random motion as large as the limits allow; raises InputError where none keeps the
         torque."""
-        limit = TORQUE_WITHIN * bounds.torque
-        z, peak = self._within(self.basis.drawn(rng, bounds.limits), limit, SHRINK, self.basis.grid())
+        limit, time, z = TORQUE_WITHIN * bounds.torque, self.basis.grid(), self.basis.drawn(rng, bounds.limits)
+        if self.space is not None:
+            z = self._placed(z, rng, bounds)
+        z, peak = self._within(z, replace(bounds, torque=limit), SHRINK, time)
         if (peak <= limit).all():
             return z
         joint = int(np.argmax(peak / bounds.torque))
@@ -221,30 +234,76 @@ class Problem:
         instants of the grid; the solution goes on from there.
         """
         best, count, own, limited = start, 0, bounds, np.zeros(bounds.torque.size, dtype=bool)
-        fine = self.basis.grid(FINE)
+        fine, near = self.basis.grid(FINE), np.zeros(0 if self.space is None else len(self.space.checks), dtype=bool)
         for _ in range(TORQUE_ROUNDS):
-            best, status, steps = self._ended(best, own, limited, iterations)
+            best, status, steps = self._ended(best, own, limited, near, iterations)
             count += steps
             if not np.isfinite(best).all():
                 raise RuntimeError(status)
-            peak = self._peak(best, fine)
-            beyond = peak > bounds.torque
-            if not beyond.any():
+            peak, short = self._peak(best, fine), self._short(best, fine, bounds)
+            beyond, close = peak > bounds.torque, short > 0
+            if not beyond.any() and not close.any():
                 break
             own = replace(own, torque=np.where(beyond & limited, own.torque * bounds.torque / peak, own.torque))
-            limited |= beyond
-        best, _ = self._within(best, bounds.torque, 1 - LITTLE, fine)
+            if own.clearance is not None:
+                own = replace(own, clearance=own.clearance + np.where(near, short, 0.0))
+            if (close & ~near).any():
+                best = start  # which keeps its space: far inside a box no way out is better than another
+            limited, near = limited | beyond, near | close
+        best, _ = self._within(best, bounds, 1 - LITTLE, fine)
         broken = self._broken(best, bounds)
         if broken > KEPT:
-            raise RuntimeError(f"{status}, limits broken by {broken:.2g}")
+            raise RuntimeError(f"{status}, limits broken by {broken:.2g}{self._where(best, bounds)}")
         settled = status in ("Solve_Succeeded", "Solved_To_Acceptable_Level")
         return Solution(best, self.criterion(best), self.criterion(start), status, settled, count)
 
-    def _within(self, z: Array, torque: Array, factor: float, time: Array) -> tuple[Array, Array]:
-        """Coefficients (d, n) of the motion, made smaller by a factor until its torque at some instants (K,) is at most
-        so large (n,), and how large it is."""
+    def _placed(self, z: Array, rng: np.random.Generator, bounds: Bounds) -> Array:
+        """A motion (d, n) made smaller, or drawn about another posture, until it keeps its space."""
+        limits, time = bounds.limits, self.basis.grid()
+        for i in range(POSTURES):
+            factor = 1.0
+            while factor > SMALL:
+                small = self.basis.smaller(z, factor)
+                q = self._motion(time, small)[0].T
+                inside = (q >= limits.low).all() and (q <= limits.high).all()
+                if inside and (self._short(small, time, bounds) <= -NEAR).all():
+                    return small
+                if i and (self._short_at(q[:1], bounds) > 0).any():
+                    break
+                factor *= SHRINK
+            if bounds.start is not None:
+                z = self.basis.drawn(rng, limits)
+            else:
+                z = np.vstack([rng.uniform(limits.low, limits.high), z[1:]])
+        raise InputError(
+            "No random motion keeps its space.", where="limits: boxes, inside, capsules",
+            got=f"{POSTURES} postures drawn; at the last one {self._where(z, bounds).lstrip(', ') or 'all is kept'}",
+            next_step="Give a start: with more room about it, smaller boxes, or a narrower range of position.",
+        )  # fmt: skip
+
+    def _short(self, z: Array, time: Array, bounds: Bounds) -> Array:
+        """(C,) by which each clearance of a motion is too small at some instants (K,), m; negative: what is left."""
+        return self._short_at(self._motion(time, z)[0].T, bounds)
+
+    def _short_at(self, q: Array, bounds: Bounds) -> Array:
+        if self.space is None or bounds.clearance is None or not bounds.clearance.size:
+            return np.zeros(0)
+        return np.asarray(bounds.clearance - self.space.at(q).min(axis=0))
+
+    def _where(self, z: Array, bounds: Bounds) -> str:
+        """The check that is worst, in words; nothing where all is kept."""
+        short = self._short(z, self.basis.grid(FINE), bounds)
+        if self.space is None or not (short > 0).any():
+            return ""
+        worst = int(np.argmax(short))
+        return f", {self.space.names[worst]} too near by {1000 * short[worst]:.3g} mm"
+
+    def _within(self, z: Array, bounds: Bounds, factor: float, time: Array) -> tuple[Array, Array]:
+        """Coefficients (d, n) of the motion, made smaller by a factor until torque and space are kept at some instants
+        (K,), and how large its torque is (n,)."""
         for _ in range(SHRINKS):
-            if ((peak := self._peak(z, time)) <= torque).all():
+            peak = self._peak(z, time)
+            if (peak <= bounds.torque).all() and (self._short(z, time, bounds) <= 0).all():
                 return z, peak
             z = self.basis.smaller(z, factor)
         return z, self._peak(z, time)
@@ -253,20 +312,22 @@ class Problem:
         """(n,) largest torque of a motion at some instants (K,)."""
         return np.asarray(np.abs(self.torque(z, time)).max(axis=0))
 
-    def _ended(self, start: Array, bounds: Bounds, limited: Array, iterations: int) -> tuple[Array, str, int]:
+    def _ended(
+        self, start: Array, bounds: Bounds, limited: Array, near: Array, iterations: int
+    ) -> tuple[Array, str, int]:
         """Coefficients (d, n) at the end of IPOPT, its status and iterations; ``limited``: (n,) joints whose torque
-        has its limit."""
+        has its limit; ``near``: (C,) clearances that have theirs."""
         units = self._units(bounds)
         y = ca.MX.sym("y", *start.shape)
         z = ca.horzcat(*(ca.mtimes(ca.DM(unit), column) for unit, column in zip(units, ca.horzsplit(y), strict=True)))
-        rows, low, high = self._constraints(z, bounds, np.flatnonzero(limited).tolist())
+        rows, low, high = self._constraints(z, bounds, np.flatnonzero(limited).tolist(), near)
         options = {
             "print_time": False,
             "ipopt": {
                 "print_level": 0, "sb": "yes", "max_iter": iterations, "tol": SETTLED, "acceptable_tol": NEARLY,
                 "acceptable_iter": ACCEPTED, "acceptable_obj_change_tol": SETTLED,
                 "hessian_approximation": "limited-memory", "mu_strategy": "adaptive",
-                "jac_d_constant": "no" if limited.any() else "yes",
+                "jac_d_constant": "no" if limited.any() or near.any() else "yes",
             },
         }  # fmt: skip
         solver = ca.nlpsol("excitation", "ipopt", {"x": ca.vec(y), "f": self._objective(z, start), "g": rows}, options)
@@ -312,8 +373,9 @@ class Problem:
         q, dq, ddq = (ca.mtimes(ca.DM(table), z).T for table in self.basis.tables(time))
         return q + ca.repmat(ca.DM(self.basis.constant()), 1, time.size), dq, ddq
 
-    def _constraints(self, z: ca.MX, bounds: Bounds, limited: Sequence[int]) -> tuple[ca.MX, Array, Array]:
-        """Rows g and their limits, each divided by its size; ``limited``: joints whose torque has one."""
+    def _constraints(self, z: ca.MX, bounds: Bounds, limited: Sequence[int], near: Array) -> tuple[ca.MX, Array, Array]:
+        """Rows g and their limits, each divided by its size; ``limited``: joints whose torque has one, ``near``: (C,)
+        clearances that have one."""
         limits, time = bounds.limits, self.basis.grid()
         middle, half = (limits.high + limits.low) / 2, (limits.high - limits.low) / 2
         q, dq, ddq = self._symbolic(time, z)
@@ -328,7 +390,14 @@ class Problem:
             parts.append(torque / ca.repmat(ca.DM(bounds.torque[list(limited)]), 1, time.size))
             sizes.append(TORQUE_WITHIN)
         bound = np.concatenate([np.full(part.numel(), size) for part, size in zip(parts, sizes, strict=True)])
-        return ca.vertcat(*(ca.vec(part) for part in parts)), -bound, bound
+        low, high, free = -bound, bound, np.flatnonzero(near)
+        if free.size and self.space is not None and bounds.clearance is not None:
+            some = self.space.of([self.space.checks[i] for i in free])
+            least = ca.DM(bounds.clearance[free] + NEAR)
+            parts.append((some.clearances.map(time.size)(q) - ca.repmat(least, 1, time.size)) / ROOM)
+            low = np.concatenate([low, np.zeros(parts[-1].numel())])
+            high = np.concatenate([high, np.full(parts[-1].numel(), np.inf)])
+        return ca.vertcat(*(ca.vec(part) for part in parts)), low, high
 
     def _broken(self, z: Array, bounds: Bounds) -> float:
         """By how much of its size the worst limit is broken, on a fine grid."""
@@ -341,8 +410,9 @@ class Problem:
             np.abs(dq).max(axis=1) / limits.speed,
             np.abs(ddq).max(axis=1) / limits.acceleration,
             self._peak(z, time) / bounds.torque,
+            1.0 + self._short(z, time, bounds),
         ]
-        return float(np.max(ratios) - 1.0)
+        return float(np.max(np.concatenate(ratios)) - 1.0)
 
 
 def representative(instants: Array, basis: Basis) -> Array:

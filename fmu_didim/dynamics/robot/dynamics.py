@@ -35,7 +35,7 @@ def rigid_body_torque(
         parameters: inertial parameters by name (``ZZ1``, ``M1``, ...).
         gravity: (3,) in m/s2; that of the description by default.
     """
-    rotations, offsets = _geometry(robot, q)
+    rotations, offsets = link_geometry(robot, q)
     axis = ca.SX([0.0, 0.0, 1.0])
     omega, domega = ca.SX(3, 1), ca.SX(3, 1)
     # Gravity enters as an acceleration of the base.
@@ -61,7 +61,7 @@ def rigid_body_torque(
     return _balance(robot, rotations, offsets, forces, moments)
 
 
-def _geometry(robot: RobotDescription, q: ca.SX) -> tuple[list[ca.SX], list[ca.SX]]:
+def link_geometry(robot: RobotDescription, q: ca.SX) -> tuple[list[ca.SX], list[ca.SX]]:
     """Rotation of frame j in frame j-1, and position of its origin, for each joint."""
     rotations, offsets = [], []
     for j, joint in enumerate(robot.joints):

@@ -21,7 +21,9 @@ from fmu_didim.discovery.excitation.limits import Bounds
 from fmu_didim.discovery.excitation.optimum import Criterion, Problem, Solution
 from fmu_didim.discovery.excitation.points import MOVES, Points
 from fmu_didim.discovery.excitation.series import HARMONICS, Series
+from fmu_didim.dynamics.space.space import Space
 from fmu_didim.fit.solver.admissible import mass_matrix_problem
+from fmu_didim.model.loop_model import LoopModel
 from fmu_didim.model.parameters import RobotParameters
 from fmu_didim.results.provenance import made_by
 from fmu_didim.workflow.case_files import case_files
@@ -29,6 +31,7 @@ from fmu_didim.workflow.excitation.excited import Excited, Trial
 from fmu_didim.workflow.excitation.findings import findings
 from fmu_didim.workflow.excitation.limits import MotionLimits, bounds_of, limits_document
 from fmu_didim.workflow.excitation.planned import BEYOND, Peaks, Plan, Prediction, predict
+from fmu_didim.workflow.excitation.space import compared, shortfall
 from fmu_didim.workflow.simulate import model_without_data, named_values
 
 STARTS = 6
@@ -43,6 +46,8 @@ SHRINKS = 4
 """[1] of making the motion smaller by what it exceeds them, after these;"""
 LEAST_SHRINK = 0.005
 """[1] at least by so much."""
+CLEARER = 5e-4
+"""[m] More than what the loop came too near is asked for: the loop of another motion deviates otherwise."""
 PACKAGES = ("fmu_didim", "casadi", "numpy", "scipy")
 
 
@@ -77,8 +82,9 @@ def excite(
     Args:
         case: a loaded case, the path of its file, or its content; its torque log need not exist.
         out: folder for ``reference.yaml``, ``reference.csv`` and ``excite.json``; nothing is written by default.
-        limits: a YAML file or a mapping with ``position``, ``velocity``, ``acceleration``, ``torque`` and ``start``; by
-            default the range of the robot description, and else what the reference of the case uses.
+        limits: a YAML file or a mapping with ``position``, ``velocity``, ``acceleration``, ``torque``, ``start``, and
+            what the arm keeps clear of: ``inside``, ``boxes``, ``capsules``, ``clearance``; by default the range of the
+            robot description, and else what the reference of the case uses.
         only: parameters to be known best, the others being unknown, too; all by default.
         criterion: ``determinant`` of their information, or ``mean`` of their relative standard deviations, without
             those of values so small that a log would not show them, were all others known.
@@ -101,11 +107,41 @@ def excite(
     robot = _robot_of(case)
     label = experiment or next(iter(case.document.runs))
     reference = case.reference(label)
-    found = bounds_of(case, reference, limits_document(limits))
-    bounds, family = found.bounds, _family(kind, harmonics, moves, dwell_s)
+    document = limits_document(limits)
+    found = bounds_of(case, reference, document)
+    around = compared(case, document, found.bounds)
+    bounds = replace(found.bounds, clearance=np.full(len(around.space.checks), around.space.least))
+    family = _family(kind, harmonics, moves, dwell_s)
     values = named_values(model_without_data(case, label), parameters or {})
     plan = Plan(case, label, _rate(case, label, reference, rate_hz), _noise(case, torque_std), values)
     model = plan.model_on(reference)
+    _check_values(model, values, only, parameters)
+    asked = tuple(only) or model.names
+    basis = _basis(case, label, reference, bounds, family, period_s, periods)
+    problem, drawn, in_mean = _begun(
+        plan, robot, model.theta(values), basis, bounds, asked, criterion, starts, seed, around.space
+    )
+    wanted = in_mean if criterion == "mean" else asked
+    now = _predicted(plan, reference, wanted, criterion)
+    trials, solutions = _solved(problem, bounds, drawn, progress)
+    best, settled = _best(plan, problem, bounds, solutions, wanted, criterion, progress)
+    told = findings(
+        plan, basis, bounds, best[1], now, wanted, failed=sum(t.criterion is None for t in trials), starts=starts,
+        settled=settled, around=around,
+    )  # fmt: skip
+    made = Excited(
+        case.name, best[0], best[1], now, bounds, found.origin, tuple(trials), tuple(by_weight(told)), asked, in_mean,
+        criterion,
+        tuple(name for name in model.names if name not in robot.names or robot.names.index(name) in problem.idle),
+        plan.rate_hz, plan.deviation, seed, _provenance(case), around,
+    )  # fmt: skip
+    if out is not None:
+        made.save(out)
+    return made
+
+
+def _check_values(model: LoopModel, values: Array, only: Sequence[str], parameters: Mapping[str, float] | None) -> None:
+    """Raise InputError for values that cannot be simulated, UnknownNameError for names that are not identified."""
     if reason := mass_matrix_problem(model, values):
         raise InputError(
             f"These parameters cannot be simulated: {reason}.", where="parameters", got=dict(parameters or {}),
@@ -114,26 +150,6 @@ def excite(
     for name in only:
         if name not in model.names:
             raise UnknownNameError("parameter that is identified", name, model.names, where="only")
-    asked = tuple(only) or model.names
-    basis = _basis(case, label, reference, bounds, family, period_s, periods)
-    problem, drawn, in_mean = _begun(plan, robot, model.theta(values), basis, bounds, asked, criterion, starts, seed)
-    wanted = in_mean if criterion == "mean" else asked
-    now = _predicted(plan, reference, wanted, criterion)
-    trials, solutions = _solved(problem, bounds, drawn, progress)
-    best, settled = _best(plan, problem, bounds, solutions, wanted, criterion, progress)
-    told = findings(
-        plan, basis, bounds, best[1], now, wanted, failed=sum(t.criterion is None for t in trials), starts=starts,
-        settled=settled,
-    )  # fmt: skip
-    made = Excited(
-        case.name, best[0], best[1], now, bounds, found.origin, tuple(trials), tuple(by_weight(told)), asked, in_mean,
-        criterion,
-        tuple(name for name in model.names if name not in robot.names or robot.names.index(name) in problem.idle),
-        plan.rate_hz, plan.deviation, seed, _provenance(case),
-    )  # fmt: skip
-    if out is not None:
-        made.save(out)
-    return made
 
 
 def _robot_of(case: Case) -> RobotParameters:
@@ -235,7 +251,7 @@ def _basis(
 
 def _begun(
     plan: Plan, robot: RobotParameters, theta: Array, basis: Basis, bounds: Bounds, asked: Sequence[str],
-    criterion: Criterion, starts: int, seed: int,
+    criterion: Criterion, starts: int, seed: int, space: Space,
 ) -> tuple[Problem, list[Array], tuple[str, ...]]:  # fmt: skip
     """The problem, the random motions from which it begins, and those of the parameters asked for whose relative
     deviations have a meaning: that a log of one of these motions would show, were all others known."""
@@ -244,7 +260,7 @@ def _begun(
 
     def problem_of(names: Sequence[str]) -> Problem:
         places = [robot.names.index(name) for name in names if name in robot.names]
-        return Problem(robot.model, robot.base, theta, plan.deviation, basis, instants, places, criterion)
+        return Problem(robot.model, robot.base, theta, plan.deviation, basis, instants, places, criterion, space)
 
     problem = problem_of(asked)
     drawn = [problem.random(np.random.default_rng([seed, i]), bounds) for i in range(1, starts + 1)]
@@ -306,10 +322,13 @@ def _best(
     if not found:
         assert failure is not None
         raise failure
-    n = plan.deviation.size
-    motion, prediction, settled = max(
-        found, key=lambda one: (Peaks.of(one[1].loop, n).excess(bounds) <= BEYOND, one[1].criterion)
-    )
+    n, space = plan.deviation.size, problem.space
+
+    def keeps(one: Prediction) -> bool:
+        short = None if space is None else shortfall(space, one.loop)
+        return Peaks.of(one.loop, n).excess(bounds) <= BEYOND and (short is None or bool((short <= 0).all()))
+
+    motion, prediction, settled = max(found, key=lambda one: (keeps(one[1]), one[1].criterion))
     progress(f"best motion: criterion {prediction.criterion:.4g} in the loop")
     return (motion, prediction), settled
 
@@ -323,24 +342,30 @@ def _within(
     for remaining in reversed(range(ROUNDS + SHRINKS)):
         motion = problem.basis.excitation(solution.coefficients)
         prediction = predict(plan, motion.trajectory(1 / plan.case.step_size), asked, kind)
-        peaks = Peaks.of(prediction.loop, n)
-        if peaks.excess(bounds) <= BEYOND or not remaining:
+        peaks, excess = Peaks.of(prediction.loop, n), Peaks.of(prediction.loop, n).excess(bounds)
+        short = np.zeros(0) if problem.space is None else shortfall(problem.space, prediction.loop)
+        near = 0.0 if short is None else float(short.max(initial=0.0))
+        if (excess <= BEYOND and near <= 0) or not remaining:
             break
-        progress(f"the loop exceeds a limit by {100 * peaks.excess(bounds):.2g} %: once more, with less room")
-        smaller = problem.basis.smaller(solution.coefficients, 1 / (1 + max(peaks.excess(bounds), LEAST_SHRINK)))
+        far = (
+            f"exceeds a limit by {100 * excess:.2g} %" if excess > BEYOND else f"comes too near by {1000 * near:.2g} mm"
+        )
+        progress(f"the loop {far}: once more, with less room")
+        smaller = problem.basis.smaller(solution.coefficients, 1 / (1 + max(excess, LEAST_SHRINK)))
         solution = replace(solution, coefficients=smaller, is_settled=remaining >= SHRINKS and solution.is_settled)
         if remaining < SHRINKS:
             continue
         try:
-            own = _tighter(own, bounds, peaks)
+            own = _tighter(own, bounds, peaks, short)
             solution = problem.solved(smaller, own)
         except (RuntimeError, InputError):
             solution = replace(solution, is_settled=False)  # the smaller motion is tried
     return motion, prediction, solution.is_settled
 
 
-def _tighter(own: Bounds, wanted: Bounds, peaks: Peaks) -> Bounds:
-    """The bounds of the reference ``own``, tightened by what the loop exceeds those that are wanted."""
+def _tighter(own: Bounds, wanted: Bounds, peaks: Peaks, short: Array | None) -> Bounds:
+    """The bounds of the reference ``own``, tightened by what the loop exceeds those that are wanted, and by what it
+    comes too near (C,), m."""
     known = [np.where(np.isnan(v), other, v) for v, other in (
         (peaks.low, wanted.limits.low), (peaks.high, wanted.limits.high), (peaks.speed, wanted.limits.speed),
         (peaks.torque, wanted.torque))]  # fmt: skip
@@ -353,7 +378,10 @@ def _tighter(own: Bounds, wanted: Bounds, peaks: Peaks) -> Bounds:
     )
     with np.errstate(invalid="ignore"):
         torque = np.where(np.isfinite(own.torque), own.torque * step.torque / wanted.torque, np.inf)
-    return Bounds(limits, torque, own.start)
+    clearance = own.clearance
+    if clearance is not None and short is not None:
+        clearance = clearance + np.where(short > 0, short + CLEARER, 0.0)
+    return replace(own, limits=limits, torque=torque, clearance=clearance)
 
 
 def _provenance(case: Case) -> dict[str, Any]:

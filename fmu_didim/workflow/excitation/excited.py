@@ -18,10 +18,12 @@ from fmu_didim.data.excitation import Fourier, PointToPoint
 from fmu_didim.data.signals import Array, Trajectory, write_csv
 from fmu_didim.discovery.excitation.limits import Bounds
 from fmu_didim.discovery.excitation.optimum import Criterion
+from fmu_didim.dynamics.space.space import Box
 from fmu_didim.report.numbers import percent_std, pretty_unit, significant
 from fmu_didim.report.sections import Table, numbers, words
 from fmu_didim.report.terminal import table_lines, wrapped
 from fmu_didim.workflow.excitation.planned import Peaks, Prediction, mean_percent
+from fmu_didim.workflow.excitation.space import Compared, nearest, space_document
 from fmu_didim.workflow.output.exit_codes import EXIT_CODES
 from fmu_didim.workflow.output.result_folder import check_writable, write_whole
 
@@ -37,6 +39,10 @@ PLAY_BACK = (
     "its own is another motion, which the case would have to state."
 )
 COLLISIONS = "Collisions of links with each other or with the surroundings are not looked at: watch the first run."
+LINKS_ALONE = "Links are not compared with each other: watch the first run."
+BOXES_ALONE = "Links are compared with each other, not with the surroundings: watch the first run."
+NEAREST = 5
+"""[rows] Of the table of clearances that is printed."""
 
 
 @dataclass(frozen=True)
@@ -69,6 +75,7 @@ class Excited:
         criterion: ``determinant`` or ``mean``.
         unseen: parameters that the design did not look at.
         rate_hz, deviation: of the log that is planned; seed: of the starts; provenance: versions and files.
+        around: which links and boxes are compared.
     """
 
     name: str
@@ -87,6 +94,7 @@ class Excited:
     deviation: Array
     seed: int
     provenance: Mapping[str, Any]
+    around: Compared
 
     @property
     def reference(self) -> Trajectory:
@@ -165,6 +173,7 @@ class Excited:
                 "reference": _peaks(Peaks.of(self.reference, n)),
                 "loop": _peaks(Peaks.of(self.prediction.loop, n)),
             },
+            "space": space_document(self.around, self.prediction.loop),
             "starts": [
                 {"start": t.start, "status": t.status, "begun": t.begun, "criterion": t.criterion} for t in self.trials
             ],
@@ -197,6 +206,7 @@ class Excited:
         lines += ["Largest of the motion (limits of acceleration are those of the reference):", *self._peak_lines(), ""]
         if isinstance(self.excitation, PointToPoint):
             lines += [*_postures(self.excitation), *wrapped(PLAY_BACK), ""]
+        lines += self._space_lines()
         lines += wrapped("Limits: " + ", ".join(f"{name}: {place}" for name, place in self.origin.items()))
         lines += wrapped(f"Condition number {significant(self.prediction.condition)}")
         if self.unseen:
@@ -215,8 +225,28 @@ class Excited:
         for d in self.diagnostics:
             lines += wrapped(f"{d.code.severity.value.upper()} {d.code.name}: {d}", "", "  ")
             lines += wrapped(d.advice, "  Next: ", "    ") if d.advice else []
-        lines += wrapped(COLLISIONS)
+        with_boxes = any(isinstance(check.other, Box) for check in self.around.space.checks)
+        with_links = self.around.are_links_compared
+        if not (with_boxes and with_links):
+            lines += wrapped(BOXES_ALONE if with_links else LINKS_ALONE if with_boxes else COLLISIONS)
         return "\n".join(lines) + "\n"
+
+    def _space_lines(self) -> list[str]:
+        """The nearest of links and boxes along the simulated motion."""
+        found, around = nearest(self.around.space, self.prediction.loop), self.around
+        if not found:
+            return []
+        shown = found[:NEAREST]
+        columns = [
+            words("nearest", [one.name for one in shown]),
+            numbers("clearance", [significant(1000 * one.clearance, 3) for one in shown]),
+            words("unit", ["mm"] * len(shown)),
+            numbers("at t", [f"{one.time:.3f}" for one in shown]),
+            words("", ["s"] * len(shown)),
+        ]
+        text = f"Links are {around.shape}; {len(found)} pairs of links and boxes are compared"
+        left = f", left out as always near: {'; '.join(around.left_out)}" if around.left_out else ""
+        return [*table_lines(Table(columns), width=None), *wrapped(text + left, hanging="  "), ""]
 
     def _parameter_lines(self) -> list[str]:
         found = self.prediction.prospect

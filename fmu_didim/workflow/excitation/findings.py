@@ -10,7 +10,9 @@ from fmu_didim.base.diagnostics import CATALOGUE, DOUBT, PROBLEM, REMARK, Diagno
 from fmu_didim.checks.data.expected_accuracy import accuracy_diagnostics
 from fmu_didim.discovery.excitation.basis import Basis
 from fmu_didim.discovery.excitation.limits import Bounds
+from fmu_didim.dynamics.space.space import Box
 from fmu_didim.workflow.excitation.planned import BEYOND, FOLLOWED, Peaks, Plan, Prediction
+from fmu_didim.workflow.excitation.space import LINES, Compared, nearest, positions
 
 UNEXCITED = CATALOGUE(
     "excitation-unexcited", PROBLEM, rank=42,
@@ -28,6 +30,36 @@ BEYOND_LIMITS = CATALOGUE(
     meaning="The reference keeps the limits, but the simulated loop does not: it overshoots, or its torque is larger "
     "than that of the inverse model. No reference is written.",
     next_step="Widen the limit if the machine allows it, or ask for a slower motion (--period, --harmonics, --moves).",
+)  # fmt: skip
+TOO_NEAR = CATALOGUE(
+    "excitation-collision", PROBLEM, rank=44,
+    meaning="Links come too near to each other or to a box along the simulated motion, what lies between two of its "
+    "instants counted. No reference is written.",
+    next_step="Give a start: with more room about it, a narrower range of position, or a slower motion (--period).",
+)  # fmt: skip
+SHAPE_UNREAD = CATALOGUE(
+    "excitation-shape-unread", DOUBT, rank=46,
+    meaning="Collision geometry of the URDF could not be read, so that the design knows nothing of these pieces: they "
+    "may collide.",
+    next_step="Put the STL meshes beside the URDF, or give capsules: among the limits.",
+)  # fmt: skip
+SHAPE_PARTIAL = CATALOGUE(
+    "excitation-shape-partial", DOUBT, rank=46,
+    meaning="Boxes were given, but not the shape of all links: lines between the origins of the frames stand for them, "
+    "without thickness and without what lies beyond the last origin, or some links are not compared at all.",
+    next_step="Give capsules: among the limits, for each link and the tool on the last one, or a larger clearance:.",
+)  # fmt: skip
+PAIRS_LEFT = CATALOGUE(
+    "excitation-pairs-left-out", REMARK, rank=73,
+    meaning="Links that are no neighbours overlap in each posture drawn, and are not compared: usual in a wrist, "
+    "else a sign of capsules that are too thick, or in mm.",
+    next_step="Look at them; give thinner capsules: among the limits, in m.",
+)  # fmt: skip
+SPACE_UNSEEN = CATALOGUE(
+    "excitation-space-unverified", DOUBT, rank=46,
+    meaning="The simulated loop does not show where the links are: its plant has no positions, or gears give way. "
+    "Clearances hold for the reference, or for where the motors are.",
+    next_step="Watch the first run, and give a clearance: for the deviation.",
 )  # fmt: skip
 ABOVE_LOG = CATALOGUE(
     "excitation-above-log", DOUBT, rank=45,
@@ -68,7 +100,7 @@ NO_BETTER = CATALOGUE(
 
 def findings(
     plan: Plan, basis: Basis, bounds: Bounds, found: Prediction, now: Prediction | None, asked: Sequence[str], *,
-    failed: int, starts: int, settled: bool,
+    failed: int, starts: int, settled: bool, around: Compared | None = None,
 ) -> list[Diagnostic]:  # fmt: skip
     """All that a user must know before the motion is run."""
     n = plan.case.parameters.joint_count
@@ -79,6 +111,8 @@ def findings(
     if found.alike:
         told.append(Diagnostic(ALIKE, f"The log will not tell {', '.join(found.alike)} apart."))
     told += _of_loop(bounds, found, n)
+    if around is not None:
+        told += _of_space(around, found)
     (what, highest), half = basis.fastest, plan.rate_hz / 2
     if highest > half:
         text = f"{what} is at {highest:.4g} Hz; the log shows motions up to {half:.4g} Hz."
@@ -106,4 +140,27 @@ def _of_loop(bounds: Bounds, found: Prediction, n: int) -> list[Diagnostic]:
         if lag > FOLLOWED:
             text = f"The velocity deviates by {100 * lag:.2g} % from that of the reference."
             told.append(Diagnostic(NOT_FOLLOWED, text, f"joint {j + 1}", 100 * lag, 100 * FOLLOWED, "%"))
+    return told
+
+
+def _of_space(around: Compared, found: Prediction) -> list[Diagnostic]:
+    """What is said of links and boxes."""
+    told, short = [], -around.space.least
+    for one in nearest(around.space, found.loop):
+        if one.clearance + short < 0:
+            text = f"A clearance of {1000 * one.clearance:.3g} mm at t = {one.time:.4g} s."
+            told.append(Diagnostic(TOO_NEAR, text, one.name, 1000 * one.clearance, 1000 * around.space.least, "mm"))
+    told += [Diagnostic(SHAPE_UNREAD, f"Not read: {text}.") for text in around.unread]
+    if around.odd:
+        text = f"Not compared, since they overlap in each posture drawn: {'; '.join(around.odd)}."
+        told.append(Diagnostic(PAIRS_LEFT, text, value=float(len(around.odd)), unit="pairs"))
+    with_boxes = any(isinstance(check.other, Box) for check in around.space.checks)
+    if with_boxes and around.shape == LINES:
+        told.append(Diagnostic(SHAPE_PARTIAL, "Lines between the origins of the frames stand for the links."))
+    elif around.shape and around.bare:
+        numbers = ", ".join(map(str, around.bare))
+        told.append(Diagnostic(SHAPE_PARTIAL, f"No shape is known of link {numbers}: it is compared with nothing."))
+    if around.space.checks and (around.is_elastic or positions(around.space, found.loop) is None):
+        what = "gears give way" if around.is_elastic else "no positions"
+        told.append(Diagnostic(SPACE_UNSEEN, f"Clearances were not seen where the links are: {what}."))
     return told

@@ -8,8 +8,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from pydantic import Field, model_validator
 
-from fmu_didim.base.documents import Angle, Positive, Strict, read_document, validate
+from fmu_didim.base.documents import Angle, NotNegative, Positive, Strict, read_document, validate
 from fmu_didim.base.errors import InputError
 from fmu_didim.case import Case
 from fmu_didim.data.signals import Array, Trajectory
@@ -21,6 +22,26 @@ GIVEN = "given"
 NO_LIMIT = "none"
 
 
+Wall = tuple[float, float]
+"""Lowest and highest along an axis, m."""
+
+
+class LinkCapsule(Strict):
+    """A segment with a radius that encloses a link, or a piece of it.
+
+    Attributes:
+        link: number of the link, 0 for the base.
+        from_: start of the segment, m, in the frame of the link; of link 0 in that of the boxes.
+        to: its end.
+        radius: m.
+    """
+
+    link: NotNegative
+    from_: tuple[float, float, float] = Field(alias="from")
+    to: tuple[float, float, float]
+    radius: float = Field(ge=0)
+
+
 class MotionLimits(Strict):
     """Limits of a motion, one entry a joint; what is not given is taken from the robot or the reference of the case.
 
@@ -30,6 +51,12 @@ class MotionLimits(Strict):
         acceleration: largest acceleration, rad/s2 or m/s2.
         torque: largest torque, N.m or N; none by default.
         start: position at which the motion begins and ends, rad or m; anywhere by default.
+        inside: a box that the arm does not leave, lowest and highest x, y and z, m; in the frame of the base, of a URDF
+            file in that of its root link.
+        boxes: those that the arm keeps out of, such as a table.
+        capsules: what encloses the links; by default the collision geometry of a URDF file, and without it the lines
+            between the origins of the frames.
+        clearance: least distance that is kept, m.
     """
 
     position: tuple[tuple[Angle, Angle], ...] | None = None
@@ -37,6 +64,21 @@ class MotionLimits(Strict):
     acceleration: tuple[Positive, ...] | None = None
     torque: tuple[Positive, ...] | None = None
     start: tuple[Angle, ...] | None = None
+    inside: tuple[Wall, Wall, Wall] | None = None
+    boxes: tuple[tuple[Wall, Wall, Wall], ...] = ()
+    capsules: tuple[LinkCapsule, ...] | None = None
+    clearance: float = Field(default=0.0, ge=0)
+
+    @model_validator(mode="after")
+    def _rising(self) -> MotionLimits:
+        for box in (*self.boxes, *([self.inside] if self.inside is not None else [])):
+            if any(not low < high for low, high in box):
+                raise ValueError("boxes and inside: the first of each pair must be less than the second")
+        return self
+
+
+OF_JOINTS = ("position", "velocity", "acceleration", "torque", "start")
+"""Keys with an entry for each joint."""
 
 
 @dataclass(frozen=True)
@@ -65,7 +107,7 @@ def bounds_of(case: Case, reference: Trajectory, given: MotionLimits) -> FoundBo
         InputError: an entry does not have a value for each joint, or leaves no room.
     """
     n = case.parameters.joint_count
-    for name in MotionLimits.model_fields:
+    for name in OF_JOINTS:
         value = getattr(given, name)
         if value is not None and len(value) != n:
             raise InputError(

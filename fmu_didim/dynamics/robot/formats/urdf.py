@@ -193,7 +193,7 @@ def _name(element: ET.Element, path: Path, what: str) -> str:
     return name
 
 
-def _numbers(element: ET.Element | None, key: str, default: Sequence[float], where: str) -> list[float]:
+def numbers_of(element: ET.Element | None, key: str, default: Sequence[float], where: str) -> list[float]:
     """Numbers of an attribute, as many as the default has."""
     text = None if element is None else element.get(key)
     if text is None:
@@ -211,14 +211,14 @@ def _numbers(element: ET.Element | None, key: str, default: Sequence[float], whe
 
 
 def _number(element: ET.Element, key: str, where: str) -> float:
-    return _numbers(element, key, [0.0], where)[0]
+    return numbers_of(element, key, [0.0], where)[0]
 
 
-def _pose(element: ET.Element | None, where: str) -> Array:
+def pose_of(element: ET.Element | None, where: str) -> Array:
     """(4, 4) of an ``origin``: fixed axes roll, pitch, yaw, then the shift."""
     pose = np.eye(4)
-    pose[:3, 3] = _numbers(element, "xyz", [0.0] * 3, where)
-    roll, pitch, yaw = _numbers(element, "rpy", [0.0] * 3, where)
+    pose[:3, 3] = numbers_of(element, "xyz", [0.0] * 3, where)
+    roll, pitch, yaw = numbers_of(element, "rpy", [0.0] * 3, where)
     pose[:3, :3] = turn(2, yaw) @ turn(1, pitch) @ turn(0, roll)
     return pose
 
@@ -237,7 +237,7 @@ def _body(link: ET.Element, path: Path) -> Body:
         for i, j, key in ((0, 0, "ixx"), (0, 1, "ixy"), (0, 2, "ixz"), (1, 1, "iyy"), (1, 2, "iyz"), (2, 2, "izz")):
             tensor[i, j] = tensor[j, i] = _number(inertia, key, where)
     at_centre = Body(m, np.zeros(3), tensor)
-    return at_centre.seen_from(inverse(_pose(inertial.find("origin"), where)))
+    return at_centre.seen_from(inverse(pose_of(inertial.find("origin"), where)))
 
 
 def _joint(element: ET.Element, path: Path) -> UrdfJoint:
@@ -248,7 +248,7 @@ def _joint(element: ET.Element, path: Path) -> UrdfJoint:
         ends[end] = "" if found is None else found.get("link", "")
         if not ends[end]:
             raise InputError(f"The joint has no {end} link.", where=where, next_step=f"Name its {end}: link.")
-    type_, axis = element.get("type", ""), np.array(_numbers(element.find("axis"), "xyz", [1.0, 0.0, 0.0], where))
+    type_, axis = element.get("type", ""), np.array(numbers_of(element.find("axis"), "xyz", [1.0, 0.0, 0.0], where))
     length = float(np.linalg.norm(axis))
     if type_ in MOVING and not length > 0:
         raise InputError("The axis has no direction.", where=where, got="0 0 0", next_step="Give <axis xyz='0 0 1'/>.")
@@ -259,7 +259,7 @@ def _joint(element: ET.Element, path: Path) -> UrdfJoint:
         if dynamics is not None and dynamics.get(key) is not None
     }
     return UrdfJoint(
-        name, type_, ends["parent"], ends["child"], _pose(element.find("origin"), where),
+        name, type_, ends["parent"], ends["child"], pose_of(element.find("origin"), where),
         axis / (length or 1.0), _limits(element, where), friction,
         "" if mimic is None else mimic.get("joint", "another joint"),
     )  # fmt: skip
