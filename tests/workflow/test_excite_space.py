@@ -238,3 +238,11 @@ def test_clearances_of_links_behind_gears_that_give_way_are_told() -> None:
     assert (
         "no positions" in {d.code.name: d.text for d in _of_space(found.around, unseen)}["excitation-space-unverified"]
     )
+
+
+def test_a_clearance_that_hardly_any_posture_changes_is_kept_all_the_same() -> None:
+    """The elbow is the nearest to the post wherever the second link does not fold back."""
+    post = {"link": 0, "from": [0, 0, 0], "to": [0, 0, 0.3], "radius": 0.05}
+    found = excite(SCARA, limits={**LIMITS, "capsules": [post, *CAPSULES]}, **QUICK)
+    assert found.saved()["space"]["compared"] == ["link 2, link 0"]
+    assert found.saved()["space"]["left_out"] == ["link 1, link 0", "link 2, link 1"]

@@ -25,8 +25,6 @@ from fmu_didim.dynamics.robot.dynamics import link_geometry
 from fmu_didim.dynamics.space.distances import between_segments, to_box
 
 Point = tuple[float, float, float]
-STANDS = 1e-9
-"""[m] By which a clearance changes over all postures where no joint moves it."""
 
 
 @dataclass(frozen=True)
@@ -97,6 +95,12 @@ class Space:
         q, frames = self._frames()
         rows = [_clearance(check, frames) for check in self.checks]
         return ca.Function("clearances", [q], [ca.densify(ca.vertcat(ca.SX(0, 1), *rows))])
+
+    @property
+    def moved(self) -> Array:
+        """(C,) whether any joint moves what a check compares."""
+        rows = self.clearances.jac_sparsity(0, 0).row()
+        return np.asarray(np.isin(np.arange(len(self.checks)), rows))
 
     @cached_property
     def _places(self) -> ca.Function:

@@ -14,7 +14,7 @@ from fmu_didim.data.signals import Array, Trajectory
 from fmu_didim.discovery.excitation.limits import Bounds
 from fmu_didim.dynamics.robot.formats.collision import Collision, read_collision
 from fmu_didim.dynamics.robot.formats.urdf import SUFFIX
-from fmu_didim.dynamics.space.space import STANDS, Box, Capsule, Check, Point, Space, all_checks, skeleton
+from fmu_didim.dynamics.space.space import Box, Capsule, Check, Point, Space, all_checks, skeleton
 from fmu_didim.workflow.excitation.limits import MotionLimits
 
 POSTURES = 1000
@@ -130,7 +130,7 @@ def _telling(space: Space, bounds: Bounds) -> tuple[list[Check], tuple[tuple[str
     drawn = np.random.default_rng(0).uniform(limits.low, limits.high, size=(POSTURES, limits.low.size))
     found = space.at(drawn) - space.least
     always = np.asarray((found < 0).all(axis=0))
-    stands = np.asarray(np.ptp(found, axis=0) < STANDS)
+    stands = np.logical_not(space.moved)
     odd = list[str]()
     at_start = np.zeros(found.shape[1]) if start is None else space.at(start[None])[0] - space.least
     kept, left = list[int](), list[str]()

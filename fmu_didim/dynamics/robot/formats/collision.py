@@ -15,7 +15,7 @@ import numpy as np
 
 from fmu_didim.base.errors import InputError
 from fmu_didim.data.signals import Array
-from fmu_didim.dynamics.robot.formats.body import inverse
+from fmu_didim.dynamics.robot.body import inverse
 from fmu_didim.dynamics.robot.formats.stl import read_stl
 from fmu_didim.dynamics.robot.formats.urdf import SerialRobot, numbers_of, pose_of, serial_robot
 
