@@ -22,7 +22,8 @@ from tests.conftest import ROOT, needs_emps
 
 SCARA = Path("examples/scara")
 CAMPAIGNS = (
-    "arm2r_hidden", "controller_swap", "emps", "house", "scara_controllers", "scara_robustness", "tx40_estimators",
+    "arm2r_hidden", "controller_swap", "emps", "house", "scara_controllers", "scara_estimators", "scara_robustness",
+    "tx40_estimators",
 )  # fmt: skip
 """Run by tests/campaigns/test_ready.py."""
 

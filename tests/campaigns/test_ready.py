@@ -102,6 +102,17 @@ def test_emps(tmp_path: Path) -> None:
     assert mass.loc[4, "stated"] > mass.loc[1000, "stated"]
 
 
+@pytest.mark.gate
+def test_estimators_see_the_same_logs(tmp_path: Path) -> None:
+    results = part_of("scara_estimators", tmp_path / "run", vary_of("scara_estimators"), 2)
+    frame = results.to_frame()
+    assert set(frame["verdict"]) <= {"valid", "doubtful"} and frame["label.estimator"].nunique() == 6
+    table = results.by_parameter().pivot(index="parameter", columns="label.estimator", values="stated")
+    assert table.shape == (8, 6) and table.notna().to_numpy().all()
+    assert (table["IDIM-WLS"] < table["IDIM-LS"]).sum() >= 6  # joints weighted: smaller deviations
+    assert (results.groups()["largest_bias_in_sigma"] < 4).all()
+
+
 @pytest.mark.slow
 def test_estimators_of_six_joints(tmp_path: Path) -> None:
     results = part_of("tx40_estimators", tmp_path / "run", vary_of("tx40_estimators"), 1)

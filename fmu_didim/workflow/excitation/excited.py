@@ -244,7 +244,8 @@ class Excited:
             numbers("at t", [f"{one.time:.3f}" for one in shown]),
             words("", ["s"] * len(shown)),
         ]
-        text = f"Links are {around.shape}; {len(found)} pairs of links and boxes are compared"
+        pairs = "1 pair" if len(found) == 1 else f"{len(found)} pairs"
+        text = f"Links are {around.shape}; {pairs} of links and boxes compared"
         left = f", left out as always near: {'; '.join(around.left_out)}" if around.left_out else ""
         return [*table_lines(Table(columns), width=None), *wrapped(text + left, hanging="  "), ""]
 
