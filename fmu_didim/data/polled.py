@@ -20,23 +20,28 @@ from fmu_didim.data.signals import Array
 
 Flags = NDArray[np.bool_]
 
-WINDOW = 31
-"""[rows] Of the local parabola whose slope is the velocity: short against a motion at rates of a kilohertz, and long
-enough that ages of rows of up to a tick do not matter."""
+WINDOWS = ((31, 2), (15, 2), (9, 2), (31, 4), (15, 4), (7, 2))
+"""[rows], [1] Of the local polynomial whose slope is the velocity, and its order, one after the other, until ticks and
+stamps go together: long ones are exact, and a motion that is fast against the clock needs short ones."""
 PASSES = 3
 """[1] Of which the first takes velocities against the stamps, and the others against the ticks found so far."""
-SIDE, ORDER = 60, 6
-"""[rows], [1] On each side of a stretch in which nothing tells ticks, and coefficients of the polynomial over both."""
+SIDE, ORDER = 2, 6
+"""[windows], [1] On each side of a stretch in which nothing tells ticks, and coefficients of the polynomial over both:
+it reaches over as much."""
 CERTAIN = 6.0
 """[standard deviations] By which noise of the positions must be below half a tick, so that a step is told by them."""
 LARGEST_OFF = 0.1
 """[1] Of a tick, standard deviation about whole numbers, up to which steps are those of a clock."""
 NEAR = 50
-"""[rows] Of which the age is a median, where ticks were counted by stamps for a while; and in such a stretch, up to
-which a polynomial reaches over it."""
+"""[rows] Of which the age is a median, where ticks were counted by stamps for a while."""
 WANDER = 1.0
 """[ticks] By which medians of ages may wander: a reader of nearly the same pace beats with the clock, and its rows have
 ages from none to one tick; a tick that was lost adds one."""
+AGAIN, OFTENER = 0.01, 2.0
+"""[1] Share of rows that are the same as the one before, and times the share of those that are as two before, above
+which they were read again."""
+REGULAR = 0.98
+"""[1] Share of such rows that are equally far from the next, from which the log holds each sample for some rows."""
 LATEST = 0.01
 """[1] Quantile of the ages of rows that is no age: the newest rows are read when they come up."""
 
@@ -61,6 +66,18 @@ class Ticks:
     fault: str = ""
 
 
+def read_again(values: Array) -> int:
+    """Number of rows (N, m) that are the same as the one before, where a reader takes samples twice: 0 where rows are
+    as often the same as those two before, of a machine at rest or of coarse numbers, and of a held log."""
+    if values.shape[0] < FEWEST:
+        return 0
+    same, later = ((values[lag:] == values[:-lag]).all(axis=1) for lag in (1, 2))
+    if same.mean() <= max(AGAIN, OFTENER * later.mean()):
+        return 0
+    apart = np.diff(np.flatnonzero(same))
+    return 0 if (apart == np.median(apart)).mean() > REGULAR else int(same.sum())
+
+
 def ticks_of(stamps: Array, rate_hz: float, positions: Array) -> Ticks:
     """The ticks behind rows that were read at a pace of their own.
 
@@ -71,26 +88,35 @@ def ticks_of(stamps: Array, rate_hz: float, positions: Array) -> Ticks:
     if stamps.size < FEWEST:
         fault = f"{stamps.size} rows are too few to tell a clock ({FEWEST} are needed)"
         return Ticks(stamps, nothing, 0.0, 0.0, 0, 0.0, fault)
-    steps, told, off = _steps(stamps, rate_hz, positions)
-    count = _counted(stamps * rate_hz, steps, told, positions)
-    age = stamps * rate_hz - count
+    tried = [_ticks(stamps, rate_hz, positions, *WINDOWS[0])]
+    for window, order in WINDOWS[1:]:
+        if not tried[-1].fault:
+            break
+        tried.append(_ticks(stamps, rate_hz, positions, window, order))
+    return tried[0] if tried[-1].fault else tried[-1]
+
+
+def _ticks(stamps: Array, rate: float, positions: Array, window: int, order: int) -> Ticks:
+    """The ticks by velocities of a local polynomial over a window of rows."""
+    steps, told, off = _steps(stamps, rate, positions, window, order)
+    count = _counted(stamps * rate, steps, told, positions, window)
+    age = stamps * rate - count
     start = float(np.quantile(age, LATEST))
     fresh = np.concatenate([[True], np.diff(count) > 0])
     skipped = int(count[-1] - count[0]) + 1 - int(fresh.sum())
-    instants = (count + start) / rate_hz
-    latest = float((age - start).max()) / rate_hz
-    fault = _fault(told, off, rate_hz) or _lost(stamps, count, age)
-    return Ticks(instants, fresh, float(told.mean()), off, skipped, latest, fault)
+    latest = float((age - start).max()) / rate
+    fault = _fault(told, off, rate) or _lost(stamps, count, age)
+    return Ticks((count + start) / rate, fresh, float(told.mean()), off, skipped, latest, fault)
 
 
-def _steps(stamps: Array, rate: float, positions: Array) -> tuple[Array, Flags, float]:
+def _steps(stamps: Array, rate: float, positions: Array, window: int, order: int) -> tuple[Array, Flags, float]:
     """(N - 1,) Whole ticks from row to row, which of them the motion tells, and how far these are off whole ones."""
     change = np.diff(positions, axis=0)
     weight = 1 / np.maximum(change.std(axis=0), np.finfo(float).tiny)
     along = stamps * rate
     off, steps, told = 0.0, np.zeros(change.shape[0]), np.zeros(change.shape[0], dtype=bool)
     for _ in range(PASSES):
-        velocity = _slope(along, positions)
+        velocity = _slope(along, positions, window, order)
         velocity = (velocity[1:] + velocity[:-1]) / 2
         information = ((velocity * weight) ** 2).sum(axis=1)
         moves = information > 0
@@ -103,26 +129,26 @@ def _steps(stamps: Array, rate: float, positions: Array) -> tuple[Array, Flags, 
         weight = 1 / np.maximum(noise, np.finfo(float).eps * np.abs(positions).max(axis=0) + np.finfo(float).tiny)
         told = ((velocity * weight) ** 2).sum(axis=1) > (2 * CERTAIN) ** 2
         off = float(np.sqrt(np.mean((found - steps)[told] ** 2))) if told.any() else 0.0
-        along = _counted(stamps * rate, steps, told, positions)
+        along = _counted(stamps * rate, steps, told, positions, window)
     return steps, told, off
 
 
-def _slope(along: Array, positions: Array) -> Array:
-    """(N, n) d positions / d along in the middle of local parabolas against the rows."""
+def _slope(along: Array, positions: Array, window: int, order: int) -> Array:
+    """(N, n) d positions / d along in the middle of local polynomials against the rows."""
     from scipy.signal import savgol_filter  # few cases need it
 
-    rate = savgol_filter(along, WINDOW, 2, deriv=1)
-    return np.asarray(savgol_filter(positions, WINDOW, 2, deriv=1, axis=0) / rate[:, None])
+    rate = savgol_filter(along, window, order, deriv=1)
+    return np.asarray(savgol_filter(positions, window, order, deriv=1, axis=0) / rate[:, None])
 
 
-def _counted(along: Array, steps: Array, told: Flags, positions: Array) -> Array:
+def _counted(along: Array, steps: Array, told: Flags, positions: Array, window: int) -> Array:
     """(N,) ticks of the rows, rising: where steps are told by them, else by the stamps ``along`` in ticks.
 
     Behind a stretch in which nothing tells them, the age of rows is as before it, to a tick; which one, the motion on
     both sides says where the stretch is short.
     """
     count = np.full(along.size, np.nan)
-    runs = [run for run in _runs(told) if run[1] - run[0] >= WINDOW]
+    runs = [run for run in _runs(told) if run[1] - run[0] >= window]
     if not runs:
         return np.asarray(np.rint(along - along[0]))
     age = 0.0
@@ -132,8 +158,8 @@ def _counted(along: Array, steps: Array, told: Flags, positions: Array) -> Array
         if place:
             own += np.rint(np.median(ages[:NEAR]) - age)
             before = runs[place - 1][1]
-            if first - before < NEAR:
-                own += _one_more(count, own, positions, before, first)
+            if first - before < SIDE * window:
+                own += _one_more(count, own, positions, before, first, SIDE * window)
         else:
             own += np.rint(ages[0])
         count[first : last + 1] = own
@@ -144,11 +170,11 @@ def _counted(along: Array, steps: Array, told: Flags, positions: Array) -> Array
     return np.asarray(np.maximum.accumulate(count))
 
 
-def _one_more(count: Array, own: Array, positions: Array, before: int, first: int) -> float:
+def _one_more(count: Array, own: Array, positions: Array, before: int, first: int, side: int) -> float:
     """-1, 0 or 1 tick by which the ticks ``own`` of the rows from ``first`` on go best with those ``count`` up to
     ``before``: with which one polynomial is nearest to the positions on both sides."""
-    left = slice(max(before + 1 - SIDE, 0), before + 1)
-    right = slice(first, first + min(SIDE, own.size))
+    left = slice(max(before + 1 - side, 0), before + 1)
+    right = slice(first, first + min(side, own.size))
     ticks, q = count[left], np.concatenate([positions[left], positions[right]])
     ticks, q = np.concatenate([ticks, own[: right.stop - right.start]]), q - q.mean(axis=0)
     known = ~np.isnan(ticks)

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from fmu_didim.data.polled import Ticks, ticks_of
+from fmu_didim.data.polled import Ticks, read_again, ticks_of
 from fmu_didim.data.signals import Array
 
 RATE, TICKS = 1000.0, 6000
@@ -135,3 +135,27 @@ def test_what_is_no_polled_log_is_refused(kind: str) -> None:
         found = ticks_of(stamps, RATE, q)
         assert found.fault
         assert says in found.fault, found.fault
+
+
+def reader(pace: str) -> Array:
+    return read(PACES[pace], np.random.default_rng(1))[2]
+
+
+NOISY = np.random.default_rng(2).normal(size=(3000, 2))
+ROWS: dict[str, tuple[Array, bool]] = {
+    "read at another pace": (reader("a tenth faster"), True),
+    "nearly as fast": (reader("as fast, scattered"), True),
+    "slower": (reader("half as fast"), False),
+    "each once": (NOISY, False),
+    "held for two rows": (np.repeat(NOISY, 2, axis=0), False),
+    "held for five rows": (np.repeat(NOISY, 5, axis=0), False),
+    "at rest in a part of the time": (np.where(np.arange(3000)[:, None] < 1000, 0.0, NOISY), False),
+    "coarse": (np.round(0.4 * NOISY), False),
+    "a few": (reader("a tenth faster")[:50], False),
+}
+
+
+@pytest.mark.parametrize("kind", ROWS)
+def test_rows_that_were_read_again_are_counted(kind: str) -> None:
+    values, told = ROWS[kind]
+    assert (read_again(values) > 0) == told

@@ -142,7 +142,8 @@ STAMPS_JITTER = CATALOGUE(
     meaning="The stamps of the log scatter about equal steps: if they are those of arrival, not of measurement, the "
     "torque is compared at wrong instants.",
     next_step="Find out what the stamps mean; if the samples were taken at equal steps, say so where the file is "
-    "named: time: {name: ..., jittered: true}, of torque and positions alike.",
+    "named: time: {name: ..., jittered: true}, of torque and positions alike; if a program read the newest sample "
+    "of the machine at its own pace: time: {name: ..., rate_hz: ..., polled: [columns of positions]}.",
 )  # fmt: skip
 STAMPS_ON_TICKS = CATALOGUE(
     "stamps-on-ticks", REMARK, rank=91,

@@ -10,7 +10,7 @@ import numpy as np
 from fmu_didim.base.diagnostics import Diagnostic
 from fmu_didim.base.errors import InputError
 from fmu_didim.data.even_clock import even_clock
-from fmu_didim.data.polled import ticks_of
+from fmu_didim.data.polled import read_again, ticks_of
 from fmu_didim.data.signals import Array
 from fmu_didim.data.tables.codes import (
     COUNTED_TIME,
@@ -116,7 +116,8 @@ def instants(table: SignalTable, time: TimeColumn, clock: str | None, count: int
     if time.polled:
         return _of_polled(table, stamps, time)
     if time.jittered:
-        return _of_even_clock(stamps, time.rate_hz, table.source)
+        others = [c for name, c in table.columns.items() if name != clock and c.size == stamps.size]
+        return _of_even_clock(stamps, time.rate_hz, table.source, read_again(np.column_stack(others)))
     return (stamps, []) if time.rate_hz is None else _on_grid(stamps, time.rate_hz, table.source)
 
 
@@ -149,13 +150,16 @@ def _counted(table: SignalTable, time: TimeColumn) -> list[Diagnostic]:
     return [Diagnostic(COUNTED_TIME, f"{text} Its column {beside} was not used.", table.source)]
 
 
-def _of_even_clock(stamps: Array, rate: float | None, source: str) -> tuple[Array, list[Diagnostic]]:
-    """The instants of the even clock behind jittered stamps."""
+def _of_even_clock(stamps: Array, rate: float | None, source: str, again: int) -> tuple[Array, list[Diagnostic]]:
+    """The instants of the even clock behind jittered stamps, of rows of which so many were read again."""
     clock = even_clock(stamps, rate)
-    if clock.fault:
+    fault = clock.fault or (f"{again} rows are the same as the ones before them in all columns" if again else "")
+    if fault:
         raise InputError(
-            "The stamps are not jittered readings of an even clock.", where=source, got=clock.fault,
-            next_step="Leave out time: {jittered: true}, so that the stamps count; or give a log without missing rows.",
+            "The stamps are not jittered readings of an even clock.", where=source, got=fault,
+            next_step="Leave out time: {jittered: true}, so that the stamps count, or give a log without missing rows; "
+            "where a program read the newest sample at its own pace: time: {name: ..., rate_hz: that of the machine, "
+            "polled: [columns of positions]}.",
         )  # fmt: skip
     text = (
         f"Its stamps scatter by {1000 * clock.scatter:.3g} ms ({1000 * clock.largest:.3g} ms at most) about the "
