@@ -92,6 +92,7 @@ def test_a_matrix_that_is_wrong_everywhere_is_told(tmp_path: Path, wrong: str) -
     assert verdict != "valid"
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize("wrong", WRONG)
 def test_a_matrix_that_is_wrong_for_the_torque_alone_is_not_called_valid(tmp_path: Path, wrong: str) -> None:
     """Of a log that shows it: at 10 Hz the coupling of a SCARA moves values by 1.2 standard deviations, no more."""

@@ -67,6 +67,7 @@ def test_the_motion_keeps_out_of_a_box_that_the_best_one_goes_through(options: d
     assert "link 2, box 1" in found.summary() and "Links are not compared with each other" in found.summary()
 
 
+@pytest.mark.gate
 def test_the_arm_stays_inside() -> None:
     inside = [[-0.2, 0.95], [-0.45, 0.3], [-1.0, 1.0]]
     found = excite(SCARA, limits=wide(capsules=CAPSULES, inside=inside), **QUICK)
@@ -205,6 +206,7 @@ def test_the_command_reads_boxes_and_says_what_is_nearest(tmp_path: Path, capsys
     assert "nearest" in capsys.readouterr().out
 
 
+@pytest.mark.gate
 def test_each_random_start_keeps_its_space() -> None:
     drawn = []
     own = Problem.solved
