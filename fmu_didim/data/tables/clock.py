@@ -117,7 +117,8 @@ def instants(table: SignalTable, time: TimeColumn, clock: str | None, count: int
         return _of_polled(table, stamps, time)
     if time.jittered:
         others = [c for name, c in table.columns.items() if name != clock and c.size == stamps.size]
-        return _of_even_clock(stamps, time.rate_hz, table.source, read_again(np.column_stack(others)))
+        again = read_again(np.column_stack(others)) if others else 0  # a file of stamps alone shows nothing of it
+        return _of_even_clock(stamps, time.rate_hz, table.source, again)
     return (stamps, []) if time.rate_hz is None else _on_grid(stamps, time.rate_hz, table.source)
 
 

@@ -12,7 +12,7 @@ from numpy.testing import assert_allclose
 from pydantic import ValidationError
 
 from fmu_didim.base.errors import InputError
-from fmu_didim.data.tables import Column, Selected, SignalTable, TimeColumn, selected
+from fmu_didim.data.tables import Column, Selected, SignalTable, TimeColumn, instants, selected
 
 ARM, AXIS = ("N.m", "N.m"), ("N",)
 ROWS = np.array([1.0, 2.0, -4.0])
@@ -172,6 +172,14 @@ def test_instants(given: SignalTable, time: dict[str, Any], expected: Any, told:
     if by_stamps:
         assert np.ptp(np.diff(found.signals.time)) < 1e-9
     assert codes(found) == told
+
+
+def test_a_file_of_jittered_stamps_alone_is_put_right() -> None:
+    """As one that has the instants of the controller: no other column shows whether rows were read again."""
+    time = TimeColumn(name="t", jittered=True)
+    found, told = instants(SignalTable({"t": ROUNDED}, source="log.csv"), time, "t", ROUNDED.size)
+    assert_allclose(found, np.arange(100) * 0.0052, atol=6e-4)
+    assert [one.code.name for one in told] == ["stamps-rebuilt"]
 
 
 @pytest.mark.parametrize(
