@@ -88,12 +88,12 @@ def ticks_of(stamps: Array, rate_hz: float, positions: Array) -> Ticks:
     if stamps.size < FEWEST:
         fault = f"{stamps.size} rows are too few to tell a clock ({FEWEST} are needed)"
         return Ticks(stamps, nothing, 0.0, 0.0, 0, 0.0, fault)
-    tried = [_ticks(stamps, rate_hz, positions, *WINDOWS[0])]
+    first = found = _ticks(stamps, rate_hz, positions, *WINDOWS[0])
     for window, order in WINDOWS[1:]:
-        if not tried[-1].fault:
-            break
-        tried.append(_ticks(stamps, rate_hz, positions, window, order))
-    return tried[0] if tried[-1].fault else tried[-1]
+        if not found.fault:
+            return found
+        found = _ticks(stamps, rate_hz, positions, window, order)
+    return first if found.fault else found
 
 
 def _ticks(stamps: Array, rate: float, positions: Array, window: int, order: int) -> Ticks:

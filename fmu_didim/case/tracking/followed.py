@@ -118,9 +118,8 @@ class Tracking:
         in which positions at even instants are known."""
         if borders:
             return _inside(source, self.runs[label], self.border_hz)
-        first, last = (float(self.runs[label].time[k]) for k in (0, -1))
-        first = first if source.from_s is None else max(first, source.from_s)
-        return source.model_copy(update={"from_s": first, "to_s": last if source.to_s is None else source.to_s})
+        first, last = _part(source, *(float(self.runs[label].time[k]) for k in (0, -1)))
+        return source.model_copy(update={"from_s": first, "to_s": last})
 
     def loop(self, plant: Component, reference: Trajectory) -> System:
         """The loop of the plant and the virtual controller."""
@@ -183,10 +182,16 @@ def _borders(run: Positions, bandwidth_hz: float) -> tuple[float, float]:
     return float(run.time[0]) + border, float(run.time[-1]) - border
 
 
+def _part(source: ExperimentSource, first: float, last: float) -> tuple[float, float]:
+    """What an entry takes of the time from ``first`` to ``last``, s."""
+    return (
+        first if source.from_s is None else max(first, source.from_s),
+        last if source.to_s is None else min(last, source.to_s),
+    )
+
+
 def _inside(source: ExperimentSource, run: Positions, bandwidth_hz: float) -> ExperimentSource:
-    first, last = _borders(run, bandwidth_hz)
-    first = first if source.from_s is None else max(first, source.from_s)
-    last = last if source.to_s is None else min(last, source.to_s)
+    first, last = _part(source, *_borders(run, bandwidth_hz))
     if first >= last:
         raise InputError(
             "The run is too short for positions to be followed.", where=run.label,

@@ -245,7 +245,7 @@ def _of_stamps(experiment: Experiment, label: str, control_rate_hz: float) -> It
         if scatter > JITTER:
             text = f"The stamps scatter by {1000 * scatter * slope:.3g} ms about steps of {1000 * slope:.4g} ms"
             if (share := on_ticks(stamps, 1 / control_rate_hz)) >= ON_TICKS:
-                text += f", and {100 * share:.3g} % of them are whole control periods apart, as ticks of it are."
+                text += f", and {100 * share:.3g} % of them are whole control periods apart, as its ticks are."
                 yield Diagnostic(STAMPS_ON_TICKS, text, label, share, ON_TICKS, "1")
             else:
                 yield _of_jitter(even_clock(stamps), text, label, scatter)
@@ -270,10 +270,10 @@ def _of_jitter(clock: EvenClock, text: str, label: str, scatter: float) -> Diagn
     if clock.fault:
         text += f", and are not those of an even clock with all its rows: {clock.fault}."
         step = (
-            "Find out what the stamps mean. Where a program read a machine's newest sample at its own pace, some twice "
+            "Find out what the stamps mean. Where a program read a machine's newest sample at its own pace, some "
+            "twice and others never, positions in the same rows show the ticks: time: {name: ..., rate_hz: that of "
+            "the machine, polled: [columns of positions]}; else log the machine's own clock, too."
         )
-        step += "and others never, positions in the same rows show the ticks: time: {name: ..., rate_hz: that of the "
-        step += "machine, polled: [columns of positions]}; else log the machine's own clock, too."
         return Diagnostic(STAMPS_JITTER, text, label, scatter, JITTER, "1", step)
     text += (
         f", as readings of an even clock of {1 / clock.period:.6g} Hz do that a program stamps late: no row is missing."

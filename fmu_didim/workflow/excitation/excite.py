@@ -342,7 +342,8 @@ def _within(
     for remaining in reversed(range(ROUNDS + SHRINKS)):
         motion = problem.basis.excitation(solution.coefficients)
         prediction = predict(plan, motion.trajectory(1 / plan.case.step_size), asked, kind)
-        peaks, excess = Peaks.of(prediction.loop, n), Peaks.of(prediction.loop, n).excess(bounds)
+        peaks = Peaks.of(prediction.loop, n)
+        excess = peaks.excess(bounds)
         short = np.zeros(0) if problem.space is None else shortfall(problem.space, prediction.loop)
         near = 0.0 if short is None else float(short.max(initial=0.0))
         if (excess <= BEYOND and near <= 0) or not remaining:

@@ -83,15 +83,19 @@ def row_of(arm: str, case: Path, held: str, squares: Callable[[Result], Path]) -
     robot.unlink(missing_ok=True)
     written = export_robot(case, robot, result=result)
     shown = result.validation(held)
-    gains = {name: value.value for name, value in result.parameters.items() if name.startswith("gain")}
     limited, alone = cost_of_links(squares(result))
     print(f"{arm}: {shown.total_percent:.2f} % held out, {seconds:.0f} s", file=sys.stderr, flush=True)
     return Row(
         arm, result.document.estimator, result.verdict, [reason.code for reason in result.reasons],
         float(shown.total_percent), [float(x) for x in shown.per_joint_percent],
         float(np.sqrt(np.mean((shown.measured - shown.simulated) ** 2))), written.away,
-        links_that_cannot_exist(RobotModel(written.robot)), seconds, limited, alone, gains,
+        links_that_cannot_exist(RobotModel(written.robot)), seconds, limited, alone, gains_of(result),
     )  # fmt: skip
+
+
+def gains_of(result: Result) -> dict[str, float]:
+    """Name -> gain of each drive."""
+    return {name: value.value for name, value in result.parameters.items() if name.startswith("gain")}
 
 
 def cost_of_links(case: Path) -> tuple[float, float]:
@@ -191,8 +195,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     out = folder / "identified"
 
     def ur10e_squares(result: Result) -> Path:
-        gains = {name: value.value for name, value in result.parameters.items() if name.startswith("gain")}
-        return cases.ur10e(folder, out / "ur10e_squares", gains)
+        return cases.ur10e(folder, out / "ur10e_squares", gains_of(result))
 
     rows = [row_of("UR10e", cases.ur10e(folder, out / "ur10e"), "held", ur10e_squares)]
     for name, part in PARTS.items():

@@ -25,6 +25,7 @@ from fmu_didim.dynamics.robot.formats.urdf import CUT, UrdfJoint, described, ser
 SUFFIX = ".xml"
 TYPES = {0: "floating", 1: "ball", 2: "prismatic", 3: "revolute"}
 """mjtJoint -> type of a joint; of the first two no serial robot has one."""
+WORLD = "world"
 COUPLINGS = {0: "connects two bodies", 1: "welds two bodies", 2: "couples joints", 3: "couples tendons"}
 """mjtEq -> what a constraint does, in words."""
 
@@ -42,7 +43,7 @@ def read_mjcf(path: Path | str, *, tip: str = "") -> RobotDescription:
     """
     path = Path(path)
     model = _compiled(path)
-    bodies, joints = {"world": Body()}, list[UrdfJoint]()
+    bodies, joints = {WORLD: Body()}, list[UrdfJoint]()
     for body in range(1, model.nbody):
         _add(model, body, bodies, joints)
     serial = serial_of(bodies, joints, tip, path, ET.Element("mujoco"))
@@ -74,15 +75,21 @@ def _name(model: Any) -> str:
     return bytes(model.names).split(b"\0", 1)[0].decode("utf-8", "replace")
 
 
+def _body_name(model: Any, body: int) -> str:
+    return (model.body(body).name or f"body{body}") if body else WORLD
+
+
+def _joint_name(model: Any, joint: int) -> str:
+    return model.joint(joint).name or f"joint{joint}"
+
+
 def _add(model: Any, body: int, bodies: dict[str, Body], joints: list[UrdfJoint]) -> None:
     """The links and joints of one body."""
-    name = model.body(body).name or f"body{body}"
-    parent = model.body(int(model.body_parentid[body])).name or f"body{int(model.body_parentid[body])}"
-    before = "world" if model.body_parentid[body] == 0 else parent
+    name, before = (_body_name(model, i) for i in (body, int(model.body_parentid[body])))
     pose = _pose(model.body_pos[body], model.body_quat[body])
     for joint in range(model.body_jntadr[body], model.body_jntadr[body] + model.body_jntnum[body]):
         anchor = _pose(model.jnt_pos[joint], np.array([1.0, 0, 0, 0]))
-        link = f"{name}: {model.joint(joint).name or f'joint{joint}'}"
+        link = f"{name}: {_joint_name(model, joint)}"
         joints.append(_joint(model, joint, before, link, pose @ anchor))
         bodies[link], before, pose = Body(), link, inverse(anchor)
     joints.append(UrdfJoint(f"fixed {name}", "fixed", before, name, pose, np.array([0.0, 0, 1]), None, {}))
@@ -96,7 +103,7 @@ def _joint(model: Any, joint: int, before: str, link: str, pose: Array) -> UrdfJ
     values = {name: float(np.ravel(table[at])[0]) for name, table in held.items()}
     limits = (float(model.jnt_range[joint][0]), float(model.jnt_range[joint][1]))
     return UrdfJoint(
-        model.joint(joint).name or f"joint{joint}", TYPES[int(model.jnt_type[joint])], before, link, pose,
+        _joint_name(model, joint), TYPES[int(model.jnt_type[joint])], before, link, pose,
         np.array(model.jnt_axis[joint]), limits if model.jnt_limited[joint] and limits[0] < limits[1] else None,
         {name: value for name, value in values.items() if value},
     )  # fmt: skip
@@ -105,7 +112,7 @@ def _joint(model: Any, joint: int, before: str, link: str, pose: Array) -> UrdfJ
 def _check(model: Any, names: list[str], path: Path) -> None:
     """Raise InputError for what joints of the chain have and no description that is read holds."""
     for joint, what in _unheld(model):
-        name = model.joint(joint).name or f"joint{joint}"
+        name = _joint_name(model, joint)
         if name in names:
             raise InputError(
                 f"A joint {what}, which is not read from MJCF.", where=f"{path}: joint {name}",
