@@ -181,6 +181,8 @@ def _add_case_verbs(commands: _Commands) -> None:
     one.add_argument("--out", type=Path, metavar="DIR", help="folder for result.json and report.html (results/<case>)")
     help_ = "intervals of all parameters by the profile of the misfit, too (profile: in the case)"
     one.add_argument("--profile", action="store_true", default=None, help=help_)
+    help_ = "which parameters the data do not need, and the model without them (robot_essential.yaml), too"
+    one.add_argument("--essential", action="store_true", help=help_)
     one.add_argument("--figures", action="store_true", help=FIGURES)
     _add_output(one, "the result")
     checked = _case_verb(commands, "check", _check, "check a case before any long work", optional=True)
@@ -260,7 +262,7 @@ EXAMPLES: Mapping[str, Sequence[str]] = {
     "identify": (
         "fmu-didim identify examples/scara/identify.yaml",
         "fmu-didim identify case.yaml --out results/first --quiet",
-        "fmu-didim identify case.yaml --profile",
+        "fmu-didim identify case.yaml --profile --essential",
         "fmu-didim identify case.yaml --json | jq .parameters",
     ),
     "check": (
@@ -358,7 +360,12 @@ def _identify(options: argparse.Namespace) -> int:
         display.say(f"Reading {options.case} and building its FMUs (the first time takes some seconds) ...")
         from fmu_didim.case import load_case  # what takes a second to import comes after the first line
         from fmu_didim.workflow.identify import identify
-        from fmu_didim.workflow.output.result import OWN_ROBOT_FILE, ROBOT_FILE, result_folder
+        from fmu_didim.workflow.output.result import (
+            ESSENTIAL_ROBOT_FILE,
+            OWN_ROBOT_FILE,
+            ROBOT_FILE,
+            result_folder,
+        )
         from fmu_didim.workflow.output.values import SSV_FILE, VALUES_FILE
 
         result_folder(out).check()
@@ -369,6 +376,7 @@ def _identify(options: argparse.Namespace) -> int:
             out=out,
             figures=options.figures,
             profile=options.profile,
+            essential=options.essential,
             progress=display.iteration,
             show=_summary_on(display, options),
         )
@@ -380,6 +388,8 @@ def _identify(options: argparse.Namespace) -> int:
         print(f"\nThe robot with these values: {robot}   (its FMU: fmu-didim export {quoted(robot)})")
         for label in outcome.robots:
             print(f"  with those of {label}: {out / OWN_ROBOT_FILE.format(label=label)}")
+        if outcome.essential_robot is not None:
+            print(f"  without what is not needed: {out / ESSENTIAL_ROBOT_FILE}")
         if outcome.outside_robot:
             print(f"  not in it, because not of the robot: {', '.join(outcome.outside_robot)}")
     if outcome.document.outputs and outcome.parameters:

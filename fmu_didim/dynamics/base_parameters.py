@@ -7,8 +7,8 @@ chi_b := chi_b + K chi_d.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,6 +37,7 @@ class BaseParameters:
         known: (ns,) values of all other parameters; zero at ``index`` and ``dependent``.
         standard_names: (ns,) names of chi.
         held: names of those that act on the torque, are not identified, and are not stated as known either.
+        left_out: (l,) positions of base parameters that a reduced model does without: they are zero.
     """
 
     names: tuple[str, ...]
@@ -48,11 +49,25 @@ class BaseParameters:
     known: Array
     standard_names: tuple[str, ...]
     held: tuple[str, ...] = ()
+    left_out: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
 
     @property
     def count(self) -> int:
         """Number of base parameters b."""
         return len(self.names)
+
+    def without(self, names: Collection[str]) -> BaseParameters:
+        """The base parameters of a reduced model: those of these names are zero."""
+        kept = np.array([name not in names for name in self.names], dtype=bool)
+
+        def of_kept(all_of_them: tuple[str, ...]) -> tuple[str, ...]:
+            return tuple(one for one, is_kept in zip(all_of_them, kept, strict=True) if is_kept)
+
+        return replace(
+            self, names=of_kept(self.names), standard=of_kept(self.standard), units=of_kept(self.units),
+            index=self.index[kept], regrouping=self.regrouping[kept],
+            left_out=np.concatenate([self.left_out, self.index[~kept]]),
+        )  # fmt: skip
 
     def expand(self, base: Array) -> Array:
         """Standard parameters (ns,) with the base parameters in their places: the plant to simulate."""

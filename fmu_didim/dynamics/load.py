@@ -17,8 +17,8 @@ Source: Khalil, Gautier, Lemoine, "Identification of the payload inertial parame
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -67,6 +67,15 @@ class Load:
             f"{PREFIX}{stem}{'R' if np.count_nonzero(row) > 1 else ''}"
             for stem, row in zip(self.stems, self.regrouping, strict=True)
         )
+
+    def moves(self, place: int) -> bool:
+        """Whether a load of this kind moves the base parameter of this place."""
+        return bool(self.directions[place].any() or self.shift[place])
+
+    def on(self, places: Sequence[int]) -> Load:
+        """The load of a robot that has the base parameters of these places alone."""
+        chosen = list(places)
+        return replace(self, directions=self.directions[chosen], shift=self.shift[chosen])
 
     @property
     def alone(self) -> tuple[str, ...]:

@@ -12,6 +12,7 @@ import numpy as np
 from fmu_didim.base.errors import FmuDidimError, IdentificationError
 from fmu_didim.data.signals import Array
 from fmu_didim.fit.exploration.choices import Choices
+from fmu_didim.fit.exploration.essential import Essential
 from fmu_didim.fit.exploration.minima import SearchOutcome
 from fmu_didim.fit.exploration.profile import Profile
 from fmu_didim.fit.fit import Fit
@@ -119,6 +120,7 @@ class Estimate:
         choices: what other choices of a virtual controller do to the values, which the covariance contains; None where
             the controller is that of the machine.
         profiles: of the parameters for which they were asked.
+        essential: the reduced model, where it was asked for.
         search: what a search for other minima has found; None where there was one start.
         remarks: what the user should know; advice: what to do, if more is known than the status.
         provenance: versions, options, hashes, loop.
@@ -152,6 +154,7 @@ class Estimate:
     minimum: Fit | None = None
     choices: Choices | None = None
     profiles: tuple[Profile, ...] = ()
+    essential: Essential | None = None
     search: SearchOutcome | None = None
     remarks: tuple[str, ...] = ()
     advice: str = ""

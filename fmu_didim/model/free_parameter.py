@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -122,6 +122,16 @@ class FreeParameters(tuple[FreeParameter, ...]):
     def with_values(self, values: Array) -> FreeParameters:
         """The same, starting from other values (p,)."""
         return FreeParameters(replace(k, value=float(v)) for k, v in zip(self, values, strict=True))
+
+    def without(self, names: Collection[str]) -> FreeParameters:
+        """Those of a reduced model, in which the shared base parameters of these names are zero; they have no values of
+        their own in any experiment, and no load moves them."""
+        kept = [place for place, k in enumerate(self.shared_base) if k.name not in names]
+        return FreeParameters(
+            replace(k, along=tuple(k.along[place] for place in kept)) if k.is_load else k
+            for k in self
+            if k.owner != BASE or k.name not in names
+        )
 
     def limited(self, values: Array) -> Array:
         """Values (p,) moved into their limits."""

@@ -12,7 +12,7 @@ drives and sensors, the delay, the clock of the log, and amplitudes and shapes o
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -45,7 +45,7 @@ from fmu_didim.model.external_torque import EXTERNAL_TORQUE, ExternalTorque, hel
 from fmu_didim.model.free_parameter import LOG, FreeParameter, FreeParameters
 from fmu_didim.model.integration import Integration, divided, integration
 from fmu_didim.model.loop import Loop
-from fmu_didim.model.parameters import Parameters
+from fmu_didim.model.parameters import Parameters, RobotParameters
 from fmu_didim.model.signals.channel import Channel
 from fmu_didim.model.signals.path import INPUT, OUTPUT, STRAIGHT, changed_inputs, changed_outputs
 from fmu_didim.model.workers import default_workers, may_run_side_by_side
@@ -181,6 +181,16 @@ class LoopModel:
     def with_free(self, free_parameters: Iterable[FreeParameter]) -> LoopModel:
         """The same model with these free parameters."""
         return replace(self, free_parameters=FreeParameters(free_parameters))
+
+    def without(self, names: Collection[str]) -> LoopModel:
+        """The reduced model of a robot, in which the base parameters of these names are zero."""
+        assert isinstance(self.parameters, RobotParameters)
+        kept = [i for i, name in enumerate(self.parameters.names) if name not in names]
+        reduced = replace(
+            self, free_parameters=self.free_parameters.without(names),
+            loads={label: load.on(kept) for label, load in self.loads.items()},
+        )  # fmt: skip
+        return reduced.with_loop(parameters=self.parameters.without(names))
 
     def with_loop(self, **changes: Any) -> LoopModel:
         """The same model with other attributes of its :class:`Loop`."""

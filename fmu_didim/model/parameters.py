@@ -7,15 +7,15 @@ DIDIM needs a regressor, which the robot's model gives; estimators that differen
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from fmu_didim.base.errors import InputError
 from fmu_didim.data.signals import Array
 from fmu_didim.dynamics.base_parameters import BaseParameters
-from fmu_didim.dynamics.physical_set import FRICTION
+from fmu_didim.dynamics.physical_set import FRICTION, MOTOR_INERTIA
 from fmu_didim.dynamics.robot import RobotDescription, RobotModel
 from fmu_didim.dynamics.robot.observed_states import observed_along
 from fmu_didim.dynamics.robot.vectorised import TOGETHER
@@ -250,9 +250,20 @@ class RobotParameters(Parameters):
 
     def described(self, theta: Array) -> RobotDescription:
         chi = self.base.expand(theta)
-        # Regrouped parameters become zero, all else keeps its value.
-        touched = [*self.base.index, *self.base.dependent]
-        return self.model.description.with_values({self.base.standard_names[i]: float(chi[i]) for i in touched})
+        # Regrouped parameters and those that are left out become zero, all else keeps its value.
+        touched = [*self.base.index, *self.base.dependent, *self.base.left_out]
+        robot = self.model.description.with_values({self.base.standard_names[i]: float(chi[i]) for i in touched})
+        if not self.base.left_out.size:
+            return robot
+        return robot.model_copy(update={"identified": dict(zip(self.base.names, self.base.standard, strict=True))})
+
+    def is_rotor(self, place: int) -> bool:
+        """Whether the inertia of a rotor carries the parameter of this place: every motor has some."""
+        return self.base.standard[place].rstrip("0123456789") == MOTOR_INERTIA
+
+    def without(self, names: Collection[str]) -> RobotParameters:
+        """The parameters of a reduced model, in which the base parameters of these names are zero."""
+        return replace(self, base=self.base.without(names))
 
     def substeps(self, theta: Array, starts: Mapping[str, float], step: float) -> int:
         block = self.model.block(self.values(theta))

@@ -46,7 +46,7 @@ from fmu_didim.results.result import (
     StageResult,
     UnconstrainedResult,
 )
-from fmu_didim.results.searches import local_result, profile_results, search_result
+from fmu_didim.results.searches import searches
 
 
 def consistency_result(found: Consistency) -> ConsistencyResult:
@@ -112,9 +112,7 @@ def result_document(
         prior=_prior(estimate),
         choices=_choices(estimate),
         loads=_loads(estimate),
-        search=search_result(estimate),
-        profiles=profile_results(estimate),
-        sensitivity=local_result(estimate),
+        **searches(estimate),
         regrouping=model.parameters.relations(),
         correlations=estimate.correlations(),
         correlation=np.round(correlation(estimate.covariance), 4).tolist(),

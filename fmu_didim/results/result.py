@@ -24,7 +24,7 @@ from fmu_didim.checks.residual import NoiseResult
 from fmu_didim.checks.validation import ChannelValidation, Validation
 from fmu_didim.data.signals import Trajectory, trajectory, write_csv
 from fmu_didim.data.tables import read_table
-from fmu_didim.results.searches import LocalSensitivityResult, ProfileResult, SearchResult
+from fmu_didim.results.searches import EssentialResult, LocalSensitivityResult, ProfileResult, SearchResult
 
 RESULT_FILE = "result.json"
 ALL_DIGITS = 17
@@ -360,6 +360,7 @@ class ResultDocument(Saved):
     loads: dict[str, LoadResult] = Field(default={}, description="label of an experiment -> what it carried")
     search: SearchResult | None = Field(default=None, description="other minima; null where there was one start")
     profiles: dict[str, ProfileResult] = Field(default={}, description="of the parameters for which they were asked")
+    essential: EssentialResult | None = Field(default=None, description="null where it was not asked for")
     sensitivity: LocalSensitivityResult | None = Field(
         default=None, description="what each parameter does to the outputs; null where that is not known"
     )

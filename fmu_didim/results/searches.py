@@ -1,13 +1,17 @@
-"""What was looked for beside the answer, as results hold it: other minima, profiles, sensitivities."""
+"""What was looked for beside the answer, as results hold it: other minima, profiles, a reduced model, sensitivities."""
 
 from __future__ import annotations
 
+from typing import Any
+
+import numpy as np
 from pydantic import Field
 
 from fmu_didim.base.documents import Number, Saved
 from fmu_didim.data.signals import Array
 from fmu_didim.estimators.search.screening import GlobalSensitivity
 from fmu_didim.fit.estimate import Estimate
+from fmu_didim.fit.exploration.essential import WORSE
 from fmu_didim.fit.exploration.local import local_sensitivity
 
 
@@ -82,6 +86,74 @@ def profile_results(estimate: Estimate) -> dict[str, ProfileResult]:
     }  # fmt: skip
 
 
+class RatioResult(Saved):
+    """Root mean square after over that before, on the same samples."""
+
+    value: Number = Field(description="of all samples")
+    low: Number = Field(description="lower end of its 95 % interval")
+    high: Number = Field(description="upper end of its 95 % interval")
+
+
+class EssentialValueResult(Saved):
+    """A parameter of the reduced model."""
+
+    value: float = Field(description="estimate, in the unit")
+    std: float = Field(description="standard deviation, as if what is left out was zero")
+    unit: str = Field(description="FMI unit string")
+    moved: Number = Field(description="value minus that of the full model, in standard deviations there")
+
+
+class EssentialResult(Saved):
+    """The essential parameters: the reduced model, without those that the data do not need.
+
+    Attributes:
+        needed: name of each that the data do not need, but the model -> why.
+        parameters: name of each that is left -> its value in the reduced model; empty where nothing is left out.
+    """
+
+    left_out: list[str] = Field(description="names of those that are not needed, in the order in which they went")
+    f: Number = Field(description="F of the hypothesis that all of these are zero; null where nothing is left out")
+    limit: Number = Field(description="95 % quantile of F; null where nothing is left out")
+    p_value: Number = Field(description="probability of a larger F, were all of them zero")
+    needed: dict[str, str]
+    put_back: list[str] = Field(description="names of those that went by the F-test, and came back")
+    because: str = Field(description="why these came back, or nothing was tried; empty where there is no reason")
+    parameters: dict[str, EssentialValueResult]
+    error_percent: Number = Field(description="relative error of the fitted torque of the reduced model")
+    full_error_percent: Number = Field(description="the same of the full model")
+    held_out: RatioResult | None = Field(
+        description="held-out residual over that of the full model, all joints alike; null without held-out data"
+    )
+    held_out_joints: list[RatioResult] = Field(description="the same of each joint")
+    confirmed: bool = Field(
+        description=f"whether held-out data show the reduced model to serve as well: at most {WORSE:g} times the "
+        "residual, at the end of its interval"
+    )
+
+
+def essential_result(estimate: Estimate) -> EssentialResult | None:
+    """The reduced model as it is saved; None where it was not asked for."""
+    found = estimate.essential
+    if found is None:
+        return None
+    full = dict(zip(estimate.names, zip(estimate.value, estimate.standard_deviation, strict=True), strict=True))
+    parameters = dict[str, EssentialValueResult]()
+    if found.model is not None and found.covariance is not None:
+        stds = np.sqrt(np.diag(found.covariance)).tolist()
+        for k, value, std in zip(found.model.free_parameters, found.model.start.tolist(), stds, strict=True):
+            before, size = full.get(k.name, (np.nan, np.nan))
+            moved = (value - before) / size if size > 0 else np.nan
+            parameters[k.name] = EssentialValueResult(value=value, std=std, unit=k.unit, moved=float(moved))
+    ratios = [RatioResult(value=one.value, low=one.low, high=one.high) for one in found.held_out]
+    return EssentialResult(
+        left_out=list(found.left_out), f=found.f, limit=found.limit, p_value=found.p_value, needed=dict(found.needed),
+        put_back=list(found.put_back), because=found.because, parameters=parameters, error_percent=found.error_percent,
+        full_error_percent=found.full_percent,
+        held_out=ratios[0] if ratios else None, held_out_joints=ratios[1:],
+        confirmed=bool(found.held_out) and found.held_out[0].high <= WORSE,
+    )  # fmt: skip
+
+
 class RidgeResult(Saved):
     """A combination of parameters that the data hardly know."""
 
@@ -149,6 +221,14 @@ def global_result(found: GlobalSensitivity) -> GlobalSensitivityResult:
         held=list(found.held), outputs=dict(zip(found.outputs, found.units, strict=True)), main=by_name(found.main),
         total=by_name(found.total), spread=by_name(found.spread),
     )  # fmt: skip
+
+
+def searches(estimate: Estimate) -> dict[str, Any]:
+    """The entries of a result for all that was looked for beside its answer."""
+    return {
+        "search": search_result(estimate), "profiles": profile_results(estimate),
+        "essential": essential_result(estimate), "sensitivity": local_result(estimate),
+    }  # fmt: skip
 
 
 def search_result(estimate: Estimate) -> SearchResult | None:

@@ -15,6 +15,7 @@ from fmu_didim.checks.data.checks import without_outliers
 from fmu_didim.checks.identification import acknowledging, checked
 from fmu_didim.checks.validation import validated
 from fmu_didim.estimators import Progress, no_progress
+from fmu_didim.estimators.search import check_reducible
 from fmu_didim.fit.estimate import Estimate, RefusedError
 from fmu_didim.model.workers import one_blas_thread
 from fmu_didim.results.document import consistency_result, refused_document, result_document
@@ -40,6 +41,7 @@ def identify(
     *,
     start: Result | None = None,
     profile: bool | Sequence[str] | None = None,
+    essential: bool = False,
     figures: bool = False,
     progress: Progress | None = None,
     show: Callable[[Result], None] | None = None,
@@ -65,6 +67,8 @@ def identify(
             the values of the description.
         profile: whether the interval of each parameter is found by its profile, too, or names of those for which it is;
             by default what the case says.
+        essential: whether the base parameters that the data do not need are looked for, by an F-test, and a model
+            without them is fitted and compared on held-out data.
         out: folder for ``result.json``, the torque tables, ``report.html``, ``robot_identified.yaml`` with the values
             that all experiments share, and ``robot_identified_<label>.yaml`` for each that has some of its own. They
             replace all that an earlier run left there, or nothing of it.
@@ -85,8 +89,11 @@ def identify(
         case = started_from(case, start)
     names = profile_names(case, profile)
     model = case.model
+    if essential:
+        check_reducible(model)
     record = provenance(model, described_estimator(case), files=case_files(case))
-    record |= repeating("identify", case, None if out is None else Path(out), {"profile": True} if profile else {})
+    asked = {name: True for name, wanted in (("profile", profile), ("essential", essential)) if wanted}
+    record |= repeating("identify", case, None if out is None else Path(out), asked)
     if case.document.plant.parameter_names:
         record["parameter_names"] = dict(case.document.plant.parameter_names)
     if case.document.search is not None:
@@ -105,7 +112,7 @@ def identify(
         refusal.known["consistency"] = consistency_result(consistency)
     model.pool.failure = None  # what was tried before may have gone beyond what the components stand
     try:
-        estimate = estimated(case, model, names, progress or no_progress)
+        estimate = estimated(case, model, names, progress or no_progress, essential=essential)
     except (RefusedError, SimulationError) as caught:
         refused = caught if isinstance(caught, RefusedError) else RefusedError(
             caught.what, iterations=(), got=caught.got, next_step=caught.next_step, where=caught.where

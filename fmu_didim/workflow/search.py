@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -11,7 +12,14 @@ from fmu_didim.base.errors import UnknownNameError
 from fmu_didim.case import Case
 from fmu_didim.data.signals import Array
 from fmu_didim.estimators import Progress
-from fmu_didim.estimators.search import check_minima, crew_of, profiled, searched
+from fmu_didim.estimators.search import (
+    check_minima,
+    crew_of,
+    from_values,
+    profiled,
+    searched,
+    with_essential,
+)
 from fmu_didim.estimators.starts.signs import unfolded, unknown_signs
 from fmu_didim.estimators.starts.start import with_free_delay
 from fmu_didim.fit.estimate import Estimate
@@ -53,16 +61,26 @@ def profile_names(case: Case, asked: bool | Sequence[str] | None) -> tuple[str, 
     return names
 
 
-def estimated(case: Case, model: LoopModel, names: tuple[str, ...] | None, progress: Progress) -> Estimate:
-    """The estimate of a case, on a model of it, with the profiles of these parameters; raises what its estimator
-    raises."""
+def estimated(
+    case: Case, model: LoopModel, names: tuple[str, ...] | None, progress: Progress, *, essential: bool = False
+) -> Estimate:
+    """The estimate of a case, on a model of it, with the profiles of these parameters, and with its reduced model where
+    that is asked for; raises what its estimator raises."""
     found, search = _beside_other_choices(case, _found(case, model, progress)), case.document.search
+    if essential:
+        found = with_essential(found, model, partial(_refitted, case, progress))
     if names is None:
         return found
     processes = None if search is None else search.processes
     return profiled(
         case.estimator, found, names, lambda of: crew_of(case.estimator, of, processes), progress=progress
     )  # fmt: skip
+
+
+def _refitted(case: Case, progress: Progress, model: LoopModel, start: Mapping[str, float]) -> Estimate:
+    """The estimate of a reduced model, from these values."""
+    found = from_values(case.estimator, start).estimate(model, progress=progress)
+    return _beside_other_choices(case, found, without=set(case.model.names) - set(model.names))
 
 
 def _found(case: Case, model: LoopModel, progress: Progress) -> Estimate:
@@ -80,13 +98,15 @@ def _found(case: Case, model: LoopModel, progress: Progress) -> Estimate:
     return found
 
 
-def _beside_other_choices(case: Case, found: Estimate) -> Estimate:
+def _beside_other_choices(case: Case, found: Estimate, *, without: Collection[str] = ()) -> Estimate:
     """The estimate whose covariance contains the choice of a virtual controller; itself where the controller is
-    known."""
+    known. ``without``: what a reduced model does without."""
     fit = found.minimum or found.fit
     if case.tracking is None or fit is None:
         return found
     models = {words: other.model for words, other in case.other_choices.items()}
+    if without:
+        models = {words: model.without(without) for words, model in models.items()}
     choices = choices_of(fit, case.tracking.chosen, models, found.standard_deviation)
     return replace(found, covariance=found.covariance + choices.covariance, choices=choices)
 

@@ -8,5 +8,9 @@ from fmu_didim.estimators.search.crew import Crew, Ended, InThisProcess, check_m
 from fmu_didim.estimators.search.options import Search
 from fmu_didim.estimators.search.processes import crew_of
 from fmu_didim.estimators.search.profiles import profiled
+from fmu_didim.estimators.search.reduced import check_reducible, from_values, with_essential
 
-__all__ = ["Crew", "Ended", "InThisProcess", "Search", "check_minima", "crew_of", "profiled", "searched"]
+__all__ = [
+    "Crew", "Ended", "InThisProcess", "Search", "check_minima", "check_reducible", "crew_of", "from_values", "profiled",
+    "searched", "with_essential",
+]  # fmt: skip

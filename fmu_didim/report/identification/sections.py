@@ -16,6 +16,7 @@ from fmu_didim.report.experiment_charts import ExperimentCharts, residual_sectio
 from fmu_didim.report.identification.charts import saved_charts
 from fmu_didim.report.identification.choices import choice_sections
 from fmu_didim.report.identification.display import shown_value
+from fmu_didim.report.identification.essential import essential_sections
 from fmu_didim.report.identification.joint import joint_sections
 from fmu_didim.report.identification.loads import load_sections
 from fmu_didim.report.identification.prior import prior_sections, share_text
@@ -127,6 +128,7 @@ def result_report(document: ResultDocument, parts: Sequence[ExperimentCharts] = 
         *choice_sections(document),
         *search_sections(document),
         *profile_sections(document),
+        *essential_sections(document),
         *sensitivity_sections(document),
         *_correlations(document),
         _stages(document),

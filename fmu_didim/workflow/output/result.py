@@ -37,6 +37,7 @@ if TYPE_CHECKING:
 
 ROBOT_FILE = "robot_identified.yaml"
 OWN_ROBOT_FILE = "robot_identified_{label}.yaml"
+ESSENTIAL_ROBOT_FILE = "robot_essential.yaml"
 """The robot description with the identified values: from it come the FMU (``fmu-didim export``) and the model."""
 SHARED = ""
 """Stands for the robot of all experiments among those of each."""
@@ -55,7 +56,7 @@ def result_folder(out: Path | str, *, figures: bool = False) -> ResultFolder:
         "figure_*",
         OWN_SSV_FILE.format(label="*"),
     )
-    fixed = (REPORT_FILE, ROBOT_FILE, SSV_FILE, VALUES_FILE)
+    fixed = (REPORT_FILE, ROBOT_FILE, ESSENTIAL_ROBOT_FILE, SSV_FILE, VALUES_FILE)
     return ResultFolder(Path(out), "identify", RESULT_FILE, fixed, patterns, "signals", figures)
 
 
@@ -72,12 +73,15 @@ class Result:
         described: label of an experiment with base parameters of its own, and ``""`` for all others -> the robot with
             its identified values, or why its description cannot be read.
         fitted: the estimate with its arrays; None of a result that was loaded.
+        reduced: the robot of the reduced model, or why its description cannot be read; None where it was not asked for,
+            or nothing is left out.
     """
 
     document: ResultDocument
     validations: tuple[Validation, ...]
     described: Mapping[str, RobotDescription | FmuDidimError] = field(default_factory=dict)
     fitted: Estimate | None = None
+    reduced: RobotDescription | FmuDidimError | None = None
 
     @classmethod
     def of(cls, document: ResultDocument, estimate: Estimate, validations: Sequence[Validation]) -> Result:
@@ -91,7 +95,10 @@ class Result:
         }
         robots = {label: model.parameters.described(theta) for label, theta in values.items()}
         found = {label: robot for label, robot in robots.items() if robot is not None}
-        return cls(document, tuple(validations), found, estimate)
+        reduced = None
+        if estimate.essential is not None and (less := estimate.essential.model) is not None:
+            reduced = less.parameters.described(less.start[: less.parameters.count])
+        return cls(document, tuple(validations), found, estimate, reduced)
 
     @classmethod
     def load(cls, path: Path | str) -> Result:
@@ -105,14 +112,10 @@ class Result:
         """
         document, folder = read_result(path), result_path(path).parent
         files = {SHARED: ROBOT_FILE} | {label: OWN_ROBOT_FILE.format(label=label) for label in document.experiments}
-        described: dict[str, RobotDescription | FmuDidimError] = {}
-        for label, name in files.items():
-            if is_file(folder / name):
-                try:
-                    described[label] = read_robot(folder / name)
-                except FmuDidimError as error:  # an effect, say, that only the session had that saved it
-                    described[label] = error
-        return cls(document, read_validations(document, folder), described)
+        described = {label: _described(folder / name) for label, name in files.items() if is_file(folder / name)}
+        essential = folder / ESSENTIAL_ROBOT_FILE
+        reduced = _described(essential) if document.essential is not None and is_file(essential) else None
+        return cls(document, read_validations(document, folder), described, reduced=reduced)
 
     def save(self, folder: Path | str, *, figures: bool = False) -> Path:
         """Write ``result.json``, the torque tables, ``report.html`` and the robot descriptions to a folder.
@@ -146,6 +149,8 @@ class Result:
             for label, robot in ((SHARED, self.robot), *self.robots.items()):
                 if robot is not None:
                     write_robot(robot, new / (OWN_ROBOT_FILE.format(label=label) if label else ROBOT_FILE))
+            if self.essential_robot is not None:
+                write_robot(self.essential_robot, new / ESSENTIAL_ROBOT_FILE)
             if folder.figures:
                 from fmu_didim.report.paper import write_figures
 
@@ -212,11 +217,18 @@ class Result:
         found = {label: self._robot(label) for label in self.described if label}
         return {label: robot for label, robot in found.items() if robot is not None}
 
+    @property
+    def essential_robot(self) -> RobotDescription | None:
+        """The robot of the reduced model, whose other base parameters are zero; None where it was not asked for, or
+        nothing is left out.
+
+        Raises:
+            InputError: the description of a loaded result cannot be read.
+        """
+        return _readable(self.reduced)
+
     def _robot(self, label: str) -> RobotDescription | None:
-        found = self.described.get(label)
-        if isinstance(found, FmuDidimError):
-            raise found
-        return found
+        return _readable(self.described.get(label))
 
     @property
     def outside_robot(self) -> tuple[str, ...]:
@@ -313,6 +325,20 @@ class Result:
         from fmu_didim.report.identification.sections import result_html
 
         return result_html(self.document)
+
+
+def _described(path: Path) -> RobotDescription | FmuDidimError:
+    """The robot in a file, or why it cannot be read: an effect, say, that only the session had that saved it."""
+    try:
+        return read_robot(path)
+    except FmuDidimError as error:
+        return error
+
+
+def _readable(found: RobotDescription | FmuDidimError | None) -> RobotDescription | None:
+    if isinstance(found, FmuDidimError):
+        raise found
+    return found
 
 
 def _same(one: Validation, other: Validation) -> bool:
