@@ -67,7 +67,7 @@ def _lines(document: ResultDocument, found: EssentialResult) -> list[str]:
         )
     if found.left_out:
         if document.verdict != "valid":
-            told.append(f"The full model is {document.verdict.replace('_', ' ')}, and so is what its data need.")
+            told.append(f"The full model is {document.verdict.replace('_', ' ')}, and so is this.")
         told.append(ON_THESE_MOTIONS)
     return told
 
@@ -94,15 +94,12 @@ def _ratio(one: RatioResult) -> str:
 
 
 def _unseen(document: ResultDocument, found: EssentialResult) -> list[str]:
-    """Those that are left out, and that the description has at another value within their interval."""
+    """Those that are left out, and that the description has at another value, within their interval and as far from
+    zero as a standard deviation."""
     told = []
     for name in found.left_out:
         p = document.parameters[name]
-        digits = rounding(p.value, p.std)
-        if (
-            p.described is not None
-            and float(digits.text(p.described))
-            and p.interval[0] <= p.described <= p.interval[1]
-        ):
-            told.append(f"{name} = {digits.text(p.described)} {p.unit}")
+        low, high = p.interval
+        if p.described is not None and low <= p.described <= high and abs(p.described) >= p.std:
+            told.append(f"{name} = {rounding(p.value, p.std).text(p.described)} {experiments.shown_unit(p)}")
     return told

@@ -135,8 +135,7 @@ def test_the_page_and_the_terminal_say_what_goes_and_what_that_rests_on() -> Non
     assert "times that of the full model, of joint " in said
     assert "on others they may be" in said
     assert "exclude as little as zero: " in said
-    for told in ("Fv1 = 0.03", "MY2 = 0.014", "--only "):
-        assert told in said
+    assert "MY2 = 0.014 kg·m. A motion that tells: fmu-didim excite CASE.yaml --only MY2." in said
 
 
 def test_without_held_out_data_that_is_told() -> None:
@@ -232,7 +231,7 @@ def test_an_inertia_that_noise_hides_stays() -> None:
 
 def test_a_doubtful_answer_says_so_of_its_reduced_model() -> None:
     document = answered().document.model_copy(update={"verdict": "doubtful"})
-    assert "The full model is doubtful, and so is what its data need." in " ".join(result_table(document).split())
+    assert "The full model is doubtful, and so is this." in " ".join(result_table(document).split())
 
 
 def test_all_that_is_needed_is_told() -> None:
