@@ -135,7 +135,25 @@ def test_the_page_and_the_terminal_say_what_goes_and_what_that_rests_on() -> Non
     assert "times that of the full model, of joint " in said
     assert "on others they may be" in said
     assert "exclude as little as zero: " in said
-    assert "MY2 = 0.014 kg·m. A motion that tells: fmu-didim excite CASE.yaml --only MY2." in said
+
+
+@pytest.mark.parametrize(
+    ("place", "is_told"),
+    [
+        pytest.param(lambda p: p.std, True, id="a standard deviation from zero"),
+        pytest.param(lambda p: 0.1 * p.std, False, id="nearly zero"),
+        pytest.param(lambda p: 9 * p.std, False, id="excluded"),
+        pytest.param(lambda p: None, False, id="none"),
+    ],
+)
+def test_what_the_description_has_and_the_data_do_not_exclude_is_told(place: Any, is_told: bool) -> None:  # noqa: FBT001
+    document = answered().document
+    own = document.parameters["MY2"]
+    own = own.model_copy(update={"value": 0.1 * own.std, "interval": (-2 * own.std, 2.2 * own.std)})
+    other = own.model_copy(update={"described": place(own)})
+    changed = document.model_copy(update={"parameters": {**document.parameters, "MY2": other}})
+    said = " ".join(result_table(changed).split())
+    assert ("A motion that tells: fmu-didim excite CASE.yaml --only MY2." in said) is is_told
 
 
 def test_without_held_out_data_that_is_told() -> None:
