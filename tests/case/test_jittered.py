@@ -77,11 +77,13 @@ def test_rows_that_lack_are_said_where_the_stamps_jitter(tmp_path: Path) -> None
     assert "jittered: true" not in told.next_step
 
 
-def polled(folder: Path, time: Any = None) -> dict[str, Any]:
-    """The same machine, of which a program reads the newest sample somewhat more often than there is one."""
+def polled(folder: Path, time: Any = None, pace: float = 0.97, scatter: float = 0.3) -> dict[str, Any]:
+    """The same machine, of which a program reads the newest sample every so many ticks, somewhat more often than there
+    is one."""
     content = case(folder)
     rng, rows = np.random.default_rng(2), np.loadtxt(folder / "log.csv", delimiter=",", skiprows=1)
-    at = 1 + 0.97 * np.arange(rows.shape[0] - 3) + rng.uniform(0, 0.3, rows.shape[0] - 3)
+    count = int((rows.shape[0] - 3) / max(pace, 1.0))
+    at = 1 + pace * np.arange(count) + rng.uniform(0, 1, count) * scatter
     read = rows[at.astype(int)]
     read[:, 0] = PERIOD * at
     np.savetxt(folder / "log.csv", read, delimiter=",", header=",".join(("t", *NOISE)), comments="")
@@ -101,6 +103,25 @@ def test_rows_read_at_a_pace_of_their_own_are_put_right(tmp_path: Path) -> None:
     as_jittered = {"name": "t", "jittered": True}
     with pytest.raises(InputError, match=r"the same as the ones before them in all columns[\s\S]*polled"):
         load_case(polled(tmp_path, as_jittered)).model  # noqa: B018
+
+
+@pytest.mark.parametrize(
+    ("pace", "scatter", "told"),
+    [
+        pytest.param(0.6, 0.0, True, id="faster, even"),
+        pytest.param(0.6, 0.2, True, id="faster"),
+        pytest.param(0.97, 0.0, True, id="nearly as fast, even"),
+        pytest.param(1.0, 0.0, False, id="each once"),
+        pytest.param(0.5, 0.0, False, id="each twice"),
+    ],
+)
+def test_rows_that_were_read_again_are_told(pace: float, scatter: float, told: bool, tmp_path: Path) -> None:
+    found = [d for d in load_case(polled(tmp_path, pace=pace, scatter=scatter)).model.experiments["estimation"].told
+             if d.code.name == "rows-read-again"]  # fmt: skip
+    assert bool(found) is told
+    if told:
+        assert "are the same as the one before in all columns" in found[0].text
+        assert "polled: [q1, q2]" in found[0].code.next_step
 
 
 @pytest.mark.parametrize(

@@ -10,10 +10,11 @@ import numpy as np
 from fmu_didim.base.diagnostics import Diagnostic
 from fmu_didim.base.errors import InputError
 from fmu_didim.data.even_clock import even_clock
-from fmu_didim.data.polled import read_again, ticks_of
+from fmu_didim.data.polled import AGAIN, read_again, ticks_of
 from fmu_didim.data.signals import Array
 from fmu_didim.data.tables.codes import (
     COUNTED_TIME,
+    ROWS_READ_AGAIN,
     STAMPS_ON_GRID,
     STAMPS_POLLED,
     STAMPS_REBUILT,
@@ -109,17 +110,36 @@ def instants(table: SignalTable, time: TimeColumn, clock: str | None, count: int
     """
     if clock is None:
         assert time.rate_hz is not None
-        return time.start_s + np.arange(count) / time.rate_hz, _counted(table, time)
+        told = [*_counted(table, time), *_again(table)]
+        return time.start_s + np.arange(count) / time.rate_hz, told
     seconds = _seconds(table, clock, time)
     stamps = table.columns[clock]
     stamps = stamps if seconds == 1.0 else stamps * seconds
     if time.polled:
         return _of_polled(table, stamps, time)
     if time.jittered:
-        others = [c for name, c in table.columns.items() if name != clock and c.size == stamps.size]
-        again = read_again(np.column_stack(others)) if others else 0  # a file of stamps alone shows nothing of it
-        return _of_even_clock(stamps, time.rate_hz, table.source, again)
-    return (stamps, []) if time.rate_hz is None else _on_grid(stamps, time.rate_hz, table.source)
+        return _of_even_clock(stamps, time.rate_hz, table.source, _same_rows(table, clock))
+    at, told = (stamps, []) if time.rate_hz is None else _on_grid(stamps, time.rate_hz, table.source)
+    return at, [*told, *_again(table, clock)]
+
+
+def _same_rows(table: SignalTable, *clocks: str) -> int:
+    """Number of rows that were read again, by all columns but stamps; 0 in a file of stamps alone, which shows nothing
+    of it."""
+    stamps = {*clocks, *stamp_columns(table)}
+    count = max((c.size for c in table.columns.values()), default=0)
+    others = [c for name, c in table.columns.items() if name not in stamps and c.size == count]
+    return read_again(np.column_stack(others)) if others else 0
+
+
+def _again(table: SignalTable, *clocks: str) -> list[Diagnostic]:
+    """Whether rows were read again, which the case says nothing of."""
+    same = _same_rows(table, *clocks)
+    if not same:
+        return []
+    count = max(c.size for c in table.columns.values())
+    text = f"{same} of {count} rows are the same as the one before in all columns."
+    return [Diagnostic(ROWS_READ_AGAIN, text, table.source, same / count, AGAIN, "1")]
 
 
 def _seconds(table: SignalTable, clock: str, time: TimeColumn) -> float:

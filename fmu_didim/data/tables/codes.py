@@ -54,3 +54,10 @@ STAMPS_POLLED = CATALOGUE(
     next_step="Nothing if torque and positions stand in the same rows; else look for a late clock (torque: "
     "{log_shift_s: ...}, or fmu-didim discover).",
 )  # fmt: skip
+ROWS_READ_AGAIN = CATALOGUE(
+    "rows-read-again", DOUBT, rank=4,
+    meaning="Rows of a file are the same as the one before in all columns, now and then, while the others change: a "
+    "program read the samples at a pace of its own, so that stamps do not tell when a sample was taken.",
+    next_step="State it, with the clock of the machine: time: {name: t, rate_hz: 1000, polled: [q1, q2]}; or log where "
+    "the samples are taken. If the values are right to a fraction of a sample, acknowledge it.",
+)  # fmt: skip

@@ -146,7 +146,7 @@ def test_the_page_and_the_terminal_say_what_goes_and_what_that_rests_on() -> Non
         pytest.param(lambda p: None, False, id="none"),
     ],
 )
-def test_what_the_description_has_and_the_data_do_not_exclude_is_told(place: Any, is_told: bool) -> None:  # noqa: FBT001
+def test_what_the_description_has_and_the_data_do_not_exclude_is_told(place: Any, is_told: bool) -> None:
     document = answered().document
     own = document.parameters["MY2"]
     own = own.model_copy(update={"value": 0.1 * own.std, "interval": (-2 * own.std, 2.2 * own.std)})
