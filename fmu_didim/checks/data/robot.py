@@ -16,7 +16,9 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
+from threading import get_ident
 
 import numpy as np
 
@@ -32,6 +34,8 @@ from fmu_didim.estimators.starts.reference_start import whole_reference
 from fmu_didim.model.loop_model import LoopModel, Simulation
 from fmu_didim.model.parameters import RobotParameters
 
+KEPT = 16
+"""[robots] Whose models are kept: a process that identifies one robot many times asks for the same seven each time."""
 LARGEST_LENGTH = 20.0
 """[m] Of a link, beyond which millimetres are suspected: no robot is as long."""
 LEAST_SCALE = 0.05
@@ -228,8 +232,22 @@ def _misread(model: LoopModel) -> Iterator[tuple[RobotDescription, RobotParamete
             robot.model_copy(update={"joints": turned, "original_frames": "standard", "identified": "computed"})
         )
     for other in others:
-        model_of_it = RobotModel(other)
-        yield other, RobotParameters(model_of_it, base_parameters(model_of_it))
+        yield other, _parameters_of(_Same(other.model_dump_json(), get_ident(), other))
+
+
+@dataclass(frozen=True)
+class _Same:
+    """A robot by its content, in one thread: two at once must not make functions of the same symbols."""
+
+    content: str
+    thread: int
+    robot: RobotDescription = field(compare=False)
+
+
+@lru_cache(maxsize=KEPT)
+def _parameters_of(same: _Same) -> RobotParameters:
+    model = RobotModel(same.robot)
+    return RobotParameters(model, base_parameters(model))
 
 
 def _misread_diagnostic(run: Simulation, found: Sequence[tuple[RobotDescription, float]], left: float) -> Diagnostic:

@@ -85,15 +85,18 @@ class Ripple:
         """What the residual follows then."""
         return at_ripples(self.number, slides=self.slides, of_friction=self.follows == "direction")
 
-    def loads(self, motion: Motion, j: int) -> Array:
-        """(K, FUNCTIONS) on joint ``j``, from 0."""
+    def waves(self, motion: Motion, j: int) -> tuple[Array, Array]:
+        """(K,) sine and cosine along joint ``j``, from 0: those of all ripples of this number."""
         phase = self.number * motion.q[:, j]
-        size: Array | float = 1.0
-        if self.follows == "load":
-            size = motion.load[:, j]
-        elif self.follows == "direction":
-            size = direction(motion.dq[:, j])
-        return np.column_stack([size * np.sin(phase), size * np.cos(phase)])
+        return np.sin(phase), np.cos(phase)
+
+    def loads(self, motion: Motion, j: int, waves: tuple[Array, Array] | None = None) -> tuple[Array, Array]:
+        """(K,) each on joint ``j``, from 0; ``waves``: where they are known."""
+        sine, cosine = waves or self.waves(motion, j)
+        if self.follows == "neither":
+            return sine, cosine
+        size = motion.load[:, j] if self.follows == "load" else direction(motion.dq[:, j])
+        return size * sine, size * cosine
 
 
 @dataclass(frozen=True)
@@ -113,11 +116,11 @@ class Stop:
         """What the residual follows then."""
         return beyond(self.place, above=self.above, slides=self.slides)
 
-    def loads(self, motion: Motion, j: int) -> Array:
-        """(K, FUNCTIONS) on joint ``j``, from 0."""
+    def loads(self, motion: Motion, j: int) -> tuple[Array, Array]:
+        """(K,) each on joint ``j``, from 0."""
         away = motion.q[:, j] - self.place
         depth = np.maximum(away if self.above else -away, 0.0)
-        return np.column_stack([depth, depth**2])
+        return depth, depth**2
 
 
 @dataclass(frozen=True)
@@ -143,10 +146,10 @@ class Near:
             self.quantity, self.place + 0.5 * self.width, slides=self.slides, joint=0 if self.own else self.of + 1
         )
 
-    def loads(self, motion: Motion, j: int) -> Array:
-        """(K, FUNCTIONS) on joint ``j``, from 0."""
+    def loads(self, motion: Motion, j: int) -> tuple[Array, Array]:
+        """(K,) each on joint ``j``, from 0."""
         away = (_quantity(motion, self.quantity, self.of) - self.place) / self.width
-        return np.column_stack([np.maximum(1 - np.abs(away - k), 0.0) for k in range(FUNCTIONS)])
+        return np.maximum(1 - np.abs(away), 0.0), np.maximum(1 - np.abs(away - 1), 0.0)
 
 
 def _quantity(motion: Motion, quantity: Quantity, joint: int) -> Array:
@@ -188,7 +191,7 @@ def candidates(motions: Sequence[Motion], j: int, *, slides: bool) -> list[Rippl
     )  # fmt: skip
     if not numbers.size:
         return []
-    ripples = [Ripple(float(number), follows, slides) for follows in FOLLOWS for number in numbers]
+    ripples = [Ripple(float(number), follows, slides) for number in numbers for follows in FOLLOWS]
     stops = [
         Stop(low + (1 - part if above else part) * reach, above, slides) for above in (True, False) for part in STOPS
     ]
@@ -256,10 +259,23 @@ def _tables(
         some, parts = tried[first : first + count], list[Array]()
         for label, own in rows.items():
             motion = motions.motions[label]
-            loads = np.column_stack([one.loads(motion, j) for one in some])
+            loads = loads_of(some, motion, j).reshape(len(motion.q), -1)
             shown = motions.fit.model.experiments.filtered(motions.responses[label].of_joint(loads, j), label)
             parts.append(shown[own].reshape(own.size, len(some), FUNCTIONS))
         yield some, np.concatenate(parts)
+
+
+def loads_of(some: Sequence[Local], motion: Motion, j: int) -> Array:
+    """(K, f, FUNCTIONS) loads on a joint, from 0."""
+    found, number, waves = np.empty((len(motion.q), len(some), FUNCTIONS)), np.nan, None
+    for k, one in enumerate(some):
+        if isinstance(one, Ripple):
+            if one.number != number:  # those of one number follow each other
+                number, waves = one.number, one.waves(motion, j)
+            found[:, k, 0], found[:, k, 1] = one.loads(motion, j, waves)
+        else:
+            found[:, k, 0], found[:, k, 1] = one.loads(motion, j)
+    return found
 
 
 def _explained(whitened: Whitened, count: int) -> Array:

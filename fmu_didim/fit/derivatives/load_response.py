@@ -36,6 +36,9 @@ MOST_TAPS = 200
 """[taps] Of the answer to a load."""
 MOST_OF_LOG = 4
 """[1] The answer is at most one part in so many of the log."""
+MOST_WEIGHTS = 2_000_000
+"""[weights] Of a table from loads to answers, 24 MB, up to which such tables are made: they take a fortieth of the time
+of transforms where a log shows one tick in twenty, two thirds where it shows all. Longer logs are transformed."""
 TOGETHER = 1 << 14
 """[ticks] Whose answers are computed at a time: their transforms stay in the caches, and the memory is that of the
 answers, however long a log is."""
@@ -85,18 +88,58 @@ class LoadResponse:
     def at_samples(self, columns: Array) -> Array:
         """(K, n, w) loads at the ticks -> (M, m, w) change of all outputs."""
         joints = [int(j) for j in np.flatnonzero(columns.any(axis=(0, 2)))]
-        whole, n = self._answers(columns, joints, slice(None)), self.taps.shape[2]
-        torque = self._sampled(self.sampling, whole[:, :n])
-        channels = [self._sampled(sampling, whole[:, n + k]) for k, sampling in enumerate(self.further)]
+        n, outputs = self.taps.shape[2], self.taps.shape[1]
+        if self._weights * n * outputs <= MOST_WEIGHTS:
+            shown = [self._by_table(i, joints, columns) for i in range(outputs)]
+            torque, channels = np.stack(shown[:n], axis=1), shown[n:]
+        else:
+            whole = self._answers(columns, joints, slice(None))
+            torque = self._sampled(self.sampling, whole[:, :n])
+            channels = [self._sampled(sampling, whole[:, n + k]) for k, sampling in enumerate(self.further)]
         return self.run.model.experiments.outputs_of(self.run.label, torque, channels)
 
     def of_joint(self, loads: Array, joint: int) -> Array:
         """(K, w) loads on a joint, from 0, at the ticks -> (M, w) change of its own torque, among all outputs: a part
         of what :meth:`at_samples` gives."""
-        own = slice(joint, joint + 1)
-        torque = self._sampled(self.sampling, self._answers(loads[:, None], [0], own, spectra=own))
+        if self._weights <= MOST_WEIGHTS:
+            torque = np.asarray(self._table(joint, joint) @ loads)[:, None]
+        else:
+            own = slice(joint, joint + 1)
+            torque = self._sampled(self.sampling, self._answers(loads[:, None], [0], own, spectra=own))
         channels = [np.zeros((sampling.shape[0], loads.shape[1])) for sampling in self.further]
         return self.run.model.experiments.outputs_of(self.run.label, torque, channels)[:, 0]
+
+    @property
+    def _weights(self) -> int:
+        """Of the table from the loads of a joint to an output at the ticks, or at more samples."""
+        rows = (self.ticks.size, *(sampling.shape[0] for sampling in (self.sampling, *self.further)))
+        return int(self.taps.shape[0] * max(rows))
+
+    def _table(self, output: int, joint: int) -> sparse.csr_array:
+        """(N, K) from the loads of a joint at the ticks to the samples of an output, both from 0."""
+        known = self._tables.get((output, joint))
+        if known is None:
+            taps, count, n = self.taps[:, output, joint], self.ticks.size, self.taps.shape[2]
+            lags = [-lag for lag in range(taps.size)]
+            answers = sparse.diags_array(list(taps), offsets=lags, shape=(count, count), format="csr")
+            half = np.full(count, 0.5)
+            means = sparse.diags_array([np.append(half[1:], 1.0), half[1:]], offsets=[0, 1], format="csr")
+            sampling = self.sampling if output < n else self.further[output - n]
+            known = self._tables[output, joint] = sparse.csr_array(sampling @ answers @ means)
+        return known
+
+    def _by_table(self, output: int, joints: Sequence[int], columns: Array) -> Array:
+        """(N, w) samples of an output, from loads (K, n, w), of which those of these joints are not zero."""
+        rows = self.sampling if output < self.taps.shape[2] else self.further[output - self.taps.shape[2]]
+        found = np.zeros((rows.shape[0], columns.shape[2]))
+        for j in joints:
+            found += self._table(output, j) @ columns[:, j]
+        return found
+
+    @cached_property
+    def _tables(self) -> dict[tuple[int, int], sparse.csr_array]:
+        """Those that were asked for."""
+        return {}
 
     def _answers(self, loads: Array, joints: Sequence[int], outputs: slice, *, spectra: slice = slice(None)) -> Array:
         """(K, o, w) of outputs at the ticks to the means of loads (K, n, w) over the periods that begin there, some

@@ -148,7 +148,7 @@ def test_loads_near_a_value() -> None:
     """Two hats beside each other: between their tops they add up to one."""
     motion = right_motions("scara", 1).motions["estimation"].at(np.arange(4))
     motion = replace(motion, q=np.array([[0.0, 9.0], [0.5, 9.0], [0.75, 9.0], [2.0, 9.0]]))
-    loads = Near("position", 0, False, 0.5, 0.5, False).loads(motion, 1)
+    loads = np.column_stack(Near("position", 0, False, 0.5, 0.5, False).loads(motion, 1))
     np.testing.assert_allclose(loads, [[0, 0], [1, 0], [0.5, 0.5], [0, 0]])
 
 
@@ -171,7 +171,7 @@ def test_what_a_bump_looks_like(name: str, like: str) -> None:
 def test_loads_of_a_stop_begin_at_its_place(above: bool, depth: list[float]) -> None:
     motion = right_motions("scara", 1).motions["estimation"].at(np.arange(3))
     motion = replace(motion, q=np.array([[9.0, -1.0], [9.0, 0.0], [9.0, 1.0]]))
-    np.testing.assert_allclose(Stop(0.5, above, False).loads(motion, 1), np.array([depth, np.square(depth)]).T)
+    np.testing.assert_allclose(Stop(0.5, above, False).loads(motion, 1), np.array([depth, np.square(depth)]))
 
 
 @pytest.mark.gate

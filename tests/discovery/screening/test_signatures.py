@@ -15,6 +15,7 @@ from fmu_didim.discovery.base_model import with_nuisances
 from fmu_didim.discovery.screening.catalogue import Signature, SignatureCatalogue
 from fmu_didim.dynamics.effects import EFFECTS, Search, TorqueEffect
 from fmu_didim.dynamics.robot import RobotModel
+from fmu_didim.fit.derivatives import load_response as load_response_module
 from fmu_didim.fit.derivatives.load_response import load_response
 from fmu_didim.fit.derivatives.torque_signature import TorqueSignature, search_grid
 from fmu_didim.fit.fit import Fit
@@ -163,6 +164,21 @@ def test_slow_loads_come_back_whole(bench: Bench) -> None:
     taps = load_response(bench.fit.simulation("estimation")).taps
     assert taps.sum(axis=0) == pytest.approx(np.eye(2), abs=0.05)
     assert np.abs(taps[0]).max() < 0.1 * np.abs(taps).max()  # nothing before the robot has moved
+
+
+def test_tables_and_transforms_give_the_same(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of loads on one joint and on both, whichever way is taken for logs of this length."""
+    response = load_response(bench.fit.simulation("estimation"))
+    loads = np.random.default_rng(1).normal(size=(response.ticks.size, 2, 3))
+    alone = np.where([[True], [False]], loads, 0.0)
+    by_table = response.at_samples(loads), response.at_samples(alone), response.of_joint(loads[:, 1], 1)
+    assert response._tables
+    monkeypatch.setattr(load_response_module, "MOST_WEIGHTS", 0)
+    other = replace(response)
+    by_transform = other.at_samples(loads), other.at_samples(alone), other.of_joint(loads[:, 1], 1)
+    assert not other._tables
+    for one, same in zip(by_table, by_transform, strict=True):
+        np.testing.assert_allclose(one, same, atol=1e-12 * np.abs(same).max())
 
 
 # ---- states ----------------------------------------------------------------------------------------
