@@ -156,8 +156,9 @@ class JointTest:
         functions = np.flatnonzero(found.power[:first])
         return cls(MOTION_CHANCE / joints, one, signatures, tuple(functions.tolist()), first, found)
 
-    def trial(self, misfit: int, size: float) -> float:
-        """Probability of a doubt by a misfit, by its place, of this size, with the colours that it leads to."""
+    def trial(self, misfit: int, size: float, enough: float = np.inf) -> float:
+        """Probability of a doubt by a misfit, by its place, of this size, with the colours that it leads to; where a
+        step of the test has as much as is ``enough``, the others, each of which has a colour to learn, are left out."""
         steps, signature = self.steps(misfit), self.misfit(misfit)
         if not steps:
             return 0.0
@@ -165,7 +166,9 @@ class JointTest:
         residual = self._rest(functions) + size * self.signatures[misfit]
         tested = OwnColours.of(residual, self.one.left.used).with_functions(functions)
         found = 0.0
-        for step in steps:
+        for step in reversed(steps):
+            if found >= enough:
+                break
             gain = max(tested.alone.criterion - tested.beside(range(step.count)).criterion, 0.0)
             likely = step.freedom * np.expm1(min(gain / tested.columns.logs.samples, LARGEST_GAIN))
             noncentrality = min(float(likely), float(step.noncentrality(signature, np.array([size]))[0]))
@@ -247,20 +250,28 @@ def smallest_size(tests: Sequence[JointTest], misfit: int, largest: float) -> fl
         return None
     best = int(np.argmax([np.interp(first, sizes, power) for power in powers]))
 
-    def with_colours(size: float) -> float:
+    def with_colours(size: float, enough: float = np.inf) -> float:
         others = [np.interp(size, sizes, power) for j, power in enumerate(powers) if j != best]
-        return float(1 - np.prod([1 - power for power in others]) * (1 - tests[best].trial(misfit, size)))
+        missed = float(np.prod([1 - power for power in others]))
+        own = 1 - (1 - enough) / missed if missed > 0 else 0.0
+        return 1 - missed * (1 - tests[best].trial(misfit, size, own))
 
     size, before = first, None
-    while (power := with_colours(size)) < POWER:
+    power = with_colours(size, POWER)
+    while power < POWER:
         before, size = (size, power), GROWTH * size
         if size > min(GROWN * first, largest):
             return None
+        power = with_colours(size)
     if before is not None:
         part = (POWER - before[1]) / (power - before[1])
         size = before[0] * (size / before[0]) ** part
     beyond = MULTIPLE * size
-    if tests[best].explained(misfit) < EXPLAINED and beyond <= largest and with_colours(beyond) < POWER - SLACK:
+    if (
+        tests[best].explained(misfit) < EXPLAINED
+        and beyond <= largest
+        and with_colours(beyond, POWER - SLACK) < POWER - SLACK
+    ):
         return None
     return size
 
