@@ -111,6 +111,18 @@ def _capsules(case: Case, given: MotionLimits) -> tuple[tuple[Capsule, ...], str
     return skeleton(robot) if given.boxes or given.inside is not None else (), LINES, collision
 
 
+def end_of_last_link(case: Case, given: MotionLimits) -> Point | None:
+    """The point of the shape of the last link that is farthest from the origin of its frame, m; None where no shape is
+    known."""
+    shapes, shape, _ = _capsules(case, given)
+    robot = case.robot
+    assert robot is not None
+    ends = [end for one in shapes if one.link == len(robot.joints) for end in (one.start, one.end)]
+    if shape == LINES or not ends:
+        return None
+    return max(ends, key=lambda end: float(np.linalg.norm(end)))
+
+
 def _point(values: Array) -> Point:
     x, y, z = (float(value) for value in values)
     return x, y, z

@@ -1,0 +1,234 @@
+"""The cheap experiment: which of some weights, hung where, and on which motion, tells drives from friction and load.
+
+For each weight and place the motion is designed for two runs of it, one without and one with the weight; the weight
+whose best motion leaves the smallest relative deviations is taken.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from fmu_didim.base.diagnostics import PROBLEM, by_weight
+from fmu_didim.base.documents import validate
+from fmu_didim.base.errors import InputError, SimulationError, UnknownNameError
+from fmu_didim.case import Case
+from fmu_didim.case.changes import merged
+from fmu_didim.case.document import DRIVE, CaseDocument
+from fmu_didim.case.free import loads_of
+from fmu_didim.case.sources import LoadSource
+from fmu_didim.dynamics.load import STEMS
+from fmu_didim.dynamics.physical_set import FRICTION
+from fmu_didim.model.free_parameter import load_parameters
+from fmu_didim.workflow.excitation.design import Request, designed, robot_of
+from fmu_didim.workflow.excitation.excited import Excited
+from fmu_didim.workflow.excitation.planned import Peaks
+from fmu_didim.workflow.excitation.space import end_of_last_link
+from fmu_didim.workflow.excitation.weighed import Offer, Tried, Weighing
+
+MOST_OFFERS = 30
+"""[pairs] Of weight and place at most: each takes a design of its own, of seconds to minutes."""
+NO_INERTIA = (0.0,) * 6
+"""[kg.m2] About its centre, of a weight of which nothing is said: a point."""
+
+
+def weighed(
+    case: Case, request: Request, *, weights: Sequence[float], places: Sequence[Sequence[float]], label: str | None
+) -> Excited:
+    """The best weight, its place and its motion.
+
+    Args:
+        weights: kg; places: of the centre, m, in the frame of the last link; by default where the case has it, or the
+            end of the last link.
+        label: of the run with the weight; by default the first one with ``load:``.
+
+    Raises:
+        InputError: a weight or a place is none, the case has no run with a load or none without, or no weight can be
+            moved; UnknownNameError, SimulationError: as of :func:`~fmu_didim.excite`.
+    """
+    robot = robot_of(case)
+    empty, loaded = _runs(case, label)
+    offers = _offers(case, loaded, weights, places, request)
+    gains = tuple(name for name, entry in (case.document.identify or {}).items() if entry.of == DRIVE)
+    own = replace(request, only=request.only or gains)
+    found: list[Excited | InputError | SimulationError] = []
+    for i, offer in enumerate(offers, start=1):
+        request.progress(f"weight {i} of {len(offers)}: {offer.mass:g} kg at {offer.at} m")
+        try:
+            found.append(_tried(case, empty, loaded, offer, own))
+        except (InputError, SimulationError) as error:
+            if isinstance(error, InputError) and not error.where.startswith(OF_THE_WEIGHT):
+                raise
+            found.append(error)
+    made = [one for one in found if isinstance(one, Excited)]
+    if not made:
+        failed = found[0]
+        assert not isinstance(failed, Excited)
+        raise failed
+    friction = tuple(
+        k for k, s in zip(robot.names, robot.base.standard, strict=True) if s.rstrip("0123456789") in FRICTION
+    )
+    load = tuple(_load_values(_carrying(case, empty, loaded, offers[0]), loaded, offers[0]))
+    shown = set.intersection(*(set(one.in_mean) for one in made))
+    ranked, said = gains, "the gains"
+    if request.only:
+        ranked, said = tuple(name for name in request.only if name in shown), ", ".join(request.only)
+    elif not gains:
+        ranked, said = (*friction, *load), "friction and load"
+    tried = tuple(_row(offer, one, robot.joint_count) for offer, one in zip(offers, found, strict=True))
+    source = case.document.runs[loaded].load
+    mass_std = None if source is None or not gains else source.mass_std
+    weighing = Weighing(
+        empty, loaded, tried, 0, gains, friction, load, ranked, said, mass_std, made[0].bounds.torque
+    )  # fmt: skip
+    weighing = replace(weighing, best=min(range(len(tried)), key=weighing.key))
+    best = found[weighing.best]
+    assert isinstance(best, Excited)
+    told = weighing.diagnostics(with_shapes=bool(best.around.space.checks))
+    return replace(best, weighing=weighing, diagnostics=tuple(by_weight([*best.diagnostics, *told])))
+
+
+OF_THE_WEIGHT = ("limits.torque", "excite")
+"""Where errors are that another weight may not have: torque at rest beyond the limits, an optimisation that fails."""
+
+
+def _tried(case: Case, empty: str | None, loaded: str, offer: Offer, request: Request) -> Excited:
+    """The best motion with a weight."""
+    own = _carrying(case, empty, loaded, offer)
+    labels = [loaded] if empty is None else [empty, loaded]
+    return designed(own, labels, request, _load_values(own, loaded, offer))
+
+
+def _load_values(case: Case, loaded: str, offer: Offer) -> dict[str, float]:
+    """Free parameter of the load -> its value with a weight, as a point or with the inertia that the case states."""
+    load, source = loads_of(case.document, robot_of(case))[loaded], case.document.runs[loaded].load
+    about = None if source is None else source.inertia
+    chi = LoadSource(mass=offer.mass, centre=offer.place, inertia=about or NO_INERTIA).known
+    values = load.regrouping @ np.array([chi[stem] for stem in STEMS])
+    return {free.name: float(value) for free, value in zip(load_parameters(load, loaded), values, strict=True)}
+
+
+def _carrying(case: Case, empty: str | None, loaded: str, offer: Offer) -> Case:
+    """The case with these two runs alone, one of them with the weight."""
+    document = case.document
+    taken_out = {label: None for label in document.experiments if label not in (empty, loaded)}
+    load = {key: offer.load.get(key) for key in LoadSource.model_fields}
+    entry: dict[str, Any] = {"load": load}
+    changes: dict[str, Any] = {"validation": None, "experiments": taken_out}
+    if loaded in document.experiments:
+        changes["experiments"] = {**taken_out, loaded: entry}
+    else:
+        changes["train"] = entry
+    content = merged(case.content, changes)
+    content = {key: value for key, value in content.items() if value or key != "experiments"}
+    return replace(case, document=validate(CaseDocument, content, where="case"))
+
+
+def _row(offer: Offer, found: Excited | InputError | SimulationError, n: int) -> Tried:
+    """A row of the table."""
+    if not isinstance(found, Excited):
+        return Tried(offer, None, np.full(n, np.nan), f"{found.what}" + (f" ({found.got})" if found.got else ""))
+    against = [d for d in found.diagnostics if d.code.severity is PROBLEM]
+    return Tried(
+        offer, found.prediction.prospect, Peaks.of(found.prediction.loop, n).torque, " ".join(map(str, against))
+    )
+
+
+def _runs(case: Case, label: str | None) -> tuple[str | None, str]:
+    """Labels of the run without and of the run with the weight."""
+    runs = {label: run for label, run in case.document.runs.items() if run.role == "estimation"}
+    carrying = [name for name, run in runs.items() if run.load is not None and run.load.same_as is None]
+    if label is not None and label not in runs:
+        raise UnknownNameError("experiment for the estimation", label, runs, where="experiment")
+    if not carrying or (label is not None and runs[label].load is None):
+        raise InputError(
+            "No run carries a load, so that there is none to choose a weight for.", where=label or case.name,
+            got=f"runs: {', '.join(runs)}",
+            next_step="Add a run with load: {mass: ..., mass_std: ...} to experiments:, beside one without; its log "
+            "need not exist yet. docs/howto/carry-a-load.md has such a case.",
+        )  # fmt: skip
+    chosen = label or carrying[0]
+    source = runs[chosen].load
+    chosen = source.same_as if source is not None and source.same_as is not None else chosen
+    others = [name for name, run in runs.items() if run.load is None]
+    known = case.document.prior is not None and case.document.prior.result is not None
+    if not others and not known:
+        raise InputError(
+            "A load is the difference to a run without one, and the case has none.", where=case.name,
+            got=f"runs: {', '.join(runs)}", next_step="Add a run without load: to experiments:.",
+        )  # fmt: skip
+    return (others[0] if others else None), chosen
+
+
+def _offers(
+    case: Case, loaded: str, weights: Sequence[float], places: Sequence[Sequence[float]], request: Request
+) -> list[Offer]:
+    """All weights at all places.
+
+    Raises:
+        InputError: a weight or a place is none, or there are too many.
+    """
+    wrong = [w for w in weights if not (math.isfinite(w) and w > 0)]
+    if not weights:
+        raise InputError(
+            "A place is for a weight, and none is offered.", where="at", got=f"{len(places)} places",
+            next_step="Give the masses of the weights that you have, in kg: --weigh 0.5,1,2.",
+        )  # fmt: skip
+    if wrong:
+        raise InputError(
+            "A weight has a mass above zero.", where="weigh", got=", ".join(f"{w:g}" for w in wrong),
+            valid="kg, above 0",
+            next_step="Give the masses of the weights that you have, in kg: --weigh 0.5,1,2.",
+        )  # fmt: skip
+    for place in places:
+        if len(place) != 3 or not all(math.isfinite(x) for x in place):
+            raise InputError(
+                "A place takes three numbers.", where="at", got=", ".join(f"{x:g}" for x in place),
+                valid="x, y, z in m",
+                next_step="Give the centre of the weight in the frame of the last link: --at=0.12,-0.03,0.",
+            )  # fmt: skip
+    where = [(float(x), float(y), float(z)) for x, y, z in places] or [_usual_place(case, loaded, request)]
+    masses, where = list(dict.fromkeys(map(float, weights))), list(dict.fromkeys(where))
+    if len(masses) * len(where) > MOST_OFFERS:
+        raise InputError(
+            "These are too many weights and places: each pair takes a design of its own.", where="weigh, at",
+            got=f"{len(masses)} x {len(where)}", valid=f"at most {MOST_OFFERS} pairs",
+            next_step="Offer the lightest, the heaviest and one between, and the places that differ most.",
+        )  # fmt: skip
+    return [Offer(mass, place, _load(case, loaded, mass, place)) for place in where for mass in masses]
+
+
+def _usual_place(case: Case, loaded: str, request: Request) -> tuple[float, float, float]:
+    """Where the case has the centre of the load, or the end of the last link."""
+    source = case.document.runs[loaded].load
+    stated = None if source is None else source.centre
+    found = stated or end_of_last_link(case, request.limits)
+    if found is None:
+        raise InputError(
+            "Where the weight hangs is not known: the case states no centre: of its load, and no shape of the last "
+            "link is given.", where="at",
+            next_step="Give the centre of the weight, m in the frame of the last link: --at=0.12,-0.03,0; several "
+            "--at are compared.",
+        )  # fmt: skip
+    return found
+
+
+def _load(case: Case, loaded: str, mass: float, place: tuple[float, float, float]) -> dict[str, Any]:
+    """The entry ``load`` of a weight, in the form that the case has: with what it states of its load."""
+    source = case.document.runs[loaded].load
+    assert source is not None
+    has_gains = any(entry.of == DRIVE for entry in (case.document.identify or {}).values())
+    if source.mass is None and not has_gains:
+        return {}
+    found: dict[str, Any] = {"mass": mass}
+    if source.mass_std is not None:
+        found["mass_std"] = source.mass_std
+    if source.centre is not None:
+        found["centre"] = list(place)
+    if source.inertia is not None and source.mass is not None:
+        found["inertia"] = [value * mass / source.mass for value in source.inertia]
+    return found
