@@ -180,7 +180,7 @@ class Excited:
                 "loop": _peaks(Peaks.of(self.prediction.loop, n)),
             },
             "weighing": None if self.weighing is None else self.weighing.document(),
-            "space": space_document(self.around, self.prediction.loop),
+            "space": space_document(self.around, self.prediction.loop, self.prediction.part_s),
             "starts": [
                 {"start": t.start, "status": t.status, "begun": t.begun, "criterion": t.criterion} for t in self.trials
             ],
@@ -228,7 +228,8 @@ class Excited:
                 f", without {', '.join(left)}: zero, or so small that a hundred such logs would not show them, "
                 "were all others known"
             )
-        lines += wrapped(mean, hanging="  ") if self.prediction.prospect is not None else []
+        if self.prediction.prospect is not None and self.weighing is None:
+            lines += wrapped(mean, hanging="  ")
         lines.append("")
         for d in self.diagnostics:
             lines += wrapped(f"{d.code.severity.value.upper()} {d.code.name}: {d}", "", "  ")
@@ -241,7 +242,8 @@ class Excited:
 
     def _space_lines(self) -> list[str]:
         """The nearest of links and boxes along the simulated motion."""
-        found, around = nearest(self.around.space, self.prediction.loop), self.around
+        found = nearest(self.around.space, self.prediction.loop, self.prediction.part_s)
+        around = self.around
         if not found:
             return []
         shown = found[:NEAREST]

@@ -164,6 +164,11 @@ class Prediction:
         """Duration of the motion, s."""
         return float(np.ptp(self.reference.time))
 
+    @property
+    def part_s(self) -> float:
+        """From the start of one experiment in ``loop`` to that of the next, s."""
+        return self.length_s + self.reference.step
+
     def criterion_in(self, length_s: float, asked: int) -> float:
         """The criterion if the motion were repeated for that long: information grows with the duration."""
         grown = float(np.log(length_s / self.length_s))
@@ -226,7 +231,7 @@ def _simulated(plan: Plan, model: LoopModel) -> Trajectory:
     """Torque of the joints and motion of all experiments, one after the other."""
     n, gains = model.joint_count, drive_gains(model, plan.values)
     tables = [simulated_table(model.simulation(plan.values, e), motion=("q", "dq", "ddq")) for e in plan.labels]
-    length = float(np.ptp(tables[0].time)) + plan.case.step_size
+    length = float(np.ptp(model.experiments[plan.label].reference.time)) + plan.case.step_size
     values = np.concatenate([table.values for table in tables])
     values[:, :n] *= gains
     time = np.concatenate([table.time + i * length for i, table in enumerate(tables)])

@@ -32,8 +32,8 @@ from fmu_didim.workflow.excitation.weighed import Offer, Tried, Weighing
 
 MOST_OFFERS = 30
 """[pairs] Of weight and place at most: each takes a design of its own, of seconds to minutes."""
-NO_INERTIA = (0.0,) * 6
-"""[kg.m2] About its centre, of a weight of which nothing is said: a point."""
+STEEL = 7850.0
+"""[kg/m3] Of a weight of which nothing is said: a ball of steel. A point would be the limit of what a body can be."""
 
 
 def weighed(
@@ -54,7 +54,9 @@ def weighed(
     empty, loaded = _runs(case, label)
     offers = _offers(case, loaded, weights, places, request)
     gains = tuple(name for name, entry in (case.document.identify or {}).items() if entry.of == DRIVE)
-    own = replace(request, only=request.only or gains)
+    friction = tuple(k for k, stem in zip(robot.names, robot.base.standard, strict=True) if _is_friction(stem))
+    load = tuple(_load_values(_carrying(case, empty, loaded, offers[0]), loaded, offers[0]))
+    own = replace(request, only=request.only or (*gains, *friction, *load))
     found: list[Excited | InputError | SimulationError] = []
     for i, offer in enumerate(offers, start=1):
         request.progress(f"weight {i} of {len(offers)}: {offer.mass:g} kg at {offer.at} m")
@@ -69,16 +71,9 @@ def weighed(
         failed = found[0]
         assert not isinstance(failed, Excited)
         raise failed
-    friction = tuple(
-        k for k, s in zip(robot.names, robot.base.standard, strict=True) if s.rstrip("0123456789") in FRICTION
-    )
-    load = tuple(_load_values(_carrying(case, empty, loaded, offers[0]), loaded, offers[0]))
     shown = set.intersection(*(set(one.in_mean) for one in made))
-    ranked, said = gains, "the gains"
-    if request.only:
-        ranked, said = tuple(name for name in request.only if name in shown), ", ".join(request.only)
-    elif not gains:
-        ranked, said = (*friction, *load), "friction and load"
+    ranked = tuple(name for name in own.only if name in shown or name in load)
+    said = ", ".join(request.only) or ("gains, friction and load" if gains else "friction and load")
     tried = tuple(_row(offer, one, robot.joint_count) for offer, one in zip(offers, found, strict=True))
     source = case.document.runs[loaded].load
     mass_std = None if source is None or not gains else source.mass_std
@@ -90,6 +85,10 @@ def weighed(
     assert isinstance(best, Excited)
     told = weighing.diagnostics(with_shapes=bool(best.around.space.checks))
     return replace(best, weighing=weighing, diagnostics=tuple(by_weight([*best.diagnostics, *told])))
+
+
+def _is_friction(standard: str) -> bool:
+    return standard.rstrip("0123456789") in FRICTION
 
 
 OF_THE_WEIGHT = ("limits.torque", "excite")
@@ -104,12 +103,19 @@ def _tried(case: Case, empty: str | None, loaded: str, offer: Offer, request: Re
 
 
 def _load_values(case: Case, loaded: str, offer: Offer) -> dict[str, float]:
-    """Free parameter of the load -> its value with a weight, as a point or with the inertia that the case states."""
+    """Free parameter of the load -> its value with a weight, a ball of steel or with the inertia that the case has."""
     load, source = loads_of(case.document, robot_of(case))[loaded], case.document.runs[loaded].load
     about = None if source is None else source.inertia
-    chi = LoadSource(mass=offer.mass, centre=offer.place, inertia=about or NO_INERTIA).known
+    chi = LoadSource(mass=offer.mass, centre=offer.place, inertia=about or _of_ball(offer.mass)).known
     values = load.regrouping @ np.array([chi[stem] for stem in STEMS])
     return {free.name: float(value) for free, value in zip(load_parameters(load, loaded), values, strict=True)}
+
+
+def _of_ball(mass: float) -> tuple[float, float, float, float, float, float]:
+    """Inertia about the centre of a ball of steel: 2/5 m r^2, kg.m2."""
+    radius = (3 * mass / (4 * math.pi * STEEL)) ** (1 / 3)
+    inertia = 0.4 * mass * radius**2
+    return inertia, inertia, inertia, 0.0, 0.0, 0.0
 
 
 def _carrying(case: Case, empty: str | None, loaded: str, offer: Offer) -> Case:

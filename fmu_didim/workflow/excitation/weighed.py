@@ -147,7 +147,7 @@ class Weighing:
         """Head of a column -> names of the parameters whose mean it shows."""
         all_ = {"gains": self.gains, "friction": self.friction, "load": self.load}
         found = {head: names for head, names in all_.items() if names}
-        return found if self.ranked in found.values() else {"asked": self.ranked, **found}
+        return found if self.ranked in found.values() else {"mean": self.ranked, **found}
 
     def worst_gain(self, one: Tried) -> tuple[str, float] | None:
         """The gain that is known worst, and its relative deviation, percent."""
@@ -196,11 +196,10 @@ class Weighing:
         best, runs = self.chosen.offer, f"{self.empty or 'the earlier result'}: without it, {self.loaded}: with it"
         head = f"Hang {best.mass:g} kg at {best.at} m in the frame of the last link, and move so ({runs})."
         order = sorted(range(len(self.tried)), key=self.key)
-        rows = [self.tried[i] for i in order]
+        rows = [self.tried[i] for i in order]  # the best one first
         worst, torque = [self.worst_gain(one) for one in rows], [self.largest_torque(one) for one in rows]
-        taken = [" *" if i == self.best else "" for i in order]
         columns = [
-            words("hang", [f"{one.offer.mass:g} kg" for one in rows], marks=taken),
+            words("hang", [f"{one.offer.mass:g} kg" for one in rows]),
             words("at, m", [one.offer.at for one in rows]),
             *(numbers(f"%σ {name}", [_shown(one.mean(of)) for one in rows]) for name, of in self.groups.items()),
         ]  # fmt: skip
@@ -211,9 +210,9 @@ class Weighing:
             columns.append(words("torque of limit", texts))
         columns.append(words("can be run", ["no" if one.problem else "yes" for one in rows]))
         last = (
-            f"* taken: ranked by the mean %σ of {self.said}. %σ of a load is relative to mass times distance from the "
-            "origin of the frame, to the power of the parameter. It holds for white noise and these values, and is the "
-            "least that there can be."
+            f"Each on its own best motion; the first is taken, by the mean %σ of {self.said}. %σ of a load is relative "
+            "to its mass times the distance from the origin of the frame, or its square. All hold for white noise and "
+            "these values, and are the least that there can be."
         )
         bears = "Whether the flange and the gears bear the weight is not looked at."
         return [*wrapped(head), "", *table_lines(Table(columns), width=None), *wrapped(f"{last} {bears}"), ""]
