@@ -339,7 +339,9 @@ def case_of(
             content, memory = named(changes, folder)
             return _of_content(content, folder, memory, **required)
         return _changed(document, folder, changes, memory, **required)
-    return case if isinstance(case, Case) else load_case(case, **required)
+    if isinstance(case, Case):
+        return case
+    return load_case(case, require_torque=require_torque, require_positions=require_positions)
 
 
 def _changed(

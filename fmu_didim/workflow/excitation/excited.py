@@ -197,13 +197,13 @@ class Excited:
         lines = [
             *wrapped(self.name),
             "",
+            *([] if self.weighing is None else self.weighing.lines()),
             *wrapped(
                 f"Motion: {_words(self.excitation)}, {self.excitation.length_s:.4g} s, torque logged at "
                 f"{self.rate_hz:.6g} Hz"
             ),
             *wrapped(f"Best of {sum(t.criterion is not None for t in self.trials)} of {len(self.trials)} starts"),
             "",
-            *([] if self.weighing is None else self.weighing.lines()),
         ]
         if self.prediction.prospect is not None:
             lines += ["Predicted for the simulated loop with these values and white noise:"]

@@ -208,7 +208,7 @@ def predict(plan: Plan, reference: Trajectory, asked: Sequence[str], kind: Crite
             got=f"{torque.size} samples, {len(model.names)} parameters", next_step="Move for longer, or log faster.",
         )  # fmt: skip
     columns = whitened(sensitivity(model, plan.values, torque), plan.deviation)
-    unexcited = tuple(name for name, one in zip(model.names, columns.any(axis=0), strict=True) if not one)
+    unexcited = tuple(name for i, name in enumerate(model.names) if not columns[:, i].any())
     columns = model.beside_prior(columns)
     length = np.linalg.norm(columns, axis=0)
     size = float(np.linalg.norm(torque / plan.deviation))

@@ -83,8 +83,24 @@ def weighed(
     weighing = replace(weighing, best=min(range(len(tried)), key=weighing.key))
     best = found[weighing.best]
     assert isinstance(best, Excited)
-    told = weighing.diagnostics(with_shapes=bool(best.around.space.checks))
+    told = weighing.diagnostics(
+        with_shapes=bool(best.around.space.checks), assumed=_assumed_gains(case, loaded, request)
+    )  # fmt: skip
     return replace(best, weighing=weighing, diagnostics=tuple(by_weight([*best.diagnostics, *told])))
+
+
+def _assumed_gains(case: Case, label: str, request: Request) -> list[str]:
+    """Names of the gains that are taken for one though the log may be in another unit than the torque of the joint."""
+    torque = case.document.runs[label].torque
+    found = []
+    for name, entry in (case.document.identify or {}).items():
+        if entry.of != DRIVE or entry.start is not None or name in request.parameters:
+            continue
+        column = None if torque is None else torque.columns.get(f"tau{entry.joint}")
+        brought = column is not None and (column.torque_constant is not None or column.gear_ratio is not None)
+        if not brought and case.document.loop.drive_gains is None and (torque is None or torque.motors is None):
+            found.append(name)
+    return found
 
 
 def _is_friction(standard: str) -> bool:

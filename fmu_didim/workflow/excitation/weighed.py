@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from fmu_didim.base.diagnostics import CATALOGUE, REMARK, Diagnostic
+from fmu_didim.base.diagnostics import CATALOGUE, DOUBT, REMARK, Diagnostic
 from fmu_didim.checks.data.expected_accuracy import ExpectedAccuracy
 from fmu_didim.checks.load import GAIN_KNOWN, GAIN_UNKNOWN
 from fmu_didim.data.signals import Array
@@ -27,6 +27,13 @@ TOO_HEAVY = CATALOGUE(
     meaning="A weight that was offered cannot be moved within the limits: its torque at rest, or along each motion "
     "that was found, is beyond them, or something else stands against its motion.",
     next_step="Leave it out, hang it nearer to the axes, or give other positions.",
+)  # fmt: skip
+GAIN_ASSUMED = CATALOGUE(
+    "weight-gain-assumed", DOUBT, rank=46,
+    meaning="A gain of a drive is taken for one, as if the log were in N.m at the joint. Of a log in amperes or per "
+    "cent the noise is then of another size than torque_std says, and all predicted deviations with it.",
+    next_step="Give identify: {...: {start: ...}}, the torque of the joint for a unit of the log, by the data sheet: "
+    "a tenth is near enough.",
 )  # fmt: skip
 TAKEN_EXACT = CATALOGUE(
     "weight-taken-exact", REMARK, rank=74,
@@ -144,10 +151,9 @@ class Weighing:
 
     @property
     def groups(self) -> dict[str, tuple[str, ...]]:
-        """Head of a column -> names of the parameters whose mean it shows."""
-        all_ = {"gains": self.gains, "friction": self.friction, "load": self.load}
-        found = {head: names for head, names in all_.items() if names}
-        return found if self.ranked in found.values() else {"mean": self.ranked, **found}
+        """Head of a column -> names of the parameters whose mean %σ it shows, the one that ranks first."""
+        parts = {"gains": self.gains, "friction": self.friction, "load": self.load}
+        return {"mean %σ": self.ranked} | {head: names for head, names in parts.items() if names}
 
     def worst_gain(self, one: Tried) -> tuple[str, float] | None:
         """The gain that is known worst, and its relative deviation, percent."""
@@ -162,11 +168,11 @@ class Weighing:
         joint = int(np.nanargmax(ratio))
         return joint + 1, float(ratio[joint])
 
-    def diagnostics(self, *, with_shapes: bool) -> list[Diagnostic]:
+    def diagnostics(self, *, with_shapes: bool, assumed: Sequence[str] = ()) -> list[Diagnostic]:
         """What is to be said of the weight that is taken, and of the others.
 
         Args:
-            with_shapes: whether links and boxes are compared.
+            with_shapes: whether links and boxes are compared; assumed: gains that are taken for one.
         """
         told, best = [], self.chosen
         for name, percent in best.percent(self.gains).items():
@@ -180,12 +186,15 @@ class Weighing:
             if one.problem and one is not best:
                 text = f"{one.offer.mass:g} kg at {one.offer.at} m: {one.problem}"
                 told.append(Diagnostic(TOO_HEAVY, text))
+        if assumed:
+            text = f"Taken for one: {', '.join(assumed)}. torque_std is then in N.m or N."
+            told.append(Diagnostic(GAIN_ASSUMED, text))
         if self.gains and self.mass_std is None:
             told.append(Diagnostic(TAKEN_EXACT, "The mass of the weight is taken for exact."))
         elif self.gains and self.mass_std is not None and (found := best.percent(self.gains)):
             least, own = min(found.values()), 100 * self.mass_std / best.offer.mass
             if own**2 > OF_MASS * least**2:
-                text = f"The mass is known to {own:.2g} %, and the best known gain would be to {least:.2g} %."
+                text = f"The mass is known to {own:.2g} %, and the best known gain would be known to {least:.2g} %."
                 told.append(Diagnostic(MASS_IS_MOST, text, value=own, bound=float(np.sqrt(OF_MASS) * least), unit="%"))
         if with_shapes:
             told.append(Diagnostic(NOT_AMONG_LINKS, "The weight itself is compared with nothing."))
@@ -201,14 +210,14 @@ class Weighing:
         columns = [
             words("hang", [f"{one.offer.mass:g} kg" for one in rows]),
             words("at, m", [one.offer.at for one in rows]),
-            *(numbers(f"%σ {name}", [_shown(one.mean(of)) for one in rows]) for name, of in self.groups.items()),
-        ]  # fmt: skip
+            *(numbers(name, [_shown(one.mean(of)) for one in rows]) for name, of in self.groups.items()),
+        ]
         if self.gains:
             columns.append(words("worst gain", ["–" if w is None else f"{w[0]} {_shown(w[1])} %" for w in worst]))
         if np.isfinite(self.torque).any():
             texts = ["–" if t is None else f"{100 * t[1]:.0f} % (joint {t[0]})" for t in torque]
             columns.append(words("torque of limit", texts))
-        columns.append(words("can be run", ["no" if one.problem else "yes" for one in rows]))
+        columns.append(words("can run", ["no" if one.problem else "yes" for one in rows]))
         last = (
             f"Each on its own best motion; the first is taken, by the mean %σ of {self.said}. %σ of a load is relative "
             "to its mass times the distance from the origin of the frame, or its square. All hold for white noise and "
@@ -236,7 +245,7 @@ class Weighing:
 
     def _row(self, one: Tried) -> dict[str, Any]:
         worst, torque = self.worst_gain(one), self.largest_torque(one)
-        means = {f"{head}_percent": _number(one.mean(names)) for head, names in self.groups.items()}
+        means = {f"{head.split()[0]}_percent": _number(one.mean(names)) for head, names in self.groups.items()}
         return {
             "mass_kg": one.offer.mass,
             "at_m": list(one.offer.place),
