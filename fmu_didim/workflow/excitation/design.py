@@ -17,7 +17,7 @@ from fmu_didim.data.excitation import Fourier, PointToPoint
 from fmu_didim.data.signals import Array, Trajectory
 from fmu_didim.discovery.excitation.basis import Basis
 from fmu_didim.discovery.excitation.limits import Bounds
-from fmu_didim.discovery.excitation.optimum import Criterion, Problem, Solution
+from fmu_didim.discovery.excitation.optimum import ITERATIONS, Criterion, Problem, Solution
 from fmu_didim.discovery.excitation.points import MOVES, Points
 from fmu_didim.discovery.excitation.runs import Runs
 from fmu_didim.discovery.excitation.series import HARMONICS, Series
@@ -48,6 +48,8 @@ LEAST_SHRINK = 0.005
 """[1] at least by so much."""
 CLEARER = 5e-4
 """[m] More than what the loop came too near is asked for: the loop of another motion deviates otherwise."""
+ROUGH = 60
+"""[iterations] Of IPOPT where weights are compared roughly, from the best start alone: most is gained by then."""
 PACKAGES = ("fmu_didim", "casadi", "numpy", "scipy")
 
 
@@ -56,7 +58,8 @@ class Request:
     """What a motion is designed for; the attributes are those of :func:`~fmu_didim.excite`.
 
     Attributes:
-        progress: told of each start.
+        progress: told of each start; is_rough: whether a motion is wanted that is good enough to compare weights: from
+            the best start alone, with fewer iterations, and made smaller where the loop exceeds limits.
     """
 
     limits: MotionLimits
@@ -74,6 +77,7 @@ class Request:
     seed: int = 0
     parameters: Mapping[str, float] = field(default_factory=dict)
     progress: Callable[[str], None] = lambda text: None
+    is_rough: bool = False
 
 
 def designed(
@@ -102,8 +106,9 @@ def designed(
     asked = request.only or model.names
     problem, drawn, in_mean = _begun(plan, robot, model, basis, bounds, asked, request, around.space)
     wanted = in_mean if request.criterion == "mean" else asked
-    now = _predicted(plan, reference if _is_same(case, labels) else None, wanted, request.criterion)
-    trials, solutions = _solved(problem, bounds, drawn, request.progress)
+    its_own = None if request.is_rough or not _is_same(case, labels) else reference
+    now = _predicted(plan, its_own, wanted, request.criterion)
+    trials, solutions = _solved(problem, bounds, drawn, request)
     best, settled = _best(plan, problem, bounds, solutions, wanted, request)
     told = findings(
         plan, basis, bounds, best[1], now, wanted, failed=sum(t.criterion is None for t in trials),
@@ -292,13 +297,18 @@ def _predicted(plan: Plan, reference: Trajectory | None, asked: Sequence[str], k
 
 
 def _solved(
-    problem: Problem, bounds: Bounds, drawn: Sequence[Array], progress: Callable[[str], None]
+    problem: Problem, bounds: Bounds, drawn: Sequence[Array], request: Request
 ) -> tuple[list[Trial], list[Solution]]:
-    """All starts, and the solutions of those that did not fail, the best first."""
-    trials, solutions, starts = [], [], len(drawn)
+    """All starts, and the solutions of those that did not fail, the best first; roughly the first one that does not
+    fail, from the best start on."""
+    trials, solutions, starts, progress = [], list[Solution](), len(drawn), request.progress
+    if request.is_rough:
+        drawn = sorted(drawn, key=problem.criterion, reverse=True)
     for i, start in enumerate(drawn, start=1):
+        if request.is_rough and solutions:
+            break
         try:
-            found = problem.solved(start, bounds)
+            found = problem.solved(start, bounds, iterations=ROUGH if request.is_rough else ITERATIONS)
         except RuntimeError as error:
             trials.append(Trial(i, f"skipped: {error}"))
             progress(f"start {i} of {starts}: skipped ({error})")
@@ -326,11 +336,11 @@ def _best(
     """The motion whose log tells most in the simulated loop, whose limits it keeps as far as possible."""
     found: list[tuple[Fourier | PointToPoint, Prediction, bool]] = []
     failure: SimulationError | None = None
-    kind, progress = request.criterion, request.progress
+    progress = request.progress
     for solution in solutions[:SIMULATED]:
         progress(f"simulating motion {len(found) + 1} of {min(SIMULATED, len(solutions))}")
         try:
-            found.append(_within(plan, problem, bounds, solution, asked, kind, progress))
+            found.append(_within(plan, problem, bounds, solution, asked, request))
         except SimulationError as error:
             failure = error
     if not found:
@@ -348,12 +358,11 @@ def _best(
 
 
 def _within(
-    plan: Plan, problem: Problem, bounds: Bounds, solution: Solution, asked: Sequence[str], kind: Criterion,
-    progress: Callable[[str], None],
-) -> tuple[Fourier | PointToPoint, Prediction, bool]:  # fmt: skip
-    """A solution in the simulated loop; where that exceeds limits, solved again with tighter ones."""
-    n, own = plan.deviation.size, bounds
-    for remaining in reversed(range(ROUNDS + SHRINKS)):
+    plan: Plan, problem: Problem, bounds: Bounds, solution: Solution, asked: Sequence[str], request: Request
+) -> tuple[Fourier | PointToPoint, Prediction, bool]:
+    """A solution in the simulated loop; where that exceeds limits, solved again with tighter ones, or made smaller."""
+    n, own, kind, progress = plan.deviation.size, bounds, request.criterion, request.progress
+    for remaining in reversed(range(SHRINKS if request.is_rough else ROUNDS + SHRINKS)):
         motion = problem.basis.excitation(solution.coefficients)
         prediction = predict(plan, motion.trajectory(1 / plan.case.step_size), asked, kind)
         peaks = Peaks.of(prediction.loop, n)

@@ -32,6 +32,10 @@ from fmu_didim.workflow.excitation.weighed import Offer, Tried, Weighing
 
 MOST_OFFERS = 30
 """[pairs] Of weight and place at most: each takes a design of its own, of seconds to minutes."""
+FINALISTS = 2
+"""[offers] The best of a rough comparison, whose motions are designed from all starts."""
+OF_THE_WEIGHT = ("limits.torque", "excite")
+"""Where errors are that another weight may not have: torque at rest beyond the limits, an optimisation that fails."""
 STEEL = 7850.0
 """[kg/m3] Of a weight of which nothing is said: a ball of steel. A point would be the limit of what a body can be."""
 
@@ -57,36 +61,44 @@ def weighed(
     friction = tuple(k for k, stem in zip(robot.names, robot.base.standard, strict=True) if _is_friction(stem))
     load = tuple(_load_values(_carrying(case, empty, loaded, offers[0]), loaded, offers[0]))
     own = replace(request, only=request.only or (*gains, *friction, *load))
-    found: list[Excited | InputError | SimulationError] = []
-    for i, offer in enumerate(offers, start=1):
-        request.progress(f"weight {i} of {len(offers)}: {offer.mass:g} kg at {offer.at} m")
-        try:
-            found.append(_tried(case, empty, loaded, offer, own))
-        except (InputError, SimulationError) as error:
-            if isinstance(error, InputError) and not error.where.startswith(OF_THE_WEIGHT):
-                raise
-            found.append(error)
-    made = [one for one in found if isinstance(one, Excited)]
-    if not made:
-        failed = found[0]
-        assert not isinstance(failed, Excited)
-        raise failed
-    shown = set.intersection(*(set(one.in_mean) for one in made))
-    ranked = tuple(name for name in own.only if name in shown or name in load)
-    said = ", ".join(request.only) or ("gains, friction and load" if gains else "friction and load")
-    tried = tuple(_row(offer, one, robot.joint_count) for offer, one in zip(offers, found, strict=True))
     source = case.document.runs[loaded].load
-    mass_std = None if source is None or not gains else source.mass_std
     weighing = Weighing(
-        empty, loaded, tried, 0, gains, friction, load, ranked, said, mass_std, made[0].bounds.torque
+        empty=empty, loaded=loaded, tried=(), best=0, gains=gains, friction=friction, load=load, ranked=own.only,
+        said=", ".join(request.only) or ("gains, friction and load" if gains else "friction and load"),
+        mass_std=None if source is None or not gains else source.mass_std,
     )  # fmt: skip
-    weighing = replace(weighing, best=min(range(len(tried)), key=weighing.key))
+    found = dict[int, Outcome]()
+    wanted, is_rough = list(range(len(offers))), len(offers) > FINALISTS
+    while True:
+        for i in wanted:
+            text = f"{offers[i].mass:g} kg at {offers[i].at} m" + (", roughly" if is_rough else "")
+            request.progress(f"weight {i + 1} of {len(offers)}: {text}")
+            found[i] = _tried(case, empty, loaded, offers[i], replace(own, is_rough=is_rough))
+        weighing = _ranked(weighing, offers, [found[i] for i in range(len(offers))], wanted)
+        if not is_rough:
+            break
+        wanted, is_rough = weighing.order[:FINALISTS], False
     best = found[weighing.best]
-    assert isinstance(best, Excited)
+    if not isinstance(best, Excited):
+        raise best
     told = weighing.diagnostics(
         with_shapes=bool(best.around.space.checks), assumed=_assumed_gains(case, loaded, request)
     )  # fmt: skip
     return replace(best, weighing=weighing, diagnostics=tuple(by_weight([*best.diagnostics, *told])))
+
+
+Outcome = Excited | InputError | SimulationError
+"""Of a weight: its best motion, or why there is none."""
+
+
+def _ranked(weighing: Weighing, offers: Sequence[Offer], found: Sequence[Outcome], of: Sequence[int]) -> Weighing:
+    """With what was found of all offers, of which the best among some places is taken."""
+    made = [one for one in found if isinstance(one, Excited)]
+    shown = set.intersection(*(set(one.in_mean) for one in made)) if made else set(weighing.ranked)
+    ranked = tuple(name for name in weighing.ranked if name in shown or name in weighing.load)
+    tried = tuple(_row(offer, one, i in of) for i, (offer, one) in enumerate(zip(offers, found, strict=True)))
+    weighing = replace(weighing, tried=tried, ranked=ranked)
+    return replace(weighing, best=min(of, key=weighing.key))
 
 
 def _assumed_gains(case: Case, label: str, request: Request) -> list[str]:
@@ -107,15 +119,18 @@ def _is_friction(standard: str) -> bool:
     return standard.rstrip("0123456789") in FRICTION
 
 
-OF_THE_WEIGHT = ("limits.torque", "excite")
-"""Where errors are that another weight may not have: torque at rest beyond the limits, an optimisation that fails."""
-
-
-def _tried(case: Case, empty: str | None, loaded: str, offer: Offer, request: Request) -> Excited:
-    """The best motion with a weight."""
+def _tried(case: Case, empty: str | None, loaded: str, offer: Offer, request: Request) -> Outcome:
+    """The best motion with a weight; raises InputError for what does not lie at this weight."""
     own = _carrying(case, empty, loaded, offer)
     labels = [loaded] if empty is None else [empty, loaded]
-    return designed(own, labels, request, _load_values(own, loaded, offer))
+    try:
+        return designed(own, labels, request, _load_values(own, loaded, offer))
+    except SimulationError as error:
+        return error
+    except InputError as error:
+        if error.where.startswith(OF_THE_WEIGHT):
+            return error
+        raise
 
 
 def _load_values(case: Case, loaded: str, offer: Offer) -> dict[str, float]:
@@ -150,14 +165,15 @@ def _carrying(case: Case, empty: str | None, loaded: str, offer: Offer) -> Case:
     return replace(case, document=validate(CaseDocument, content, where="case"))
 
 
-def _row(offer: Offer, found: Excited | InputError | SimulationError, n: int) -> Tried:
+def _row(offer: Offer, found: Outcome, is_final: bool) -> Tried:
     """A row of the table."""
     if not isinstance(found, Excited):
-        return Tried(offer, None, np.full(n, np.nan), f"{found.what}" + (f" ({found.got})" if found.got else ""))
-    against = [d for d in found.diagnostics if d.code.severity is PROBLEM]
-    return Tried(
-        offer, found.prediction.prospect, Peaks.of(found.prediction.loop, n).torque, " ".join(map(str, against))
-    )
+        problem = found.what + (f" ({found.got})" if found.got else "")
+        return Tried(offer, None, np.zeros(0), np.zeros(0), problem, is_final=is_final)
+    against = " ".join(str(d) for d in found.diagnostics if d.code.severity is PROBLEM)
+    limits = found.bounds.torque
+    peaks = Peaks.of(found.prediction.loop, limits.size).torque
+    return Tried(offer, found.prediction.prospect, peaks, limits, against, is_final=is_final)
 
 
 def _runs(case: Case, label: str | None) -> tuple[str | None, str]:

@@ -85,14 +85,17 @@ class Tried:
         offer: the weight and its place.
         prospect: predicted deviations of both runs on the best motion; None where they do not determine all, or cannot
             be made.
-        criterion: of the motion; peaks: (n,) largest torque, N.m or N; NaN where there is none.
+        peaks: (n,) largest torque, N.m or N; limits: (n,) of it, infinite without one; empty where there is no motion.
         problem: why it cannot be run, in words; "" where nothing stands against it.
+        is_final: whether its motion was designed from all starts, and not only roughly.
     """
 
     offer: Offer
     prospect: ExpectedAccuracy | None
     peaks: Array
+    limits: Array
     problem: str = ""
+    is_final: bool = True
 
     def percent(self, names: Sequence[str]) -> dict[str, float]:
         """Name -> predicted standard deviation, percent, of those whose value is not zero; those of loads relative to
@@ -129,7 +132,6 @@ class Weighing:
         gains, friction, load: names of the parameters that are to be split.
         ranked: names of those whose mean relative deviation ranks the weights; said: the same in words.
         mass_std: standard deviation of the mass, kg; None where it is taken for exact.
-        torque: (n,) limits of the torque, N.m or N; infinite where there are none.
     """
 
     empty: str | None
@@ -142,7 +144,6 @@ class Weighing:
     ranked: tuple[str, ...]
     said: str
     mass_std: float | None
-    torque: Array
 
     @property
     def chosen(self) -> Tried:
@@ -162,8 +163,8 @@ class Weighing:
 
     def largest_torque(self, one: Tried) -> tuple[int, float] | None:
         """Joint, from 1, of the largest torque over its limit, and that ratio; None without limits."""
-        ratio = one.peaks / self.torque
-        if not np.isfinite(self.torque).any() or np.isnan(ratio).all():
+        ratio = one.peaks / one.limits
+        if not (ratio > 0).any():
             return None
         joint = int(np.nanargmax(ratio))
         return joint + 1, float(ratio[joint])
@@ -204,8 +205,7 @@ class Weighing:
         """What to hang, and the table of all that was tried."""
         best, runs = self.chosen.offer, f"{self.empty or 'the earlier result'}: without it, {self.loaded}: with it"
         head = f"Hang {best.mass:g} kg at {best.at} m in the frame of the last link, and move so ({runs})."
-        order = sorted(range(len(self.tried)), key=self.key)
-        rows = [self.tried[i] for i in order]  # the best one first
+        rows = [self.tried[i] for i in self.order]
         worst, torque = [self.worst_gain(one) for one in rows], [self.largest_torque(one) for one in rows]
         columns = [
             words("hang", [f"{one.offer.mass:g} kg" for one in rows]),
@@ -214,17 +214,25 @@ class Weighing:
         ]
         if self.gains:
             columns.append(words("worst gain", ["–" if w is None else f"{w[0]} {_shown(w[1])} %" for w in worst]))
-        if np.isfinite(self.torque).any():
+        if any(t is not None for t in torque):
             texts = ["–" if t is None else f"{100 * t[1]:.0f} % (joint {t[0]})" for t in torque]
             columns.append(words("torque of limit", texts))
         columns.append(words("can run", ["no" if one.problem else "yes" for one in rows]))
+        count = sum(one.is_final for one in self.tried)
+        rough = "" if count == len(self.tried) else f" (of the first {count} designed from all starts, else roughly)"
         last = (
-            f"Each on its own best motion; the first is taken, by the mean %σ of {self.said}. %σ of a load is relative "
-            "to its mass times the distance from the origin of the frame, or its square. All hold for white noise and "
-            "these values, and are the least that there can be."
+            f"Each on its own best motion{rough}; the first is taken, by the mean %σ of {self.said}. %σ of a load is "
+            "relative to its mass, times the distance from the origin of the frame or the square of it. All hold for "
+            "white noise and these values, and are the least that there can be."
         )
         bears = "Whether the flange and the gears bear the weight is not looked at."
         return [*wrapped(head), "", *table_lines(Table(columns), width=None), *wrapped(f"{last} {bears}"), ""]
+
+    @property
+    def order(self) -> list[int]:
+        """Places of all that were tried, the one that is taken first, then those whose motions were designed from all
+        starts, the best first."""
+        return sorted(range(len(self.tried)), key=lambda i: (i != self.best, not self.tried[i].is_final, self.key(i)))
 
     def key(self, place: int) -> tuple[bool, bool, float, int]:
         """By which the offers are ranked: those that can be run first, then those that are known, then by how well."""
@@ -257,6 +265,7 @@ class Weighing:
             "torque_of_limit": None if torque is None else {"joint": torque[0], "ratio": torque[1]},
             "can_be_run": not one.problem,
             "problem": one.problem,
+            "designed": "from all starts" if one.is_final else "roughly",
         }
 
 
