@@ -78,7 +78,7 @@ def excite(
         limits_document(limits), tuple(only), criterion, kind, harmonics, moves, dwell_s, period_s, periods, rate_hz,
         torque_std, starts, seed, parameters or {}, progress,
     )  # fmt: skip
-    if weigh or at:
+    if len(weigh) or len(at):
         made = weighed(case, request, weights=weigh, places=at, label=experiment)
     else:
         made = designed(case, [experiment or next(iter(case.document.runs))], request)

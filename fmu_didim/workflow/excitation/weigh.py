@@ -192,14 +192,8 @@ def _runs(case: Case, label: str | None) -> tuple[str | None, str]:
     chosen = label or carrying[0]
     source = runs[chosen].load
     chosen = source.same_as if source is not None and source.same_as is not None else chosen
-    others = [name for name, run in runs.items() if run.load is None]
-    known = case.document.prior is not None and case.document.prior.result is not None
-    if not others and not known:
-        raise InputError(
-            "A load is the difference to a run without one, and the case has none.", where=case.name,
-            got=f"runs: {', '.join(runs)}", next_step="Add a run without load: to experiments:.",
-        )  # fmt: skip
-    return (others[0] if others else None), chosen
+    others = [name for name, run in runs.items() if run.load is None]  # none where an earlier result stands for it
+    return next(iter(others), None), chosen
 
 
 def _offers(
@@ -211,7 +205,7 @@ def _offers(
         InputError: a weight or a place is none, or there are too many.
     """
     wrong = [w for w in weights if not (math.isfinite(w) and w > 0)]
-    if not weights:
+    if not len(weights):
         raise InputError(
             "A place is for a weight, and none is offered.", where="at", got=f"{len(places)} places",
             next_step="Give the masses of the weights that you have, in kg: --weigh 0.5,1,2.",
