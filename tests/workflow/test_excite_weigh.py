@@ -304,3 +304,24 @@ def test_the_command_names_the_weight_and_writes_the_load(tmp_path: Path, capsys
         with pytest.raises(SystemExit) as stopped:
             main([*base, wrong])
         assert stopped.value.code == 2 and word in capsys.readouterr().err
+
+
+def test_an_earlier_result_stands_for_the_run_without_the_weight(tmp_path: Path) -> None:
+    """One run is designed then, with what that result knows of the robot."""
+    case = planned(gains=None, load={})
+    names = case.parameters.names
+    joints = case.robot.joints if case.robot is not None else ()
+    own = case.parameters.nominal()
+    links = [{key: getattr(joint, key) for key in ("type", "alpha", "a", "theta", "d")} for joint in joints]
+    result = {
+        "parameters": {name: {"value": float(value)} for name, value in zip(names, own, strict=True)},
+        "covariance": np.diag((0.01 * np.abs(own)) ** 2).tolist(), "verdict": "valid", "reasons": [],
+        "geometry": {"links": links}, "provenance": {"files": {}},
+    }  # fmt: skip
+    (tmp_path / "result.json").write_text(json.dumps(result), encoding="utf-8")
+    case = case.with_(prior={"result": str(tmp_path / "result.json")}, experiments={"empty": None})
+    found = excite(case, **QUICK)
+    assert found.ok and found.weighing is not None and found.weighing.empty is None
+    assert "the earlier result: without it" in " ".join(found.summary().split())
+    own_percent = found.weighing.chosen.percent(("load_M[loaded]",))["load_M[loaded]"]
+    assert 0 < own_percent < 30 and "load_M[loaded]" not in found.unseen

@@ -259,9 +259,14 @@ def _basis(case: Case, label: str, reference: Trajectory | None, bounds: Bounds,
     return basis
 
 
+def _is_compared(plan: Plan, model: LoopModel) -> bool:
+    """Whether the motion is that of several runs, or of one with a load beside an earlier result without it."""
+    return bool(plan.beside) or (model.prior is not None and plan.label in model.loads)
+
+
 def _looked_at(plan: Plan, robot: RobotParameters, model: LoopModel) -> tuple[str, ...]:
     """Names of the parameters of the design: of a single run the base parameters."""
-    return model.names if plan.beside else robot.names
+    return model.names if _is_compared(plan, model) else robot.names
 
 
 def _begun(
@@ -271,7 +276,8 @@ def _begun(
     """The problem, the random motions from which it begins, and those of the parameters asked for whose relative
     deviations have a meaning: that a log of one of these motions would show, were all others known."""
     instants, known = plan.times(still(plan.case, basis)), _looked_at(plan, robot, model)
-    of = Runs.of(model, plan.values, plan.labels) if plan.beside else Runs.alone(model.theta(plan.values))
+    compares = _is_compared(plan, model)
+    of = Runs.of(model, plan.values, plan.labels) if compares else Runs.alone(model.theta(plan.values))
 
     def problem_of(names: Sequence[str]) -> Problem:
         places = [known.index(name) for name in names if name in known]

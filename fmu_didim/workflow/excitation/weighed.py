@@ -38,8 +38,8 @@ GAIN_ASSUMED = CATALOGUE(
 TAKEN_EXACT = CATALOGUE(
     "weight-taken-exact", REMARK, rank=74,
     meaning="The case states no mass_std: of the load, so that the predicted deviations have nothing of the "
-    "uncertainty of its mass, to which every gain is proportional.",
-    next_step="Give load: {mass_std: ...} with the accuracy of the scale, kg.",
+    "uncertainty of its mass, to which every gain is proportional, nor of a centre: that it states.",
+    next_step="Give load: {mass_std: ...} with the accuracy of the scale, kg, and leave out centre: if it is not sure.",
 )  # fmt: skip
 MASS_IS_MOST = CATALOGUE(
     "weight-mass-uncertain", REMARK, rank=74,
@@ -191,7 +191,8 @@ class Weighing:
             text = f"Taken for one: {', '.join(assumed)}. torque_std is then in N.m or N."
             told.append(Diagnostic(GAIN_ASSUMED, text))
         if self.gains and self.mass_std is None:
-            told.append(Diagnostic(TAKEN_EXACT, "The mass of the weight is taken for exact."))
+            what = "mass and the centre of the weight are" if "centre" in best.offer.load else "mass of the weight is"
+            told.append(Diagnostic(TAKEN_EXACT, f"The {what} taken for exact."))
         elif self.gains and self.mass_std is not None and (found := best.percent(self.gains)):
             least, own = min(found.values()), 100 * self.mass_std / best.offer.mass
             if own**2 > OF_MASS * least**2:
