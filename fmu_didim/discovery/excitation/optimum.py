@@ -35,7 +35,8 @@ from fmu_didim.fit.statistics import covariance_white
 Criterion = Literal["determinant", "mean"]
 """What is made best."""
 MOST_INSTANTS = 240
-"""[samples] Of a period that stand for all of a faster log: many more than there are coefficients."""
+"""[samples] Of a period, in all runs together, that stand for all of a faster log: many more than there are
+coefficients."""
 DIGITS = 9
 """[decimals] Of an instant within a period, s, so that those of all periods are the same."""
 ITERATIONS = 300
@@ -117,7 +118,7 @@ class Problem:
         self.runs = of if isinstance(of, Runs) else Runs.alone(of)
         self.model, self.base, self.basis, self.theta = model, base, basis, self.runs.values
         self._deviation, self._asked, self._kind = deviation, tuple(asked), kind
-        self._instants = representative(instants, basis)
+        self._instants = representative(instants, basis, MOST_INSTANTS // len(self.runs.maps))
         self._stand_for = instants.size / self._instants.size
         self._observed = [v.start for v in model.observed]
         self._extra = [ca.DM([v.start for v in model.extra])] if model.extra else []
@@ -437,12 +438,12 @@ class Problem:
         return float(np.max(np.concatenate(ratios)) - 1.0)
 
 
-def representative(instants: Array, basis: Basis) -> Array:
+def representative(instants: Array, basis: Basis, most: int = MOST_INSTANTS) -> Array:
     """Instants of the log, or some of them spread evenly where there are very many."""
-    if instants.size <= MOST_INSTANTS:
+    if instants.size <= most:
         return instants
     one = np.unique(np.round(np.mod(instants, 1 / basis.fundamental_hz), DIGITS))
-    rows = np.linspace(0, one.size - 1, min(one.size, MOST_INSTANTS)).astype(int)
+    rows = np.linspace(0, one.size - 1, min(one.size, most)).astype(int)
     return np.asarray(one[rows], dtype=float)
 
 
