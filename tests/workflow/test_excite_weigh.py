@@ -20,6 +20,7 @@ from fmu_didim.discovery.excitation.runs import Runs
 from fmu_didim.discovery.excitation.series import Series
 from fmu_didim.model.parameters import RobotParameters
 from fmu_didim.workflow.excitation.planned import Plan, predict
+from fmu_didim.workflow.excitation.weigh import _finalists
 from fmu_didim.workflow.excitation.weighed import Offer, Tried, Weighing
 from tests.loads import SCARA, planned
 
@@ -325,3 +326,16 @@ def test_an_earlier_result_stands_for_the_run_without_the_weight(tmp_path: Path)
     assert "the earlier result: without it" in " ".join(found.summary().split())
     own_percent = found.weighing.chosen.percent(("load_M[loaded]",))["load_M[loaded]"]
     assert 0 < own_percent < 30 and "load_M[loaded]" not in found.unseen
+
+
+@pytest.mark.parametrize(
+    ("rows", "places"),
+    [
+        ((tried(1, POOR), tried(2, GOOD), tried(3, (0.021,) * 5)), [1, 2]),
+        ((tried(1, POOR), tried(2, GOOD), tried(3, (0.03,) * 5)), [1]),
+        ((tried(1, (0.021,) * 5, problem="Too much."), tried(2, GOOD), tried(3, POOR)), [1]),
+        ((tried(1, None, problem="No."), tried(2, None, problem="No.")), [0]),
+    ],
+)
+def test_the_best_that_are_close_are_designed_from_all_starts(rows: tuple[Tried, ...], places: list[int]) -> None:
+    assert _finalists(weighing(*rows)) == places

@@ -33,7 +33,9 @@ from fmu_didim.workflow.excitation.weighed import Offer, Tried, Weighing
 MOST_OFFERS = 30
 """[pairs] Of weight and place at most: each takes a design of its own, of seconds to minutes."""
 FINALISTS = 2
-"""[offers] The best of a rough comparison, whose motions are designed from all starts."""
+"""[offers] The best of a rough comparison, whose motions are designed from all starts;"""
+CLOSE = 1.2
+"""[1] as far as their mean is not larger than that of the best by this factor: a rough motion is worse by less."""
 OF_THE_WEIGHT = ("limits.torque", "excite")
 """Where errors are that another weight may not have: torque at rest beyond the limits, an optimisation that fails."""
 STEEL = 7850.0
@@ -77,7 +79,7 @@ def weighed(
         weighing = _ranked(weighing, offers, [found[i] for i in range(len(offers))], wanted)
         if not is_rough:
             break
-        wanted, is_rough = weighing.order[:FINALISTS], False
+        wanted, is_rough = _finalists(weighing), False
     best = found[weighing.best]
     if not isinstance(best, Excited):
         raise best
@@ -89,6 +91,16 @@ def weighed(
 
 Outcome = Excited | InputError | SimulationError
 """Of a weight: its best motion, or why there is none."""
+
+
+def _finalists(weighing: Weighing) -> list[int]:
+    """Places of the offers whose motions are worth to be designed from all starts."""
+    first, *others = weighing.order[:FINALISTS]
+    least = weighing.tried[first].mean(weighing.ranked)
+    return [
+        first,
+        *(i for i in others if not weighing.key(i)[0] and weighing.tried[i].mean(weighing.ranked) <= CLOSE * least),
+    ]
 
 
 def _ranked(weighing: Weighing, offers: Sequence[Offer], found: Sequence[Outcome], of: Sequence[int]) -> Weighing:
