@@ -323,7 +323,7 @@ def test_an_earlier_result_stands_for_the_run_without_the_weight(tmp_path: Path)
     case = case.with_(prior={"result": str(tmp_path / "result.json")}, experiments={"empty": None})
     found = excite(case, **QUICK)
     assert found.ok and found.weighing is not None and found.weighing.empty is None
-    assert "the earlier result: without it" in " ".join(found.summary().split())
+    assert "Without it: the earlier result; with it: loaded." in found.summary()
     own_percent = found.weighing.chosen.percent(("load_M[loaded]",))["load_M[loaded]"]
     assert 0 < own_percent < 30 and "load_M[loaded]" not in found.unseen
 

@@ -204,8 +204,9 @@ class Weighing:
 
     def lines(self) -> list[str]:
         """What to hang, and the table of all that was tried."""
-        best, runs = self.chosen.offer, f"{self.empty or 'the earlier result'}: without it, {self.loaded}: with it"
-        head = f"Hang {best.mass:g} kg at {best.at} m in the frame of the last link, and move so ({runs})."
+        best = self.chosen.offer
+        head = f"Hang {best.mass:g} kg at {best.at} m in the frame of the last link, and move so."
+        runs = f"Without it: {self.empty or 'the earlier result'}; with it: {self.loaded}."
         rows = [self.tried[i] for i in self.order]
         worst, torque = [self.worst_gain(one) for one in rows], [self.largest_torque(one) for one in rows]
         columns = [
@@ -227,7 +228,14 @@ class Weighing:
             "white noise and these values, and are the least that there can be."
         )
         bears = "Whether the flange and the gears bear the weight is not looked at."
-        return [*wrapped(head), "", *table_lines(Table(columns), width=None), *wrapped(f"{last} {bears}"), ""]
+        return [
+            *wrapped(head),
+            *wrapped(runs),
+            "",
+            *table_lines(Table(columns), width=None),
+            *wrapped(f"{last} {bears}"),
+            "",
+        ]
 
     @property
     def order(self) -> list[int]:
