@@ -223,6 +223,7 @@ def test_a_weight_beyond_the_torque_is_told_and_left_out(tmp_path: Path) -> None
     torque = np.abs(found.prediction.loop.column("tau1")).max()
     assert 9.81 * (0.5 + 2 * 0.3) * 0.9 < torque <= 20.0 * 1.001  # that of the arm with the weight, in N.m
     shown = found.summary()
+    assert "No place was given: it is the centre: of the case's load." in shown
     assert "Hang 2 kg at (0.3, 0, 0) m" in shown and "9 kg" in shown and max(map(len, shown.splitlines())) <= 100
     with pytest.raises(InputError, match="hardly moves needs more torque"):
         excite(case, **HORIZONTAL, weigh=[9.0, 12.0])
@@ -261,6 +262,17 @@ def test_a_single_run_of_a_case_with_loads_says_what_to_do() -> None:
     options = {key: value for key, value in QUICK.items() if key not in ("weigh", "at")}
     found = excite(planned(), **options)
     assert not found.ok and any("--weigh" in d.advice for d in found.diagnostics)
+
+
+def test_without_a_place_it_is_the_end_of_the_last_link_whose_shape_is_known() -> None:
+    capsules = [{"link": 1, "from": [0, 0, 0], "to": [0.5, 0, 0], "radius": 0.05},
+                {"link": 2, "from": [0.02, 0, 0], "to": [0.35, 0, 0], "radius": 0.04}]  # fmt: skip
+    limits = {**LIMITS, "capsules": capsules, "boxes": [[[0.9, 1.2], [-1, 1], [-1, 1]]]}
+    found = excite(planned(), **{**QUICK, "limits": limits, "at": []})
+    assert found.weighing is not None and found.weighing.chosen.offer.place == (0.35, 0, 0)
+    assert "it is the far end of the shape of the last link." in " ".join(found.summary().split())
+    assert "weight-without-shape" in {d.code.name for d in found.diagnostics}
+    assert found.saved()["space"]["nearest"][0]["time_s"] <= found.prediction.length_s  # of either run
 
 
 def test_a_load_without_gains_is_weighed_too() -> None:

@@ -235,7 +235,8 @@ def _offers(
                 valid="x, y, z in m",
                 next_step="Give the centre of the weight in the frame of the last link: --at=0.12,-0.03,0.",
             )  # fmt: skip
-    where = [(float(x), float(y), float(z)) for x, y, z in places] or [_usual_place(case, loaded, request)]
+    usual, words = ((0.0, 0.0, 0.0), "") if len(places) else _usual_place(case, loaded, request)
+    where = [(float(x), float(y), float(z)) for x, y, z in places] or [usual]
     masses, where = list(dict.fromkeys(map(float, weights))), list(dict.fromkeys(where))
     if len(masses) * len(where) > MOST_OFFERS:
         raise InputError(
@@ -243,14 +244,19 @@ def _offers(
             got=f"{len(masses)} x {len(where)}", valid=f"at most {MOST_OFFERS} pairs",
             next_step="Offer the lightest, the heaviest and one between, and the places that differ most.",
         )  # fmt: skip
-    return [Offer(mass, place, _load(case, loaded, mass, place)) for place in where for mass in masses]
+    return [Offer(mass, place, _load(case, loaded, mass, place), words) for place in where for mass in masses]
 
 
-def _usual_place(case: Case, loaded: str, request: Request) -> tuple[float, float, float]:
-    """Where the case has the centre of the load, or the end of the last link."""
+OF_CASE, OF_SHAPE = "the centre: of the case's load", "the far end of the shape of the last link"
+
+
+def _usual_place(case: Case, loaded: str, request: Request) -> tuple[tuple[float, float, float], str]:
+    """Where the case has the centre of the load, or the end of the last link, and which of them, in words."""
     source = case.document.runs[loaded].load
     stated = None if source is None else source.centre
-    found = stated or end_of_last_link(case, request.limits)
+    if stated is not None:
+        return stated, OF_CASE
+    found = end_of_last_link(case, request.limits)
     if found is None:
         raise InputError(
             "Where the weight hangs is not known: the case states no centre: of its load, and no shape of the last "
@@ -258,7 +264,7 @@ def _usual_place(case: Case, loaded: str, request: Request) -> tuple[float, floa
             next_step="Give the centre of the weight, m in the frame of the last link: --at=0.12,-0.03,0; several "
             "--at are compared.",
         )  # fmt: skip
-    return found
+    return found, OF_SHAPE
 
 
 def _load(case: Case, loaded: str, mass: float, place: tuple[float, float, float]) -> dict[str, Any]:

@@ -60,11 +60,13 @@ class Offer:
     Attributes:
         mass: kg; place: (3,) of its centre, m, in the frame of the last link.
         load: the entry ``load`` of a run with it, in the form in which the case has it.
+        taken_from: where the place is from, in words; "" where it was given.
     """
 
     mass: float
     place: tuple[float, float, float]
     load: Mapping[str, Any]
+    taken_from: str = ""
 
     @property
     def at(self) -> str:
@@ -207,6 +209,7 @@ class Weighing:
         best = self.chosen.offer
         head = f"Hang {best.mass:g} kg at {best.at} m in the frame of the last link, and move so."
         runs = f"Without it: {self.empty or 'the earlier result'}; with it: {self.loaded}."
+        runs += f" No place was given: it is {best.taken_from}." if best.taken_from else ""
         rows = [self.tried[i] for i in self.order]
         worst, torque = [self.worst_gain(one) for one in rows], [self.largest_torque(one) for one in rows]
         columns = [
