@@ -102,8 +102,8 @@ NO_BETTER = CATALOGUE(
 UNKNOWN_LOOP = CATALOGUE(
     "excitation-controller-unknown", REMARK, rank=72,
     meaning="The controller of the case is not known: the simulated loop follows the motion as a virtual one does, "
-    "nearly without error. Where the real one overshoots, limits may be exceeded that are kept here; and what noise and "
-    "low-pass of measured positions will do to the values is not predicted.",
+    "nearly without error. Where the real one overshoots, limits may be exceeded that are kept here; and what noise "
+    "and low-pass of measured positions will do to the values is not predicted.",
     next_step="Give reference.csv to the robot's controller, watch the first run, and log torque and positions.",
 )  # fmt: skip
 WITH_LOADS = (
