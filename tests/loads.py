@@ -81,6 +81,28 @@ def case_of(
     return load_case(content | changes, folder=SCARA.parent, signals=signals)
 
 
+def planned(
+    *, tracking: bool = False, gains: tuple[float, float] | None = (1.3, 0.8), load: dict[str, Any] | None = None
+) -> Case:
+    """The case of two runs whose logs, in amperes, do not exist yet; ``gains`` are not free where there are none."""
+    content = dict(load_case(SCARA).content)
+    reference = content.pop("train")["reference"]
+    content.pop("validation")
+    experiments: dict[str, Any] = {}
+    for label in ("empty", "loaded"):
+        own = {"positions": {"file": f"{label}.csv"}} if tracking else {"reference": reference}
+        experiments[label] = {"torque": {"file": f"{label}.csv", "rate_hz": 200 if tracking else 50}, **own}
+    experiments["loaded"]["load"] = {"mass": 2.0, "mass_std": 0.01} if load is None else load
+    law = {"kind": "tracking"} if tracking else {"kind": "model", "source": "../../controllers/scara_cascade.yaml"}
+    content |= {"plant": {"kind": "model"}, "controller": law, "experiments": experiments}
+    content |= {"estimator": {"kind": "didim"}} | ({"loop": {"rate_hz": 200}} if tracking else {})
+    if gains is not None:
+        content["identify"] = {
+            f"gain{j}": {"of": "drive", "joint": j, "start": gain} for j, gain in enumerate(gains, start=1)
+        }
+    return load_case(content, folder=SCARA.parent, require_torque=False, require_positions=False)
+
+
 def free_gains(joints: int = 2) -> dict[str, Any]:
     """The gains of all drives, free."""
     return {f"gain{j}": {"of": "drive", "joint": j, "start": 1.0} for j in range(1, joints + 1)}

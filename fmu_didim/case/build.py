@@ -24,6 +24,7 @@ from fmu_didim.case.calibration.model import model_component
 from fmu_didim.case.changes import CaseChanges, CaseParts, changes_by, merged
 from fmu_didim.case.document import MODEL, CaseDocument, make_estimator, read_case
 from fmu_didim.case.experiment import read_experiment
+from fmu_didim.case.files import path_of
 from fmu_didim.case.free import carried_loads, free_parameters, prior
 from fmu_didim.case.in_memory import Memory, check_at_hand, named
 from fmu_didim.case.instants import read_motion
@@ -41,7 +42,7 @@ from fmu_didim.case.loop import (
 from fmu_didim.case.measured import read_channels
 from fmu_didim.case.parts import component_of, controller_block, identified, plant_block
 from fmu_didim.case.sources import ExperimentSource
-from fmu_didim.case.tracking.followed import Tracking, tracking_of
+from fmu_didim.case.tracking.followed import Tracking, planned_tracking, tracking_of
 from fmu_didim.components import Component
 from fmu_didim.cosim import System
 from fmu_didim.cosim.system import REFERENCE
@@ -146,7 +147,10 @@ class Case:
         Raises:
             InputError, FmuError, BuildError: as of :func:`load_case`.
         """
-        return _changed(self.document, self.folder, changes, self.memory, require_torque="model" in self.__dict__)
+        return _changed(
+            self.document, self.folder, changes, self.memory, require_torque="model" in self.__dict__,
+            require_positions=self.tracking is None or not self.tracking.is_planned,
+        )  # fmt: skip
 
     def with_content(self, content: dict[str, Any], folder: Path) -> Case:
         """Another case that knows the objects of this one; ``folder``: to which its paths are relative."""
@@ -282,6 +286,7 @@ def load_case(
     folder: Path | str = ".",
     signals: Mapping[str, Trajectory] | None = None,
     require_torque: bool = True,
+    require_positions: bool = True,
 ) -> Case:
     """Read a case, build its FMUs and load its data; all its errors are found here.
 
@@ -292,16 +297,19 @@ def load_case(
         signals: name of a data file as the case has it -> signals in memory that are taken instead.
         require_torque: whether the torque logs are read at once, if the case names them; without them it can only be
             simulated.
+        require_positions: whether the logs of a case whose controller nobody knows must be there; without them its
+            motion can only be planned.
 
     Raises:
         InputError, FmuError, BuildError: with what, where, got, valid and next step.
     """
+    required = {"require_torque": require_torque, "require_positions": require_positions}
     memory = Memory(dict(signals or {}))
     if isinstance(source, Mapping):
         content, found = named(source, Path(folder))
-        return _of_content(content, Path(folder), memory | found, require_torque=require_torque)
+        return _of_content(content, Path(folder), memory | found, **required)
     document, path = read_case(source), Path(source)
-    return _loaded(document, path.parent, path, memory, require_torque=require_torque)
+    return _loaded(document, path.parent, path, memory, **required)
 
 
 def case_of(
@@ -309,12 +317,14 @@ def case_of(
     objects: CaseParts,
     *,
     require_torque: bool = True,
+    require_positions: bool = True,
 ) -> Case:
     """The case of a verb: as it is, or with the objects that the verb was given in the place of its entries.
 
     Raises:
         InputError, FmuError, BuildError: as of :func:`load_case`; or the case does not tell which entry is meant.
     """
+    required = {"require_torque": require_torque, "require_positions": require_positions}
     if case is None or any(value is not None for value in objects.values()):
         folder, memory, document = Path(), Memory(), None
         if isinstance(case, Case):
@@ -327,18 +337,20 @@ def case_of(
         changes = changes_by(objects, document)
         if document is None:
             content, memory = named(changes, folder)
-            return _of_content(content, folder, memory, require_torque=require_torque)
-        return _changed(document, folder, changes, memory, require_torque=require_torque)
-    return case if isinstance(case, Case) else load_case(case, require_torque=require_torque)
+            return _of_content(content, folder, memory, **required)
+        return _changed(document, folder, changes, memory, **required)
+    if isinstance(case, Case):
+        return case
+    return load_case(case, require_torque=require_torque, require_positions=require_positions)
 
 
 def _changed(
-    document: CaseDocument, folder: Path, changes: Mapping[str, Any], memory: Memory, *, require_torque: bool
+    document: CaseDocument, folder: Path, changes: Mapping[str, Any], memory: Memory, **required: bool
 ) -> Case:
     """The case of a document with other entries."""
     plain, found = named(changes, folder)
     content = merged(contents_of(document), plain)
-    return _of_content(content, folder, memory | found, require_torque=require_torque)
+    return _of_content(content, folder, memory | found, **required)
 
 
 def contents_of(document: CaseDocument) -> dict[str, Any]:
@@ -346,13 +358,16 @@ def contents_of(document: CaseDocument) -> dict[str, Any]:
     return document.model_dump(mode="json", by_alias=True, exclude_unset=True)
 
 
-def _of_content(content: dict[str, Any], folder: Path, memory: Memory, *, require_torque: bool) -> Case:
+def _of_content(content: dict[str, Any], folder: Path, memory: Memory, **required: bool) -> Case:
     document = validate(CaseDocument, content, where="case")
     _check_folder(document, folder, memory)
-    return _loaded(document, folder, Path(), memory, require_torque=require_torque)
+    return _loaded(document, folder, Path(), memory, **required)
 
 
-def _loaded(document: CaseDocument, folder: Path, path: Path, memory: Memory, *, require_torque: bool) -> Case:
+def _loaded(
+    document: CaseDocument, folder: Path, path: Path, memory: Memory, *, require_torque: bool,
+    require_positions: bool = True,
+) -> Case:  # fmt: skip
     memory = memory.of(document.named_objects)
     robot = _robot(document, folder, memory)
     model = RobotModel(robot) if robot is not None else None
@@ -363,7 +378,10 @@ def _loaded(document: CaseDocument, folder: Path, path: Path, memory: Memory, *,
         step = data.step
     elif document.tracks:
         plant = component_of(document.plant, folder, lambda path: plant_block(model, path), objects=memory.objects)
-        tracking = tracking_of(document, folder, model, memory.signals)
+        is_measured = require_positions or _is_logged(document, folder, memory)
+        tracking = (
+            tracking_of(document, folder, model, memory.signals) if is_measured else planned_tracking(document, model)
+        )
         controller, step = tracking.controller, tracking.step
     elif document.controller is not None:
         plant = component_of(document.plant, folder, lambda path: plant_block(model, path), objects=memory.objects)
@@ -388,6 +406,11 @@ def _loaded(document: CaseDocument, folder: Path, path: Path, memory: Memory, *,
     if data is not None or (require_torque and all(run.torque is not None for run in fitted)):
         _ = case.model  # errors in the data are found now
     return case
+
+
+def _is_logged(document: CaseDocument, folder: Path, memory: Memory) -> bool:
+    """Whether the files of all runs are there."""
+    return all(name in memory.signals or is_file(path_of(name, folder)) for name in document.files)
 
 
 def _robot(document: CaseDocument, folder: Path, memory: Memory) -> RobotDescription | None:

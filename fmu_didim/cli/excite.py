@@ -40,6 +40,12 @@ def add_excite_options(verb: argparse.ArgumentParser) -> None:
     verb.add_argument("--starts", type=at_least_one, default=6, metavar="N", help="random motions to begin from (6)")
     verb.add_argument("--seed", type=not_negative, default=0, metavar="N", help="of them (0)")
     verb.add_argument("--experiment", metavar="LABEL", help="whose loop and log are meant (the first one)")
+    help_ = (
+        "weights for the last link, kg, of which the best is named: 0.5,1,2; the case has a run without and one with"
+    )
+    verb.add_argument("--weigh", type=_several, default=(), metavar="LIST", help=help_)
+    help_ = "where their centre may be, m in the frame of the last link, as --at=0.1,0,0.05; again for other places"
+    verb.add_argument("--at", type=_place, action="append", default=[], metavar="X,Y,Z", help=help_)
     shown = verb.add_mutually_exclusive_group()
     shown.add_argument("--quiet", action="store_true", help="print the tables only")
     shown.add_argument("--json", action="store_true", help="print excite.json and nothing else")
@@ -59,7 +65,8 @@ def run_excite(options: argparse.Namespace, stem: Callable[[Path], str]) -> int:
             options.case, limits=options.limits, only=options.only, criterion=options.criterion,
             kind=options.kind, harmonics=options.harmonics, moves=options.moves, dwell_s=options.dwell,
             period_s=options.period, periods=options.periods, rate_hz=options.rate, torque_std=options.torque_std,
-            starts=options.starts, seed=options.seed, experiment=options.experiment, progress=progress,
+            starts=options.starts, seed=options.seed, experiment=options.experiment, weigh=options.weigh,
+            at=options.at, progress=progress,
         )  # fmt: skip
 
     def last(written: Sequence[Path]) -> str:
@@ -76,6 +83,17 @@ def _several(text: str) -> tuple[float, ...]:
         values = ()
     if not values or not all(math.isfinite(value) and value > 0 for value in values):
         raise argparse.ArgumentTypeError(f"it takes numbers above 0 between commas, not '{text}'")
+    return values
+
+
+def _place(text: str) -> tuple[float, ...]:
+    """Three numbers between commas; raises ArgumentTypeError."""
+    try:
+        values = tuple(float(part) for part in text.split(","))
+    except ValueError:
+        values = ()
+    if len(values) != 3 or not all(map(math.isfinite, values)):
+        raise argparse.ArgumentTypeError(f"it takes x,y,z in m, three numbers between commas, not '{text}'")
     return values
 
 

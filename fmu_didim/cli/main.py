@@ -277,6 +277,7 @@ EXAMPLES: Mapping[str, Sequence[str]] = {
     "excite": (
         "fmu-didim excite case.yaml --torque-std 0.2,0.05",
         "fmu-didim excite case.yaml --limits limits.yaml --period 5 --periods 2 --only ZZ2,MX2",
+        "fmu-didim excite gains.yaml --limits limits.yaml --weigh 0.5,1,2 --at=0.12,-0.03,0 --at=0.3,0,0",
     ),
     "name-controller": (
         "fmu-didim name-controller case.yaml",

@@ -21,6 +21,8 @@ REACH = 4
 """[samples] Of the fewer ones, to both sides, where its kernel ends: there it is below a hundredth of its middle."""
 POLE = 1e-9
 """[1] From the places where the formula of the kernel is 0/0."""
+FREQUENCIES = 8192
+"""[1] Up to half of the rate, over which the noise that a filter leaves is summed."""
 AT_ONCE = 100_000
 """[values] Whose neighbours are copied and sorted together: some ten megabytes, however long a log is."""
 
@@ -44,6 +46,14 @@ class LowPass:
             )  # fmt: skip
         sections = signal.butter(self.order, self.cutoff_hz, fs=rate_hz, output="sos")
         return np.asarray(signal.sosfiltfilt(sections, values, axis=0))
+
+    def noise_share(self, rate_hz: float) -> float:
+        """Part of the variance of white noise, sampled at a rate, that it leaves: the mean of |H|^4 up to half of that
+        rate, forward and backward."""
+        from scipy import signal
+
+        sections = signal.butter(self.order, self.cutoff_hz, fs=rate_hz, output="sos")
+        return float(np.mean(np.abs(signal.sosfreqz(sections, worN=FREQUENCIES)[1]) ** 4))
 
 
 def band_limited(rate_hz: float, count: int, cutoff_hz: float) -> tuple[sparse.csr_array, NDArray[np.int64]]:

@@ -71,3 +71,10 @@ def test_nothing_above_the_cut_off_is_left(frequency_hz: float, least: float, mo
     assert least <= np.sqrt(np.mean((weights @ wave) ** 2)) <= most
     if least > 0:
         np.testing.assert_allclose(weights @ wave, wave[middle], atol=0.03)
+
+
+@pytest.mark.parametrize(("cutoff_hz", "order"), [(8.0, 4), (20.0, 2), (45.0, 4)])
+def test_share_of_noise_that_a_low_pass_leaves_is_that_of_drawn_noise(cutoff_hz: float, order: int) -> None:
+    one = LowPass(cutoff_hz, order)
+    drawn = one.apply(np.random.default_rng(1).normal(size=(200_000, 1)), 100.0)
+    assert one.noise_share(100.0) == pytest.approx(float(np.var(drawn)), rel=0.03)

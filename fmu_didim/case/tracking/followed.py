@@ -7,15 +7,26 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+import numpy as np
+
 from fmu_didim.base.errors import InputError
 from fmu_didim.case.document import CaseDocument
 from fmu_didim.case.sources import ExperimentSource
 from fmu_didim.case.torque_log import read_torque_log
-from fmu_didim.case.tracking.law import NO_LOADS, Measured, VirtualLaw, virtual_law
+from fmu_didim.case.tracking.law import (
+    FEEDBACK,
+    NO_LOADS,
+    POSTURES,
+    Measured,
+    VirtualLaw,
+    planned_law,
+    virtual_law,
+)
 from fmu_didim.case.tracking.positions import (
     HIGHEST,
     HIGHEST_STATED,
     Positions,
+    Smooth,
     bandwidth_of,
     compared_hz,
     read_positions,
@@ -23,7 +34,7 @@ from fmu_didim.case.tracking.positions import (
 from fmu_didim.checks.data.log import REFERENCE_STEP
 from fmu_didim.components import Component
 from fmu_didim.cosim import System, closed_loop
-from fmu_didim.data.signals import Trajectory
+from fmu_didim.data.signals import Array, Trajectory
 from fmu_didim.data.tables import Selected
 from fmu_didim.dynamics.base_parameters import base_parameters
 from fmu_didim.dynamics.robot import RobotModel
@@ -107,8 +118,36 @@ class Tracking:
         """Control period, s."""
         return self.law.step
 
+    @property
+    def is_planned(self) -> bool:
+        """Whether nothing was measured yet, so that a motion can be planned and no more."""
+        return not self.runs
+
+    def planned(self, values: Array, loaded: Mapping[str, Array], drive_gains: Array) -> Tracking:
+        """The virtual controller of the same runs if the robot had these base parameters (b,), with these loads
+        (label -> (b,)), and its drives these gains (n,)."""
+        own = self.law
+        law = planned_law(
+            own.parameters, values, _postures(own.parameters), own.step, self.bandwidth_hz, loaded=loaded,
+            drive_gains=drive_gains,
+        )  # fmt: skip
+        return replace(self, law=law, controller=law.component())
+
+    def followed(self, reference: Trajectory, label: str) -> Trajectory:
+        """What the loop follows in a run whose motion (``q<j>``) is planned: with the torque that is fed forward."""
+        from scipy.interpolate import make_interp_spline  # few cases need it
+
+        names = [f"q{j}" for j in range(1, self.law.inertia.size + 1)]
+        spline = make_interp_spline(reference.time, reference.select(names), k=5)
+        return self.law.reference(Smooth(spline, float(reference.time[0]), float(reference.time[-1])), label)
+
     def motion(self, label: str) -> Selected:
-        """What the loop follows in a run."""
+        """What the loop follows in a run; raises InputError where nothing was measured yet."""
+        if self.is_planned:
+            raise InputError(
+                "A virtual controller follows measured positions, and those of this run are not there yet.",
+                where=label, next_step="Run the machine first; fmu-didim excite plans the motion.",
+            )  # fmt: skip
         run = self.runs[label]
         reference = replace(self.law.reference(run.smooth(self.bandwidth_hz), label), source=run.source)
         return Selected(reference, run.told)
@@ -138,12 +177,7 @@ def tracking_of(
         InputError: there is no robot description, positions or torque are missing, or they cannot be followed.
     """
     assert document.controller is not None
-    if model is None:
-        raise InputError(
-            "controller: {kind: tracking} takes its gains from a robot description, and the case has none.",
-            where="robot", next_step="Give robot: (a description); without one the real controller is needed.",
-        )  # fmt: skip
-    parameters = RobotParameters(model, base_parameters(model))
+    parameters = _robot_of(model)
     units = parameters.torque_units
     runs = {
         label: read_positions(run, folder, signals, torque_units=units, label=label)
@@ -167,8 +201,45 @@ def tracking_of(
     return Tracking.of(
         parameters, runs, measured, bandwidth_hz=bandwidth.hz, step=step, border_hz=bandwidth.hz,
         states_rate=document.loop.rate_hz is not None, reason=bandwidth.reason,
-        loads={k: run.load.same_as or k for k, run in document.runs.items() if run.load is not None},
+        loads=_loads(document),
     )  # fmt: skip
+
+
+def planned_tracking(document: CaseDocument, model: RobotModel | None) -> Tracking:
+    """The virtual controller of runs that nobody measured yet, with the values of the robot description.
+
+    Raises:
+        InputError: there is no robot description.
+    """
+    parameters = _robot_of(model)
+    assert document.controller is not None
+    step = 1 / (document.loop.rate_hz or FINE_HZ)
+    bandwidth = document.controller.bandwidth_hz or FEEDBACK / step
+    law = planned_law(parameters, parameters.nominal(), _postures(parameters), step, bandwidth, loaded={})
+    return Tracking(
+        law, law.component(), bandwidth, {}, {}, bandwidth, document.loop.rate_hz is not None, None, _loads(document)
+    )
+
+
+def _robot_of(model: RobotModel | None) -> RobotParameters:
+    if model is None:
+        raise InputError(
+            "controller: {kind: tracking} takes its gains from a robot description, and the case has none.",
+            where="robot", next_step="Give robot: (a description); without one the real controller is needed.",
+        )  # fmt: skip
+    return RobotParameters(model, base_parameters(model))
+
+
+def _loads(document: CaseDocument) -> dict[str, str]:
+    """Label of a run with a load -> label of the run that describes it."""
+    return {k: run.load.same_as or k for k, run in document.runs.items() if run.load is not None}
+
+
+def _postures(parameters: RobotParameters) -> Array:
+    """(K, n) postures from anywhere in the range of each joint, the first in its middle; rad or m."""
+    joints = parameters.model.description.joints
+    low, high = np.array([joint.limits or (-np.pi, np.pi) for joint in joints], dtype=float).T
+    return np.vstack([(low + high) / 2, np.random.default_rng(0).uniform(low, high, size=(POSTURES, low.size))])
 
 
 def _fine(rate_hz: float) -> float:

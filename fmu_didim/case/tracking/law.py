@@ -77,6 +77,8 @@ class VirtualLaw:
             matrix at the mean posture, kg.m2 or kg; frequency_hz: natural frequency of the feedback.
         loaded: label of a run with a load -> (b,) those of that run alone, which are fed forward there.
         step: control period, s.
+        drive_gains: (n,) torque of each joint for a unit of what the law gives, which is that of the log; None: one, as
+            values by least squares of a log are of its unit.
     """
 
     parameters: RobotParameters
@@ -85,14 +87,16 @@ class VirtualLaw:
     frequency_hz: float
     step: float
     loaded: Mapping[str, Array] = field(default_factory=dict)
+    drive_gains: Array | None = None
 
     def component(self) -> Component:
         """The PD law."""
         w = 2 * np.pi * self.frequency_hz
         joints = tuple(joint.type for joint in self.parameters.model.description.joints)
+        inertia = self.inertia / (1.0 if self.drive_gains is None else self.drive_gains)
         law = PD(
             law="pd", name="tracking", description="virtual controller that follows measured positions",
-            joints=joints, rate_hz=1 / self.step, Kp=tuple(w * w * self.inertia), Kd=tuple(2 * w * self.inertia),
+            joints=joints, rate_hz=1 / self.step, Kp=tuple(w * w * inertia), Kd=tuple(2 * w * inertia),
         )  # fmt: skip
         return with_compiled_twin(ModelComponent(law.block()))
 
@@ -104,7 +108,8 @@ class VirtualLaw:
         middle = motion.at(time + self.step / 2)
         observed = self.parameters.observed_along(time, *middle, values)
         columns, known = self.parameters.regressor(*middle, observed=observed)
-        table = np.hstack([*motion.at(time), columns @ values + known])
+        torque = (columns @ values + known) / (1.0 if self.drive_gains is None else self.drive_gains)
+        table = np.hstack([*motion.at(time), torque])
         joints = range(1, self.inertia.size + 1)
         names = [f"{kind}{j}" for kind in ("q", "dq", "ddq", FED_FORWARD) for j in joints]
         return Trajectory(time, table, tuple(Variable(name) for name in names))
@@ -140,6 +145,21 @@ def virtual_law(
     return VirtualLaw(parameters, values, inertia, min(bandwidth_hz, FEEDBACK / step), step, own)
 
 
+def planned_law(
+    parameters: RobotParameters, values: Array, postures: Array, step: float, frequency_hz: float, *,
+    loaded: Mapping[str, Array], drive_gains: Array | None = None,
+) -> VirtualLaw:  # fmt: skip
+    """The virtual controller of runs that are planned, of a robot with base parameters (b,).
+
+    Args:
+        postures: (K, n) in which it shall be stable, the first the mean one; loaded: label of a run with a load -> (b,)
+            with it.
+    """
+    inertia = _of_matrices(_inertias(parameters, values, postures))
+    frequency = min(frequency_hz, FEEDBACK / step)
+    return VirtualLaw(parameters, values, inertia, frequency, step, dict(loaded), drive_gains)
+
+
 def _values(parameters: RobotParameters, runs: Sequence[Measured], step: float) -> Array:
     """(b,) base parameters by least squares of the torque along measured motions."""
     columns, target = _all_rows(parameters, runs, step)
@@ -160,6 +180,11 @@ def _felt(parameters: RobotParameters, values: Array, runs: Sequence[Measured], 
     matrices = _inertias(parameters, values, postures)
     if not np.linalg.eigvalsh(matrices).min() > 0:
         matrices = _inertias(parameters, _of_machine(parameters, values, runs, step), postures)
+    return _of_matrices(matrices)
+
+
+def _of_matrices(matrices: Array) -> Array:
+    """(n,) inertia of each joint for its gains, from inertia matrices (K, n, n), the first at the mean posture."""
     inertia = np.diag(matrices[0]).copy()
     if not np.linalg.eigvalsh(matrices).min() > 0 or _lightest(matrices, inertia) <= LIGHTER:
         return inertia

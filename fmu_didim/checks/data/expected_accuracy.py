@@ -80,7 +80,8 @@ def predict_accuracy(
     """Parameters that the data cannot tell apart, the accuracy of all, and what each does to the outputs, from a start
     with this torque (N, n); None where no prediction is possible.
 
-    Without a known noise, that of the residual after one linear step is taken.
+    Without a known noise, that of the residual after one linear step is taken; of filtered torques as much as there was
+    before the filter, since their samples are not independent: the filter takes off noise, and nothing of what is told.
     """
     measured, outputs, known = model.measured, torque, model.torque_deviation
     try:
@@ -92,11 +93,22 @@ def predict_accuracy(
     left = residual - columns @ np.linalg.lstsq(columns.reshape(-1, values.size), residual.reshape(-1), rcond=LOOSE)[0]
     counts = model.output_counts if model.experiments.channels else left.shape[0]
     found = np.maximum(np.sqrt((left**2).sum(axis=0) / counts), noise_floor(measured))
+    found[: model.joint_count] /= np.sqrt(_share_of_noise(model))
     deviation = found if known is None else np.where(np.isfinite(known), known, found)
     white, size = model.beside_prior(whitened(columns, deviation)), float(np.linalg.norm(measured / deviation))
     ahead = predicted(model, values, white)
     effects = local_sensitivity(model, values, columns, None if ahead is None else covariance_white(white))
     return confounded(white, values, model.names, torque=size), ahead, effects
+
+
+def _share_of_noise(model: LoopModel) -> float:
+    """Part of the variance of white noise of the torque that the filter leaves; one without a filter."""
+    experiments, low_pass = model.experiments, model.experiments.low_pass
+    if low_pass is None:
+        return 1.0
+    fitted = [experiments[label] for label in model.estimation_labels]
+    shares = [low_pass.noise_share(one.rate_hz) for one in fitted]
+    return float(np.average(shares, weights=[one.time.size for one in fitted]))
 
 
 def predicted(model: LoopModel, values: Array, columns: Array) -> ExpectedAccuracy | None:

@@ -26,6 +26,7 @@ from fmu_didim.base.errors import InputError
 from fmu_didim.data.signals import Array
 from fmu_didim.discovery.excitation.basis import FINE, Basis
 from fmu_didim.discovery.excitation.limits import Bounds
+from fmu_didim.discovery.excitation.runs import Runs
 from fmu_didim.dynamics.base_parameters import BaseParameters
 from fmu_didim.dynamics.robot import RobotModel
 from fmu_didim.dynamics.space.space import Space
@@ -34,7 +35,8 @@ from fmu_didim.fit.statistics import covariance_white
 Criterion = Literal["determinant", "mean"]
 """What is made best."""
 MOST_INSTANTS = 240
-"""[samples] Of a period that stand for all of a faster log: many more than there are coefficients."""
+"""[samples] Of a period, in all runs together, that stand for all of a faster log: many more than there are
+coefficients."""
 DIGITS = 9
 """[decimals] Of an instant within a period, s, so that those of all periods are the same."""
 ITERATIONS = 300
@@ -97,45 +99,57 @@ class Problem:
     """The optimisation of the coefficients of a :class:`Basis`.
 
     Args:
-        model, base: the robot and its base parameters; theta: (b,) their values, for the limits of the torque.
+        model, base: the robot and its base parameters.
+        of: (b,) their values; or several runs of the motion, with all that is free in them.
         deviation: (n,) of the noise of the torque; instants: (N,) of the log within the motion, s.
-        asked: places of the parameters asked for among the base parameters; kind: what is made best.
+        asked: places of the parameters asked for among those that are free; kind: what is made best.
         space: the clearances that a motion keeps, as ``Bounds.clearance`` says; None: none.
 
     Attributes:
-        idle: places of base parameters on which the torque does not depend along any motion of this model without
-            states of effects; the design does not look at them.
+        idle: places of parameters on which the torque does not depend along any motion of this model without states of
+            effects, or of what is free beside base parameters, loads and drives; the design does not look at them.
     """
 
     def __init__(
-        self, model: RobotModel, base: BaseParameters, theta: Array, deviation: Array, basis: Basis, instants: Array,
-        asked: Sequence[int], kind: Criterion = "determinant", space: Space | None = None,
+        self, model: RobotModel, base: BaseParameters, of: Array | Runs, deviation: Array, basis: Basis,
+        instants: Array, asked: Sequence[int], kind: Criterion = "determinant", space: Space | None = None,
     ) -> None:  # fmt: skip
         self.space = space
-        self.model, self.base, self.basis, self.theta = model, base, basis, theta
+        self.runs = of if isinstance(of, Runs) else Runs.alone(of)
+        self.model, self.base, self.basis, self.theta = model, base, basis, self.runs.values
         self._deviation, self._asked, self._kind = deviation, tuple(asked), kind
-        self._instants = representative(instants, basis)
+        self._instants = representative(instants, basis, MOST_INSTANTS // len(self.runs.maps))
         self._stand_for = instants.size / self._instants.size
         self._observed = [v.start for v in model.observed]
         self._extra = [ca.DM([v.start for v in model.extra])] if model.extra else []
 
     @cached_property
     def _rows(self) -> ca.Function:
-        """(q, dq, ddq) -> vec of the whitened regressor's transpose, (b n,)."""
-        n = self.model.joint_count
+        """(q, dq, ddq) -> vec of the transpose of what the logs of all runs change with, whitened, (p n R,)."""
+        n, runs = self.model.joint_count, self.runs
         q, dq, ddq = (ca.SX.sym(name, n) for name in ("q", "dq", "ddq"))
         observed = [ca.DM(self._observed)] if self._observed else []
-        w = self.model.regressor(q, dq, ddq, ca.DM(self.model.shape_values), *observed)
-        w = w[:, self.base.index.tolist()] / ca.repmat(ca.DM(self._deviation), 1, self.base.count)
-        return ca.Function("rows", [q, dq, ddq], [ca.densify(ca.vec(w.T))])
+        w = self.model.regressor(q, dq, ddq, ca.DM(self.model.shape_values), *observed)[:, self.base.index.tolist()]
+        gain = np.array([runs.gain(j) for j in range(n)])
+        parts = []
+        for map_, torque in zip(runs.maps, self._torques(q, dq, ddq), strict=True):
+            table = ca.mtimes(w, ca.sparsify(ca.DM(map_)))
+            for joint, place in runs.gains.items():
+                table[joint, place] = -torque[joint] / gain[joint]
+            parts.append(table / ca.repmat(ca.DM(gain * self._deviation), 1, runs.count))
+        return ca.Function("rows", [q, dq, ddq], [ca.densify(ca.vec(ca.vertcat(*parts).T))])
 
     @cached_property
     def _torque(self) -> ca.Function:
-        """(q, dq, ddq) -> torque of the inverse model at the values, (n,)."""
-        n = self.model.joint_count
-        q, dq, ddq = (ca.SX.sym(name, n) for name in ("q", "dq", "ddq"))
-        chi, s = ca.DM(self.base.expand(self.theta)), ca.DM(self.model.shape_values)
-        return ca.Function("torque", [q, dq, ddq], [self.model.inverse(q, dq, ddq, chi, s, *self._extra)])
+        """(q, dq, ddq) -> torque of the inverse model at the values, of one run after the other, (n R,)."""
+        q, dq, ddq = (ca.SX.sym(name, self.model.joint_count) for name in ("q", "dq", "ddq"))
+        return ca.Function("torque", [q, dq, ddq], [ca.vertcat(*self._torques(q, dq, ddq))])
+
+    def _torques(self, q: ca.SX, dq: ca.SX, ddq: ca.SX) -> list[ca.SX]:
+        """(n,) torque of the inverse model in each run."""
+        s = ca.DM(self.model.shape_values)
+        chis = [ca.DM(self.base.expand(theta)) for theta in self.runs.thetas]
+        return [self.model.inverse(q, dq, ddq, chi, s, *self._extra) for chi in chis]
 
     def _motion(self, time: Array, z: Array) -> tuple[Array, Array, Array]:
         """q, dq, ddq (n, N)."""
@@ -143,13 +157,18 @@ class Problem:
         return q + self.basis.constant()[:, None], dq, ddq
 
     def torque(self, z: Array, time: Array) -> Array:
-        """(N, n) of the inverse model along the reference."""
+        """(N, n R) of the inverse model along the reference, of one run after the other."""
         return np.asarray(self._torque.map(time.size)(*self._motion(time, z)).full().T)
 
     def rows(self, z: Array) -> Array:
-        """(b, N n) whitened regressor, transposed, at the instants of the log."""
+        """(p, N n R) what the logs change with, whitened and transposed, at their instants."""
         flat = self._rows.map(self._instants.size)(*self._motion(self._instants, z)).full()
-        return np.asarray(flat.reshape(self.base.count, -1, order="F"))
+        return np.asarray(flat.reshape(self.runs.count, -1, order="F"))
+
+    def _all_rows(self, z: Array) -> Array:
+        """The same beside what is known beforehand."""
+        rows, prior = self.rows(z), self.runs.prior
+        return rows if prior is None else np.hstack([rows, prior.T / np.sqrt(self._stand_for)])
 
     @cached_property
     def idle(self) -> tuple[int, ...]:
@@ -158,25 +177,25 @@ class Problem:
         # Half a turn, and rates of a turn a second: every term of a rigid model that there is shows somewhere there.
         size = np.array([np.pi, 2 * np.pi, (2 * np.pi) ** 2])[:, None, None]
         motion = rng.uniform(-1.0, 1.0, size=(3, self.model.joint_count, MOST_INSTANTS)) * size
-        table = self._rows.map(MOST_INSTANTS)(*motion).full().reshape(self.base.count, -1, order="F")
+        table = self._rows.map(MOST_INSTANTS)(*motion).full().reshape(self.runs.count, -1, order="F")
         length = np.linalg.norm(table, axis=1)
         return tuple(int(i) for i in np.flatnonzero(length <= IDLE * length.max()))
 
     def shows(self, z: Array) -> Array:
-        """(b,) whether each value would be as far from zero as SHOWN, were all others known."""
-        deviations = np.abs(self.theta[: self.base.count]) * np.linalg.norm(self.rows(z), axis=1)
+        """(p,) whether each value would be as far from zero as SHOWN, were all others known."""
+        deviations = np.abs(self.theta) * np.linalg.norm(self.rows(z), axis=1)
         return np.asarray(np.sqrt(self._stand_for) * deviations > SHOWN)
 
     @cached_property
     def shown(self) -> tuple[tuple[int, ...], tuple[int, ...]]:
         """Places of all parameters that the design looks at, and of those of them that were not asked for."""
-        seen = tuple(i for i in range(self.base.count) if i not in self.idle)
+        seen = tuple(i for i in range(self.runs.count) if i not in self.idle)
         return seen, tuple(i for i in seen if i not in self._asked)
 
     def criterion(self, z: Array) -> float:
         """log det of the information on the parameters asked for, or minus the logarithm of their mean relative
         standard deviation; minus infinity where there is none."""
-        table = self.rows(z)
+        table = self._all_rows(z)
         seen, others = self.shown
         if self._kind == "mean":
             part = table[list(seen)].T
@@ -309,8 +328,9 @@ class Problem:
         return z, self._peak(z, time)
 
     def _peak(self, z: Array, time: Array) -> Array:
-        """(n,) largest torque of a motion at some instants (K,)."""
-        return np.asarray(np.abs(self.torque(z, time)).max(axis=0))
+        """(n,) largest torque of a motion at some instants (K,), in any of the runs."""
+        of_runs = np.abs(self.torque(z, time)).max(axis=0).reshape(-1, self.model.joint_count)
+        return np.asarray(of_runs.max(axis=0))
 
     def _ended(
         self, start: Array, bounds: Bounds, limited: Array, near: Array, iterations: int
@@ -353,11 +373,12 @@ class Problem:
         """Minus the criterion for each parameter, up to a constant."""
         q, dq, ddq = self._symbolic(self._instants, z)
         seen, others = self.shown
-        table = ca.reshape(self._rows.map(self._instants.size)(q, dq, ddq), self.base.count, -1)
-        length = np.linalg.norm(self.rows(start), axis=1)
+        table = ca.reshape(self._rows.map(self._instants.size)(q, dq, ddq), self.runs.count, -1)
+        length = np.linalg.norm(self._all_rows(start), axis=1)
         scale = 1.0 / np.where(length > 0, length, 1.0)
         table = ca.DM(scale[list(seen)]) * table[list(seen), :]
-        information = ca.mtimes(table, table.T)
+        known = self.runs.known / self._stand_for * np.outer(scale, scale)
+        information = ca.mtimes(table, table.T) + ca.DM(known[np.ix_(seen, seen)])
         if self._kind == "mean":
             chosen, weights = self._weights
             rows = scale[[seen[i] for i in chosen]]
@@ -386,8 +407,10 @@ class Problem:
         ]
         sizes = [self.basis.room] * 3
         if limited:
-            torque = self._torque.map(time.size)(q, dq, ddq)[list(limited), :]
-            parts.append(torque / ca.repmat(ca.DM(bounds.torque[list(limited)]), 1, time.size))
+            count, n = len(self.runs.maps), self.model.joint_count
+            torque = self._torque.map(time.size)(q, dq, ddq)[[j + n * r for r in range(count) for j in limited], :]
+            limit = np.tile(bounds.torque[list(limited)], count)
+            parts.append(torque / ca.repmat(ca.DM(limit), 1, time.size))
             sizes.append(TORQUE_WITHIN)
         bound = np.concatenate([np.full(part.numel(), size) for part, size in zip(parts, sizes, strict=True)])
         low, high, free = -bound, bound, np.flatnonzero(near)
@@ -415,12 +438,12 @@ class Problem:
         return float(np.max(np.concatenate(ratios)) - 1.0)
 
 
-def representative(instants: Array, basis: Basis) -> Array:
+def representative(instants: Array, basis: Basis, most: int = MOST_INSTANTS) -> Array:
     """Instants of the log, or some of them spread evenly where there are very many."""
-    if instants.size <= MOST_INSTANTS:
+    if instants.size <= most:
         return instants
     one = np.unique(np.round(np.mod(instants, 1 / basis.fundamental_hz), DIGITS))
-    rows = np.linspace(0, one.size - 1, min(one.size, MOST_INSTANTS)).astype(int)
+    rows = np.linspace(0, one.size - 1, min(one.size, most)).astype(int)
     return np.asarray(one[rows], dtype=float)
 
 

@@ -24,6 +24,7 @@ from fmu_didim.report.sections import Table, numbers, words
 from fmu_didim.report.terminal import table_lines, wrapped
 from fmu_didim.workflow.excitation.planned import Peaks, Prediction, mean_percent
 from fmu_didim.workflow.excitation.space import Compared, nearest, space_document
+from fmu_didim.workflow.excitation.weighed import Weighing
 from fmu_didim.workflow.output.exit_codes import EXIT_CODES
 from fmu_didim.workflow.output.result_folder import check_writable, write_whole
 
@@ -76,6 +77,7 @@ class Excited:
         unseen: parameters that the design did not look at.
         rate_hz, deviation: of the log that is planned; seed: of the starts; provenance: versions and files.
         around: which links and boxes are compared.
+        weighing: the weights that were tried, where the motion is of a run without and one with a weight.
     """
 
     name: str
@@ -95,6 +97,7 @@ class Excited:
     seed: int
     provenance: Mapping[str, Any]
     around: Compared
+    weighing: Weighing | None = None
 
     @property
     def reference(self) -> Trajectory:
@@ -122,8 +125,8 @@ class Excited:
 
     def save(self, folder: Path | str) -> list[Path]:
         """Write ``excite.json`` and, where nothing stands against running it, ``reference.yaml``, the key ``reference``
-        of a case, and ``reference.csv``, the same as a table; returns what was written. A reference of an earlier run
-        is removed where there is none now.
+        of a case and, where a weight was chosen, the key ``load`` of the run with it, and ``reference.csv``, the motion
+        as a table; returns what was written. A reference of an earlier run is removed where there is none now.
 
         Raises:
             InputError: a file cannot be written.
@@ -132,7 +135,10 @@ class Excited:
         check_writable(folder)
         found = json.dumps(self.saved(), indent=1, allow_nan=False) + "\n"
         written = [folder / EXCITE_FILE]
-        text = yaml.safe_dump({"reference": self.excitation.model_dump(mode="json")}, sort_keys=False)
+        entries = {"reference": self.excitation.model_dump(mode="json")}
+        if self.weighing is not None:
+            entries["load"] = dict(self.weighing.chosen.offer.load)
+        text = yaml.safe_dump(entries, sort_keys=False)
         for name in (REFERENCE_FILE, TABLE_FILE):
             (folder / name).unlink(missing_ok=True)
         if self.ok:
@@ -173,7 +179,8 @@ class Excited:
                 "reference": _peaks(Peaks.of(self.reference, n)),
                 "loop": _peaks(Peaks.of(self.prediction.loop, n)),
             },
-            "space": space_document(self.around, self.prediction.loop),
+            "weighing": None if self.weighing is None else self.weighing.document(),
+            "space": space_document(self.around, self.prediction.loop, self.prediction.part_s),
             "starts": [
                 {"start": t.start, "status": t.status, "begun": t.begun, "criterion": t.criterion} for t in self.trials
             ],
@@ -190,6 +197,7 @@ class Excited:
         lines = [
             *wrapped(self.name),
             "",
+            *([] if self.weighing is None else self.weighing.lines()),
             *wrapped(
                 f"Motion: {_words(self.excitation)}, {self.excitation.length_s:.4g} s, torque logged at "
                 f"{self.rate_hz:.6g} Hz"
@@ -220,7 +228,8 @@ class Excited:
                 f", without {', '.join(left)}: zero, or so small that a hundred such logs would not show them, "
                 "were all others known"
             )
-        lines += wrapped(mean, hanging="  ") if self.prediction.prospect is not None else []
+        if self.prediction.prospect is not None and self.weighing is None:
+            lines += wrapped(mean, hanging="  ")
         lines.append("")
         for d in self.diagnostics:
             lines += wrapped(f"{d.code.severity.value.upper()} {d.code.name}: {d}", "", "  ")
@@ -233,7 +242,8 @@ class Excited:
 
     def _space_lines(self) -> list[str]:
         """The nearest of links and boxes along the simulated motion."""
-        found, around = nearest(self.around.space, self.prediction.loop), self.around
+        found = nearest(self.around.space, self.prediction.loop, self.prediction.part_s)
+        around = self.around
         if not found:
             return []
         shown = found[:NEAREST]

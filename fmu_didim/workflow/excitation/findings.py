@@ -10,6 +10,7 @@ from fmu_didim.base.diagnostics import CATALOGUE, DOUBT, PROBLEM, REMARK, Diagno
 from fmu_didim.checks.data.expected_accuracy import accuracy_diagnostics
 from fmu_didim.discovery.excitation.basis import Basis
 from fmu_didim.discovery.excitation.limits import Bounds
+from fmu_didim.dynamics.load import PREFIX
 from fmu_didim.dynamics.space.space import Box
 from fmu_didim.workflow.excitation.planned import BEYOND, FOLLOWED, Peaks, Plan, Prediction
 from fmu_didim.workflow.excitation.space import LINES, Compared, nearest, positions
@@ -98,6 +99,20 @@ NO_BETTER = CATALOGUE(
 )  # fmt: skip
 
 
+UNKNOWN_LOOP = CATALOGUE(
+    "excitation-controller-unknown", REMARK, rank=72,
+    meaning="The controller of the case is not known: the simulated loop follows the motion as a virtual one does, "
+    "nearly without error. Where the real one overshoots, limits may be exceeded that are kept here; and what noise "
+    "and low-pass of measured positions will do to the values is not predicted.",
+    next_step="Give reference.csv to the robot's controller, watch the first run, and log torque and positions.",
+)  # fmt: skip
+WITH_LOADS = (
+    "The case has a run with a load: excite it together with the one without, by --weigh 0.5,1,2 (kg), which also says "
+    "which weight tells most."
+)
+"""The next step where parameters of a load are those that a single run does not excite."""
+
+
 def findings(
     plan: Plan, basis: Basis, bounds: Bounds, found: Prediction, now: Prediction | None, asked: Sequence[str], *,
     failed: int, starts: int, settled: bool, around: Compared | None = None,
@@ -107,9 +122,11 @@ def findings(
     told = []
     if found.unexcited:
         text = f"The motion does not excite {', '.join(found.unexcited)}."
-        told.append(Diagnostic(UNEXCITED, text, value=float(len(found.unexcited)), unit="parameters"))
+        step = WITH_LOADS if _of_loads(found.unexcited) and not plan.beside else ""
+        told.append(Diagnostic(UNEXCITED, text, value=float(len(found.unexcited)), unit="parameters", next_step=step))
     if found.alike:
-        told.append(Diagnostic(ALIKE, f"The log will not tell {', '.join(found.alike)} apart."))
+        text = f"The log will not tell {', '.join(found.alike)} apart."
+        told.append(Diagnostic(ALIKE, text, next_step=WITH_LOADS if _of_loads(found.alike) and not plan.beside else ""))
     told += _of_loop(bounds, found, n)
     if around is not None:
         told += _of_space(around, found)
@@ -122,12 +139,18 @@ def findings(
         told.append(Diagnostic(STARTS_FAILED, text, value=float(failed), unit="starts"))
     if not settled:
         told.append(Diagnostic(NOT_SETTLED, "The optimisation of this motion had not settled."))
+    if plan.case.tracking is not None:
+        told.append(Diagnostic(UNKNOWN_LOOP, "The real controller is not simulated: nobody knows it."))
     if not np.isfinite(bounds.torque).all():
         told.append(Diagnostic(NO_TORQUE_LIMIT, "The torque has no limit."))
     if now is not None and now.criterion_in(found.length_s, len(asked)) >= found.criterion:
         text = f"In {found.length_s:g} s the reference of the case would tell as much of the parameters asked for."
         told.append(Diagnostic(NO_BETTER, text))
     return told + (accuracy_diagnostics(found.prospect) if found.prospect is not None else [])
+
+
+def _of_loads(names: Sequence[str]) -> bool:
+    return any(name.startswith(PREFIX) for name in names)
 
 
 def _of_loop(bounds: Bounds, found: Prediction, n: int) -> list[Diagnostic]:
@@ -146,7 +169,7 @@ def _of_loop(bounds: Bounds, found: Prediction, n: int) -> list[Diagnostic]:
 def _of_space(around: Compared, found: Prediction) -> list[Diagnostic]:
     """What is said of links and boxes."""
     told, short = [], -around.space.least
-    for one in nearest(around.space, found.loop):
+    for one in nearest(around.space, found.loop, found.part_s):
         if one.clearance + short < 0:
             text = f"A clearance of {1000 * one.clearance:.3g} mm at t = {one.time:.4g} s."
             told.append(Diagnostic(TOO_NEAR, text, one.name, 1000 * one.clearance, 1000 * around.space.least, "mm"))

@@ -100,11 +100,15 @@ def limits_document(given: MotionLimits | Mapping[str, Any] | Path | str | None)
     return read_document(MotionLimits, given)
 
 
-def bounds_of(case: Case, reference: Trajectory, given: MotionLimits) -> FoundBounds:
+def bounds_of(case: Case, reference: Trajectory | None, given: MotionLimits) -> FoundBounds:
     """The bounds of a case.
 
+    Args:
+        reference: of the case; None where it has none yet.
+
     Raises:
-        InputError: an entry does not have a value for each joint, or leaves no room.
+        InputError: an entry does not have a value for each joint, or leaves no room; or one is not given, and there is
+            no reference that uses it.
     """
     n = case.parameters.joint_count
     for name in OF_JOINTS:
@@ -132,7 +136,7 @@ SIZES = {"velocity": "speed", "acceleration": "acceleration"}
 """Key of a document -> attribute of limits."""
 
 
-def _position(case: Case, reference: Trajectory, given: MotionLimits) -> tuple[Array, str]:
+def _position(case: Case, reference: Trajectory | None, given: MotionLimits) -> tuple[Array, str]:
     """(n, 2) range of each joint, and where it comes from."""
     n = case.parameters.joint_count
     if given.position is not None:
@@ -144,7 +148,12 @@ def _position(case: Case, reference: Trajectory, given: MotionLimits) -> tuple[A
     return np.column_stack([used.low, used.high]), OF_REFERENCE
 
 
-def _used(reference: Trajectory, n: int) -> Limits:
+def _used(reference: Trajectory | None, n: int) -> Limits:
+    if reference is None:
+        raise InputError(
+            "The limits of the motion are not given, and the case has no motion yet that uses some.", where="limits",
+            next_step="Give limits: position, velocity and acceleration of each joint.",
+        )  # fmt: skip
     try:
         return limits_of(reference, n)
     except InputError as error:

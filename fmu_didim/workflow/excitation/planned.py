@@ -34,7 +34,8 @@ class Plan:
 
     Attributes:
         case: the case; label: of the experiment; rate_hz: of its torque log; deviation: (n,) of its noise.
-        values: (p,) of what is free.
+        values: (p,) of what is free; none as long as they are not known.
+        beside: labels of further experiments with the same motion, such as one with a load.
     """
 
     case: Case
@@ -42,6 +43,22 @@ class Plan:
     rate_hz: float
     deviation: Array
     values: Array
+    beside: tuple[str, ...] = ()
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """Of all experiments of the motion."""
+        return (self.label, *self.beside)
+
+    def at(self, values: Array, model: LoopModel) -> Plan:
+        """The same for values (p,) of a model of the case, which a virtual controller of it knows, too."""
+        case, tracking = self.case, self.case.tracking
+        if tracking is not None:
+            thetas = {label: model.theta(values, label) for label in self.labels}
+            carried = {label: theta for label, theta in thetas.items() if label in model.loads}
+            planned = tracking.planned(model.theta(values), carried, drive_gains(model, values))
+            case = replace(case, tracking=planned, controller=planned.controller)
+        return replace(self, case=case, values=values)
 
     def times(self, reference: Trajectory) -> Array:
         """(N,) instants of the log of a motion, s."""
@@ -52,8 +69,19 @@ class Plan:
         return np.asarray(found[found < reference.time[-1] - 1e-9])
 
     def model_on(self, reference: Trajectory) -> LoopModel:
-        """The loop of the case along a motion, with the torque that it simulates as the log."""
-        source, step = self.case.document.runs[self.label], self.case.step_size
+        """The loop of the case along a motion, with the torque that it simulates as the log of each experiment."""
+        model = self.case.model_on({label: self._experiment(label, reference) for label in self.labels})
+        model = replace(model, torque_deviation=self.deviation)
+        if len(model.names) != self.values.size:
+            return model
+        for label in self.labels:
+            logged = replace(model.experiments[label], torque=model.torque(self.values, label))
+            model = model.with_experiment(label, logged)
+        return model
+
+    def _experiment(self, label: str, reference: Trajectory) -> Experiment:
+        """One of the experiments, whose log is empty."""
+        source, step = self.case.document.runs[label], self.case.step_size
         times = self.times(reference)
         sampled = {} if source.torque is None else {
             "kind": source.torque.sampling, "window": source.torque.window, "window_s": source.torque.window_s
@@ -64,11 +92,15 @@ class Plan:
         operator = operator.stamped_later(late / step, count)
         nothing = np.zeros((times.size, self.case.parameters.joint_count))
         begin = InitialState("reference")
-        experiment = Experiment(reference, times, nothing, operator, label=self.label, initial_state=begin)
-        model = replace(self.case.model_on({self.label: experiment}), torque_deviation=self.deviation)
-        if len(model.names) != self.values.size:
-            return model
-        return model.with_experiment(self.label, replace(experiment, torque=model.torque(self.values)))
+        if self.case.tracking is not None:
+            reference = self.case.tracking.followed(reference, label)
+        return Experiment(reference, times, nothing, operator, label=label, initial_state=begin)
+
+
+def drive_gains(model: LoopModel, values: Array) -> Array:
+    """(n,) gains of the drives among values (p,); one where they are not free."""
+    free = model.free_parameters.gains_of_drives(model.joint_count)
+    return np.array([values[free[j]] if j in free else 1.0 for j in range(model.joint_count)])
 
 
 @dataclass(frozen=True)
@@ -109,7 +141,8 @@ class Prediction:
     """What a log of a motion would tell.
 
     Attributes:
-        reference: a row a control period; loop: the simulated torque and motion.
+        reference: a row a control period; loop: the simulated torque (of the joint, not of its log) and motion, of
+            several experiments one after the other.
         prospect: predicted standard deviations; None where the log cannot determine all parameters.
         unexcited: parameters that do nothing to the log; alike: those that it cannot tell apart.
         condition: condition number of the whitened sensitivity with columns of length one.
@@ -131,6 +164,11 @@ class Prediction:
         """Duration of the motion, s."""
         return float(np.ptp(self.reference.time))
 
+    @property
+    def part_s(self) -> float:
+        """From the start of one experiment in ``loop`` to that of the next, s."""
+        return self.length_s + self.reference.step
+
     def criterion_in(self, length_s: float, asked: int) -> float:
         """The criterion if the motion were repeated for that long: information grows with the duration."""
         grown = float(np.log(length_s / self.length_s))
@@ -142,7 +180,8 @@ class Prediction:
         if not set(names) <= set(self.loop.names) & set(self.reference.names):
             return np.full(n, np.nan)
         wanted, found = self.reference.select(names), self.loop.select(names)
-        error = (found - wanted[: found.shape[0]]).std(axis=0)
+        runs = max(1, round(found.shape[0] / wanted.shape[0]))
+        error = (found - np.tile(wanted[: found.shape[0] // runs], (runs, 1))).std(axis=0)
         return np.asarray(error / np.maximum(wanted.std(axis=0), 1e-12))
 
 
@@ -169,22 +208,34 @@ def predict(plan: Plan, reference: Trajectory, asked: Sequence[str], kind: Crite
             got=f"{torque.size} samples, {len(model.names)} parameters", next_step="Move for longer, or log faster.",
         )  # fmt: skip
     columns = whitened(sensitivity(model, plan.values, torque), plan.deviation)
+    unexcited = tuple(name for i, name in enumerate(model.names) if not columns[:, i].any())
+    columns = model.beside_prior(columns)
     length = np.linalg.norm(columns, axis=0)
     size = float(np.linalg.norm(torque / plan.deviation))
-    loop = simulated_table(model.simulation(plan.values), motion=("q", "dq", "ddq"))
-    unexcited = tuple(name for name, one in zip(model.names, length, strict=True) if one == 0)
+    loop = _simulated(plan, model)
     if unexcited:
         return Prediction(reference, loop, None, unexcited, (), np.inf, -np.inf, kind)
     singular = np.linalg.svd(np.linalg.qr(columns / length)[1], compute_uv=False)
     condition = float(singular[0] / singular[-1]) if singular[-1] > 0 else np.inf
     alike = confounded(columns, plan.values, model.names, torque=size)
     places = [model.names.index(name) for name in asked]
-    prospect = predicted(model, plan.values, model.beside_prior(columns))
+    prospect = predicted(model, plan.values, columns)
     mean = mean_percent(prospect, asked) / 100
     reached = information(columns, places) if kind == "determinant" else -float(np.log(mean))
     return Prediction(
         reference, loop, prospect, (), alike, condition, reached if np.isfinite(reached) else -np.inf, kind
     )
+
+
+def _simulated(plan: Plan, model: LoopModel) -> Trajectory:
+    """Torque of the joints and motion of all experiments, one after the other."""
+    n, gains = model.joint_count, drive_gains(model, plan.values)
+    tables = [simulated_table(model.simulation(plan.values, e), motion=("q", "dq", "ddq")) for e in plan.labels]
+    length = float(np.ptp(model.experiments[plan.label].reference.time)) + plan.case.step_size
+    values = np.concatenate([table.values for table in tables])
+    values[:, :n] *= gains
+    time = np.concatenate([table.time + i * length for i, table in enumerate(tables)])
+    return replace(tables[0], time=time, values=values)
 
 
 def information(columns: Array, places: Sequence[int]) -> float:

@@ -111,6 +111,18 @@ def _capsules(case: Case, given: MotionLimits) -> tuple[tuple[Capsule, ...], str
     return skeleton(robot) if given.boxes or given.inside is not None else (), LINES, collision
 
 
+def end_of_last_link(case: Case, given: MotionLimits) -> Point | None:
+    """The point of the shape of the last link that is farthest from the origin of its frame, m; None where no shape is
+    known."""
+    shapes, shape, _ = _capsules(case, given)
+    robot = case.robot
+    assert robot is not None
+    ends = [end for one in shapes if one.link == len(robot.joints) for end in (one.start, one.end)]
+    if shape == LINES or not ends:
+        return None
+    return max(ends, key=lambda end: float(np.linalg.norm(end)))
+
+
 def _point(values: Array) -> Point:
     x, y, z = (float(value) for value in values)
     return x, y, z
@@ -177,21 +189,25 @@ def positions(space: Space, table: Trajectory) -> Array | None:
     return table.select(names) if set(names) <= set(table.names) else None
 
 
-def nearest(space: Space, table: Trajectory) -> tuple[Nearest, ...]:
-    """The least clearance of each pair of links and of each link and box along a motion, the nearest first."""
+def nearest(space: Space, table: Trajectory, part_s: float = np.inf) -> tuple[Nearest, ...]:
+    """The least clearance of each pair of links and of each link and box along a motion, the nearest first.
+
+    Args:
+        part_s: of a table of several runs one after the other, from the start of one to that of the next, s.
+    """
     q = positions(space, table)
     if q is None or not space.checks:
         return ()
     found, made = space.along(q), dict[str, Nearest]()
     for i, name in enumerate(space.names):
         row = int(np.argmin(found[:, i]))
-        one = Nearest(name, float(found[row, i]), float(table.time[row]))
+        one = Nearest(name, float(found[row, i]), float(table.time[row] % part_s))
         if name not in made or one.clearance < made[name].clearance:
             made[name] = one
     return tuple(sorted(made.values(), key=lambda one: one.clearance))
 
 
-def space_document(found: Compared, table: Trajectory) -> dict[str, Any]:
+def space_document(found: Compared, table: Trajectory, part_s: float) -> dict[str, Any]:
     """What ``excite.json`` says of the space along the simulated motion."""
     return {
         "shape_of_links": found.shape or None,
@@ -201,6 +217,7 @@ def space_document(found: Compared, table: Trajectory) -> dict[str, Any]:
         "left_out": list(found.left_out),
         "not_read": list(found.unread),
         "nearest": [
-            {"what": one.name, "clearance_m": one.clearance, "time_s": one.time} for one in nearest(found.space, table)
+            {"what": one.name, "clearance_m": one.clearance, "time_s": one.time}
+            for one in nearest(found.space, table, part_s)
         ],
     }

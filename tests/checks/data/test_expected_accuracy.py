@@ -9,6 +9,7 @@ from fmu_didim import check, identify
 from fmu_didim.case import load_case
 from fmu_didim.checks.data.expected_accuracy import predicted, resonance_diagnostics, resonances, ringing
 from tests.checks.data.right import loaded
+from tests.loads import case_of, free_gains
 
 SCARA = "examples/scara/identify_200hz.yaml"
 STEP = 0.005
@@ -74,3 +75,16 @@ def test_wrist_of_the_tx40_rings_above_half_the_rate_of_its_log() -> None:
     inertia = model.start[model.names.index("ZZ6")] + model.start[model.names.index("Ia6")]
     expected = np.sqrt(6.56 * 358.858725 / inertia) / (2 * np.pi)
     assert found.place == "joint 6" and found.value == pytest.approx(expected, rel=0.1)
+
+
+@pytest.mark.parametrize("tracking", [False, True], ids=["controller known", "nobody knows it"])
+def test_prediction_is_what_an_identification_states_of_filtered_torques_too(tracking: bool) -> None:
+    """The samples of a filtered torque are not independent: counted so, they would predict two thirds of it."""
+    case = case_of(4, tracking=tracking, load={"mass": 2.0, "mass_std": 0.01}, identify=free_gains())
+    if not tracking:
+        case = case.with_(low_pass={"cutoff_hz": 20.0})
+    ahead, found = check(case).prospect, identify(case)
+    assert ahead is not None
+    stated = np.array([found.parameters[name].std for name in ahead.names])
+    ratio = ahead.deviation / stated
+    assert np.exp(np.mean(np.log(ratio))) == pytest.approx(1.0, abs=0.1), dict(zip(ahead.names, ratio, strict=True))
