@@ -31,6 +31,7 @@ from fmu_didim.discovery.progress import Progress
 from fmu_didim.discovery.screening.catalogue import SignatureCatalogue
 from fmu_didim.discovery.selection.competition import Competition, fitted_proposal
 from fmu_didim.discovery.selection.decide import BIC
+from fmu_didim.discovery.selection.plausible import implausible
 from fmu_didim.dynamics.effects import Effect
 from fmu_didim.dynamics.effects.inserted import InsertedEffect
 from fmu_didim.dynamics.robot import RobotDescription
@@ -408,11 +409,34 @@ class _Search:
             found, effects = _fitted(sides[k], effect_at, proposal), (*first.effects, effect_at)
             if found is None or self._beyond(k, found, effects) < least:
                 continue
+            if absent := _absent(sides[k], found, first.effects):
+                yield from self._in_place_of(absent, k, found, effect_at)
+                continue
             fits = [found, None] if k == 0 else [None, found]
             alone = first.fits[1 - k] is None
             yield from self._of(_Tried(effects, (fits[0], fits[1])) if alone else self._completed(effects, fits, sides))
             with suppress(FmuDidimError, np.linalg.LinAlgError):  # values that one log does not determine with it
                 yield from self._beside(k, found, first.effects, effect_at)
+
+    def _in_place_of(self, absent: EffectAtJoint, k: int, found: Fit, second: EffectAtJoint) -> Iterator[World]:
+        """A second effect with each that the first one is confounded with, where the first, which alone has stood for
+        both, may be absent beside the second."""
+        side, old = self.ground.sides[k], fitted_proposal(found, absent).values
+        alone = _fitted(side, second, fitted_proposal(found, second))
+        for name in side.builder.effect(absent).confounded_with if alone is not None else ():
+            rival = EffectAtJoint(name, absent.joint)
+            if name not in side.builder.effects or rival in found.model.added_effects or alone is None:
+                continue
+            place = side.builder.at(rival)
+            shared = {v.name for v in (*place.amplitudes, *place.shapes)} & old.keys()
+            if place.is_present or not shared:
+                continue
+            self.progress.say(f"fitting {name} on joint {rival.joint} beside {second.effect}")
+            start = Proposal(rival, {key: old[key] for key in shared})
+            other = _fitted(LogFit(alone, side.builder), rival, start)
+            effects = (rival, second)
+            if other is not None and self._beyond(k, other, effects) >= BIC:
+                yield from self._of(_Tried(effects, (other, None) if k == 0 else (None, other)))
 
     def _beside(self, k: int, found: Fit, effects: tuple[EffectAtJoint, ...], second: EffectAtJoint) -> Iterator[World]:
         """Effects in one of the logs, beside a second one that both have: it shows in the one only once the first are
@@ -439,6 +463,15 @@ class _Search:
         names = tuple(p.name for p in free)
         title, joint = _place(effect, effect_at), _joint(effect, effect_at)
         return free, Lack(effect_at.effect, joint, title, names, is_sure=is_sure)
+
+
+def _absent(side: LogFit, found: Fit, effects: Sequence[EffectAtJoint]) -> EffectAtJoint | None:
+    """The first of these effects whose values in a fit say that it may be absent, or is no machine's; None of none."""
+    for effect_at in effects:
+        index, builder = found.model.added_effects.index(effect_at), side.builder
+        if implausible(found, index, builder.effect(effect_at), builder.link_values(effect_at.joint)):
+            return effect_at
+    return None
 
 
 def _settled(fit: Fit | None) -> Fit | None:
