@@ -45,6 +45,7 @@ def fit(effect: str, values: dict[str, tuple[float, float]], joint: int = 2) -> 
         ("payload_change", {"dM": (-5.0, 0.1)}, {"M": 36.0}, ""),
         ("payload_change", {"dM": (-336.0, 5.0)}, {}, ""),
         ("payload_change", {"dM": (0.0, 1.0), "dMX": (2.0, 0.1)}, {}, ""),
+        ("payload_change", {"dMX": (2.0, 0.1)}, {"M": 36.0}, ""),  # of a joint whose torque shows no mass
         ("joint_elasticity", {"K": (1e4, 100.0)}, {}, ""),
         ("joint_elasticity", {"K": (1e6, 0.7e6)}, {}, "may be absent"),
         ("actuator_lag", {"T": (0.002, 0.0001)}, {}, ""),
