@@ -41,7 +41,7 @@ TX40_RATIOS = (32.0, 32.0, 45.0, -48.0, 45.0, 32.0)
 """[1] Motor turns per joint turn, of TX40_config.yaml; motor 6 turns with joint 5, too."""
 TX40_ZEROS: Mapping[int, float] = {2: -np.pi / 2, 3: np.pi / 2}
 """[rad] Added to what the encoders of these joints read, by utils/staubli_tx40_tools.py: their zero is another posture
-than that of the URDF. Without them the held-out error of joint 3 is twice as large, and links are in the wrong place."""
+than that of the URDF. Without them links are in the wrong place: twice the error of joint 3."""
 TX40_LOG_EVERY, TX40_POSITIONS_EVERY = 50, 5
 """[rows] Of 5 kHz: torque at 100 Hz behind a filter against aliasing, positions at 1 kHz."""
 
