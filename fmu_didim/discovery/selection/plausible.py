@@ -35,6 +35,9 @@ UNTOLD = 3.0
 """[1] Standard deviation over value of all amplitudes of an effect from which not its form explains the data, but
 a limit of it: a gravity compensator of 35 ± 530 000 N.m has imitated an offset."""
 
+MAY_BE_ABSENT = "may be absent"
+"""Beginning of the objection that the amplitudes of an effect may all be neutral."""
+
 LONGEST = 0.5
 """[1] Fraction of the data that torques from outside may last: what lasts longer may as well be an offset, a load,
 or what a drift has that its form lacks."""
@@ -67,7 +70,7 @@ def implausible(fit: Fit, index: int, effect: Effect, link: Mapping[str, float])
         return f"its form is not told: {text}"
     chance = chance_of_none(values, covariance, np.array([effect.neutral.get(name, 0.0) for name in names]))
     if chance > ZERO:
-        return f"may be absent: {text} (p = {chance:.2g})"
+        return f"{MAY_BE_ABSENT}: {text} (p = {chance:.2g})"
     return ""
 
 
