@@ -40,7 +40,7 @@ DECIDING = (
     (gears, ("STIFFNESSES", "EVERY", "FAR", "STARTS")),
     (form, ("LEAD", "OWN", "TURNS")),
     (held_out, ("HELD_OUT", "WORSE_JOINT", "NEARER", "OWN_SIZE", "FEWEST_BLOCKS", "GLITCH")),
-    (plausible, ("ZERO", "UNTOLD", "LONGEST")),
+    (plausible, ("ZERO", "UNTOLD", "LONGEST", "STILL", "MOSTLY_STILL")),
     (pre_check, ("FITTED", "PROMISING", "WORSE")),
     (rounds, ("KEPT_GAIN", "PAIRED")),
     (search, ("STEP_COST", "WEAKEST", "SMALLEST_GAIN", "LEAST")),
