@@ -39,7 +39,7 @@ DECIDING = (
     (decide, ("ROUNDS", "BIC", "SMALLEST_SIZE", "SMALLEST_GAIN", "SMALLEST_SHARE", "SMALLEST_PART", "NEAR")),
     (gears, ("STIFFNESSES", "EVERY", "FAR", "STARTS")),
     (form, ("LEAD", "OWN", "TURNS")),
-    (held_out, ("HELD_OUT", "WORSE_JOINT", "NEARER", "OWN_SIZE", "FEWEST_BLOCKS", "GLITCH")),
+    (held_out, ("HELD_OUT", "WORSE_JOINT", "NEARER", "OWN_SIZE", "FEWEST_BLOCKS", "EACH_OF", "GLITCH")),
     (plausible, ("ZERO", "UNTOLD", "LONGEST", "STILL", "MOSTLY_STILL")),
     (pre_check, ("FITTED", "PROMISING", "WORSE")),
     (rounds, ("KEPT_GAIN", "PAIRED")),
