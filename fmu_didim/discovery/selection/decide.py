@@ -173,9 +173,10 @@ def objection(candidate: FittedCandidate, fit: Fit, options: Options, *, base: F
 
 
 def _simplest(near: Sequence[FittedCandidate], options: Options) -> FittedCandidate:
-    """The member of an ambiguous set that the user prefers, else the one with the fewest parameters."""
+    """The member of an ambiguous set that the user prefers, else the one with the fewest parameters, those last with
+    values that hardly any machine has."""
     preferred = [c for name in options.prefer for c in near if c.effect_at.effect == name]
-    return preferred[0] if preferred else min(near, key=lambda c: (c.cost, -c.delta_bic))
+    return preferred[0] if preferred else min(near, key=lambda c: (bool(c.unusual), c.cost, -c.delta_bic))
 
 
 def nearness(winner: FittedCandidate, options: Options) -> float:

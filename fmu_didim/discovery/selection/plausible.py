@@ -85,13 +85,16 @@ def implausible(fit: Fit, index: int, effect: Effect, link: Mapping[str, float])
 
 def unusual_values(fit: Fit, builder: LoopModelBuilder) -> list[Diagnostic]:
     """The doubts about named effects with values that hardly any machine has."""
-    found = []
-    for index, effect_at in enumerate(fit.model.added_effects):
-        places, deviations = _amplitudes(fit, index), np.sqrt(np.diag(fit.covariance))
-        values, own = ({name: float(of[i]) for name, i in places.items()} for of in (fit.values, deviations))
-        if told := builder.effect(effect_at).unusual(values, own):
-            found.append(Diagnostic(UNUSUAL, f"{told}.", effect_at.text))
-    return found
+    named = enumerate(fit.model.added_effects)
+    told = [(effect_at, unusual(fit, index, builder.effect(effect_at))) for index, effect_at in named]
+    return [Diagnostic(UNUSUAL, f"{text}.", effect_at.text) for effect_at, text in told if text]
+
+
+def unusual(fit: Fit, index: int, effect: Effect) -> str:
+    """Which values of an effect, the one of this index, hardly any machine has, or an empty string."""
+    places, deviations = _amplitudes(fit, index), np.sqrt(np.diag(fit.covariance))
+    values, own = ({name: float(of[i]) for name, i in places.items()} for of in (fit.values, deviations))
+    return effect.unusual(values, own)
 
 
 def _held_by_friction(fit: Fit, index: int, effect: Effect, least: Array) -> str:

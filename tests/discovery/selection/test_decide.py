@@ -189,6 +189,15 @@ def test_the_simplest_has_the_fewest_parameters_and_then_the_best_fit() -> None:
     assert _simplest(one, Options(prefer=("x",))).effect_at.effect == "c"
 
 
+def test_of_those_as_good_one_with_usual_values_is_taken() -> None:
+    """A drag that falls with the speed stood for a power of the velocity, which has one parameter more."""
+    power, drag = candidate_of("a", cost=2.0), candidate_of("b", bic=95.0, cost=1.0, unusual="Fq = -0.5 ± 0.03")
+    assert verdict(power, drag).effect_at.effect == "a"
+    assert verdict(replace(power, unusual="Fp = -2 ± 0.1"), drag).effect_at.effect == "b"
+    assert verdict(drag, power).effect_at.effect == "a"
+    assert verdict(drag).effect_at.effect == "b"  # named, and doubted
+
+
 def test_the_best_is_accepted() -> None:
     assert verdict(candidate_of("a", bic=100.0), candidate_of("b", bic=50.0)).effect_at == EffectAtJoint("a", 1)
 
