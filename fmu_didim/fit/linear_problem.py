@@ -125,16 +125,31 @@ class LinearProblem:
         return step if inwards.any() else found
 
     def _machine_step(self, values: Array, step: Array, region: Region, damping: float) -> Array:
-        """The step itself where it leads to values that a machine can have, else the best one that does."""
-        scale = np.where(self.scale > 0, self.scale, 1.0)
-        idle = np.diag((self.scale <= 0).astype(float))  # what the data do not show stays
-        table = np.vstack([self.table * scale + idle, np.sqrt(damping) * np.diag(scale)])
-        right = np.concatenate([self.right, np.zeros(values.size)]) + table @ values
-        try:
-            found = region.least_squares(table, right).values
-        except IdentificationError:  # what the description knows is not physical: the checks say more
-            return step
+        """The step itself where it leads to values that a machine can have, else the best one that does; with what is
+        at a limit and would go beyond held there, as in :meth:`_free_step`."""
+        free, found = self.scale > 0, step
+        for _ in range(free.size):
+            try:
+                found = self._of_machine(values, step, region, damping, free)
+            except IdentificationError:  # what the description knows is not physical: the checks say more
+                return step
+            stuck = free & ~region.base
+            stuck &= ((values <= region.low) & (found < 0)) | ((values >= region.high) & (found > 0))
+            if not stuck.any():
+                break
+            free &= ~stuck
+        return found
+
+    def _of_machine(self, values: Array, step: Array, region: Region, damping: float, free: NDArray[np.bool_]) -> Array:
+        """The step (p,) to the best values of a machine, of which those that are not free stay."""
+        scale, one = np.where(free, self.scale, 1.0), np.eye(free.size)
+        rows = [np.where(free, self.table * scale, 0.0), one[~free]]  # what is not free stays, in rows of its own
+        rows += [np.sqrt(damping) * np.diag(scale)[free]] if damping > 0 else []
+        table = np.vstack(rows)
+        right = table @ values
+        right[: self.right.size] += self.right
+        found = region.least_squares(table, right).values
         apart = float(np.linalg.norm(table @ (found - values - step)))
         if region.limits_hold(values + step) and apart <= max(INSIDE, SOLVED * float(np.linalg.norm(right))):
             return step
-        return np.where(self.scale > 0, found - values, 0.0)
+        return np.where(free, found - values, 0.0)

@@ -123,22 +123,24 @@ def table_fit(*mean_squares: float, held_out: Mapping[str, Array | None] | None 
 def candidate_of(
     effect: str = "coulomb", joint: int = 1, *, bic: float = 100.0, size: float = 3.0, share: float = 0.5,
     change: float = 3.0, cost: float = 1.0, fit: Fit | None = None, implausible: str = "",
+    unusual: str = "",
 ) -> FittedCandidate:  # fmt: skip
     """A candidate that is accepted as it stands."""
     at = EffectAtJoint(effect, joint)
     parameter = FreeParameter(f"{effect}{joint}", "N.m", PLANT, f"{effect}{joint}", 2.5, 1.0, effect=0)
     if fit is None:
         fit = fit_of(TableModel(residual(10.0), {}, (at,), (parameter,)), values=[2.5])
-    return FittedCandidate(at, fit, bic, size, share, change, cost, implausible)
+    return FittedCandidate(at, fit, bic, size, share, change, cost, implausible, unusual)
 
 
 def effect_of(name: str, *, class_name: str | None = None, place: str = "joint", **more: Any) -> Any:
     """An effect of the catalogue, as far as decisions look at it."""
     known = dict(
         is_linear=True, shows_on_neighbours=False, is_proposed=True, is_base=False, pre_check=None, neutral={},
-        elastic=False, needs_elastic=False, stands_for=(),
+        elastic=False, needs_elastic=False, is_external=False, stands_for=(),
     )  # fmt: skip
     known["impossible"] = lambda values, deviations, link: ""
+    known["unusual"] = lambda values, deviations: ""
     known["acts"] = lambda shapes: None
     return SimpleNamespace(**{"name": name, "class_name": class_name or name, "place": place, **known, **more})
 

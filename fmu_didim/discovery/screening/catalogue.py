@@ -121,7 +121,10 @@ class SignatureCatalogue:
             in_balance = [
                 c for c in together if not (c in derived or c in simulated or isinstance(builder.at(c), InBlackBox))
             ]
-            made = side_by_side([partial(self._make, c) for c in in_balance], workers)
+            # Neither made nor dropped in threads: constants of CasADi expressions are shared, without a lock.
+            equations = [self._equations(c) for c in in_balance]
+            tasks = [partial(self._by_regressor, c, own) for c, own in zip(in_balance, equations, strict=True)]
+            made = side_by_side(tasks, workers)
             found = derived | dict(zip(in_balance, made, strict=True))
             for effect_at in together:
                 self._signatures += found[effect_at] if effect_at in found else self._make(effect_at)
@@ -147,16 +150,24 @@ class SignatureCatalogue:
             return [self._of_the_plant(effect_at)]
         if not isinstance(effect, TorqueEffect):
             return list(self._by_simulation(effect_at, effect))
-        return [] if self._motions[0].motion is None else list(self._by_regressor(effect_at, effect))
+        return self._by_regressor(effect_at, self._equations(effect_at))
 
-    def _by_regressor(self, effect_at: EffectAtJoint, effect: TorqueEffect) -> Iterator[Signature]:
-        joint, joints = effect_at.joint - 1, range(1, self.fit.model.joint_count + 1)
-        kinds = [self.builder.loop.joint_type(j) for j in joints]
-        if joint + effect.reach >= len(kinds):
-            return
-        kind = kinds[joint]
-        defaults = self._defaults(effect_at, effect)
-        made = TorqueSignature(effect, joint, tuple(kinds), tuple(defaults))
+    def _equations(self, effect_at: EffectAtJoint) -> TorqueSignature | None:
+        """The equations of an effect in the torque balance; None where it has no signature."""
+        effect, joint = self.builder.effect(effect_at), effect_at.joint - 1
+        assert isinstance(effect, TorqueEffect)
+        kinds = [self.builder.loop.joint_type(j) for j in range(1, self.fit.model.joint_count + 1)]
+        absent = self._motions[0].motion is None or joint + effect.reach >= len(kinds)
+        if absent or not self.builder.at(effect_at).can_be_added:
+            return None
+        return TorqueSignature(effect, joint, tuple(kinds), tuple(self._defaults(effect_at, effect)))
+
+    def _by_regressor(self, effect_at: EffectAtJoint, made: TorqueSignature | None) -> list[Signature]:
+        return [] if made is None else list(self._along_motions(effect_at, made))
+
+    def _along_motions(self, effect_at: EffectAtJoint, made: TorqueSignature) -> Iterator[Signature]:
+        effect = made.effect
+        kind, defaults = self.builder.loop.joint_type(effect_at.joint), self._defaults(effect_at, effect)
         names = tuple(v.name for v in effect.parameters(kind))
         tried = [s for s in search_grid(self.builder.at(effect_at).search, defaults) if effect.allows(s)]
         if len(tried) > GRID_LIMIT:

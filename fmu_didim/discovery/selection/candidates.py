@@ -48,6 +48,7 @@ class FittedCandidate:
         change: of an output, such as a torque, by switching it off while nothing else changes, in units of the noise.
         cost: parameters that it counts as, without amplitudes that change nothing here, such as a mass on an axis.
         implausible: why its values are not significant or not possible, or an empty string.
+        unusual: which of its values hardly any machine has, or an empty string.
     """
 
     effect_at: EffectAtJoint
@@ -58,6 +59,7 @@ class FittedCandidate:
     change: float
     cost: float
     implausible: str = ""
+    unusual: str = ""
 
 
 class Outcome(Enum):

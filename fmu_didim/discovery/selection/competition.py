@@ -31,7 +31,7 @@ from fmu_didim.discovery.selection.candidates import (
     ScreenedCandidate,
     TriedCandidate,
 )
-from fmu_didim.discovery.selection.plausible import implausible
+from fmu_didim.discovery.selection.plausible import implausible, unusual
 from fmu_didim.dynamics.effects import Search
 from fmu_didim.fit.base_projection import BaseProjection
 from fmu_didim.fit.derivatives.sensitivity import sensitivity
@@ -366,8 +366,9 @@ class Competition:
         size, share = explained_gap(fit, found, fit.noise)
         raw = self.change_without(effect_at, found)
         whole = replace(found, model=replace(found.model, workers=fit.model.workers))
-        why = implausible(whole, index, builder.effect(effect_at), builder.link_values(effect_at.joint))
-        return FittedCandidate(effect_at, whole, gain, size, share, raw, cost, why)
+        effect = builder.effect(effect_at)
+        why = implausible(whole, index, effect, builder.link_values(effect_at.joint))
+        return FittedCandidate(effect_at, whole, gain, size, share, raw, cost, why, unusual(whole, index, effect))
 
     def change_without(self, effect_at: EffectAtJoint, found: Fit, *, held_out: bool = False) -> float:
         """Largest RMS change of an output, such as the torque of a joint, in units of its noise, when an effect is

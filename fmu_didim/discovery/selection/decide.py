@@ -17,6 +17,7 @@ from fmu_didim.discovery.selection.held_out import (
     is_confirmed_by_size_alone,
     unconfirmed,
 )
+from fmu_didim.discovery.selection.plausible import MAY_BE_ABSENT
 from fmu_didim.fit.fit import Fit
 from fmu_didim.fit.gap import Ratio, channel_gaps, gaps, held_out_ratio, part_of_gap
 from fmu_didim.model.loop_model import EffectAtJoint
@@ -105,7 +106,7 @@ def decide(
     options: Options,
     *,
     base: Fit,
-    held: Callable[[EffectAtJoint], Iterable[FittedCandidate]] = lambda effect_at: (),
+    held: Callable[[FittedCandidate], Iterable[FittedCandidate]] = lambda candidate: (),
     finished: Callable[[FittedCandidate], FittedCandidate] = lambda candidate: candidate,
     class_of: Callable[[EffectAtJoint], str] = lambda effect_at: effect_at.effect,
 ) -> FittedCandidate | tuple[tuple[EffectAtJoint, str], ...]:
@@ -113,7 +114,8 @@ def decide(
 
     Args:
         ranking: the best first; fit: of the model without them; base: of the model without any effect.
-        held: a candidate that fails on held-out data only, with its shapes held at screened values.
+        held: a candidate that fails on held-out data only, or whose amplitudes may be absent beside shapes that are
+            free, with its shapes held at screened values.
         finished: a candidate whose fit was given up, at its minimum.
         class_of: the class of an effect. Where held-out data confirm the best by its size alone, one of its class with
             fewer parameters is as good unless they confirm what the best has more.
@@ -142,8 +144,8 @@ def decide(
                 allowed = [c for c, objected in others if not objected]
                 near += [c for c in allowed if unconfirmed(c.fit, candidate.fit, seed=options.seed)]
             return _simplest(near, options)
-        if reason.startswith(FAILS_HELD_OUT):
-            for other in held(candidate.effect_at):
+        if reason.startswith((FAILS_HELD_OUT, MAY_BE_ABSENT)):
+            for other in held(candidate):
                 if not objection(other, fit, options, base=base):
                     return other
         reasons.append((candidate.effect_at, reason))
@@ -171,9 +173,10 @@ def objection(candidate: FittedCandidate, fit: Fit, options: Options, *, base: F
 
 
 def _simplest(near: Sequence[FittedCandidate], options: Options) -> FittedCandidate:
-    """The member of an ambiguous set that the user prefers, else the one with the fewest parameters."""
+    """The member of an ambiguous set that the user prefers, else the one with the fewest parameters, those last with
+    values that hardly any machine has."""
     preferred = [c for name in options.prefer for c in near if c.effect_at.effect == name]
-    return preferred[0] if preferred else min(near, key=lambda c: (c.cost, -c.delta_bic))
+    return preferred[0] if preferred else min(near, key=lambda c: (bool(c.unusual), c.cost, -c.delta_bic))
 
 
 def nearness(winner: FittedCandidate, options: Options) -> float:
@@ -224,13 +227,13 @@ def step_of(
 def _remark(
     accepted: FittedCandidate, ranking: Sequence[FittedCandidate], competition: Competition, options: Options
 ) -> str:
-    """What is reported of an effect that held-out data confirm by its size alone, and of larger members of its
-    class that explain the fitted data better."""
-    told = held_out_remark(competition.fit, accepted.fit, seed=options.seed)
-    if not told:
-        return ""
+    """What is reported of an effect whose shapes were held, of one that held-out data confirm by its size alone, and of
+    larger members of its class that explain the fitted data better."""
     effect = competition.builder.effect(accepted.effect_at)
-    text = f"{effect.title} on joint {accepted.effect_at.joint}: {told}."
+    told = [_held_remark(accepted), held_out_remark(competition.fit, accepted.fit, seed=options.seed)]
+    text = " ".join(f"{effect.title} on joint {accepted.effect_at.joint}: {one}." for one in told if one)
+    if not told[1]:
+        return text
     for other in ranking:
         ahead = other.delta_bic - accepted.delta_bic
         larger = competition.builder.effect(other.effect_at)
@@ -242,3 +245,19 @@ def _remark(
                 "do not confirm what it has more."
             )
     return text
+
+
+def _held_remark(accepted: FittedCandidate) -> str:
+    """What is reported of shapes that were held at the values of the screening."""
+    model = accepted.fit.model
+    own = [
+        p for p in model.free_parameters
+        if p.effect is not None and p.is_shape and model.added_effects[p.effect] == accepted.effect_at
+    ]  # fmt: skip
+    held = [f"{p.name} = {p.value:.3g}" for p in own if p.is_held]
+    if not held:
+        return ""
+    return (
+        f"{', '.join(held)} was held as it was screened, because the effect was refused with it free; intervals do not "
+        "count what another value would move"
+    )

@@ -12,6 +12,11 @@ of the model without it. This is the size of the effect on held-out data as a
 multiple of the fitted one. |P w r_1| < |P w r_0| if and only if a > 1/2: the interval of a must lie above, and reach
 1. An effect that is absent has a = 0: with a standard deviation of a below 1/2 it passes once in 600 times.
 
+Held-out data too short for that interval are asked for the joint where the effect changes the fit most: if its error
+falls in each of at least five blocks, they confirm the effect; by chance that happens once in 32 times (the sign test).
+On 3 s of a measured TX40 a friction of joint 2 lowers the error of that joint by 4 to 25 % in each block, and what its
+fit moves on the others by less than their noise hides it in the whole.
+
 Weights are 1 / noise, and less for samples that neither model explains, such as glitches of a logger: by Huber's rule
 for the smaller one of the two residuals, so that no sample that one of them explains loses weight.
 
@@ -30,7 +35,15 @@ from fmu_didim.data.signals import Array
 from fmu_didim.discovery.selection.competition import SURVIVING
 from fmu_didim.fit.base_projection import BaseProjection
 from fmu_didim.fit.fit import Fit
-from fmu_didim.fit.gap import drawn_sums, held_out_block, held_out_ratio, held_out_ratios, held_out_residual
+from fmu_didim.fit.gap import (
+    BLOCK_S,
+    block_sums,
+    drawn_sums,
+    held_out_block,
+    held_out_ratio,
+    held_out_ratios,
+    held_out_residual,
+)
 from fmu_didim.fit.statistics import CONFIDENCE
 
 HELD_OUT = 1.0
@@ -46,6 +59,9 @@ this. What only copies another effect along the fitted motion has another size o
 named in place of a coupling of two joints, has 0.57 to 0.79 of it."""
 FEWEST_BLOCKS = 10
 """[blocks] Of held-out data, with fewer of which a bootstrap gives too short an interval."""
+EACH_OF = 5
+"""[blocks] Of held-out data, in each of which the error of a joint must fall where they are fewer than that: a chance
+of 1/32."""
 GLITCH = 3.0
 """[standard deviations] Of the residual from which a sample that neither model explains weighs less; noise alone
 reaches it once in 370 samples."""
@@ -92,11 +108,29 @@ def unconfirmed(before: Fit, after: Fit, *, seed: int = 0) -> str:
     ratio = held_out_ratio(before, after, seed=seed)
     if ratio is None or ratio.high < HELD_OUT:
         return ""
+    if ratio.value < HELD_OUT and confirming_joint(before, after):
+        return ""
     text = f"{FAILS_HELD_OUT} {ratio.value:.3f}, its interval reaches {ratio.high:.3f}"
     found = held_out_amplitude(before, after, seed=seed) if ratio.value < HELD_OUT else None
     if found is None:
         return text
     return "" if found.low > NEARER and found.high >= OWN_SIZE else f"{text}; there it has {found}"
+
+
+def confirming_joint(before: Fit, after: Fit) -> int:
+    """The joint, from 1, where a larger model changes the fit most, if held-out data that are too short for the size of
+    the effect confirm it there: its error falls in each block. Zero where they do not."""
+    try:
+        first, second = held_out_residual(before), held_out_residual(after)
+    except SimulationError:
+        return 0
+    block = held_out_block(before)
+    if first.shape[0] >= FEWEST_BLOCKS * block:
+        return 0
+    change = np.mean(((before.residual - after.residual) / before.noise.deviation) ** 2, axis=0)
+    joint = int(np.argmax(change[: before.model.joint_count]))
+    sums = block_sums(np.column_stack([first[:, joint] ** 2, second[:, joint] ** 2]), block=block)
+    return joint + 1 if len(sums) >= EACH_OF and (sums[:, 1] < sums[:, 0]).all() else 0
 
 
 def is_confirmed_by_size_alone(before: Fit, after: Fit, *, seed: int = 0) -> bool:
@@ -111,9 +145,14 @@ def held_out_remark(before: Fit, after: Fit, *, seed: int = 0) -> str:
         return ""
     ratio, size = held_out_ratio(before, after, seed=seed), held_out_amplitude(before, after, seed=seed)
     assert ratio is not None
-    return (
+    whole = (
         f"as a whole the held-out error may not be smaller (RMS ratio {ratio.value:.3f}, {ratio.low:.3f} to "
-        f"{ratio.high:.3f}), but in what the other parameters cannot make, and with less weight on samples that "
+        f"{ratio.high:.3f})"
+    )
+    if joint := confirming_joint(before, after):
+        return f"{whole}, but that of joint {joint} is in each block of {BLOCK_S:g} s; the held-out data are short"
+    return (
+        f"{whole}, but in what the other parameters cannot make, and with less weight on samples that "
         f"neither model explains, held-out data show the effect at {size}"
     )
 

@@ -18,8 +18,10 @@ from fmu_didim.base.distributions import chi2_sf
 from fmu_didim.data.signals import Array
 from fmu_didim.discovery.augmentation.builder import LoopModelBuilder
 from fmu_didim.dynamics.effects import Effect
+from fmu_didim.dynamics.effects.base import SURE
 from fmu_didim.fit.fit import Fit
 from fmu_didim.model.free_parameter import plain_name
+from fmu_didim.model.motion import joint_reference
 
 UNUSUAL = CATALOGUE(
     "effect-unusual", DOUBT, rank=54,
@@ -35,9 +37,17 @@ UNTOLD = 3.0
 """[1] Standard deviation over value of all amplitudes of an effect from which not its form explains the data, but
 a limit of it: a gravity compensator of 35 ± 530 000 N.m has imitated an offset."""
 
+MAY_BE_ABSENT = "may be absent"
+"""Beginning of the objection that the amplitudes of an effect may all be neutral."""
+
 LONGEST = 0.5
 """[1] Fraction of the data that torques from outside may last: what lasts longer may as well be an offset, a load,
 or what a drift has that its form lacks."""
+
+STILL = 0.01
+"""[1] Of the largest speed of a joint along the fitted motions, below which it stands still."""
+MOSTLY_STILL = 0.9
+"""[1] Of the time in which a torque from outside acts, that its joint stands still: friction may hold it then."""
 
 
 def implausible(fit: Fit, index: int, effect: Effect, link: Mapping[str, float]) -> str:
@@ -58,6 +68,8 @@ def implausible(fit: Fit, index: int, effect: Effect, link: Mapping[str, float])
     covariance = fit.covariance[np.ix_(places, places)]
     deviations = np.sqrt(np.diag(covariance))
     found = dict(zip(names, values.tolist(), strict=True))
+    if why := _held_by_friction(fit, index, effect, values - SURE * deviations * np.sign(values)):
+        return why
     why = effect.impossible(found, dict(zip(names, deviations.tolist(), strict=True)), link)
     if why:
         return f"physically impossible: {why}"
@@ -67,24 +79,59 @@ def implausible(fit: Fit, index: int, effect: Effect, link: Mapping[str, float])
         return f"its form is not told: {text}"
     chance = chance_of_none(values, covariance, np.array([effect.neutral.get(name, 0.0) for name in names]))
     if chance > ZERO:
-        return f"may be absent: {text} (p = {chance:.2g})"
+        return f"{MAY_BE_ABSENT}: {text} (p = {chance:.2g})"
     return ""
 
 
 def unusual_values(fit: Fit, builder: LoopModelBuilder) -> list[Diagnostic]:
     """The doubts about named effects with values that hardly any machine has."""
-    found = []
-    for index, effect_at in enumerate(fit.model.added_effects):
-        places, deviations = _amplitudes(fit, index), np.sqrt(np.diag(fit.covariance))
-        values, own = ({name: float(of[i]) for name, i in places.items()} for of in (fit.values, deviations))
-        if told := builder.effect(effect_at).unusual(values, own):
-            found.append(Diagnostic(UNUSUAL, f"{told}.", effect_at.text))
-    return found
+    named = enumerate(fit.model.added_effects)
+    told = [(effect_at, unusual(fit, index, builder.effect(effect_at))) for index, effect_at in named]
+    return [Diagnostic(UNUSUAL, f"{text}.", effect_at.text) for effect_at, text in told if text]
+
+
+def unusual(fit: Fit, index: int, effect: Effect) -> str:
+    """Which values of an effect, the one of this index, hardly any machine has, or an empty string."""
+    places, deviations = _amplitudes(fit, index), np.sqrt(np.diag(fit.covariance))
+    values, own = ({name: float(of[i]) for name, i in places.items()} for of in (fit.values, deviations))
+    return effect.unusual(values, own)
+
+
+def _held_by_friction(fit: Fit, index: int, effect: Effect, least: Array) -> str:
+    """Why a torque from outside may be friction of a joint that stands still, or an empty string.
+
+    There the torque of Coulomb friction Fc is any one from -Fc to Fc, and stays where the motion has left it; the
+    smoothed one of the model is zero.
+
+    Args:
+        least: (m,) amplitudes, nearer to zero by what they are not sure by.
+    """
+    joint, span = fit.model.added_effects[index].joint, _span(fit, index, effect)
+    free = {p.name: float(value) for p, value in zip(fit.model.free_parameters, fit.values, strict=True)}
+    coulomb = free.get(f"Fc{joint}", 0.0)
+    if not effect.is_external or span is None or coulomb <= 0 or float(np.abs(least).max()) > coulomb:
+        return ""
+    references = [fit.model.experiments[label].reference for label in fit.model.estimation_labels]
+    speed = np.concatenate([np.abs(joint_reference(reference, joint)[1]) for reference in references])
+    time = np.concatenate([reference.time for reference in references])
+    acts = (time >= span[0]) & (time < span[1])
+    still = float(np.mean(speed[acts] < STILL * speed.max())) if acts.any() else 0.0
+    if still < MOSTLY_STILL:
+        return ""
+    return (
+        f"joint {joint} stands still for {100 * still:.0f} % of the time in which it acts, where its Coulomb friction "
+        f"of {coulomb:.3g} may hold as much"
+    )
+
+
+def _span(fit: Fit, index: int, effect: Effect) -> tuple[float, float] | None:
+    """Begin and end, s, of an effect that acts for a while; None of one that always may."""
+    return effect.acts({name: float(fit.values[i]) for name, i in _places(fit, index, shapes=True).items()})
 
 
 def _lasting(fit: Fit, index: int, effect: Effect) -> float:
     """Fraction of the samples at which an effect acts that does so for a while; 0 of one that always may."""
-    span = effect.acts({name: float(fit.values[i]) for name, i in _places(fit, index, shapes=True).items()})
+    span = _span(fit, index, effect)
     if span is None:
         return 0.0
     experiments = fit.model.experiments

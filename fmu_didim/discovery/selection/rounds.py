@@ -19,6 +19,7 @@ from fmu_didim.discovery.selection.gears import gear_with_error
 from fmu_didim.discovery.selection.held_out import FAILS_HELD_OUT, held_out_objection
 from fmu_didim.discovery.selection.missing_base import base_before, missing_base
 from fmu_didim.discovery.selection.parts import parts_instead
+from fmu_didim.discovery.selection.plausible import MAY_BE_ABSENT
 from fmu_didim.discovery.selection.pre_check import may_be_promising, pre_check
 from fmu_didim.discovery.selection.refitted import Refitted
 from fmu_didim.fit.fit import Fit
@@ -325,11 +326,20 @@ def _not_tried(candidates: Sequence[EffectAtJoint]) -> tuple[TriedCandidate, ...
 
 
 def _with_shapes_held(
-    competition: Competition, screened: Sequence[ScreenedCandidate], effect_at: EffectAtJoint
+    competition: Competition, screened: Sequence[ScreenedCandidate], candidate: FittedCandidate
 ) -> Iterator[FittedCandidate]:
-    candidate = next(s for s in screened if s.effect_at == effect_at)
-    if candidate.others is not None and competition.builder.at(effect_at).shapes:
-        yield from competition.with_shapes_held(candidate)
+    """A candidate with its shapes held: outside the torque balance where held-out data alone speak against it, in the
+    balance where its amplitude may be absent.
+
+    There a shape that is free may make it one of many: beside viscous and Coulomb friction, a power of the velocity of
+    nearly one fits with any amplitude, and so does a small one of another power. That a friction between them is there
+    is a matter of the gain in BIC, and of its size with one of these powers.
+    """
+    effect_at = candidate.effect_at
+    wanted = next(s for s in screened if s.effect_at == effect_at)
+    may_be_absent = candidate.implausible.startswith(MAY_BE_ABSENT)
+    if competition.builder.at(effect_at).shapes and (wanted.others is None) == may_be_absent:
+        yield from competition.with_shapes_held(wanted)
 
 
 def _shifts_log(fit: Fit) -> bool:

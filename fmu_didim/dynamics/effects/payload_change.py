@@ -50,7 +50,7 @@ class PayloadChange(TorqueEffect):
 
     def impossible(self, values: Values, deviations: Values, link: Values) -> str:
         left, mass = values.get("dM", 0.0), link.get("M", 0.0)  # a load that is taken off is no more than all there is
-        if mass > 0 and left < -mass - SURE * deviations["dM"]:
+        if "dM" in deviations and mass > 0 and left < -mass - SURE * deviations["dM"]:
             return f"dM = {left:.3g} ± {deviations['dM']:.2g} kg taken off a link of {mass:.3g} kg"
         return ""
 

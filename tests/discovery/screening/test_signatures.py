@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
+from threading import get_ident
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,6 +14,7 @@ from fmu_didim.case import load_case
 from fmu_didim.discovery.augmentation.builder import LoopModelBuilder
 from fmu_didim.discovery.augmentation.places import Proposal
 from fmu_didim.discovery.base_model import with_nuisances
+from fmu_didim.discovery.screening import catalogue
 from fmu_didim.discovery.screening.catalogue import Signature, SignatureCatalogue
 from fmu_didim.dynamics.effects import EFFECTS, Search, TorqueEffect
 from fmu_didim.dynamics.robot import RobotModel
@@ -301,3 +304,31 @@ def test_what_is_of_the_base_is_tried_once(bench: Bench) -> None:
     assert signatures(bench, "base_tilt", 1)
     # A description has it at joint 1 or nowhere: at any other joint it would be simulated and change nothing.
     assert not signatures(bench, "base_tilt", 2)
+
+
+def test_expressions_are_made_and_dropped_in_one_thread(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """CasADi shares constants between expressions without a lock: two threads that made and dropped some at once ended
+    a discovery of six joints with "Fatal Python error: Aborted"."""
+    bench, threads = two_joints(tmp_path), list[tuple[str, int]]()
+
+    class Watched(TorqueSignature):
+        def __init__(self, *given: Any) -> None:
+            threads.append(("made", get_ident()))
+            super().__init__(*given)
+
+        def columns(self, *given: Any, **named: Any) -> np.ndarray:
+            threads.append(("used", get_ident()))
+            return super().columns(*given, **named)
+
+        def __del__(self) -> None:
+            threads.append(("dropped", get_ident()))
+
+    monkeypatch.setattr(catalogue, "TorqueSignature", Watched)
+    several = replace(bench.fit, model=replace(bench.fit.model, workers=2))
+    candidates = [EffectAtJoint(name, j) for name in ("quadratic_viscous", "stribeck", "spring") for j in (1, 2)]
+    found = SignatureCatalogue(bench.builder, several, candidates=candidates)
+    assert {s.effect_at for s in found} == set(candidates)
+    where = {what: {thread for done, thread in threads if done == what} for what in ("made", "used")}
+    dropped = {thread for done, thread in threads if done == "dropped"}
+    assert where["made"] == {get_ident()} and dropped <= {get_ident()}
+    assert where["used"] - {get_ident()}  # side by side

@@ -21,6 +21,7 @@ from fmu_didim.discovery.selection.decide import (
 )
 from fmu_didim.fit.ending import Ending
 from fmu_didim.fit.gap import gaps, held_out_ratio
+from fmu_didim.model.free_parameter import PLANT, FreeParameter
 from fmu_didim.model.loop_model import EffectAtJoint
 from tests.discovery.by_hand import (
     SIGNS,
@@ -40,7 +41,7 @@ def refused(candidate: FittedCandidate, **options: Any) -> str:
     return objection(candidate, BEFORE, Options(**options), base=BASE)
 
 
-def verdict(*ranking: FittedCandidate, held: Any = lambda effect_at: (), **options: Any) -> Any:
+def verdict(*ranking: FittedCandidate, held: Any = lambda candidate: (), **options: Any) -> Any:
     return decide(
         ranking, BEFORE, Options(**options), base=BASE, held=held
     )  # fmt: skip
@@ -188,6 +189,15 @@ def test_the_simplest_has_the_fewest_parameters_and_then_the_best_fit() -> None:
     assert _simplest(one, Options(prefer=("x",))).effect_at.effect == "c"
 
 
+def test_of_those_as_good_one_with_usual_values_is_taken() -> None:
+    """A drag that falls with the speed stood for a power of the velocity, which has one parameter more."""
+    power, drag = candidate_of("a", cost=2.0), candidate_of("b", bic=95.0, cost=1.0, unusual="Fq = -0.5 ± 0.03")
+    assert verdict(power, drag).effect_at.effect == "a"
+    assert verdict(replace(power, unusual="Fp = -2 ± 0.1"), drag).effect_at.effect == "b"
+    assert verdict(drag, power).effect_at.effect == "a"
+    assert verdict(drag).effect_at.effect == "b"  # named, and doubted
+
+
 def test_the_best_is_accepted() -> None:
     assert verdict(candidate_of("a", bic=100.0), candidate_of("b", bic=50.0)).effect_at == EffectAtJoint("a", 1)
 
@@ -225,21 +235,43 @@ def test_none_is_accepted_of_none() -> None:
 
 def test_shapes_are_held_where_only_the_held_out_data_object() -> None:
     before, failing = held_out(residual(16.0), 1.1 * residual(16.0))
-    asked: list[EffectAtJoint] = []
+    asked: list[FittedCandidate] = []
     worse = replace(failing, delta_bic=99.0)
     better = candidate_of(bic=80.0, fit=table_fit(12.0, held_out={"other": 0.5 * residual(16.0)}))
     last = replace(better, delta_bic=70.0)
 
-    def held(effect_at: EffectAtJoint) -> Iterator[FittedCandidate]:
-        asked.append(effect_at)
+    def held(candidate: FittedCandidate) -> Iterator[FittedCandidate]:
+        asked.append(candidate)
         yield from (worse, better, last)
 
     small = candidate_of("b", 2, bic=90.0, share=0.01)
     found = decide([small, failing], before, Options(), base=BASE, held=held)
     assert found is better
-    assert asked == [EffectAtJoint("coulomb", 1)]
+    assert asked == [failing]
     refusal = decide([small, failing], before, Options(), base=BASE)
     assert [a.effect for a, _ in refusal] == ["b", "coulomb"]
+
+
+@pytest.mark.parametrize(
+    ("why", "asks"),
+    [
+        ("may be absent: Fp = -2.1 ± 3.4 (p = 0.52)", True),
+        ("its form is not told: Fgc = 35 ± 5e+05", False),
+        ("physically impossible: Fs = -1 ± 0.1 below 0", False),
+    ],
+)
+def test_shapes_are_held_where_free_ones_leave_the_amplitude_untold(why: str, asks: bool) -> None:
+    """On a measured TX40 a friction by a power of the velocity gained 151 in BIC, with an amplitude of -2.1 ± 3.4."""
+    untold, told = candidate_of(implausible=why), candidate_of(bic=80.0)
+    asked: list[FittedCandidate] = []
+
+    def held(candidate: FittedCandidate) -> Iterator[FittedCandidate]:
+        asked.append(candidate)
+        yield from (untold, told)
+
+    found = verdict(untold, held=held)
+    assert found is told if asks else found == ((untold.effect_at, why),)
+    assert asked == ([untold] if asks else [])
 
 
 def given_up(candidate: FittedCandidate) -> FittedCandidate:
@@ -315,6 +347,20 @@ def test_a_step_names_what_the_data_cannot_tell_from_it() -> None:
     ]  # fmt: skip
     assert found.members[0].values == {"coulomb": 2.5}
     assert found.ratio is None and found.remark == ""
+
+
+@pytest.mark.parametrize("is_held", [True, False])
+def test_a_step_tells_which_shape_was_held(is_held: bool) -> None:
+    at = EffectAtJoint("power", 3)
+    amplitude = FreeParameter("Fp3", "N.m", PLANT, "Fp3", 2.5, 1.0, effect=0)
+    shape = FreeParameter("alpha3", "1", PLANT, "alpha3", 0.6, 1.0, 0.2, 2.5, effect=0, is_shape=True)
+    free = (amplitude, shape.held() if is_held else shape)
+    fit = fit_of(TableModel(residual(10.0), {}, (at,), free), values=[2.5, 0.6])
+    catalogue = Catalogue(effect_of("power", title="Friction by a power of the velocity"))
+    accepted = candidate_of("power", 3, fit=fit)
+    found = step_of(accepted, [accepted], Competition(catalogue, BEFORE), Options())
+    told = "Friction by a power of the velocity on joint 3: alpha3 = 0.6 was held as it was screened, because"
+    assert found.remark.startswith(told) if is_held else found.remark == ""
 
 
 def test_nearness_of_a_step_is_that_of_the_best() -> None:

@@ -13,6 +13,7 @@ from fmu_didim.discovery.selection.competition import Competition
 from fmu_didim.discovery.selection.decide import Options, _remark, decide
 from fmu_didim.discovery.selection.held_out import (
     FEWEST_BLOCKS,
+    confirming_joint,
     held_out_amplitude,
     held_out_objection,
     held_out_remark,
@@ -153,6 +154,58 @@ def test_an_effect_that_comes_and_goes_for_long_is_less_certain() -> None:
 def test_few_held_out_data_confirm_nothing_this_way(blocks: int, enough: bool) -> None:
     first, second = (r[: 5 * blocks] for r in spoiled(drift=0.2))
     assert (held_out_amplitude(*fits(first, second)) is not None) is enough
+
+
+def short(left: list[float], other: float) -> tuple[Fit, Fit]:
+    """Fits of two joints, the second of which an effect explains: in each block of half a second of what was held out
+    it leaves so much of 1 there, and on the first joint 3 in turn by ``other`` more and less."""
+    sign = np.resize([1.0, -1.0], 5 * len(left))
+    turns = np.repeat(np.resize([1 + other, 1 - other], len(left)), 5)
+    first = np.column_stack([3 * sign, sign])
+    second = np.column_stack([3 * sign * turns, sign * np.repeat(left, 5)])
+    before, after = (
+        table_fit(*squares, held_out={"other": table}) for squares, table in (((9, 4), first), ((9, 1), second))
+    )
+    vars(before)["held_out_jacobian"] = np.zeros((0, 2, 0))
+    return before, after
+
+
+@pytest.mark.parametrize(
+    ("left", "other", "joint"),
+    [
+        ([0.8, 0.9, 0.7, 0.9, 0.8], 0.05, 2),
+        ([0.8, 0.9, 0.7, 0.9, 1.1], 0.05, 0),  # larger in one block
+        ([0.8, 0.9, 0.7, 0.9], 0.05, 0),  # four blocks show it by chance once in 16 times
+        ([0.8] * (FEWEST_BLOCKS - 1), 0.05, 2),
+        ([0.8] * FEWEST_BLOCKS, 0.05, 0),  # there its size is asked
+    ],
+)
+def test_short_held_out_data_confirm_an_effect_in_each_block_of_its_joint(
+    left: list[float], other: float, joint: int
+) -> None:
+    before, after = short(left, other)
+    ratio = held_out_ratio(before, after)
+    assert ratio is not None and ratio.value < 1 <= ratio.high
+    assert confirming_joint(before, after) == joint
+    if len(left) < FEWEST_BLOCKS:
+        assert (unconfirmed(before, after) == "") is bool(joint)
+        assert f"but that of joint {joint} is in each block of 0.5 s" in held_out_remark(before, after) or not joint
+
+
+def test_what_makes_the_whole_worse_is_not_confirmed_by_one_joint() -> None:
+    before, after = short([0.8, 0.9, 0.7, 0.9, 0.8], 0.4)
+    ratio = held_out_ratio(before, after)
+    assert ratio is not None and ratio.value > 1
+    assert confirming_joint(before, after) == 2
+    assert unconfirmed(before, after).startswith(f"held-out RMS ratio {ratio.value:.3f}")
+
+
+def test_the_joint_that_confirms_is_the_one_of_the_fit() -> None:
+    """Not the one that is the better of the two on what was held out."""
+    before, after = short([0.8, 0.9, 0.7, 0.9, 0.8], 0.05)
+    swapped = [table_fit(*squares, held_out={"other": one.model.held_out["other"]}) for squares, one in
+               (((9, 4), before), ((2, 4), after))]  # fmt: skip
+    assert confirming_joint(*swapped) == 0
 
 
 def test_what_the_other_parameters_can_make_as_well_is_not_judged() -> None:

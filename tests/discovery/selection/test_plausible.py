@@ -11,6 +11,7 @@ import pytest
 from scipy import stats
 
 from fmu_didim.base.diagnostics import DOUBT
+from fmu_didim.data.signals import Trajectory, Variable
 from fmu_didim.discovery.selection.plausible import chance_of_none, implausible, unusual_values
 from fmu_didim.dynamics.effects import EFFECTS
 from fmu_didim.model.free_parameter import FreeParameter
@@ -45,6 +46,7 @@ def fit(effect: str, values: dict[str, tuple[float, float]], joint: int = 2) -> 
         ("payload_change", {"dM": (-5.0, 0.1)}, {"M": 36.0}, ""),
         ("payload_change", {"dM": (-336.0, 5.0)}, {}, ""),
         ("payload_change", {"dM": (0.0, 1.0), "dMX": (2.0, 0.1)}, {}, ""),
+        ("payload_change", {"dMX": (2.0, 0.1)}, {"M": 36.0}, ""),  # of a joint whose torque shows no mass
         ("joint_elasticity", {"K": (1e4, 100.0)}, {}, ""),
         ("joint_elasticity", {"K": (1e6, 0.7e6)}, {}, "may be absent"),
         ("actuator_lag", {"T": (0.002, 0.0001)}, {}, ""),
@@ -74,6 +76,34 @@ def test_a_torque_from_outside_that_lasts_is_something_else(end: float, reason: 
     found = fit("external_force", {"Fext": (0.6, 0.04), "t_on_": (2.0, 0.03), "t_off_": (end, 0.03)})
     found.model.free_parameters[2:] = [replace(p, is_shape=True) for p in found.model.free_parameters[2:]]
     found.model.experiments = {"a": SimpleNamespace(time=np.arange(0, 20, 0.01))}
+    found.model.estimation_labels = ("a",)
+    told = implausible(found, 0, EFFECTS["external_force"], {})
+    assert told.startswith(reason) if reason else told == ""
+
+
+@pytest.mark.parametrize(
+    ("torque", "deviation", "span", "friction", "reason"),
+    [
+        (-6.0, 0.2, (6.1, 9.0), 8.0, "joint 2 stands still for 100 % of the time in which it acts, where its Coulomb"),
+        (8.3, 0.2, (6.1, 9.0), 8.0, "joint 2 stands still"),  # perhaps 8
+        (9.0, 0.2, (6.1, 9.0), 8.0, ""),  # more than friction holds
+        (-6.0, 0.2, (6.1, 9.0), 0.0, ""),  # without friction
+        (-6.0, 0.2, (5.0, 7.0), 8.0, ""),  # half of the time on the move
+        (-6.0, 0.2, (1.0, 4.0), 8.0, ""),
+    ],
+)
+def test_what_acts_on_a_joint_at_rest_may_be_its_friction(
+    torque: float, deviation: float, span: tuple[float, float], friction: float, reason: str
+) -> None:
+    """A measured TX40 rests at the end of its log, held by friction: a torque from outside of 6.2 N.m was named."""
+    found = fit("external_force", {"Fext": (torque, deviation), "t_on_": (span[0], 0.03), "t_off_": (span[1], 0.03)})
+    found.model.free_parameters[2:] = [replace(p, is_shape=True) for p in found.model.free_parameters[2:]]
+    found.model.free_parameters[0] = FreeParameter("Fc2", "N.m", "base", "Fc2", friction, 1.0)
+    found.values[0] = friction
+    time = np.arange(0, 10, 0.01)
+    position = np.where(time < 6, 1 - np.cos(np.pi * time), 0.0)
+    reference = Trajectory(time, position[:, None], (Variable("q2", "rad"),))
+    found.model.experiments = {"a": SimpleNamespace(time=time, reference=reference)}
     found.model.estimation_labels = ("a",)
     told = implausible(found, 0, EFFECTS["external_force"], {})
     assert told.startswith(reason) if reason else told == ""

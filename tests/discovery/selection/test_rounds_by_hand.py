@@ -591,8 +591,20 @@ def test_an_effect_without_which_nothing_runs_stays(monkeypatch: pytest.MonkeyPa
     assert left == ["a", "c"]
 
 
-@pytest.mark.parametrize(("others", "shapes", "count"), [((), ("vs",), 2), (None, ("vs",), 0), ((), (), 0)])
-def test_only_shapes_outside_the_torque_balance_are_held(others: Any, shapes: tuple[str, ...], count: int) -> None:
+@pytest.mark.parametrize(
+    ("others", "shapes", "why", "count"),
+    [
+        ((), ("vs",), "", 2),
+        (None, ("vs",), "", 0),
+        ((), (), "", 0),
+        (None, ("vs",), "may be absent: Fs = 1 ± 2", 2),
+        ((), ("vs",), "may be absent: Fs = 1 ± 2", 0),
+        (None, (), "may be absent: Fs = 1 ± 2", 0),
+    ],
+)
+def test_shapes_are_held_outside_the_torque_balance_and_in_it_where_an_amplitude_is_not_told(
+    others: Any, shapes: tuple[str, ...], why: str, count: int
+) -> None:
     asked: list[Any] = []
 
     def held(candidate: Any) -> Any:
@@ -605,7 +617,7 @@ def test_only_shapes_outside_the_torque_balance_are_held(others: Any, shapes: tu
         ScreenedCandidate(SimpleNamespace(effect_at=EffectAtJoint(n, 1)), np.ones(1), 1.0, 1.0, others)
         for n in ("b", "a")
     )
-    found = list(_with_shapes_held(competition, [other, wanted], EffectAtJoint("b", 1)))
+    found = list(_with_shapes_held(competition, [other, wanted], candidate_of("b", implausible=why)))
     assert len(found) == count
     assert asked == ([wanted] if count else [])
 

@@ -39,6 +39,11 @@ TX40_FOLDER = "examples/staubli_TX40"
 TX40_HZ = 5000.0
 TX40_RATIOS = (32.0, 32.0, 45.0, -48.0, 45.0, 32.0)
 """[1] Motor turns per joint turn, of TX40_config.yaml; motor 6 turns with joint 5, too."""
+TX40_ZEROS: Mapping[int, float] = {2: -np.pi / 2, 3: np.pi / 2}
+"""[rad] Added to what the encoders of these joints read, by utils/staubli_tx40_tools.py: their zero is another posture
+than that of the URDF. Without them links are in the wrong place: twice the error of joint 3."""
+TX40_RESTS_S = 7.6
+"""[s] From which it stands still to the end of the log, held by friction or brakes."""
 TX40_LOG_EVERY, TX40_POSITIONS_EVERY = 50, 5
 """[rows] Of 5 kHz: torque at 100 Hz behind a filter against aliasing, positions at 1 kHz."""
 
@@ -122,26 +127,51 @@ def _read(path: Path) -> Array:
 
 def tx40(folder: Path, out: Path, *, by_least_squares: bool = False) -> Path:
     """The first six tenths of one log fitted, the others held out; friction and inertia of the coupled wrist."""
+    every, content = TX40_LOG_EVERY, dict[str, Any]()
+    if by_least_squares:  # which takes both in the same rows
+        every, content = TX40_POSITIONS_EVERY, {"estimator": {"kind": "idim_ls", "decimation": 1}}
+    return _tx40(folder, out, content, ("wrist_friction", "coupled_inertia"), every=every)
+
+
+def tx40_without_wrist(folder: Path, out: Path, *, share: float = 0.6, rests: bool = False) -> Path:
+    """The same with a model that lacks the coupling, for ``discover``, in a loop at the rate of the positions.
+
+    Args:
+        share: fitted from the beginning, or below zero from the end; rests: whether the rest at the end is in it.
+    """
+    content: Content = {"loop": {"rate_hz": TX40_HZ / TX40_POSITIONS_EVERY}}
+    return _tx40(folder, out, content, (), share=share, until_s=None if rests else TX40_RESTS_S)
+
+
+def _tx40(
+    folder: Path,
+    out: Path,
+    content: Content,
+    wrist: tuple[str, ...],
+    *,
+    every: int = TX40_LOG_EVERY,
+    share: float = 0.6,
+    until_s: float | None = None,
+) -> Path:
     root = folder / TX40 / TX40_FOLDER
     motors = np.diag(TX40_RATIOS)
     motors[5, 4] = TX40_RATIOS[5]  # motor 6 turns with joint 5
-    q, tau = _read(root / "data/pos_read_data.csv"), _read(root / "data/curr_data.csv")
+    end = None if until_s is None else round(until_s * TX40_HZ)
+    q, tau = (_read(root / f"data/{name}.csv")[:end] for name in ("pos_read_data", "curr_data"))
     robot = read_robot(root / "urdf/tx40_mdh_modified.urdf")
     joints = list(robot.joints)
-    wrist = {"effects": (*joints[4].effects, "wrist_friction", "coupled_inertia")}
-    joints[4] = joints[4].model_copy(update=wrist)
+    for j, turn in TX40_ZEROS.items():
+        joints[j - 1] = joints[j - 1].model_copy(update={"theta": float(joints[j - 1].theta) + turn})
+    joints[4] = joints[4].model_copy(update={"effects": (*joints[4].effects, *wrist)})
     out.mkdir(parents=True, exist_ok=True)
     write_robot(robot.model_copy(update={"joints": tuple(joints)}), out / "robot.yaml")
-    content: Content = {
+    case: Content = {
         "schema": 1, "name": "TX40", "robot": "robot.yaml", "controller": {"kind": "tracking"},
-        "loop": {"rate_hz": TX40_HZ},
+        "loop": {"rate_hz": TX40_HZ}, **content,
     }  # fmt: skip
-    every = TX40_LOG_EVERY
-    if by_least_squares:  # which takes both in the same rows
-        every = TX40_POSITIONS_EVERY
-        content["estimator"] = {"kind": "idim_ls", "decimation": 1}
-    border = round(0.6 * q.shape[0] / TX40_LOG_EVERY) * TX40_LOG_EVERY
-    for run, rows in (("train", slice(0, border)), ("validation", slice(border, None))):
+    border = round((share % 1) * q.shape[0] / TX40_LOG_EVERY) * TX40_LOG_EVERY
+    parts = (slice(0, border), slice(border, None))
+    for run, rows in zip(("train", "validation"), parts if share > 0 else parts[::-1], strict=True):
         torque = decimate(tau[rows], TX40_POSITIONS_EVERY, axis=0)
         if every != TX40_POSITIONS_EVERY:
             torque = decimate(torque, every // TX40_POSITIONS_EVERY, axis=0)
@@ -150,5 +180,5 @@ def tx40(folder: Path, out: Path, *, by_least_squares: bool = False) -> Path:
         seen = slice(None, None, TX40_POSITIONS_EVERY)
         positions = table(out / f"{run}_positions.csv", {"t": time[seen], **named("q", q[rows][seen])})
         turns = {"motors": motors.tolist()}
-        content[run] = {"torque": {"file": log, **turns}, "positions": {"file": positions, **turns}}
-    return write(content, out / "case.yaml")
+        case[run] = {"torque": {"file": log, **turns}, "positions": {"file": positions, **turns}}
+    return write(case, out / "case.yaml")
