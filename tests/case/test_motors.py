@@ -220,7 +220,7 @@ def test_gears_alone_share_nothing() -> None:
     assert ReferenceFile.model_validate({"file": "a.csv"}).motors is None
 
 
-@pytest.mark.gate
+@pytest.mark.slow
 def test_deviations_hold_where_motors_share_noise(tmp_path: Path) -> None:
     """White noise of motors, one of which drives both joints, in 40 draws: values lie as far off as is said of them."""
     content = of_draw(tmp_path, 0)

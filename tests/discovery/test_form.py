@@ -32,7 +32,7 @@ from tests.tools.blind.curves import hidden_function, within_band
 @pytest.mark.parametrize(
     ("effect", "seed", "variable", "within"),
     [
-        ("unknown_hump", 5, "the velocity of the joint", 0.9),
+        pytest.param("unknown_hump", 5, "the velocity of the joint", 0.9, marks=pytest.mark.slow),
         # Narrower than what the splines follow: they smooth it.
         pytest.param("unknown_detent", 5, "the position of the joint", 0.5, marks=pytest.mark.slow),
         pytest.param("unknown_swell", 6, "the time", 0.9, marks=pytest.mark.slow),

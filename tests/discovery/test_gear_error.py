@@ -60,7 +60,7 @@ def test_a_ripple_of_an_elastic_gear_is_no_error_of_it(tmp_path: Path) -> None:
     within(document, "torque_ripple", {"nr": 64.0})
 
 
-@pytest.mark.gate
+@pytest.mark.slow
 def test_an_uneven_gear_that_hardly_gives_way_is_never_valid_with_a_wrong_value(tmp_path: Path) -> None:
     """Its stiffness lies beyond the grid: whatever it is called, a wrong value is doubted."""
     stiff = {"K": 1e6, "D": 20.0, "motor_share": 0.4}

@@ -204,7 +204,7 @@ def test_a_payload_of_one_experiment_is_no_effect(tmp_path: Path) -> None:
     assert base["ZZ1[loaded]"].value - base["ZZ1"].value == pytest.approx(0.18, abs=0.03)
 
 
-@pytest.mark.gate
+@pytest.mark.slow
 def test_the_same_payload_shared_by_all_experiments_leaves_a_gap(tmp_path: Path) -> None:
     document = discover(arm_experiments(tmp_path, loaded()))
     assert document.answer != "nothing"

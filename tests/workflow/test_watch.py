@@ -175,7 +175,7 @@ def test_a_machine_that_changes_is_seen_named_and_dated_and_nothing_is_identifie
     assert (answer["answer"], answer["onset"]["log"]) == ("changed", "axis_2024-05-07.csv")
 
 
-@pytest.mark.gate
+@pytest.mark.slow
 def test_an_effect_that_has_come_is_named_and_dated_though_no_value_says_so(case: Path, tmp_path: Path) -> None:
     logs, late = tmp_path / "logs", {"late_s": 0.01}
     write_logs(logs, 8, {6: late, 7: late})

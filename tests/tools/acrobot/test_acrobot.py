@@ -78,7 +78,7 @@ def test_the_score_counts_a_window_once_and_names_what_is_beyond() -> None:
     assert "missed" in text([one]) and "+10 -10 ms" in text([one])
 
 
-@pytest.mark.gate
+@pytest.mark.slow
 def test_from_end_to_end(leaderboard: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     folder, file = tmp_path / "cases", tmp_path / "figures.json"
     assert main(["make", str(leaderboard), str(folder)]) == 0
