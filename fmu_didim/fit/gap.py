@@ -19,6 +19,7 @@ from fmu_didim.fit.fit import Fit
 from fmu_didim.fit.noise.noise import TINY, Noise, effective_fraction
 from fmu_didim.fit.statistics import CONFIDENCE
 from fmu_didim.model.experiments import Experiments
+from fmu_didim.model.loop_model import LoopModel
 
 BOOTSTRAP = 2000
 """[draws] Of the bootstrap: the ends of a 95 % interval then stand still."""
@@ -227,14 +228,14 @@ def held_out_residual(fit: Fit) -> Array:
 
 def held_out_block(fit: Fit) -> int:
     """Rows in a block of the bootstrap of held-out data."""
-    return block_in(fit, fit.model.experiments.validation_labels[0])
+    return block_in(fit.model, fit.model.experiments.validation_labels[0])
 
 
-def block_in(fit: Fit, label: str) -> int:
+def block_in(model: LoopModel, label: str) -> int:
     """Rows in a block of the bootstrap of the data of an experiment."""
-    one = fit.model.experiments[label]
+    one = model.experiments[label]
     rate = one.rate_hz
-    if fit.model.experiments.channels:  # all that was measured in a block of time is drawn together
+    if model.experiments.channels:  # all that was measured in a block of time is drawn together
         rate = one.instants.size / float(np.ptp(one.instants))
     return max(round(BLOCK_S * rate), 1)
 

@@ -423,9 +423,11 @@ class _Search:
         both, may be absent beside the second."""
         side, old = self.ground.sides[k], fitted_proposal(found, absent).values
         alone = _fitted(side, second, fitted_proposal(found, second))
-        for name in side.builder.effect(absent).confounded_with if alone is not None else ():
+        if alone is None:
+            return
+        for name in side.builder.effect(absent).confounded_with:
             rival = EffectAtJoint(name, absent.joint)
-            if name not in side.builder.effects or rival in found.model.added_effects or alone is None:
+            if name not in side.builder.effects or rival in found.model.added_effects:
                 continue
             place = side.builder.at(rival)
             shared = {v.name for v in (*place.amplitudes, *place.shapes)} & old.keys()

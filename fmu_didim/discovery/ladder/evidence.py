@@ -104,7 +104,7 @@ def evidence_in(label: str, without: Fit, after: Fit, *, deviation: float = 0.0,
     except SimulationError:
         return Evidence(None, None)
     free = [i for i, parameter in enumerate(without.model.free_parameters) if not parameter.is_held]
-    block = block_in(without, label)
+    block = block_in(without.model, label)
     ratio = rms_ratio(first, second, without.noise, block=block, seed=seed)
     shown = amplitude(first, second, columns[:, :, free], without, block=block, seed=seed)
     return Evidence(ratio, shown, deviation)

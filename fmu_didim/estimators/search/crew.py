@@ -105,11 +105,16 @@ def check_minima(estimator: Estimator, model: LoopModel, where: str) -> None:
         )  # fmt: skip
 
 
+def from_values(estimator: Estimator, start: Mapping[str, float]) -> Estimator:
+    """The same estimator, starting there; itself where it needs no start."""
+    return replace(estimator, start=dict(start)) if hasattr(estimator, "start") else estimator  # type: ignore[type-var]
+
+
 def local_fit(estimator: Estimator, model: LoopModel, values: Array) -> Ended:
     """The local fit of an estimator from values (p,)."""
-    start: Any = dict(zip(model.names, map(float, values), strict=True))
+    start = dict(zip(model.names, map(float, values), strict=True))
     try:
-        found = replace(estimator, start=start).estimate(model)  # type: ignore[type-var]
+        found = from_values(estimator, start).estimate(model)
         squares = squares_of(found.model, found.value)
     except (IdentificationError, SimulationError, FmuError) as error:
         return Ended(problem=error.what)

@@ -2,7 +2,7 @@
 
 answer of the full model -> F-test (:mod:`fmu_didim.fit.exploration.essential`) -> what may be left out
 -> the others fitted anew -> held-out residual of both models -> the reduced model; where it is worse there, with
-   the later half of what was left out put back, and so on
+   the quarter of what was left out that helps most put back, and so on
 """
 
 from __future__ import annotations
@@ -13,10 +13,9 @@ from dataclasses import replace
 import numpy as np
 
 from fmu_didim.base.errors import IdentificationError, InputError, SimulationError
-from fmu_didim.estimators.base import Estimator
 from fmu_didim.fit.estimate import Estimate, Status
 from fmu_didim.fit.exploration.essential import WORSE, Elimination, Essential, as_if_zero, eliminated, without
-from fmu_didim.fit.gap import BLOCK_S, Ratio, rms_ratio
+from fmu_didim.fit.gap import Ratio, block_in, rms_ratio
 from fmu_didim.fit.noise.noise import TINY, Noise
 from fmu_didim.fit.solver.admissible import mass_matrix_problem
 from fmu_didim.fit.statistics import error_percent
@@ -125,7 +124,7 @@ def _reduced(
     if why := worse(ratios):
         raise _NotReducedError(why)
     return replace(
-        told, model=other.model, covariance=other.covariance, freedom=other.freedom,
+        told, model=other.model, covariance=other.covariance,
         error_percent=error_percent(loop, other.measured, other.simulated)[0],
         full_percent=error_percent(loop, found.measured, found.simulated)[0], held_out=ratios,
     )  # fmt: skip
@@ -162,7 +161,7 @@ def held_out(before: Estimate, after: Estimate) -> tuple[Ratio, ...]:
     except SimulationError:
         return (Ratio(np.inf, np.inf, np.inf),) * (1 + joints)
     noise = Noise(np.sqrt(np.mean(first**2, axis=0)) + TINY, np.zeros(joints), "residual")
-    block = max(round(BLOCK_S * before.model.experiments[labels[0]].rate_hz), 1)
+    block = block_in(before.model.torque_alone, labels[0])
     parts = [slice(0, joints), *(slice(j, j + 1) for j in range(joints))]
     return tuple(rms_ratio(first[:, part], second[:, part], noise.of(part), block=block) for part in parts)
 
@@ -174,8 +173,3 @@ def worse(ratios: Sequence[Ratio]) -> str:
         if ratio.low > 1 and ratio.value > WORSE:
             return WORSE_ANSWER.format(f" of joint {j}" if j else "", ratio.value, ratio.low, ratio.high)
     return ""
-
-
-def from_values(estimator: Estimator, start: Mapping[str, float]) -> Estimator:
-    """The same estimator, starting there; itself where it needs no start."""
-    return replace(estimator, start=dict(start)) if hasattr(estimator, "start") else estimator  # type: ignore[type-var]

@@ -64,7 +64,7 @@ class Essential:
         needed: name of each that the data do not need, but the model -> why.
         put_back: names of those that went by the F-test and came back; because: why.
         model: with the values that it has by itself; None where nothing is left out.
-        covariance: (k, k) of its values, as if what is left out was zero; freedom: of its residual.
+        covariance: (k, k) of its values, as if what is left out was zero.
         error_percent: of its fitted torque, beside that of the full model ``full_percent``.
         held_out: ratio of its held-out residual to that of the full model, over all joints, and of each; empty without
             held-out data.
@@ -79,7 +79,6 @@ class Essential:
     because: str = ""
     model: LoopModel | None = None
     covariance: Array | None = None
-    freedom: float = np.nan
     error_percent: float = np.nan
     full_percent: float = np.nan
     held_out: tuple[Ratio, ...] = ()

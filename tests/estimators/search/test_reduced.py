@@ -17,7 +17,7 @@ from fmu_didim.data.signals import trajectory
 from fmu_didim.dynamics.base_parameters import base_parameters
 from fmu_didim.dynamics.robot import RobotModel, write_robot
 from fmu_didim.estimators import no_progress
-from fmu_didim.estimators.search import reduced
+from fmu_didim.estimators.search import from_values, reduced
 from fmu_didim.estimators.search.reduced import candidates, check_reducible, held_out, with_essential, worse
 from fmu_didim.fit.estimate import Estimate, Status
 from fmu_didim.fit.gap import Ratio
@@ -171,7 +171,7 @@ def answer(case: Case, refit: Any = None) -> tuple[Estimate, Estimate]:
     found = case.estimator.estimate(case.model)
 
     def again(model: Any, start: Any) -> Estimate:
-        return reduced.from_values(case.estimator, start).estimate(model)
+        return from_values(case.estimator, start).estimate(model)
 
     return found, with_essential(found, case.model, refit or again)
 
