@@ -93,14 +93,15 @@ def run_rounds(
     progress.say("competition of the candidates")
     refused: tuple[tuple[EffectAtJoint, str], ...] = ()
     tried: list[tuple[TriedCandidate, ...]] = []
+    astray: dict[EffectAtJoint, float] = {}
     ending = Ending.COMPLETE
     while len(steps) < options.rounds:
         if catalogue.left:  # the best may be among them
             tried.append(_not_tried([c for c in candidates if c not in fit.model.added_effects]))
             ending = Ending.TIME_UP
             break
-        competition = Competition(builder, fit)
-        ranking, tried_now, accepted = _round(competition, catalogue, base, options, progress)
+        competition = Competition(builder, fit, dict(astray))
+        ranking, tried_now, accepted = _round(competition, catalogue, base, options, progress, astray)
         tried.append(tried_now)
         if accepted is None:
             ending = Ending.TIME_UP
@@ -127,17 +128,23 @@ def run_rounds(
 
 
 def _round(
-    competition: Competition, catalogue: SignatureCatalogue, base: Fit, options: Options, progress: Progress
+    competition: Competition,
+    catalogue: SignatureCatalogue,
+    base: Fit,
+    options: Options,
+    progress: Progress,
+    astray: dict[EffectAtJoint, float],
 ) -> tuple[
     Sequence[FittedCandidate],
     tuple[TriedCandidate, ...],
     FittedCandidate | tuple[tuple[EffectAtJoint, str], ...] | None,
 ]:
     """The ranking of a round, all candidates tried, and the one to add or the objections to all; None if the time was
-    up before all were tried."""
+    up before all were tried. Those led astray are added to ``astray``."""
     screened = competition.screen(catalogue)
     comparison = competition.compare(competition.shortlist(screened), progress=progress)
     ranking, tried = comparison.ranking, comparison.tried
+    astray |= comparison.astray
     if comparison.is_cut:
         return ranking, tried, None
     held = partial(_with_shapes_held, competition, screened)

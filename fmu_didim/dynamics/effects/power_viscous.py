@@ -22,7 +22,7 @@ class PowerViscous(TorqueEffect):
     own_parameters = (Parameter("Fp", "torque", "friction at unit speed", usual=GROWING),)
     own_shapes = (
         smoothing_velocity,
-        Parameter("alpha", "1", "exponent of the velocity", 0.5, search=Search(0.6, 2.5, 10, logarithmic=False)),
+        Parameter("alpha", "1", "exponent of the velocity", 0.5, search=Search(0.4, 2.5, 15, logarithmic=False)),
     )
 
     def columns(self, at: Surroundings, shapes: Values) -> tuple[ca.SX, ...]:

@@ -153,6 +153,27 @@ def test_further_shapes_of_an_effect_outside_the_torque_balance() -> None:
     assert Competition(EFFECTS, base_fit(OTHER))._best([scored(1.0, "a"), scored(9.0, "a")]).others is None
 
 
+@pytest.mark.parametrize(
+    ("gains", "amounts", "chosen"),
+    [
+        ((100.0, 90.0), (-1.0, 1.0), 1),  # nearly as good, with an amplitude that machines have
+        ((100.0, 79.0), (-1.0, 1.0), 0),  # but not where the other explains clearly more
+        ((100.0, 90.0), (1.0, 1.0), 0),
+        ((100.0, 90.0), (-1.0, -1.0), 0),
+        ((-100.0, -90.0), (-1.0, 1.0), 1),
+    ],
+)
+@pytest.mark.parametrize("rule", ["unusual", "impossible"])
+def test_shapes_with_amplitudes_that_machines_have_come_first(
+    gains: tuple[float, float], amounts: tuple[float, float], chosen: int, rule: str
+) -> None:
+    """A power below one and drag that falls with one above it are nearly alike beside viscous friction."""
+    told = {rule: lambda values, *_: "below 0" if values["F0"] < 0 else ""}
+    known = Catalogue(effect_of("a", **told))
+    shapes = [replace(scored(g, "a"), coefficients=np.array([c])) for g, c in zip(gains, amounts, strict=True)]
+    assert Competition(known, base_fit(OTHER))._best(shapes) is shapes[chosen]
+
+
 def listed(*gains: tuple[float, str, int], **more: Any) -> list[tuple[str, int]]:
     found = Competition(EFFECTS, base_fit(OTHER)).shortlist([scored(*g) for g in gains], **more)
     return [(s.effect_at.effect, s.effect_at.joint) for s in found]
@@ -651,6 +672,32 @@ def test_a_signature_tells_what_is_out_of_reach(monkeypatch: pytest.MonkeyPatch,
     assert [t.outcome is Outcome.LEFT_EARLY and t.delta_bic is None for t in comparison.tried] == [False, left, False]
     assert comparison.unfitted == ((candidates[1],) if left else ())
     assert not competition.compare(candidates, progress=Progress(), reach=np.inf).unfitted
+
+
+@pytest.mark.parametrize(
+    ("before", "reach", "left"),
+    [(None, 4.0, False), (1.0, 4.0, True), (0.7, 4.0, True), (0.6, 4.0, False), (1.0, np.inf, False)],
+)
+def test_what_was_led_astray_is_fitted_again_where_it_promises_half_as_much_more(
+    monkeypatch: pytest.MonkeyPatch, before: float | None, reach: float, left: bool
+) -> None:
+    """Or where all others were refused. ``before``: of what it promises now, when its fit was led astray."""
+    slope = Signature(EffectAtJoint("a", 1), {"v": 0.0}, ("F",), column((1.0, OTHER)), {})
+    candidate = ScreenedCandidate(slope, np.array([1.0]), 50.0, 1.0, None)
+    competition = Competition(Builder(effect_of("a")), fitted(plant()))
+    promised = competition._promised(candidate)
+    astray = {} if before is None else {candidate.effect_at: before * promised}
+    refit = Competition.refit
+    monkeypatch.setattr(Competition, "refit", lambda *given, **more: lost(refit(*given, **more)))
+    comparison = replace(competition, astray=astray).compare([candidate], progress=Progress(), reach=reach)
+    assert comparison.unfitted == ((candidate,) if left else ())
+    assert comparison.astray == ({} if left else {candidate.effect_at: pytest.approx(promised)})
+
+
+def lost(fit: Fit | None) -> Fit:
+    """A fit that ended nowhere."""
+    assert fit is not None
+    return replace(fit, chi_square=1e9)
 
 
 def test_the_joint_with_the_largest_gap_comes_first() -> None:
