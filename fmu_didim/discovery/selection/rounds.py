@@ -17,6 +17,7 @@ from fmu_didim.discovery.selection.competition import Competition, proposal_of
 from fmu_didim.discovery.selection.decide import Options, Step, decide, nearness, objection, step_of
 from fmu_didim.discovery.selection.gears import gear_with_error
 from fmu_didim.discovery.selection.held_out import FAILS_HELD_OUT, held_out_objection
+from fmu_didim.discovery.selection.joints import on_further_joints, shared_remark
 from fmu_didim.discovery.selection.missing_base import base_before, missing_base
 from fmu_didim.discovery.selection.parts import parts_instead
 from fmu_didim.discovery.selection.plausible import MAY_BE_ABSENT
@@ -181,7 +182,8 @@ def _with(
     options: Options,
     progress: Progress,
 ) -> tuple[Fit, list[Step]]:
-    """The model and its steps with the accepted effect, or with those that it would stand for."""
+    """The model and its steps with the accepted effect, or with those that it would stand for, and with the same on
+    further joints where joints have it in common."""
 
     def at_minimum(candidate: FittedCandidate) -> FittedCandidate:
         # The fits of a competition are short; the next round starts from the minimum. That of an elastic gear lies in a
@@ -198,6 +200,12 @@ def _with(
     else:
         candidates = [at_minimum(accepted)]
         added = [step_of(candidates[0], ranking, competition, options)]
+        room = options.rounds - len(steps) - 1
+        if further := on_further_joints(competition, ranking, candidates[0], base, options, room):
+            own = [*(p.candidate for p in further[:-1]), at_minimum(further[-1].candidate)]
+            added += [step_of(c, (c,), p.competition, options) for c, p in zip(own, further, strict=True)]
+            added[1] = replace(added[1], remark=" ".join((shared_remark(candidates[0], further), added[1].remark)))
+            candidates += own
     for step in added:
         progress.say(f"added: {step.effect_at.effect} on joint {step.effect_at.joint}")
     return _backward(competition.builder, candidates[-1].fit, [*steps, *added], options, progress)

@@ -15,6 +15,7 @@ class PowerViscous(TorqueEffect):
     title = "Friction by a power of the velocity"
     equation = "Fp*sign(dq)*|dq|^alpha"
     class_name = "nonlinear viscous"
+    is_shared = True
     confounded_with = ("quadratic_viscous", "cubic_viscous", "stribeck", "coulomb")
     signature = "Residual odd in the velocity, curved downwards (alpha < 1) or upwards (alpha > 1)."
     experiment = CONSTANT_SPEEDS

@@ -1,0 +1,68 @@
+"""Effects that joints have in common: one lubricant, at one temperature, bends the friction of all gears alike.
+
+Where such an effect is named on one joint, it is fitted beside it on the others that gain by it, and held-out data are
+asked for all of these together: on each alone they may be too short to tell. On 3 s of a measured TX40 the friction of
+joint 2 is confirmed by itself, that of joints 1 and 3 only together.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from fmu_didim.discovery.selection.candidates import FittedCandidate
+from fmu_didim.discovery.selection.competition import Competition, proposal_of
+from fmu_didim.discovery.selection.decide import Options, objection
+from fmu_didim.discovery.selection.held_out import FAILS_HELD_OUT, held_out_objection
+from fmu_didim.discovery.selection.parts import Part
+from fmu_didim.fit.fit import Fit
+from fmu_didim.fit.gap import held_out_ratios
+
+AS_ON = "As on joint {0}: held-out data confirm it {1}."
+"""Remark on the first of the further joints."""
+
+
+def on_further_joints(
+    competition: Competition, ranking: Sequence[FittedCandidate], named: FittedCandidate, base: Fit, options: Options,
+    room: int,
+) -> tuple[Part, ...]:  # fmt: skip
+    """The same effect on other joints, to add beside one that was just named; none where held-out data do not confirm
+    them together, or the error of one of these joints does not fall there.
+
+    Args:
+        named: at its minimum; room: how many effects may still be named.
+    """
+    builder, effect = competition.builder, named.effect_at.effect
+    if not builder.effect(named.effect_at).is_shared:
+        return ()
+    of_any_share = replace(options, smallest_share=0.0, smallest_part=0.0)  # what counts is what they explain together
+    found, here = list[Part](), Competition(builder, named.fit)
+    for other in (c for c in ranking if c.effect_at.effect == effect and c.effect_at != named.effect_at):
+        if len(found) == room or other.delta_bic < options.threshold or other.implausible or other.unusual:
+            continue
+        fit = here.refit(proposal_of(other))
+        if fit is None:
+            continue
+        candidate = here.finished(here.assess(other.effect_at, fit))
+        why = objection(candidate, here.fit, of_any_share, base=base)
+        if (why and not why.startswith(FAILS_HELD_OUT)) or not _falls(here.fit, candidate, options):
+            continue
+        found.append(Part(here, candidate))
+        here = Competition(builder, candidate.fit)
+    if not found or held_out_objection(named.fit, found[-1].candidate.fit, seed=options.seed):
+        return ()
+    return tuple(found)
+
+
+def shared_remark(named: FittedCandidate, further: Sequence[Part]) -> str:
+    """What is said of the effect on the further joints, with the first of them."""
+    joints = [f"joint {part.candidate.effect_at.joint}" for part in further]
+    where = f"on {joints[0]}" if len(joints) == 1 else f"on {', '.join(joints[:-1])} and {joints[-1]} together"
+    return AS_ON.format(named.effect_at.joint, where)
+
+
+def _falls(before: Fit, candidate: FittedCandidate, options: Options) -> bool:
+    """Whether the error of its joint falls on held-out data; so it does without any."""
+    ratios = dict(held_out_ratios(before, candidate.fit, seed=options.seed))
+    joint = candidate.effect_at.joint
+    return joint not in ratios or ratios[joint].value < 1.0
