@@ -104,7 +104,7 @@ class Comparison:
     Attributes:
         ranking: the fitted ones, the best first; tried: all candidates, in the order of the fits.
         unfitted: those left early by their signatures, or because they were led astray before.
-        astray: what those in the torque balance promised whose fit ended no better than the model without them.
+        astray: what those in the torque balance promised whose fit ended hardly better than without them.
     """
 
     ranking: tuple[FittedCandidate, ...]

@@ -101,8 +101,8 @@ class Competition:
 
     Attributes:
         builder: builds the loops with them; fit: of the present model.
-        astray: what candidates in the torque balance promised whose fit ended no better than the model without them,
-            in a round before.
+        astray: what candidates in the torque balance promised whose fit ended hardly better than the model without
+            them, in a round before.
     """
 
     builder: LoopModelBuilder
@@ -222,8 +222,8 @@ class Competition:
         found = sorted((c for c in results if not isinstance(c, Outcome)), key=lambda c: -c.delta_bic)
         pairs = list(zip(chosen, results, strict=True))
         unfitted = tuple(candidate for candidate, result in pairs if result is Outcome.LEFT_EARLY)
-        ended = {c.effect_at: c.fit.chi_square for c in found}
-        promised = {c.effect_at: self._promised(c) for c in chosen if ended.get(c.effect_at, 0.0) >= fit.chi_square}
+        lost = {c.effect_at for c in found if fit.chi_square - c.fit.chi_square < LEAST}
+        promised = {c.effect_at: self._promised(c) for c in chosen if c.effect_at in lost}
         astray = {effect_at: most for effect_at, most in promised.items() if np.isfinite(most)}
         return Comparison(tuple(found), tuple(_tried(c.effect_at, r) for c, r in pairs), unfitted, astray)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from types import SimpleNamespace
 from typing import Any
 
@@ -688,16 +689,18 @@ def test_what_was_led_astray_is_fitted_again_where_it_promises_half_as_much_more
     promised = competition._promised(candidate)
     astray = {} if before is None else {candidate.effect_at: before * promised}
     refit = Competition.refit
-    monkeypatch.setattr(Competition, "refit", lambda *given, **more: lost(refit(*given, **more)))
-    comparison = replace(competition, astray=astray).compare([candidate], progress=Progress(), reach=reach)
-    assert comparison.unfitted == ((candidate,) if left else ())
-    assert comparison.astray == ({} if left else {candidate.effect_at: pytest.approx(promised)})
+    for gained in (-1e9, 4.9, 5.1):  # of chi-square: less than five is nothing
+        ended = partial(ending_at, competition.fit.chi_square - gained)
+        monkeypatch.setattr(Competition, "refit", lambda *given, end=ended, **more: end(refit(*given, **more)))
+        comparison = replace(competition, astray=astray).compare([candidate], progress=Progress(), reach=reach)
+        assert comparison.unfitted == ((candidate,) if left else ())
+        is_lost = not left and gained < 5
+        assert comparison.astray == ({candidate.effect_at: pytest.approx(promised)} if is_lost else {})
 
 
-def lost(fit: Fit | None) -> Fit:
-    """A fit that ended nowhere."""
+def ending_at(chi_square: float, fit: Fit | None) -> Fit:
     assert fit is not None
-    return replace(fit, chi_square=1e9)
+    return replace(fit, chi_square=chi_square)
 
 
 def test_the_joint_with_the_largest_gap_comes_first() -> None:
