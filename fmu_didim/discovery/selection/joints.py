@@ -1,8 +1,9 @@
 """Effects that joints have in common: one lubricant, at one temperature, bends the friction of all gears alike.
 
-Where such an effect is named on one joint, it is fitted beside it on the others that gain by it, and held-out data are
-asked for all of these together: on each alone they may be too short to tell. On 3 s of a measured TX40 the friction of
-joint 2 is confirmed by itself, that of joints 1 and 3 only together.
+Where such an effect is named on one joint, it is fitted beside it on the others that gain by it. Held-out data must
+confirm all of these together, and the error as a whole, and of each of these joints, must fall with each further one:
+whether it falls for certain they may be too short to tell of one joint alone. On 3 s of a measured TX40 the friction of
+joint 2 is confirmed by itself, that of joint 3, which gains twice as much, is not.
 """
 
 from __future__ import annotations
@@ -16,9 +17,9 @@ from fmu_didim.discovery.selection.decide import Options, objection
 from fmu_didim.discovery.selection.held_out import FAILS_HELD_OUT, held_out_objection
 from fmu_didim.discovery.selection.parts import Part
 from fmu_didim.fit.fit import Fit
-from fmu_didim.fit.gap import held_out_ratios
+from fmu_didim.fit.gap import held_out_ratio, held_out_ratios
 
-AS_ON = "As on joint {0}: held-out data confirm it {1}."
+AS_ON = "As on joint {0}: held-out data confirm it {1} together with that, and were not asked for one joint alone."
 """Remark on the first of the further joints."""
 
 
@@ -26,8 +27,7 @@ def on_further_joints(
     competition: Competition, ranking: Sequence[FittedCandidate], named: FittedCandidate, base: Fit, options: Options,
     room: int,
 ) -> tuple[Part, ...]:  # fmt: skip
-    """The same effect on other joints, to add beside one that was just named; none where held-out data do not confirm
-    them together, or the error of one of these joints does not fall there.
+    """The same effect on other joints, to add beside one that was just named, one after the other.
 
     Args:
         named: at its minimum; room: how many effects may still be named.
@@ -47,22 +47,23 @@ def on_further_joints(
         why = objection(candidate, here.fit, of_any_share, base=base)
         if (why and not why.startswith(FAILS_HELD_OUT)) or not _falls(here.fit, candidate, options):
             continue
+        if held_out_objection(competition.fit, candidate.fit, seed=options.seed):
+            continue
         found.append(Part(here, candidate))
         here = Competition(builder, candidate.fit)
-    if not found or held_out_objection(named.fit, found[-1].candidate.fit, seed=options.seed):
-        return ()
     return tuple(found)
 
 
 def shared_remark(named: FittedCandidate, further: Sequence[Part]) -> str:
     """What is said of the effect on the further joints, with the first of them."""
     joints = [f"joint {part.candidate.effect_at.joint}" for part in further]
-    where = f"on {joints[0]}" if len(joints) == 1 else f"on {', '.join(joints[:-1])} and {joints[-1]} together"
+    where = f"on {' and '.join(joints)}"
     return AS_ON.format(named.effect_at.joint, where)
 
 
 def _falls(before: Fit, candidate: FittedCandidate, options: Options) -> bool:
-    """Whether the error of its joint falls on held-out data; so it does without any."""
-    ratios = dict(held_out_ratios(before, candidate.fit, seed=options.seed))
-    joint = candidate.effect_at.joint
-    return joint not in ratios or ratios[joint].value < 1.0
+    """Whether the error on held-out data falls, as a whole and on the joint of a candidate; so it does without any."""
+    whole = held_out_ratio(before, candidate.fit, seed=options.seed)
+    of_joints = held_out_ratios(before, candidate.fit, seed=options.seed)
+    own = [ratio for joint, ratio in of_joints if joint == candidate.effect_at.joint]
+    return whole is None or all(ratio.value < 1.0 for ratio in (whole, *own))
