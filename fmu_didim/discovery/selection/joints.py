@@ -19,7 +19,7 @@ from fmu_didim.discovery.selection.parts import Part
 from fmu_didim.fit.fit import Fit
 from fmu_didim.fit.gap import held_out_ratio, held_out_ratios
 
-AS_ON = "As on joint {0}: held-out data confirm it {1} together with that, and were not asked for one joint alone."
+AS_ON = "{0} on {1}, as on joint {2}: held-out data confirm these together; of one joint alone they may not tell."
 """Remark on the first of the further joints."""
 
 
@@ -54,11 +54,14 @@ def on_further_joints(
     return tuple(found)
 
 
-def shared_remark(named: FittedCandidate, further: Sequence[Part]) -> str:
-    """What is said of the effect on the further joints, with the first of them."""
-    joints = [f"joint {part.candidate.effect_at.joint}" for part in further]
-    where = f"on {' and '.join(joints)}"
-    return AS_ON.format(named.effect_at.joint, where)
+def shared_remark(title: str, named: FittedCandidate, further: Sequence[Part]) -> str:
+    """What is said of the effect on the further joints, with the first of them.
+
+    Args:
+        title: of the effect.
+    """
+    joints = " and ".join(f"joint {part.candidate.effect_at.joint}" for part in further)
+    return AS_ON.format(title, joints, named.effect_at.joint)
 
 
 def _falls(before: Fit, candidate: FittedCandidate, options: Options) -> bool:

@@ -204,7 +204,8 @@ def _with(
         if further := on_further_joints(competition, ranking, candidates[0], base, options, room):
             own = [*(p.candidate for p in further[:-1]), at_minimum(further[-1].candidate)]
             added += [step_of(c, (c,), p.competition, options) for c, p in zip(own, further, strict=True)]
-            added[1] = replace(added[1], remark=" ".join((shared_remark(candidates[0], further), added[1].remark)))
+            shared = shared_remark(competition.builder.effect(accepted.effect_at).title, candidates[0], further)
+            added[1] = replace(added[1], remark=" ".join(filter(None, (shared, added[1].remark))))
             candidates += own
     for step in added:
         progress.say(f"added: {step.effect_at.effect} on joint {step.effect_at.joint}")

@@ -134,10 +134,10 @@ def test_no_more_than_there_is_room_for(monkeypatch: pytest.MonkeyPatch) -> None
 @pytest.mark.parametrize(
     ("named", "text"),
     [
-        ((3,), "As on joint 2: held-out data confirm it on joint 3 together with that, and"),
-        ((3, 1), "As on joint 2: held-out data confirm it on joint 3 and joint 1 together with that, and"),
+        ((3,), "Drag on joint 3, as on joint 2: held-out data confirm these together"),
+        ((3, 1), "Drag on joint 3 and joint 1, as on joint 2: held-out data confirm these together"),
     ],
 )
 def test_it_is_told(named: tuple[int, ...], text: str) -> None:
     parts = [joints.Part(Competition(CATALOGUE, table_fit(1.0)), candidate_of("drag", j)) for j in named]
-    assert shared_remark(candidate_of("drag", 2), parts).startswith(text)
+    assert shared_remark("Drag", candidate_of("drag", 2), parts).startswith(text)

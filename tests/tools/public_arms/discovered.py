@@ -27,6 +27,8 @@ from tests.tools.benchmarks.command_start import command
 from tests.tools.public_arms import cases
 from tests.tools.public_arms.__main__ import commit
 
+ONE = "1"
+"""The unit of what has none."""
 HEADS = ("named", "found", "share of the gap")
 
 
@@ -37,7 +39,9 @@ def texts(
     rows = [
         (
             f"{finding.title}, joint {finding.joint}",
-            ", ".join(f"{p.name} = {p.value:.3g} ± {p.std:.2g} {p.unit}".strip() for p in finding.parameters),
+            ", ".join(
+                f"{p.name} = {p.value:.3g} ± {p.std:.2g} {p.unit.removeprefix(ONE)}".strip() for p in finding.parameters
+            ),
             f"{100 * finding.share_of_gap:.0f} %",
         )
         for finding in document.findings
