@@ -12,9 +12,10 @@ changes its meaning.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from enum import Enum
+from typing import Any
 
 from fmu_didim.base.errors import InputError
 
@@ -50,6 +51,16 @@ class Code:
     meaning: str
     next_step: str
     at_once: bool = False
+
+    def __reduce__(self) -> tuple[Callable[..., Code], tuple[Any, ...]]:
+        """In another process it is the code that is known there by this name."""
+        own = (self.name, self.severity, self.rank, self.meaning, self.next_step, self.at_once)
+        return _known_here, own
+
+
+def _known_here(name: str, *own: Any) -> Code:
+    """The code of this name, or one like it where its module has not been imported."""
+    return CATALOGUE.named(name) or Code(name, *own)
 
 
 @dataclass(frozen=True)
@@ -152,6 +163,10 @@ class Catalogue:
 
     def __iter__(self) -> Iterator[Code]:
         return iter(self._codes.values())
+
+    def named(self, name: str) -> Code | None:
+        """The code of a name, None where there is none."""
+        return self._codes.get(name)
 
 
 CATALOGUE = Catalogue()

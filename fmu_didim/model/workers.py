@@ -1,13 +1,20 @@
-"""Simulations side by side: compiled loops release Python's lock, so threads use several cores."""
+"""Work side by side: compiled loops release Python's lock, so threads use several cores; what is mostly Python needs
+processes of its own."""
 
 from __future__ import annotations
 
+import contextlib
 import multiprocessing
 import os
+import pickle
+import sys
+import threading
+import warnings
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import wraps
-from typing import ParamSpec, TypeVar
+from multiprocessing.connection import Connection
+from typing import Any, ParamSpec, TypeVar
 
 from threadpoolctl import threadpool_limits
 
@@ -77,3 +84,77 @@ def side_by_side(tasks: Sequence[Callable[[], _Result]], workers: int) -> list[_
         return [task() for task in tasks]
     with ThreadPoolExecutor(min(workers, len(tasks))) as threads:
         return list(threads.map(lambda task: task(), tasks))
+
+
+def apart(tasks: Sequence[Callable[[], _Result]], workers: int) -> list[_Result]:
+    """Results of tasks that are mostly Python, in their order; the first error of one is raised when all have ended.
+
+    Every other process is a copy of this one, so that nothing is handed to it, and what it remembers is lost with it.
+    Copies are made on Linux, where no other thread runs that might hold a lock; elsewhere threads take the tasks in
+    turns, as :func:`side_by_side`. So do they take what a copy could not hand back.
+
+    Args:
+        workers: processes at the same time, this one among them; 1 runs all in this one.
+    """
+    count = min(workers, len(tasks))
+    if count < 2 or not can_copy_process():
+        return side_by_side(tasks, workers)
+    shares = [range(first, len(tasks), count) for first in range(count)]
+    copies = [_Copy([tasks[i] for i in share]) for share in shares[1:]]
+    found: dict[int, _Result | BaseException] = {}
+    for i in shares[0]:
+        found[i] = _tried(tasks[i])
+    for share, copy in zip(shares[1:], copies, strict=True):
+        answers = copy.answers()
+        for place, i in enumerate(share):
+            found[i] = answers[place] if place < len(answers) else _tried(tasks[i])
+    for i in range(len(tasks)):
+        if isinstance(error := found[i], BaseException):
+            raise error
+    return [found[i] for i in range(len(tasks))]  # type: ignore[misc]
+
+
+def can_copy_process() -> bool:
+    """Whether a copy of this process can go on with its work: on Linux, where it has no other thread, in no copy."""
+    alone = threading.active_count() == 1 and multiprocessing.parent_process() is None
+    return sys.platform == "linux" and alone
+
+
+def _tried(task: Callable[[], _Result]) -> _Result | BaseException:
+    try:
+        return task()
+    except Exception as error:  # noqa: BLE001 - raised when all have ended
+        return error
+
+
+class _Copy:
+    """A copy of this process that works on some tasks and hands the results back one by one."""
+
+    def __init__(self, tasks: Sequence[Callable[[], Any]]) -> None:
+        self._ours, theirs = multiprocessing.Pipe(duplex=False)
+        context = multiprocessing.get_context("fork")
+        self._process = context.Process(target=_answer, args=(tasks, theirs), daemon=True)
+        with warnings.catch_warnings():
+            # Of threads of BLAS, which wait, and which BLAS itself ends before and begins after.
+            warnings.simplefilter("ignore", DeprecationWarning)
+            self._process.start()
+        theirs.close()
+
+    def answers(self) -> list[Any]:
+        """The results in the order of the tasks, up to the first that could not be handed back."""
+        found = []
+        with contextlib.suppress(EOFError, OSError, TypeError, AttributeError, pickle.UnpicklingError):
+            while (packed := self._ours.recv_bytes()) != b"":
+                found.append(pickle.loads(packed))
+        self._ours.close()
+        self._process.join()
+        return found
+
+
+def _answer(tasks: Sequence[Callable[[], Any]], to: Connection) -> None:
+    """Send the results, and nothing from the first on that cannot be packed; end without a word where the user does."""
+    with contextlib.suppress(OSError, TypeError, AttributeError, pickle.PicklingError, KeyboardInterrupt):
+        for task in tasks:
+            to.send_bytes(pickle.dumps(_tried(task)))
+    with contextlib.suppress(OSError, KeyboardInterrupt):
+        to.send_bytes(b"")

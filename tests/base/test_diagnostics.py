@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import pickle
+
 import pytest
 
-from fmu_didim.base.diagnostics import DOUBT, PROBLEM, REMARK, Catalogue, Diagnostic, by_weight
+from fmu_didim.base.diagnostics import CATALOGUE, DOUBT, PROBLEM, REMARK, Catalogue, Code, Diagnostic, by_weight
 
 CODES = Catalogue()
 CAUSE = CODES("cause", DOUBT, rank=10, meaning="m", next_step="mend it")
@@ -42,3 +44,13 @@ def test_advice_and_text():
 )
 def test_excess(value, bound, excess):
     assert Diagnostic(CAUSE, "text", value=value, bound=bound).excess == excess
+
+
+def test_a_code_is_the_same_one_in_another_process() -> None:
+    """Decisions ask whether a code is this one; of a module that was not imported it is one like it."""
+    for code in CATALOGUE:
+        assert pickle.loads(pickle.dumps(code)) is code
+    unknown = Code("no-such-code", DOUBT, 3, "It means something.", "Do it.", at_once=True)
+    found = pickle.loads(pickle.dumps(Diagnostic(unknown, "text", "place", 1.0)))
+    assert found == Diagnostic(unknown, "text", "place", 1.0)
+    assert found.code.severity is DOUBT

@@ -45,7 +45,7 @@ from fmu_didim.cosim.system import REFERENCE
 from fmu_didim.data.signals import Array
 from fmu_didim.estimators.starts.gains import free_gains
 from fmu_didim.model.loop_model import LoopModel, Simulation
-from fmu_didim.model.workers import side_by_side
+from fmu_didim.model.workers import apart
 
 SUBSTEPS = 4
 """[substeps] Of the plant, or as many as are stable: a torque to 1e-3, fifteen times as fast as one to 1e-6."""
@@ -81,7 +81,7 @@ def data_diagnostics(model: LoopModel, *, without_torque: Sequence[str] = (), ca
     found += plant_diagnostics(model.simulation(model.start, model.first))
     gains, explained = drive_gains(model), list[Diagnostic]()
     tasks = [partial(_of_log, model, label, gains, causes=causes) for label in model.experiments]
-    for label, of_log in zip(model.experiments, side_by_side(tasks, _workers(model)), strict=True):
+    for label, of_log in zip(model.experiments, apart(tasks, _workers(model)), strict=True):
         if explained and model.experiments[label].role == "validation":
             found += of_log.told  # what explains the fitted logs better explains these, too
         else:

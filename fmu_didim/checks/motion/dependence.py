@@ -63,7 +63,7 @@ from fmu_didim.fit.fit_uncertainty import moved_by
 from fmu_didim.fit.noise.noise import TINY
 from fmu_didim.fit.uncertainty import stretches
 from fmu_didim.model.loop_model import LoopModel
-from fmu_didim.model.workers import side_by_side
+from fmu_didim.model.workers import apart
 
 MOTION_CHANCE = 1e-3
 """[1] Probability, for all joints together, with which noise alone may be said to depend on the motion."""
@@ -350,7 +350,7 @@ def dependence_of_fit(fit: Fit, misfits: Iterable[Misfit] = ()) -> list[Dependen
     joints = residuals_of_fit(fit, rows, misfits)
     return [
         replace(found, moved=_moved_by_clock(fit, found, joints)) if found.is_clock else found
-        for found in side_by_side([one.dependence for one in joints], fit.model.threads)
+        for found in apart([one.dependence for one in joints], fit.model.threads)
     ]
 
 

@@ -39,7 +39,7 @@ from fmu_didim.checks.motion.misfits import FittedMotions
 from fmu_didim.cosim import Indices
 from fmu_didim.data.signals import Array
 from fmu_didim.model.motion import Motion
-from fmu_didim.model.workers import side_by_side
+from fmu_didim.model.workers import apart
 
 MOST_A_TURN = 120
 """[1] Ripples in a turn of a joint up to which they are looked for: two in a turn of a motor behind a gear of 60."""
@@ -178,7 +178,7 @@ def searched_of_fit(motions: FittedMotions) -> list[Dependence]:
     """How the residual of each joint follows ripples, stops and bumps, at the point of a fit."""
     rows = tested_rows(motions.fit)
     tasks = [partial(_searched, motions, one, rows) for one in residuals_of_fit(motions.fit, rows)]
-    return [found for found in side_by_side(tasks, motions.fit.model.threads) if found is not None]
+    return [found for found in apart(tasks, motions.fit.model.threads) if found is not None]
 
 
 def candidates(motions: Sequence[Motion], j: int, *, slides: bool) -> list[Ripple | Stop]:

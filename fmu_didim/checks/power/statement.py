@@ -15,7 +15,7 @@ from fmu_didim.data.signals import Array
 from fmu_didim.fit.fit import Fit
 from fmu_didim.fit.fit_uncertainty import fit_uncertainty, moves_of
 from fmu_didim.fit.noise.noise import TINY
-from fmu_didim.model.workers import side_by_side
+from fmu_didim.model.workers import apart
 
 HOW_TO_CHECK = {
     TORQUE_SCALE.what: "Hold a known weight at a measured lever arm: the torque must change by weight times arm.",
@@ -123,7 +123,7 @@ def power_of_fit(fit: Fit, misfits: Misfits, deviation: Array | None = None) -> 
     if not tested:
         return None
     searches = [partial(smallest_size, tested, k, misfit.load.stated.largest) for k, misfit in enumerate(found)]
-    sizes = side_by_side(searches, fit.model.threads)
+    sizes = apart(searches, fit.model.threads)
     deviation = np.maximum(fit_uncertainty(fit).deviation if deviation is None else deviation, TINY)
     moved = [_moved(fit, *one, deviation) for one in zip(sizes, table.T, strict=True)]
     told = list(zip(found, sizes, moved, strict=True))

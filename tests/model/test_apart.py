@@ -1,0 +1,76 @@
+"""Work that is mostly Python, in copies of the process: same results, same errors, and threads where it is not safe."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import threading
+
+import pytest
+
+from fmu_didim.base.errors import SimulationError
+from fmu_didim.model.workers import apart, can_copy_process
+
+IN_ONE_OF_ITS_OWN = """
+import os, signal, sys
+from fmu_didim.base.errors import SimulationError
+from fmu_didim.model.workers import apart, can_copy_process, default_workers
+
+here = os.getpid()
+
+def refused():
+    raise SimulationError("broken", where="plant", next_step="Change it.")
+
+def killed(i):
+    if os.getpid() != here:
+        os.kill(os.getpid(), signal.SIGKILL)
+    return i
+
+assert can_copy_process() == (sys.platform == "linux")
+found = apart([lambda i=i: (i, os.getpid()) for i in range(5)], 2)
+assert [i for i, _ in found] == [0, 1, 2, 3, 4], found
+assert len({pid for _, pid in found}) == (2 if sys.platform == "linux" else 1), found
+assert [pid == here for _, pid in found][::2] == [True] * 3
+assert apart([lambda i=i: b"0" * 10_000_000 for i in range(3)], 3) == [b"0" * 10_000_000] * 3  # more than a pipe holds
+assert [one() for one in apart([lambda i=i: (lambda: i) for i in range(4)], 2)] == [0, 1, 2, 3]  # cannot be handed back
+assert apart([lambda i=i: killed(i) for i in range(4)], 2) == [0, 1, 2, 3]
+assert not any(apart([can_copy_process] * 4, 2)[1::2])  # a copy makes no copies
+try:
+    apart([lambda: 1, refused, lambda: 2], 2)
+except SimulationError as error:
+    assert (error.what, error.where, error.next_step) == ("broken", "plant", "Change it.")
+else:
+    raise AssertionError
+print("as it should be")
+"""
+
+
+def test_a_process_and_its_copies_share_the_tasks() -> None:
+    """In a process without other threads."""
+    done = subprocess.run([sys.executable, "-W", "error", "-c", IN_ONE_OF_ITS_OWN], capture_output=True, text=True)
+    assert (done.stdout, done.returncode) == ("as it should be\n", 0), done.stderr
+
+
+@pytest.mark.parametrize("is_linux", [True, False])
+def test_beside_another_thread_nothing_is_copied(monkeypatch: pytest.MonkeyPatch, is_linux: bool) -> None:
+    monkeypatch.setattr(sys, "platform", "linux" if is_linux else "darwin")
+    done = threading.Event()
+    other = threading.Thread(target=done.wait)
+    other.start()
+    try:
+        assert not can_copy_process()
+        assert set(apart([os.getpid] * 4, 2)) == {os.getpid()}
+    finally:
+        done.set()
+        other.join()
+
+
+def test_one_worker_does_all_in_this_process() -> None:
+    assert apart([threading.get_ident] * 3, 1) == [threading.get_ident()] * 3
+
+    def refused() -> int:
+        raise SimulationError("broken", next_step="Change it.")
+
+    with pytest.raises(SimulationError, match="broken"):
+        apart([lambda: 1, refused], 1)
