@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence, Set
+from collections.abc import Callable, Iterable, Iterator, Sequence, Set
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -36,7 +36,7 @@ from fmu_didim.checks.data.robot import (
     misread_diagnostics,
 )
 from fmu_didim.checks.data.runs import run_diagnostics
-from fmu_didim.checks.data.timing import CLOCK_EARLY, CLOCK_LATE, COMMAND_DELAY, SAMPLING_KIND, kind_is_clear, timing
+from fmu_didim.checks.data.timing import CLOCK_EARLY, CLOCK_LATE, COMMAND_DELAY, SAMPLING_KIND, kind_is_clear, timings
 from fmu_didim.checks.data.torque_channel import torque_channel_diagnostics
 from fmu_didim.checks.data.units import position_diagnostics, unit_diagnostics
 from fmu_didim.checks.data.unsigned import unsigned_diagnostics
@@ -225,10 +225,16 @@ def _without_transients(model: LoopModel, found: list[Diagnostic]) -> list[Diagn
 
 def _explained(fitted: FittedMotion, *, held_out: bool = False) -> list[Diagnostic]:
     """Other timings, scales, lengths and gravities that explain a log better, the best first."""
-    offered = [*timing(fitted, clock_alone=held_out)]
+    ways = timings(fitted, clock_alone=held_out)
     if not held_out:
-        offered += another_robot(fitted)
-    return fitted.best(offered)
+        ways.append(partial(another_robot, fitted))
+    _ = fitted.samples  # each of them asks for it
+    offered = apart([partial(_listed, way) for way in ways], fitted.run.model.threads)
+    return fitted.best(explanation for found in offered for explanation in found)
+
+
+def _listed(way: Callable[[], Iterator[Explanation]]) -> list[Explanation]:
+    return list(way())
 
 
 def _still_explained(fitted: FittedMotion, asked: Set[Code]) -> list[Diagnostic]:
@@ -236,7 +242,7 @@ def _still_explained(fitted: FittedMotion, asked: Set[Code]) -> list[Diagnostic]
     of a kind that is asked for explains something."""
     offered = list[Explanation]()
     if asked & OF_TIMING:
-        offered += timing(fitted)
+        offered += [explanation for way in timings(fitted) for explanation in way()]
     if asked & OF_ROBOT:
         offered += another_robot(fitted)
     return _explained(fitted) if fitted.best(offered) else []

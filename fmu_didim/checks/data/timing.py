@@ -9,8 +9,9 @@ All are judged along one simulated motion near the measured one, with base param
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from scipy.optimize import minimize_scalar
@@ -78,13 +79,13 @@ SAMPLING_KIND = CATALOGUE(
 )  # fmt: skip
 
 
-def timing(fitted: FittedMotion, *, clock_alone: bool = False) -> Iterator[Explanation]:
-    """Other timings that explain a log better; of held-out data, whose logger and loop are known, the clock alone."""
-    yield from _clock(fitted)
+def timings(fitted: FittedMotion, *, clock_alone: bool = False) -> list[Callable[[], Iterator[Explanation]]]:
+    """Other timings that may explain a log better, each to be called; of held-out data, whose logger and loop are
+    known, the clock alone."""
+    ways = [_clock]
     if not clock_alone:
-        yield from _kinds(fitted)
-        if not fitted.run.model.loop.is_virtual:
-            yield from _delay(fitted)
+        ways += [_kinds] if fitted.run.model.loop.is_virtual else [_kinds, _delay]
+    return [partial(way, fitted) for way in ways]
 
 
 def _clock(fitted: FittedMotion) -> Iterator[Explanation]:
