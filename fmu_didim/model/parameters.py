@@ -18,7 +18,6 @@ from fmu_didim.dynamics.base_parameters import BaseParameters
 from fmu_didim.dynamics.physical_set import FRICTION, MOTOR_INERTIA
 from fmu_didim.dynamics.robot import RobotDescription, RobotModel
 from fmu_didim.dynamics.robot.observed_states import observed_along
-from fmu_didim.dynamics.robot.vectorised import TOGETHER
 
 POSITIVE = 1e-9
 """[1] Smallest eigenvalue of the scaled inertia matrix that counts as positive: above rounding."""

@@ -166,7 +166,7 @@ def _needed_for(program: Sequence[_Instruction], elements: Sequence[int]) -> lis
         if one.operation == ca.OP_OUTPUT:
             if one.made not in places:
                 continue
-            one = one._replace(made=places[one.made])  # noqa: PLW2901
+            one = one._replace(made=places[one.made])
         elif one.made not in asked:
             continue
         else:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 import pytest
 from scipy.signal import lfilter
@@ -20,6 +22,10 @@ LONG = (np.arange(2 * ROWS + 40) / 100.0,)
 ORDERS = (0, 1, 3)
 
 
+def rows_of(table: np.ndarray, first: int, last: int) -> np.ndarray:
+    return table[first:last]
+
+
 @pytest.mark.parametrize("order", [*ORDERS, 7])
 @pytest.mark.parametrize("sizes", [[60], [20, 9, 33], [ROWS + 20]])
 def test_the_sums_are_those_over_what_an_autoregression_leaves(sizes: list[int], order: int) -> None:
@@ -29,7 +35,7 @@ def test_the_sums_are_those_over_what_an_autoregression_leaves(sizes: list[int],
     for part in parts:
         left = part[lags:] - sum(c * part[lags - k : len(part) - k] for k, c in enumerate(a, start=1))
         expected += left.T @ left
-    sums = LagSums([Run(lambda i, j, p=part: p[i:j], len(part)) for part in parts], 3)
+    sums = LagSums([Run(partial(rows_of, part), len(part)) for part in parts], 3)
     found = next(found for found in (sums.products(a, lags) for _ in range(10)) if found is not None)
     np.testing.assert_allclose(found[0], expected, rtol=1e-10, atol=1e-10)
     assert (found[1] >= expected.diagonal()).all()
@@ -38,7 +44,7 @@ def test_the_sums_are_those_over_what_an_autoregression_leaves(sizes: list[int],
 
 
 def test_sums_are_made_once_they_have_been_missed_often_enough() -> None:
-    sums = LagSums([Run(lambda i, j: np.ones((60, 2))[i:j], 60)], 2)
+    sums = LagSums([Run(partial(rows_of, np.ones((60, 2))), 60)], 2)
     asked = [sums.products(np.zeros(5), 5) is not None for _ in range(5)]
     first = int(np.ceil((5 + 1) / lagged.SAVED)) - 1
     assert asked == [k >= first for k in range(5)]
@@ -59,7 +65,7 @@ def test_a_regression_is_that_of_the_whitened_table(
     coefficients = tuple(np.array([0.9, -0.3, 0.1])[: 3 - k] for k in range(len(logs.pasts)))
     own = Colour(memory, coefficients, (0.5, 2.0)[: len(coefficients)], np.inf)
     table = columns.whitened(own)
-    values = np.linalg.lstsq(table[:, :-1], table[:, -1], rcond=None)[0]
+    values = np.asarray(np.linalg.lstsq(table[:, :-1], table[:, -1], rcond=None)[0], dtype=float)
     length = np.linalg.norm(table[:, -1] - table[:, :-1] @ values)
     monkeypatch.setattr(colour, "LONG_RUN", 10)
     for saved in (0, 100):
