@@ -131,17 +131,13 @@ def another_robot(fitted: FittedMotion) -> Iterator[Explanation]:
 
 def _scales(fitted: FittedMotion) -> Iterator[Explanation]:
     n = fitted.run.model.joint_count
-    for j in range(n if n > 1 else 0):
-        rows = np.arange(n) == j
+    if n < 2:
+        return
+    by_scales = fitted.misfit_by_scales()
+    for j in range(n):
 
-        def misfit(x: float, rows: np.ndarray = rows) -> float:
-            scale = np.where(rows, math.exp(x), 1.0)
-
-            def scaled(ticks: Ticks) -> tuple[np.ndarray, np.ndarray]:
-                columns, known = fitted.along(ticks)
-                return columns * scale[:, None], known * scale
-
-            return fitted.misfit_of(replace(fitted, changed=scaled))
+        def misfit(x: float, j: int = j) -> float:
+            return by_scales(np.where(np.arange(n) == j, math.exp(x), 1.0))
 
         for x, deviation, least in _clear(fitted, misfit, math.log(LARGEST_SCALE)):
             text = (
