@@ -25,10 +25,12 @@ from typing import Literal, TypeAlias, get_args
 
 import numpy as np
 
+from fmu_didim.base.tall import with_rows
 from fmu_didim.checks.motion.colour import Colour
 from fmu_didim.checks.motion.dependence import (
     Dependence,
     JointResidual,
+    OwnColours,
     Whitened,
     residuals_of_fit,
     tested_rows,
@@ -174,10 +176,15 @@ def places(motions: Sequence[Motion], j: int, slides: Sequence[bool]) -> list[Ne
     return found
 
 
-def searched_of_fit(motions: FittedMotions) -> list[Dependence]:
-    """How the residual of each joint follows ripples, stops and bumps, at the point of a fit."""
+def searched_of_fit(motions: FittedMotions, joints: Sequence[JointResidual] | None = None) -> list[Dependence]:
+    """How the residual of each joint follows ripples, stops and bumps, at the point of a fit.
+
+    Args:
+        joints: what is looked at, where it is known.
+    """
     rows = tested_rows(motions.fit)
-    tasks = [partial(_searched, motions, one, rows) for one in residuals_of_fit(motions.fit, rows)]
+    joints = residuals_of_fit(motions.fit, rows) if joints is None else joints
+    tasks = [partial(_searched, motions, one, rows) for one in joints]
     return [found for found in side_by_side(tasks, motions.fit.model.threads) if found is not None]
 
 
@@ -236,7 +243,7 @@ def _searched(motions: FittedMotions, one: JointResidual, rows: dict[str, Indice
     for some, table in _tables(motions, j, rows, tried):
         beside = tested.with_functions(table.reshape(len(table), -1))
         for key, colour in colours.items():
-            explained = _explained(Whitened.by(beside, colour), len(some))
+            explained = _explained(beside, colour, len(some))
             k = int(np.argmax(explained))
             if key not in best or explained[k] > best[key].explained:
                 best[key] = _Best(some[k], table[:, k].copy(), float(explained[k]))
@@ -278,9 +285,18 @@ def loads_of(some: Sequence[Local], motion: Motion, j: int) -> Array:
     return found
 
 
-def _explained(whitened: Whitened, count: int) -> Array:
-    """(f,) squares that the functions of each of so many explain."""
-    along = whitened.product.reshape(count, FUNCTIONS)
-    products = np.einsum("gigj->gij", whitened.products.reshape(count, FUNCTIONS, count, FUNCTIONS))
+def _explained(beside: OwnColours, colour: Colour, count: int) -> Array:
+    """(f,) squares of the residual that the functions of each of so many explain beside the sensitivities, all whitened
+    by a colour: of all these functions only those of one are multiplied with each other."""
+    basis, places = beside.basis(colour), range(beside.used, beside.columns.count)
+    before = np.zeros((basis.shape[1], len(places)))
+    for own, block in with_rows(basis, beside.columns.blocks(colour, places)):
+        before += own.T @ block
+    along, products = np.zeros((count, FUNCTIONS)), np.zeros((count, FUNCTIONS, FUNCTIONS))
+    for own, block in with_rows(basis, beside.columns.blocks(colour, places)):
+        left = block - own @ before
+        functions = left[:, 1:].reshape(len(left), count, FUNCTIONS, order="C")
+        along += (left[:, 0] @ left[:, 1:]).reshape(count, FUNCTIONS)
+        products += np.einsum("bgi,bgj->gij", functions, functions)
     inverse = np.linalg.pinv(products, rcond=DEPENDENT, hermitian=True)
     return np.asarray(np.einsum("gi,gij,gj->g", along, inverse, along))
