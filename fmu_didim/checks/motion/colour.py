@@ -733,6 +733,14 @@ def orthonormal(columns: Array) -> Array:
     return found
 
 
+def asked_twice(blocks: Callable[[], Iterable[Array]], samples: int) -> Callable[[], Iterable[Array]]:
+    """Blocks of so many samples, which are made once if they are few."""
+    if samples > ROWS:
+        return blocks
+    made = list(blocks())
+    return lambda: made
+
+
 @dataclass(frozen=True)
 class Beside:
     """What an orthonormal basis (N, r) leaves of c columns, by products: of a long log no table of it is made.
@@ -749,6 +757,7 @@ class Beside:
     @staticmethod
     def of(basis: Array, blocks: Callable[[], Iterable[Array]], count: int) -> Beside:
         """Of so many columns, of which some rows (b, c) are made at a time, twice."""
+        blocks = asked_twice(blocks, len(basis))
         along, squares, products = np.zeros((basis.shape[1], count)), np.zeros(count), np.zeros((count, count))
         for own, block in with_rows(basis, blocks()):
             along += own.T @ block

@@ -21,12 +21,13 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
+from itertools import product
 from typing import Literal, TypeAlias, get_args
 
 import numpy as np
 
 from fmu_didim.base.tall import with_rows
-from fmu_didim.checks.motion.colour import Colour
+from fmu_didim.checks.motion.colour import Colour, asked_twice
 from fmu_didim.checks.motion.dependence import (
     Dependence,
     JointResidual,
@@ -289,14 +290,15 @@ def _explained(beside: OwnColours, colour: Colour, count: int) -> Array:
     """(f,) squares of the residual that the functions of each of so many explain beside the sensitivities, all whitened
     by a colour: of all these functions only those of one are multiplied with each other."""
     basis, places = beside.basis(colour), range(beside.used, beside.columns.count)
+    blocks = asked_twice(partial(beside.columns.blocks, colour, places), len(basis))
     before = np.zeros((basis.shape[1], len(places)))
-    for own, block in with_rows(basis, beside.columns.blocks(colour, places)):
+    for own, block in with_rows(basis, blocks()):
         before += own.T @ block
     along, products = np.zeros((count, FUNCTIONS)), np.zeros((count, FUNCTIONS, FUNCTIONS))
-    for own, block in with_rows(basis, beside.columns.blocks(colour, places)):
-        left = block - own @ before
-        functions = left[:, 1:].reshape(len(left), count, FUNCTIONS, order="C")
+    for own, block in with_rows(basis, blocks()):
+        left = np.subtract(block, own @ before, order="F")
         along += (left[:, 0] @ left[:, 1:]).reshape(count, FUNCTIONS)
-        products += np.einsum("bgi,bgj->gij", functions, functions)
+        for i, j in product(range(FUNCTIONS), repeat=2):
+            products[:, i, j] += (left[:, 1 + i :: FUNCTIONS] * left[:, 1 + j :: FUNCTIONS]).sum(axis=0)
     inverse = np.linalg.pinv(products, rcond=DEPENDENT, hermitian=True)
     return np.asarray(np.einsum("gi,gij,gj->g", along, inverse, along))
