@@ -142,6 +142,20 @@ def base_parameters(model: RobotModel) -> BaseParameters:
     )
 
 
+def all_parameters(model: RobotModel) -> BaseParameters:
+    """Each parameter that acts and is not known, by itself: what they explain together is what the base parameters do,
+    which need not be found for that. Their columns depend on each other."""
+    known = {model.parameter_index(name) for name in model.description.known}
+    index = [i for i in model.active if i not in known]
+    names = tuple(v.name for v in model.parameters)
+    own = tuple(names[i] for i in index)
+    return BaseParameters(
+        names=own, standard=own, units=tuple(model.parameters[i].unit for i in index),
+        index=np.array(index, dtype=np.int64), dependent=np.zeros(0, dtype=np.int64),
+        regrouping=np.zeros((len(index), 0)), known=np.zeros(len(names)), standard_names=names, held=(),
+    )  # fmt: skip
+
+
 def _random_rows(model: RobotModel) -> Array:
     """Regressor on random motions with columns of comparable size, ((N n), ns)."""
     count = 40 + 4 * len(model.parameters)
