@@ -79,10 +79,6 @@ class BaseParameters:
         """Base parameters (b,) of standard values chi (ns,): chi_b + K chi_d."""
         return np.asarray(chi[self.index] + self.regrouping @ chi[self.dependent])
 
-    def columns(self, rows: Array) -> tuple[Array, Array]:
-        """Regressor of the base parameters (..., b), and the torque of the known ones, from (..., ns)."""
-        return rows[..., self.index], rows @ self.known
-
     def relations(self) -> list[str]:
         """One line a regrouped parameter, such as ``ZZ1R = ZZ1 + Ia1 + 0.25 M2``."""
         lines = []
