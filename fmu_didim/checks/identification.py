@@ -20,7 +20,7 @@ from fmu_didim.checks.held_out import WORSE_HELD_OUT, Residual, held_out_diagnos
 from fmu_didim.checks.held_out_channels import held_out_channel_diagnostics
 from fmu_didim.checks.judgement import Judgement, judgement
 from fmu_didim.checks.load import load_diagnostics
-from fmu_didim.checks.motion.dependence import DEPENDS_ON_MOTION
+from fmu_didim.checks.motion.dependence import DEPENDS_ON_MOTION, JointResidual
 from fmu_didim.checks.motion.misfits import Misfits
 from fmu_didim.checks.motion.periods import repetition_diagnostics, repetition_of_fit
 from fmu_didim.checks.motion.suspects import with_suspects
@@ -183,12 +183,12 @@ def checked(estimate: Estimate, validations: Sequence[Validation], *, before: It
         *held_out_channels(estimate, validations),
     ]  # fmt: skip
     found += residual_diagnostics(tests)
-    misfits, searched = Misfits(), False
+    misfits, searched, joints = Misfits(), False, None
     if estimate.fit is not None:
         told = {d.place for d in found if d.code is RESIDUAL_ABOVE_NOISE}
         found += [d for d in repetition_diagnostics(repetition_of_fit(estimate.fit)) if d.place not in told]
         of_motion = MotionTests.of(estimate.fit)
-        misfits, searched = of_motion.misfits, of_motion.is_searched
+        misfits, searched, joints = of_motion.misfits, of_motion.is_searched, of_motion.joints
         found += of_motion.diagnostics
         found += start_diagnostics(contradicted_starts(estimate.fit))
     motion_hz, cutoff_hz = _bands(model)
@@ -203,7 +203,7 @@ def checked(estimate: Estimate, validations: Sequence[Validation], *, before: It
         found += unidentified_diagnostics(estimate.fit)
     found += rival_diagnostics(estimate)
     judged = judgement(of_one_set(found, model), settled=estimate.status is Status.CONVERGED)
-    judged, power = _with_power(judged, estimate, misfits)
+    judged, power = _with_power(judged, estimate, misfits, joints)
     return Checks(judged, tests, agreements, power)
 
 
@@ -217,11 +217,13 @@ def acknowledging(checks: Checks, estimate: Estimate, sentences: Mapping[str, st
     return replace(checks, judgement=judged, power=power)
 
 
-def _with_power(judged: Judgement, estimate: Estimate, misfits: Misfits) -> tuple[Judgement, PowerResult | None]:
+def _with_power(
+    judged: Judgement, estimate: Estimate, misfits: Misfits, joints: Sequence[JointResidual] | None = None
+) -> tuple[Judgement, PowerResult | None]:
     """The judgement with what it rests on; beside further channels the torque alone is asked, with its own
     deviations."""
     own = estimate.joint is None
-    return with_power(judged, estimate.fit, misfits, estimate.standard_deviation if own else None)
+    return with_power(judged, estimate.fit, misfits, estimate.standard_deviation if own else None, joints)
 
 
 def _relative_errors(estimate: Estimate) -> dict[int, float]:

@@ -36,6 +36,9 @@ SPECTRUM_POINTS = 1000
 """[points] Of the spectrum of an autoregression in a band."""
 STILL_NOT_WHITE = 1e-4
 """[1] p value of Ljung and Box below which a residual, with its colour taken out, is no white noise."""
+LOUDER = 0.1
+"""[1] Change of the standard deviations by noise that is louder in places, from which it is told: 3 sigma then are 2.7
+or 3.3. With less nothing is to be done, and they account for it."""
 COMPARED = 1 / 3
 """[1] Fraction of the samples of a repeating log that determine its noise: of one and a half periods, the fewest that
 are compared, a third."""
@@ -68,8 +71,8 @@ COLOUR_NOT_MODELLED = CATALOGUE(
 NOISE_LOUDER = CATALOGUE(
     "noise-louder", REMARK, rank=76,
     meaning="The residual is white, but larger where the output is large, or where the samples matter to a value: "
-    "noise that grows with the torque or the speed. Standard deviations and intervals account for that; the residual "
-    "alone cannot show whether it is noise or something that the model lacks.",
+    "noise that grows with the torque or the speed. Standard deviations and intervals account for that, which changes "
+    "them by a tenth or more; the residual alone cannot show whether it is noise or something that the model lacks.",
     next_step="If the noise of the sensor is as loud everywhere, the model lacks something: fmu-didim discover "
     "CASE.yaml.",
 )  # fmt: skip
@@ -162,12 +165,13 @@ def residual_diagnostics(tests: Sequence[NoiseResult], labels: Sequence[str] = (
                 f"are some {test.inflation:.2g} times those with white noise."
             )
             found.append(Diagnostic(NOISE_COLOURED, text, place, test.inflation, 1.0, "1"))
-        if test.is_louder:
+        if test.is_louder and abs(test.inflation - 1.0) >= LOUDER:
             text = (
                 "the residual is white, but louder in places: standard deviations are some "
                 f"{test.inflation:.2g} times those with noise that is as loud everywhere."
             )
-            found.append(Diagnostic(NOISE_LOUDER, text, place, test.inflation, 1.0, "1"))
+            bound = 1.0 + LOUDER if test.inflation > 1.0 else 1.0 - LOUDER
+            found.append(Diagnostic(NOISE_LOUDER, text, place, test.inflation, bound, "1"))
         if test.whiteness_p < STILL_NOT_WHITE:
             text = (
                 f"the residual is not white even with its colour (order {test.order}) taken out "

@@ -79,10 +79,6 @@ class BaseParameters:
         """Base parameters (b,) of standard values chi (ns,): chi_b + K chi_d."""
         return np.asarray(chi[self.index] + self.regrouping @ chi[self.dependent])
 
-    def columns(self, rows: Array) -> tuple[Array, Array]:
-        """Regressor of the base parameters (..., b), and the torque of the known ones, from (..., ns)."""
-        return rows[..., self.index], rows @ self.known
-
     def relations(self) -> list[str]:
         """One line a regrouped parameter, such as ``ZZ1R = ZZ1 + Ia1 + 0.25 M2``."""
         lines = []
@@ -140,6 +136,20 @@ def base_parameters(model: RobotModel) -> BaseParameters:
         standard_names=tuple(names),
         held=tuple(names[i] for i in active if i not in stated),
     )
+
+
+def all_parameters(model: RobotModel) -> BaseParameters:
+    """Each parameter that acts and is not known, by itself: what they explain together is what the base parameters do,
+    which need not be found for that. Their columns depend on each other."""
+    known = {model.parameter_index(name) for name in model.description.known}
+    index = [i for i in model.active if i not in known]
+    names = tuple(v.name for v in model.parameters)
+    own = tuple(names[i] for i in index)
+    return BaseParameters(
+        names=own, standard=own, units=tuple(model.parameters[i].unit for i in index),
+        index=np.array(index, dtype=np.int64), dependent=np.zeros(0, dtype=np.int64),
+        regrouping=np.zeros((len(index), 0)), known=np.zeros(len(names)), standard_names=names, held=(),
+    )  # fmt: skip
 
 
 def _random_rows(model: RobotModel) -> Array:

@@ -18,7 +18,6 @@ from fmu_didim.dynamics.base_parameters import BaseParameters
 from fmu_didim.dynamics.physical_set import FRICTION, MOTOR_INERTIA
 from fmu_didim.dynamics.robot import RobotDescription, RobotModel
 from fmu_didim.dynamics.robot.observed_states import observed_along
-from fmu_didim.dynamics.robot.vectorised import TOGETHER
 
 POSITIVE = 1e-9
 """[1] Smallest eigenvalue of the scaled inertia matrix that counts as positive: above rounding."""
@@ -202,12 +201,12 @@ class RobotParameters(Parameters):
         shapes = self.model.shape_values
         if sharp:
             shapes = shapes * np.where([v.name.startswith("v0_") for v in self.model.shapes], 1e-9, 1.0)
-        columns, known = np.empty((*q.shape, len(self.names))), np.empty(q.shape)
-        for first in range(0, len(q), TOGETHER):  # all standard parameters are several times as many
-            part = slice(first, first + TOGETHER)
-            own = None if observed is None else observed[part]
-            rows = self.model.regressor_rows(q[part], dq[part], ddq[part], shapes, own)
-            columns[part], known[part] = self.base.columns(rows)
+        (given,), count = np.nonzero(self.base.known), len(self.names)
+        columns, known = np.empty((*q.shape, count)), np.empty(q.shape)
+        asked = [*self.base.index.tolist(), *given.tolist()]
+        for part, block in self.model.regressor_blocks(q, dq, ddq, asked, shapes, observed):
+            columns[part] = block[:count].transpose(2, 1, 0)
+            known[part] = np.tensordot(self.base.known[given], block[count:], 1).T
         return columns, known
 
     def inertia_problem(self, q: Array, theta: Array) -> str:

@@ -57,6 +57,10 @@ def test_without_known_noise_no_chi_square() -> None:
         (replace(WHITE, whiteness=0.9e-4), None, ["colour-not-modelled"]),
         (replace(WHITE, whiteness=1.1e-4), None, []),
         (replace(WHITE, is_louder=True, inflation=1.3), None, ["noise-louder"]),
+        (replace(WHITE, is_louder=True, inflation=1.11), None, ["noise-louder"]),
+        (replace(WHITE, is_louder=True, inflation=0.89), None, ["noise-louder"]),
+        (replace(WHITE, is_louder=True, inflation=1.09), None, []),  # "some 1 times" says nothing
+        (replace(WHITE, is_louder=True, inflation=0.97), None, []),
     ],
     ids=[
         "unknown",
@@ -69,6 +73,10 @@ def test_without_known_noise_no_chi_square() -> None:
         "no colour seen",
         "by chance",
         "louder in places",
+        "just louder",
+        "just less",
+        "louder by too little",
+        "less by too little",
     ],
 )
 def test_what_is_told(colour: Colour, known: float | None, codes: list[str]) -> None:

@@ -8,10 +8,12 @@ import numpy as np
 import pytest
 
 from fmu_didim.base.errors import InputError
-from fmu_didim.dynamics.base_parameters import BaseParameters, base_parameters
+from fmu_didim.dynamics.base_parameters import BaseParameters, all_parameters, base_parameters
 from fmu_didim.dynamics.robot import RobotDescription, RobotModel, read_robot
+from fmu_didim.model.parameters import RobotParameters
 from tests.helpers import ROOT, random_robot, scara
 
+RNG = np.random.default_rng
 # Geometry of the Staubli TX40: TUM-ICS/BIRDy, Utils/SymbolicModelData/RobotDescriptionFiles/TX40.m (MIT).
 HALF = np.pi / 2
 TX40_ALPHA = (0, -HALF, 0, HALF, -HALF, HALF)
@@ -39,7 +41,7 @@ def torques(
     free = np.concatenate([base.index, base.dependent])
     held = np.setdiff1d(np.arange(chi.size), free)
     chi[held] = base.known[held]
-    columns, known = base.columns(rows)
+    columns, known = rows[..., base.index], rows @ base.known
     return rows @ chi, columns @ base.reduce(chi) + known, rows, columns
 
 
@@ -135,7 +137,33 @@ def test_known_parameters_are_left_alone() -> None:
     assert base.relations() == ["ZZ1R = ZZ1 + Ia1"]
     full, reduced, rows, _ = torques(model, base, 2)
     assert relative(full - reduced, full) < 1e-10
-    np.testing.assert_allclose(base.columns(rows)[1], 3.0 * rows[..., model.parameter_index("M2")], rtol=1e-14)
+    np.testing.assert_allclose(rows @ base.known, 3.0 * rows[..., model.parameter_index("M2")], rtol=1e-14)
+
+
+@pytest.mark.parametrize("known", [[], ["M2"]])
+def test_all_parameters_explain_what_the_base_parameters_do(known: list[str]) -> None:
+    """No more and no less: which of them depend on others need not be known for that."""
+    joints = [{"type": "revolute"}, {"type": "revolute", "a": 0.5, "parameters": {"M": 3.0}}]
+    model = described(joints, gravity=[0, -9.81, 0], known=known)
+    base, every = base_parameters(model), all_parameters(model)
+    rows = model.regressor_rows(*RNG(3).normal(size=(3, 80, 2))).reshape(160, -1)
+    both = [rows[:, one.index] for one in (base, every)]
+    ranks = [np.linalg.matrix_rank(table) for table in (*both, np.column_stack(both))]
+    assert ranks == [len(base.names)] * 3
+    assert len(every.names) > len(base.names)
+    assert ("M2" in every.names) is not bool(known)
+
+
+def test_the_regressor_of_base_parameters_is_a_part_of_that_of_all() -> None:
+    """With what is known, whose torque is subtracted."""
+    joints = [{"type": "revolute"}, {"type": "revolute", "a": 0.5, "parameters": {"M": 3.0}}]
+    model = described(joints, gravity=[0, -9.81, 0], known=["M2"])
+    base, motion = base_parameters(model), RNG(4).normal(size=(3, 5000, 2))
+    columns, torque = RobotParameters(model, base).regressor(*motion)
+    rows = model.regressor_rows(*motion)
+    np.testing.assert_array_equal(columns, rows[..., base.index])
+    np.testing.assert_allclose(torque, rows @ base.known, rtol=1e-12, atol=1e-12)
+    assert torque.any()
 
 
 def test_expand_puts_the_base_parameters_in_their_places() -> None:

@@ -126,6 +126,11 @@ def solved_by(columns: Array, torque: Array, size: Array) -> tuple[Array, Array]
         flat = (block / size[:, None]).reshape(-1, count)
         products += flat.T @ flat
         along += flat.T @ (right / size).reshape(-1)
+    return solved_from(products, along)
+
+
+def solved_from(products: Array, along: Array) -> tuple[Array, Array]:
+    """The same by products of the columns with each other (b, b), and with the torque (b,)."""
     length = np.sqrt(np.diag(products))
     length[length == 0] = 1.0
     inverse = np.linalg.pinv(products / length / length[:, None], rcond=DEPENDENT, hermitian=True)

@@ -19,7 +19,8 @@ from scipy.optimize import minimize_scalar
 
 from fmu_didim.base.diagnostics import Diagnostic
 from fmu_didim.base.errors import FmuDidimError
-from fmu_didim.checks.data.expected import fitted_by, solved_by
+from fmu_didim.base.tall import in_blocks
+from fmu_didim.checks.data.expected import fitted_by, solved_by, solved_from
 from fmu_didim.cosim import SampleOperator
 from fmu_didim.data.signals import Array
 from fmu_didim.estimators.starts.reference_start import from_reference
@@ -151,11 +152,36 @@ class FittedMotion:
 
     def residual(self, operator: SampleOperator | None = None) -> Array:
         """(N, n) residual of a fit of the log, with another sampling where one is given."""
-        return self._rest(self.experiment.operator if operator is None else operator, self.size)
+        return self._residual if operator is None else self._rest(operator, self.size)
+
+    @cached_property
+    def _residual(self) -> Array:
+        return self._rest(self.experiment.operator, self.size)
 
     def misfit(self, operator: SampleOperator | None = None) -> float:
         """Mean square of that residual, each joint divided by its size; 1 as the case has it."""
         return float(np.mean((self.residual(operator) / self.size) ** 2))
+
+    def misfit_by_scales(self) -> Callable[[Array], float]:
+        """The misfit where the rows of each joint are a scale (n,) times as large, as a function of that: products of
+        the columns are made once for all of them."""
+        columns, known = self._filtered(self.experiment.operator)
+        measured, size = self.run.model.experiments.measured_in(self.run.label), self.size
+        n, count = columns.shape[1:]
+        products, along = np.zeros((n, count, count)), np.zeros((n, count, 2))
+        for block, *rights in zip(*(in_blocks(table) for table in (columns, measured, known)), strict=True):
+            for j in range(n):
+                products[j] += block[:, j].T @ block[:, j]
+                along[j] += block[:, j].T @ np.column_stack([right[:, j] for right in rights])
+
+        def misfit(scale: Array) -> float:
+            weight = scale / size
+            right = (weight / size) @ along[:, :, 0] - weight**2 @ along[:, :, 1]
+            values = solved_from(np.tensordot(weight**2, products, 1), right)[0]
+            rest = measured - (columns @ values + known) * scale
+            return float(np.mean((rest / size) ** 2))
+
+        return misfit
 
     def least(self, misfit: Callable[[float], float], step: float, bound: float) -> tuple[float, float, float] | None:
         """Where a misfit is least within a bound, its standard deviation by the curvature there, and the misfit.

@@ -17,6 +17,7 @@ from dataclasses import replace
 import numpy as np
 
 from fmu_didim.base.diagnostics import Diagnostic
+from fmu_didim.checks.data.expected import solved_from
 from fmu_didim.checks.data.linear_fit import EXACT, FittedMotion
 from fmu_didim.checks.data.log import FEW_OUTLIERS, LOG_OUTLIERS, MOST_SPIKES, NEIGHBOURS, NORMAL
 from fmu_didim.checks.judgement import MATTERS
@@ -88,12 +89,11 @@ def _robust_residual(fitted: FittedMotion) -> Array:
     target = fitted.experiment.torque - known
     size, weight = fitted.size, np.ones_like(target)
     flat, right = columns / size[:, None], target / size
-    length = np.maximum(np.sqrt((flat**2).sum(axis=(0, 1))), TINY)
     residual = right
     for _ in range(ROUNDS):
-        root = np.sqrt(weight)
-        table = (flat * root[:, :, None] / length).reshape(-1, length.size)
-        residual = right - flat @ (np.linalg.lstsq(table, (right * root).ravel(), rcond=None)[0] / length)
+        weighted = flat * weight[:, :, None]
+        products = np.tensordot(weighted, flat, axes=((0, 1), (0, 1)))
+        residual = right - flat @ solved_from(products, np.tensordot(weighted, right, axes=((0, 1), (0, 1))))[0]
         scale = np.maximum(NORMAL * np.median(np.abs(residual), axis=0), TINY)
         weight = np.maximum(1 - (residual / (TUKEY * scale)) ** 2, 0.0) ** 2
     return np.asarray(residual * size)

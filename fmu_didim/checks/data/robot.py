@@ -27,7 +27,7 @@ from fmu_didim.checks.data.expected import Expected, fitted_by
 from fmu_didim.checks.data.linear_fit import Explanation, FittedMotion, Ticks
 from fmu_didim.checks.data.timing import SHIFT_SIGMAS
 from fmu_didim.checks.data.torque_channel import EXPLAINS
-from fmu_didim.dynamics.base_parameters import base_parameters
+from fmu_didim.dynamics.base_parameters import all_parameters, base_parameters
 from fmu_didim.dynamics.robot import RobotDescription, RobotModel
 from fmu_didim.dynamics.robot.description import modified_joints
 from fmu_didim.estimators.starts.reference_start import whole_reference
@@ -131,17 +131,13 @@ def another_robot(fitted: FittedMotion) -> Iterator[Explanation]:
 
 def _scales(fitted: FittedMotion) -> Iterator[Explanation]:
     n = fitted.run.model.joint_count
-    for j in range(n if n > 1 else 0):
-        rows = np.arange(n) == j
+    if n < 2:
+        return
+    by_scales = fitted.misfit_by_scales()
+    for j in range(n):
 
-        def misfit(x: float, rows: np.ndarray = rows) -> float:
-            scale = np.where(rows, math.exp(x), 1.0)
-
-            def scaled(ticks: Ticks) -> tuple[np.ndarray, np.ndarray]:
-                columns, known = fitted.along(ticks)
-                return columns * scale[:, None], known * scale
-
-            return fitted.misfit_of(replace(fitted, changed=scaled))
+        def misfit(x: float, j: int = j) -> float:
+            return by_scales(np.where(np.arange(n) == j, math.exp(x), 1.0))
 
         for x, deviation, least in _clear(fitted, misfit, math.log(LARGEST_SCALE)):
             text = (
@@ -193,7 +189,8 @@ def _other_descriptions(fitted: FittedMotion) -> Iterator[Explanation]:
         if least > GRAVITY_LEAVES:
             continue
         diagnostic = _misread_diagnostic(fitted.run, [(robot, math.sqrt(least))], 1.0)
-        yield Explanation(least, fitted.gain(least, 1.0 + max(len(other.names) - own, 0)), diagnostic)
+        count = len(base_parameters(other.model).names)
+        yield Explanation(least, fitted.gain(least, 1.0 + max(count - own, 0)), diagnostic)
 
 
 def misread_diagnostics(run: Simulation, given: Expected) -> list[Diagnostic]:
@@ -214,7 +211,7 @@ def misread_diagnostics(run: Simulation, given: Expected) -> list[Diagnostic]:
 
 
 def _misread(model: LoopModel) -> Iterator[tuple[RobotDescription, RobotParameters]]:
-    """Robots that may have been meant, with their base parameters: gravity along an axis of the base where the
+    """Robots that may have been meant, with all their parameters: gravity along an axis of the base where the
     description has another one, and its table of frames in the classical convention."""
     robot = _description(model)
     if robot is None:
@@ -247,7 +244,7 @@ class _Same:
 @lru_cache(maxsize=KEPT)
 def _parameters_of(same: _Same) -> RobotParameters:
     model = RobotModel(same.robot)
-    return RobotParameters(model, base_parameters(model))
+    return RobotParameters(model, all_parameters(model))
 
 
 def _misread_diagnostic(run: Simulation, found: Sequence[tuple[RobotDescription, float]], left: float) -> Diagnostic:

@@ -26,6 +26,7 @@ from scipy import fft
 from scipy.linalg import blas, lapack
 
 from fmu_didim.base.tall import ROWS, in_blocks, triangle_by_parts, with_rows
+from fmu_didim.checks.motion.lagged import LagSums, Run
 from fmu_didim.cosim import Indices
 from fmu_didim.data.signals import Array
 from fmu_didim.fit.noise.autoregression import ORDERS, order_cost
@@ -125,7 +126,7 @@ class Logs:
             found.append(past)
         return tuple(found)
 
-    @property
+    @cached_property
     def samples(self) -> int:
         """Number n of those that are compared."""
         return sum(past.samples for past in self.pasts)
@@ -137,15 +138,20 @@ class Logs:
         result = np.empty(table.shape, order="F")
         for grid in self.grids:
             there, count = grid >= 0, grid.size
-            steps = np.arange(1, count)
-            weights = np.cumprod(np.append(1.0, (steps - 1 - memory) / steps))
             length = fft.next_fast_len(2 * count, real=True)
-            spectrum = fft.rfft(weights, length)
+            spectrum = _of_memory(memory, count, length)
             for k in range(table.shape[1]):
                 held = np.zeros(count)
                 held[there] = table[grid[there], k]
                 result[grid[there], k] = fft.irfft(spectrum * fft.rfft(held, length), length)[:count][there]
         return result
+
+
+@lru_cache(maxsize=len(MEMORIES))
+def _of_memory(memory: float, count: int, length: int) -> NDArray[np.complex128]:
+    """Spectrum of so many weights of (1 - L)^memory, with zeros behind them up to a length."""
+    steps = np.arange(1, count)
+    return np.asarray(fft.rfft(np.cumprod(np.append(1.0, (steps - 1 - memory) / steps)), length))
 
 
 @dataclass(frozen=True)
@@ -182,6 +188,17 @@ class Past:
             return (np.zeros(0, dtype=int),) * len(places)
         return tuple(np.concatenate([run[self.lags - k : run.size - k] for run in whole]) for k in places)
 
+    @cached_property
+    def together(self) -> slice | Indices:
+        """(L,) rows of all runs, one behind the other."""
+        return _joined(self.runs) if self.runs else slice(0, 0)
+
+    @cached_property
+    def begins(self) -> slice | Indices:
+        """Places among them of those without the whole past."""
+        first = np.cumsum([0, *(_size(run) for run in self.runs)])[:-1]
+        return as_slice(np.add.outer(first, np.arange(self.lags)).ravel())
+
     def parts(self) -> Iterator[tuple[slice | Indices, slice | Indices]]:
         """Rows of some samples and of those before them in their runs, and which of these are the samples."""
         rows, samples, count = list[slice | Indices](), list[Indices](), 0
@@ -197,11 +214,16 @@ class Past:
         if rows:
             yield _joined(rows), as_slice(np.concatenate(samples))
 
+    @property
+    def has_short_runs(self) -> bool:
+        """Whether there are so many that what belongs to each takes longer than all samples."""
+        return self.samples < LONG_RUN * len(self.runs)
+
     def products(self, signal: Array, most: int) -> Array:
         """(most + 1, most + 1) sums over the samples, of the products of a signal (N,) so many samples before with it
         so many before: the first row by a sum for each lag, each further one from that before it by the samples at
         the ends of the runs; where these are short, by a table of all."""
-        if self.samples < LONG_RUN * len(self.runs):
+        if self.has_short_runs:
             table = np.column_stack([signal[self.rows[k]] for k in range(most + 1)])
             return np.asarray(table.T @ table)
         first, moved, k = np.zeros(most + 1), np.zeros((most, most)), self.lags
@@ -211,11 +233,17 @@ class Past:
             first += np.correlate(own[k - most :], own[k:], "valid")[::-1]
             begin, last = (own[at - most : at][::-1] for at in (k, end))
             moved += np.outer(begin, begin) - np.outer(last, last)
-        result = np.empty((most + 1, most + 1))
-        result[0] = result[:, 0] = first
-        for i in range(most):
-            result[i + 1, i + 1 :] = result[i + 1 :, i + 1] = result[i, i:-1] + moved[i, i:]
-        return result
+        steps, result = np.zeros((most + 1, 2 * most + 1)), np.zeros((most + 1, 2 * most + 1))
+        steps[0, : most + 1], steps[1:, 1 : most + 1] = first, moved
+        np.cumsum(_aslant(steps), axis=0, out=_aslant(result))
+        upper = result[:, : most + 1]
+        return np.asarray(upper + np.triu(upper, 1).T)
+
+
+def _aslant(table: Array) -> Array:
+    """(K, K) view of a table (K, 2 K - 1): of each row from its diagonal on."""
+    count, (row, column) = len(table), table.strides
+    return np.ndarray((count, count), buffer=table, strides=(row + column, column))
 
 
 def _size(rows: slice | Indices) -> int:
@@ -289,6 +317,8 @@ class Columns:
     table: Table
     known: Columns | None = None
     _remembered: dict[tuple[int, int], Array] = field(default_factory=dict, repr=False, compare=False)
+    _shared: dict[int, Shared] = field(default_factory=dict, repr=False, compare=False)
+    _regressions: dict[tuple[int, ...], Regression] = field(default_factory=dict, repr=False, compare=False)
 
     @cached_property
     def count(self) -> int:
@@ -307,6 +337,17 @@ class Columns:
     def with_lags(self, lags: tuple[int, ...]) -> Columns:
         """The same columns where so many samples of the past are looked at."""
         return replace(self, logs=self.logs.with_lags(lags))
+
+    @property
+    def first(self) -> Columns:
+        """Those of the first table, which all others stand beside."""
+        return self if self.known is None else self.known.first
+
+    def shared(self, memory: int) -> Shared:
+        """All of them after a memory, by its place: one for all who ask."""
+        if memory not in self._shared:
+            self._shared[memory] = Shared(self.taken(memory, range(self.count)))
+        return self._shared[memory]
 
     def taken(self, memory: int, columns: Sequence[int]) -> Taken:
         """These columns, by their places, after a memory, by its place."""
@@ -329,6 +370,16 @@ class Columns:
     def rows_of(self, columns: Sequence[int]) -> Array:
         """(N, c) these columns as they are."""
         return np.concatenate(list(self.taken(0, columns).rows()))
+
+    def _regression(self, memory: int, columns: Sequence[int]) -> Regression:
+        """Of the last of these columns, which is the same whatever past is looked at."""
+        key = memory, *columns
+        if key in self._regressions:
+            return replace(self._regressions[key], logs=self.logs)
+        found = Regression.of(self, columns, memory)
+        if len(self.table) <= ROWS:
+            self._regressions[key] = found
+        return found
 
     def _after(self, memory: int, column: int) -> Array:
         """(N, 1) a column of the table after a memory, which is taken out where nobody has asked for it yet."""
@@ -359,7 +410,7 @@ class Columns:
         most = most or [past.lags for past in self.logs.pasts]
 
         def found(memory: int) -> Colour:
-            return _colour(self, columns, memory, most)
+            return _colour(self._regression(memory, columns), memory, most)
 
         last = len(self.logs.memories) - 1
         tried = [found(memory) for memory in sorted({0, last})]
@@ -387,9 +438,9 @@ class Taken:
         found = cls(logs, parts, samples, count)
         if samples > ROWS or len(parts) == 1:
             return found
-        return replace(found, parts=((found._of(slice(0, samples)), slice(0, count)),))
+        return replace(found, parts=((found.of_rows(slice(0, samples)), slice(0, count)),))
 
-    def _of(self, rows: slice | Indices) -> Array:
+    def of_rows(self, rows: slice | Indices) -> Array:
         """(b, c) some rows; a view where it can be one."""
         if len(self.parts) == 1:
             return self.parts[0][0][rows].astype(float, copy=False)
@@ -400,36 +451,172 @@ class Taken:
 
     def rows(self) -> Iterator[Array]:
         """(b, c) all samples, some at a time."""
-        return (self._of(slice(k, min(k + ROWS, self.samples))) for k in range(0, self.samples, ROWS))
+        return (self.of_rows(slice(k, min(k + ROWS, self.samples))) for k in range(0, self.samples, ROWS))
+
+    def times(self, values: Array) -> Array:
+        """(N,) of them all with values (c,)."""
+        return np.concatenate([block @ values for block in self.rows()])
+
+    def along(self, table: Array) -> Array:
+        """(c, k) products of them with a table (N, k)."""
+        found = np.zeros((self.count, table.shape[1]))
+        for own, block in with_rows(table, self.rows()):
+            found += block.T @ own
+        return found
 
     def whitened(self, colour: Colour) -> Iterator[Array]:
         """(b, c) those samples that have a past, whitened by a colour of the same memory, some at a time."""
         for past, a, deviation in zip(self.logs.pasts, colour.coefficients, colour.deviations, strict=True):
             for rows, samples in past.parts():
-                block = self._of(rows)
+                block = self.of_rows(rows)
                 yield (_innovations(block, a, deviation) if a.size or deviation != 1 else block)[samples]
 
 
-def _innovations(block: Array, coefficients: Array, deviation: float) -> Array:
+@dataclass(frozen=True)
+class Shared:
+    """Columns after a memory that are asked for with many others, one after the other.
+
+    Attributes:
+        taken: (N, r) them.
+    """
+
+    taken: Taken
+    _sums: dict[tuple[int, int], LagSums] = field(default_factory=dict, repr=False)
+
+    @cached_property
+    def triangle(self) -> Array | None:
+        """(r, r) of them all; None where they are nearly dependent."""
+        products = np.zeros((self.taken.count, self.taken.count))
+        for block in self.taken.rows():
+            products += block.T @ block
+        return _triangle_of(products)
+
+    def triangle_by(self, colour: Colour, logs: Logs) -> Array | None:
+        """(r, r) of what a colour leaves of them at the samples that are compared; None where these are nearly
+        dependent, or where it is faster to look at the samples."""
+        products, largest = np.zeros((self.taken.count, self.taken.count)), np.zeros(self.taken.count)
+        rates = zip(logs.pasts, colour.coefficients, colour.deviations, strict=True)
+        for rate, (past, a, deviation) in enumerate(rates):
+            own = None if past.has_short_runs else self._sums_of(rate, past).products(a, past.lags)
+            if own is None:
+                return None
+            products += own[0] / deviation**2
+            largest += own[1] / deviation**2
+        return _triangle_of(products, largest)
+
+    def _sums_of(self, rate: int, past: Past) -> LagSums:
+        """Those over the logs of a rate: all runs that are long enough for this past."""
+        key = rate, len(past.runs)
+        if key not in self._sums:
+            runs = [Run(partial(self._run, run), _size(run)) for run in past.runs]
+            self._sums[key] = LagSums(runs, self.taken.count)
+        return self._sums[key]
+
+    def _run(self, run: slice | Indices, first: int, last: int) -> Array:
+        return self.taken.of_rows(_part(run, first, last))
+
+
+@dataclass(frozen=True)
+class Regression:
+    """A column beside others, after a memory.
+
+    Attributes:
+        first: (N, r) some of the others, which further columns stand beside, too.
+        table: (N, c) the rest of them, and the column last.
+        values: (m,) of the others that leave least of it.
+    """
+
+    logs: Logs
+    first: Shared
+    table: Array
+    values: Array
+
+    @classmethod
+    def of(cls, columns: Columns, places: Sequence[int], memory: int) -> Regression:
+        """Of the last one of columns, by their places, and a memory, by its place."""
+        count = columns.first.count
+        if list(places[:-1][:count]) != list(range(count)):
+            count = 0
+        first = columns.first.shared(memory) if count else Shared(columns.taken(memory, []))
+        further = columns.taken(memory, places[count:])
+        found = cls(columns.logs, first, np.concatenate(list(further.rows())), np.zeros(0))
+        return replace(found, values=found._white()[0])
+
+    @property
+    def used(self) -> int:
+        """Number m of the others."""
+        return self.first.taken.count + int(self.table.shape[1]) - 1
+
+    def rest(self, values: Array) -> Array:
+        """(N,) what the others leave of it with values (m,)."""
+        count = self.first.taken.count
+        further = self.table @ np.append(-values[count:], 1.0)
+        return np.asarray(further - self.first.taken.times(values[:count]))
+
+    def _white(self) -> tuple[Array, float]:
+        """Values (m,) of the others that leave least of it, and the length of that."""
+        found = None
+        if (upper := self.first.triangle) is not None:
+            found = _beside(upper, self.first.taken.along(self.table), self.table.T @ self.table)
+        return found or _least_squares(self._whole.rows, self.used + 1)
+
+    def by(self, colour: Colour) -> tuple[Array, float]:
+        """The same of all columns whitened by a colour."""
+        upper = self.first.triangle_by(colour, self.logs) if self.logs.samples > self.used else None
+        if upper is None:
+            return _least_squares(partial(self._whole.whitened, colour), self.used + 1)
+        later, products = np.zeros(self.table.shape, order="F"), np.zeros((self.table.shape[1],) * 2)
+        for past, a, deviation in zip(self.logs.pasts, colour.coefficients, colour.deviations, strict=True):
+            left = _innovations(self.table[past.together], a, deviation)
+            left[past.begins] = 0.0
+            products += left.T @ left
+            later[past.together] = _innovations(left, a, deviation, later=True)
+        found = _beside(upper, self.first.taken.along(later), products)
+        return found or _least_squares(partial(self._whole.whitened, colour), self.used + 1)
+
+    @cached_property
+    def _whole(self) -> Taken:
+        """All of them in one table, or its parts."""
+        first, count = self.first.taken, self.used + 1
+        return Taken.of(self.logs, (*first.parts, (self.table, slice(first.count, count))), first.samples, count)
+
+
+def _beside(upper: Array, along: Array, products: Array) -> tuple[Array, float] | None:
+    """Values (r + c - 1,) of all columns but the last that leave least of that, and the length of it; None where these
+    are nearly dependent.
+
+    Args:
+        upper: triangle (r, r) of the first columns; along: (r, c) products of these with the others; products: (c, c)
+            of these.
+    """
+    own = _solved(upper, along, transposed=True)
+    r = _triangle_of(products - own.T @ own, products.diagonal())
+    if r is None:
+        return None
+    values = _solved(r[:-1, :-1], r[:-1, -1])
+    return np.append(_solved(upper, own[:, -1] - own[:, :-1] @ values), values), abs(float(r[-1, -1]))
+
+
+def _innovations(block: Array, coefficients: Array, deviation: float, *, later: bool = False) -> Array:
     """(b, c) of columns (b, c): each sample less what an autoregression (p,) makes of those before, over a deviation;
-    the first p of a run of samples mean nothing."""
+    the first p of a run of samples mean nothing; ``later``: of those behind it, of runs that begin with p zeros."""
     signal = block.ravel(order="F")
     left = signal / deviation
     for k, a in enumerate(coefficients, start=1):  # in place; the column before falls into the first p
-        left = blas.daxpy(signal, left, n=left.size - k, a=-a / deviation, offy=k)
+        offset = {"offx": k} if later else {"offy": k}
+        left = blas.daxpy(signal, left, n=left.size - k, a=-a / deviation, **offset)
     return left.reshape(block.shape, order="F")
 
 
-def _colour(columns: Columns, places: Sequence[int], memory: int, most: Sequence[int]) -> Colour:
-    """The colour of the last of some columns beside the others, when its memory has been taken out of all."""
-    logs, used, best, taken = columns.logs, len(places) - 1, None, columns.taken(memory, places)
-    values = _least_squares(taken.rows, len(places))[0]
+def _colour(columns: Regression, memory: int, most: Sequence[int]) -> Colour:
+    """The colour of what a column leaves beside others."""
+    logs, used, best = columns.logs, columns.used, None
+    values = columns.values
     for _ in range(ROUNDS):
-        rest = np.concatenate([block[:, -1] - block[:, :-1] @ values for block in taken.rows()])
-        colour = _of_rest(rest, logs, memory, most, used)
+        colour = _of_rest(columns.rest(values), logs, memory, most, used)
         if best is not None and colour.orders == best.orders and logs.samples * _moved(best, colour) < SETTLED:
             break
-        values, size = _least_squares(partial(taken.whitened, colour), len(places))
+        values, size = columns.by(colour)
         cost = sum(order_cost(past.samples, order, used) for past, order in zip(logs.pasts, colour.orders, strict=True))
         criterion = 2 * logs.samples * np.log(max(size, TINY)) + cost + MEMORY_COST * (memory > 0)
         if best is not None and criterion >= best.criterion:
@@ -470,18 +657,22 @@ def triangle_of_blocks(blocks: Callable[[], Iterable[Array]], count: int) -> Arr
     return triangle_by_parts(blocks(), count) if r is None else r
 
 
-def _triangle_of(products: Array) -> Array | None:
-    """Upper triangle R (m, m) with R'R = products of columns; None where these are nearly dependent."""
+def _triangle_of(products: Array, squares: Array | None = None) -> Array | None:
+    """Upper triangle R (m, m) with R'R = products of columns; None where these are nearly dependent; ``squares``: (m,)
+    that the diagonal of the products is the rest of, if it is one."""
+    if not products.size:
+        return products
     r, failed = lapack.dpotrf(products, clean=True)
-    dependent = failed or (r.diagonal() ** 2 < NEARLY_DEPENDENT * products.diagonal()).any()
+    squares = products.diagonal() if squares is None else squares
+    dependent = failed or (r.diagonal() ** 2 < NEARLY_DEPENDENT * squares).any()
     return None if dependent else np.asarray(r)
 
 
-def _solved(upper: Array, right: Array) -> Array:
-    """x (m,) of an upper triangle (m, m) times x = right."""
+def _solved(upper: Array, right: Array, *, transposed: bool = False) -> Array:
+    """x (m,) or (m, c) of an upper triangle (m, m), or a transposed one, times x = right."""
     if not right.size:
-        return np.zeros(0)
-    found, singular = lapack.dtrtrs(upper, right)
+        return np.zeros(right.shape)
+    found, singular = lapack.dtrtrs(upper, right, trans=transposed)
     if singular:
         raise np.linalg.LinAlgError(f"Column {singular} of a triangle depends on those before it.")
     return np.asarray(found)
@@ -503,8 +694,9 @@ def _autoregression(rest: Array, past: Past, most: int, used: int) -> tuple[Arra
     what is left (N,)."""
     count, longest = past.samples, min(most, past.lags)
     order = [*range(1, longest + 1), 0]  # the samples in the last column, behind those before them
-    products = past.products(rest, longest).take(order, axis=0).take(order, axis=1)
+    products = past.products(rest, longest)
     size = products.diagonal()
+    products = products[:, order][order]
     r = _triangle_of(products) if count > longest and size.min() > NEARLY_DEPENDENT * size.max() else None
     if r is None:
         r = np.asarray(np.linalg.qr(np.column_stack([rest[past.rows[k]] for k in order]), mode="r"))
@@ -541,6 +733,14 @@ def orthonormal(columns: Array) -> Array:
     return found
 
 
+def asked_twice(blocks: Callable[[], Iterable[Array]], samples: int) -> Callable[[], Iterable[Array]]:
+    """Blocks of so many samples, which are made once if they are few."""
+    if samples > ROWS:
+        return blocks
+    made = list(blocks())
+    return lambda: made
+
+
 @dataclass(frozen=True)
 class Beside:
     """What an orthonormal basis (N, r) leaves of c columns, by products: of a long log no table of it is made.
@@ -557,6 +757,7 @@ class Beside:
     @staticmethod
     def of(basis: Array, blocks: Callable[[], Iterable[Array]], count: int) -> Beside:
         """Of so many columns, of which some rows (b, c) are made at a time, twice."""
+        blocks = asked_twice(blocks, len(basis))
         along, squares, products = np.zeros((basis.shape[1], count)), np.zeros(count), np.zeros((count, count))
         for own, block in with_rows(basis, blocks()):
             along += own.T @ block

@@ -336,18 +336,21 @@ def joint_residuals(
     return found
 
 
-def dependence_of_fit(fit: Fit, misfits: Iterable[Misfit] = ()) -> list[Dependence]:
+def dependence_of_fit(
+    fit: Fit, misfits: Iterable[Misfit] = (), joints: Sequence[JointResidual] | None = None
+) -> list[Dependence]:
     """How the residual of each joint depends on the motion at a point of the closed loop.
 
     Args:
         misfits: whose signatures are looked for, too.
+        joints: what is looked at, where it is known.
     """
     rows = tested_rows(fit)
     if fit.model.experiments.low_pass is not None:
         for own in rows.values():
             if own.size * fit.model.joint_count < 2 * fit.values.size:
                 return [Dependence.untested(j + 1, own.size) for j in range(fit.model.joint_count)]
-    joints = residuals_of_fit(fit, rows, misfits)
+    joints = residuals_of_fit(fit, rows, misfits) if joints is None else joints
     return [
         replace(found, moved=_moved_by_clock(fit, found, joints)) if found.is_clock else found
         for found in apart([one.dependence for one in joints], fit.model.threads)
@@ -380,10 +383,14 @@ def residuals_of_fit(fit: Fit, rows: Mapping[str, Indices], misfits: Iterable[Mi
         fit.model, fit.values, {label: fit.residual[parts[label]][as_slice(own)] for label, own in rows.items()},
         {label: fit.jacobian[parts[label]][as_slice(own)] for label, own in rows.items()}, rows,
     )  # fmt: skip
+    return with_misfits(found, misfits, samples_of(fit, rows))
+
+
+def with_misfits(found: list[JointResidual], misfits: Iterable[Misfit], places: slice | Indices) -> list[JointResidual]:
+    """The same with the signatures of misfits, by the places of the samples in the tables of the fit."""
     misfits = list(misfits)
     if not misfits or not found:
         return found
-    places = samples_of(fit, rows)
     both = [_followed(joint, misfits, places) for joint in found]
     sizes, part = np.array([one[0] for one in both]), np.array([one[1] for one in both])
     added = (sizes >= FAINT * sizes.max(axis=0)) & (part < FOLLOWED)

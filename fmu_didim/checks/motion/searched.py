@@ -21,14 +21,17 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
+from itertools import product
 from typing import Literal, TypeAlias, get_args
 
 import numpy as np
 
-from fmu_didim.checks.motion.colour import Colour
+from fmu_didim.base.tall import with_rows
+from fmu_didim.checks.motion.colour import Colour, asked_twice
 from fmu_didim.checks.motion.dependence import (
     Dependence,
     JointResidual,
+    OwnColours,
     Whitened,
     residuals_of_fit,
     tested_rows,
@@ -174,10 +177,15 @@ def places(motions: Sequence[Motion], j: int, slides: Sequence[bool]) -> list[Ne
     return found
 
 
-def searched_of_fit(motions: FittedMotions) -> list[Dependence]:
-    """How the residual of each joint follows ripples, stops and bumps, at the point of a fit."""
+def searched_of_fit(motions: FittedMotions, joints: Sequence[JointResidual] | None = None) -> list[Dependence]:
+    """How the residual of each joint follows ripples, stops and bumps, at the point of a fit.
+
+    Args:
+        joints: what is looked at, where it is known.
+    """
     rows = tested_rows(motions.fit)
-    tasks = [partial(_searched, motions, one, rows) for one in residuals_of_fit(motions.fit, rows)]
+    joints = residuals_of_fit(motions.fit, rows) if joints is None else joints
+    tasks = [partial(_searched, motions, one, rows) for one in joints]
     return [found for found in apart(tasks, motions.fit.model.threads) if found is not None]
 
 
@@ -236,7 +244,7 @@ def _searched(motions: FittedMotions, one: JointResidual, rows: dict[str, Indice
     for some, table in _tables(motions, j, rows, tried):
         beside = tested.with_functions(table.reshape(len(table), -1))
         for key, colour in colours.items():
-            explained = _explained(Whitened.by(beside, colour), len(some))
+            explained = _explained(beside, colour, len(some))
             k = int(np.argmax(explained))
             if key not in best or explained[k] > best[key].explained:
                 best[key] = _Best(some[k], table[:, k].copy(), float(explained[k]))
@@ -278,9 +286,19 @@ def loads_of(some: Sequence[Local], motion: Motion, j: int) -> Array:
     return found
 
 
-def _explained(whitened: Whitened, count: int) -> Array:
-    """(f,) squares that the functions of each of so many explain."""
-    along = whitened.product.reshape(count, FUNCTIONS)
-    products = np.einsum("gigj->gij", whitened.products.reshape(count, FUNCTIONS, count, FUNCTIONS))
+def _explained(beside: OwnColours, colour: Colour, count: int) -> Array:
+    """(f,) squares of the residual that the functions of each of so many explain beside the sensitivities, all whitened
+    by a colour: of all these functions only those of one are multiplied with each other."""
+    basis, places = beside.basis(colour), range(beside.used, beside.columns.count)
+    blocks = asked_twice(partial(beside.columns.blocks, colour, places), len(basis))
+    before = np.zeros((basis.shape[1], len(places)))
+    for own, block in with_rows(basis, blocks()):
+        before += own.T @ block
+    along, products = np.zeros((count, FUNCTIONS)), np.zeros((count, FUNCTIONS, FUNCTIONS))
+    for own, block in with_rows(basis, blocks()):
+        left = np.subtract(block, own @ before, order="F")
+        along += (left[:, 0] @ left[:, 1:]).reshape(count, FUNCTIONS)
+        for i, j in product(range(FUNCTIONS), repeat=2):
+            products[:, i, j] += (left[:, 1 + i :: FUNCTIONS] * left[:, 1 + j :: FUNCTIONS]).sum(axis=0)
     inverse = np.linalg.pinv(products, rcond=DEPENDENT, hermitian=True)
     return np.asarray(np.einsum("gi,gij,gj->g", along, inverse, along))

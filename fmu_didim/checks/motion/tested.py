@@ -6,10 +6,20 @@ ones tell of costs no simulations of the later ones.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from fmu_didim.base.diagnostics import Diagnostic
-from fmu_didim.checks.motion.dependence import dependence_of_fit, motion_diagnostics
+from fmu_didim.base.tall import ROWS
+from fmu_didim.checks.motion.dependence import (
+    JointResidual,
+    dependence_of_fit,
+    motion_diagnostics,
+    residuals_of_fit,
+    samples_of,
+    tested_rows,
+    with_misfits,
+)
 from fmu_didim.checks.motion.misfits import Misfits
 from fmu_didim.checks.motion.searched import searched_of_fit
 from fmu_didim.fit.fit import Fit
@@ -23,22 +33,28 @@ class MotionTests:
         diagnostics: the joints whose residual depends on the motion, or is untested.
         misfits: whose signatures were looked for, without their motions; none if there was an answer before.
         is_searched: whether ripples, stops or bumps are the answer, which are no misfits of the catalogue.
+        joints: what was looked at beside the signatures; of a long log, whose tables are large, nothing is kept.
     """
 
     diagnostics: list[Diagnostic]
     misfits: Misfits
     is_searched: bool = False
+    joints: Sequence[JointResidual] | None = None
 
     @classmethod
     def of(cls, fit: Fit) -> MotionTests:
         """At the point of a fit."""
-        if found := motion_diagnostics(dependence_of_fit(fit)):
+        rows = tested_rows(fit)
+        is_short = sum(own.size for own in rows.values()) <= ROWS
+        joints = residuals_of_fit(fit, rows) if is_short else None
+        if found := motion_diagnostics(dependence_of_fit(fit, joints=joints)):
             return cls(found, Misfits())
         misfits = Misfits.of(fit)
         without = replace(misfits, motions=None)  # of a long log, large
-        if found := motion_diagnostics(dependence_of_fit(fit, misfits)):
+        beside = None if joints is None else with_misfits(joints, misfits, samples_of(fit, rows))
+        if found := motion_diagnostics(dependence_of_fit(fit, misfits, beside)):
             return cls(found, without)
         if misfits.motions is None:
-            return cls([], without)
-        found = motion_diagnostics(searched_of_fit(misfits.motions))
-        return cls(found, without, is_searched=bool(found))
+            return cls([], without, joints=beside)
+        found = motion_diagnostics(searched_of_fit(misfits.motions, joints))
+        return cls(found, without, is_searched=bool(found), joints=beside)

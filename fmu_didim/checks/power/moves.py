@@ -12,6 +12,7 @@ from dataclasses import replace
 
 from fmu_didim.base.diagnostics import CATALOGUE, REMARK, Diagnostic
 from fmu_didim.checks.judgement import CONDITIONAL, Judgement
+from fmu_didim.checks.motion.dependence import JointResidual
 from fmu_didim.checks.motion.misfits import Misfits
 from fmu_didim.checks.power.statement import PowerResult, StatedResult, TrustResult, power_of_fit
 from fmu_didim.data.signals import Array
@@ -35,7 +36,11 @@ UNSEEN_MOVES = CATALOGUE(
 
 
 def with_power(
-    judged: Judgement, fit: Fit | None, misfits: Misfits, deviation: Array | None = None
+    judged: Judgement,
+    fit: Fit | None,
+    misfits: Misfits,
+    deviation: Array | None = None,
+    joints: Sequence[JointResidual] | None = None,
 ) -> tuple[Judgement, PowerResult | None]:
     """A judgement of the values of a fit with what it rests on, and what it excludes; as it is, and None, where it is
     not valid, or that is not known.
@@ -43,10 +48,12 @@ def with_power(
     Args:
         misfits: of the fit; none: they are asked for here.
         deviation: (p,) standard deviations of the values; by default those of the noise.
+        joints: what the test for the motion looked at beside these misfits, where it is known.
     """
     if judged.verdict != "valid" or fit is None or fit.model.loop.torque_is_given or not fit.model.loop.shows_torque:
         return judged, None
-    power = power_of_fit(fit, misfits if misfits.stated else Misfits.of(fit), deviation)
+    misfits, joints = (misfits, joints) if misfits.stated else (Misfits.of(fit), None)
+    power = power_of_fit(fit, misfits, deviation, joints)
     if power is None:
         return judged, None
     return replace(judged, remarks=(*judged.remarks, *unseen_diagnostics(power))), power

@@ -33,6 +33,7 @@ import numpy as np
 from fmu_didim.base.distributions import f_isf, f_power
 from fmu_didim.checks.motion.colour import orthonormal, rest_of
 from fmu_didim.checks.motion.dependence import (
+    FUNCTIONS,
     LARGEST_GAIN,
     MOTION_CHANCE,
     OWN_PART,
@@ -65,6 +66,10 @@ MULTIPLE = 9.0
 then no size is stated."""
 FAINT = 0.1
 """[1] Of the strength of a misfit in the joint where it shows most, below which another joint adds no power."""
+ROUNDING = 1e-10
+"""[1] Of the squares of a misfit, up to which what is left of it is rounding: signatures have seven digits. By that the
+second function was chosen where the first one is the misfit itself, and sizes changed by up to 7 % with it, or there
+was none."""
 LESS_OF_TWO = 1 / np.sqrt(2 * np.pi)
 """[1] Of the relative uncertainty of the noise where functions are large, by which the lesser of both tests falls below
 the other one: the mean of the positive part of a normal distribution."""
@@ -172,7 +177,7 @@ class JointTest:
             gain = max(tested.alone.criterion - tested.beside(range(step.count)).criterion, 0.0)
             likely = step.freedom * np.expm1(min(gain / tested.columns.logs.samples, LARGEST_GAIN))
             noncentrality = min(float(likely), float(step.noncentrality(signature, np.array([size]))[0]))
-            found = max(found, float(np.interp(noncentrality, NONCENTRALITIES, self._powers(step, len(steps) + 1))))
+            found = max(found, float(np.interp(noncentrality, NONCENTRALITIES, self._powers(step))))
         return found
 
     def _functions(self, places: Sequence[int]) -> Array:
@@ -205,15 +210,15 @@ class JointTest:
         signature, steps, found = self.misfit(misfit), self.steps(misfit), np.zeros(sizes.size)
         for step in steps:
             lambdas = step.noncentrality(signature, sizes)
-            found = np.maximum(found, np.interp(lambdas, NONCENTRALITIES, self._powers(step, len(steps) + 1)))
+            found = np.maximum(found, np.interp(lambdas, NONCENTRALITIES, self._powers(step)))
         return found
 
     def steps(self, misfit: int) -> list[Functions]:
         """The steps of the test that a misfit, by its place, alone would lead to: with the function that explains most,
-        and with it and the one that then explains most."""
-        places, products = list(self.functions), self.all.products
-        along = products[places, self.first + misfit]
-        chosen = [place for place, _ in most_one_by_one(products[np.ix_(places, places)], along, OWN_PART**2)]
+        and with it and the one that then explains most, if anything is left."""
+        places, products, at = list(self.functions), self.all.products, self.first + misfit
+        found = most_one_by_one(products[np.ix_(places, places)], products[places, at], OWN_PART**2)
+        chosen = [place for place, squares in found if squares > ROUNDING * products[at, at]]
         return [self._together([places[k] for k in chosen[: count + 1]]) for count in range(len(chosen))]
 
     def _together(self, chosen: Sequence[int]) -> Functions:
@@ -221,9 +226,10 @@ class JointTest:
         freedom = self.all.rest.size - self.one.basis.shape[1] - len(chosen)
         return Functions(tuple(chosen), self.all, comb(len(self.functions), len(chosen)), max(freedom, 1))
 
-    def _powers(self, step: Functions, steps: int) -> Array:
-        """Power at ``NONCENTRALITIES``; ``steps``: of the test, by which its level is divided."""
-        key = (step.count, step.ways)
+    def _powers(self, step: Functions) -> Array:
+        """Power at ``NONCENTRALITIES``; the level of the test is divided by its steps, that with all functions among
+        them."""
+        key, steps = (step.count, step.ways), min(FUNCTIONS, len(self.functions)) + 1
         if key not in self._known:
             bound = float(f_isf(self.level / (steps * step.ways), step.count, step.freedom))
             self._known[key] = f_power(bound, step.count, step.freedom, NONCENTRALITIES)

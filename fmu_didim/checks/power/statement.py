@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import partial
 
 import numpy as np
 from pydantic import Field
 
 from fmu_didim.base.documents import Number, Saved
-from fmu_didim.checks.motion.dependence import residuals_of_fit, samples_of, signatures_of, tested_rows
+from fmu_didim.checks.motion.dependence import JointResidual, residuals_of_fit, samples_of, signatures_of, tested_rows
 from fmu_didim.checks.motion.misfits import GRAVITY, LINK_LENGTH, TORQUE_SCALE, ZERO_TURNING, Misfit, Misfits
 from fmu_didim.checks.power.power import POWER, JointTest, smallest_size
 from fmu_didim.data.signals import Array
@@ -103,18 +104,21 @@ class PowerResult(Saved):
     trusted: list[TrustResult]
 
 
-def power_of_fit(fit: Fit, misfits: Misfits, deviation: Array | None = None) -> PowerResult | None:
+def power_of_fit(
+    fit: Fit, misfits: Misfits, deviation: Array | None = None, joints: Sequence[JointResidual] | None = None
+) -> PowerResult | None:
     """What the verdict on a fit excludes, by the test for what follows the motion; None where the plant does not give
     the motion or the joints were not tested.
 
     Args:
         deviation: (p,) standard deviations of the values; by default those of the noise.
+        joints: what the test looked at, where it is known.
     """
     rows, found = tested_rows(fit), misfits.stated
     if not found:
         return None
     table = moves_of(fit, [misfit.signature for misfit in found])  # before there are tables of all joints
-    residuals = residuals_of_fit(fit, rows, misfits)
+    residuals = residuals_of_fit(fit, rows, misfits) if joints is None else joints
     if not residuals:
         return None
     places = samples_of(fit, rows)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
 from typing import Literal
@@ -194,11 +194,30 @@ class RobotModel:
         Args:
             observed: (N, no) values of ``self.observed``; zero where not given.
         """
+        columns = range(len(self.parameters))
+        result = np.empty((*q.shape, len(columns)))
+        for part, block in self.regressor_blocks(q, dq, ddq, columns, shapes, observed):
+            result[part] = block.transpose(2, 1, 0)  # while it is in the cache of the processor
+        return result
+
+    def regressor_blocks(
+        self,
+        q: Array,
+        dq: Array,
+        ddq: Array,
+        columns: Sequence[int],
+        shapes: Array | None = None,
+        observed: Array | None = None,
+    ) -> Iterator[tuple[slice, Array]]:
+        """Some samples at a time, and (c, n, b) their rows of W for some parameters, by their places; arguments as
+        above."""
         count, n = q.shape
         s = self.shape_values if shapes is None else shapes
         given = np.zeros((count, len(self.observed))) if observed is None else observed
-        flat = self.at_points("regressor", q.T, dq.T, ddq.T, s, *([given.T] if self.observed else []))
-        return np.ascontiguousarray(flat.reshape(count, len(self.parameters), n).transpose(0, 2, 1))
+        arguments = (q.T, dq.T, ddq.T, s, *([given.T] if self.observed else []))
+        elements = [n * k + j for k in columns for j in range(n)]
+        for part, block in self._by_points("regressor").blocks(count, arguments, elements):
+            yield part, block.reshape(len(columns), n, -1)
 
     def at_points(
         self, name: Literal["inverse", "regressor", "transmitted", "mass_matrix"], *arguments: Array
@@ -208,9 +227,12 @@ class RobotModel:
         Args:
             arguments: (n, N) each, or (n,) of what is the same at all points; the first is of the points.
         """
+        return self._by_points(name)(arguments[0].shape[1], arguments)
+
+    def _by_points(self, name: str) -> Vectorised:
         if name not in self._vectorised:
             self._vectorised[name] = Vectorised(getattr(self, name))
-        return self._vectorised[name](arguments[0].shape[1], arguments)
+        return self._vectorised[name]
 
     @cached_property
     def _inertia_columns(self) -> InertiaColumns:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from typing import Any
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -75,18 +75,11 @@ class Vectorised:
 
     def __init__(self, function: ca.Function) -> None:
         self._function, self._size = function, function.nnz_out(0)
-        known = {*_OPERATIONS, ca.OP_INPUT, ca.OP_OUTPUT, ca.OP_CONST}
         count = function.n_instructions() if function.is_a("SXFunction") else 0
-        self._program = [
-            (
-                function.instruction_id(k),
-                tuple(function.instruction_input(k)),
-                tuple(function.instruction_output(k)),
-                function.instruction_constant(k) if function.instruction_id(k) == ca.OP_CONST else 0.0,
-            )
-            for k in range(count)
-        ]
-        self.is_known = count > 0 and all(row[0] in known for row in self._program)
+        self._program = [_Instruction.of(function, k) for k in range(count)]
+        self._parts = dict[tuple[int, ...], list[_Instruction]]()
+        known = {*_OPERATIONS, ca.OP_INPUT, ca.OP_OUTPUT, ca.OP_CONST}
+        self.is_known = count > 0 and all(one.operation in known for one in self._program)
 
     def __call__(self, count: int, arguments: Sequence[Array | Sequence[Any]]) -> Array:
         """(K, m) of the output.
@@ -97,32 +90,93 @@ class Vectorised:
         if not self.is_known:
             return self._by_casadi(count, arguments)
         result = np.empty((count, self._size))
-        for first in range(0, count, TOGETHER):
-            part = slice(first, min(first + TOGETHER, count))
-            inputs = [
-                [np.ascontiguousarray(value[part]) if np.ndim(value) else value for value in rows] for rows in arguments
-            ]
-            own = np.zeros((self._size, part.stop - first))
-            self._run(inputs, own)
+        for part, own in self._blocks(count, arguments, tuple(range(self._size))):
             result[part] = own.T  # while it is in the cache of the processor
         return result
 
-    def _run(self, arguments: Sequence[Sequence[Any]], result: Array) -> None:
-        """Fill (m, K) of the output."""
+    def blocks(
+        self, count: int, arguments: Sequence[Array | Sequence[Any]], elements: Sequence[int]
+    ) -> Iterator[tuple[slice, Array]]:
+        """Some points at a time, and (e, b) some elements of the output at them, by their places; what the others alone
+        need is not computed. Arguments as above."""
+        if self.is_known:
+            yield from self._blocks(count, arguments, tuple(elements))
+            return
+        for part in _parts(count):
+            inputs = [[value[part] if np.ndim(value) else value for value in rows] for rows in arguments]
+            yield part, self._by_casadi(part.stop - part.start, inputs).T[list(elements)]
+
+    def _blocks(
+        self, count: int, arguments: Sequence[Array | Sequence[Any]], elements: tuple[int, ...]
+    ) -> Iterator[tuple[slice, Array]]:
+        if elements not in self._parts:
+            self._parts[elements] = _needed_for(self._program, elements)
+        for part in _parts(count):
+            inputs = [
+                [np.ascontiguousarray(value[part]) if np.ndim(value) else value for value in rows] for rows in arguments
+            ]
+            own = np.zeros((len(elements), part.stop - part.start))
+            self._run(self._parts[elements], inputs, own)
+            yield part, own
+
+    def _run(self, program: Sequence[_Instruction], arguments: Sequence[Sequence[Any]], result: Array) -> None:
+        """Fill (e, K) of the output."""
         work: list[Any] = [0.0] * max(self._function.sz_w(), 1)
         with np.errstate(all="ignore"):
-            for operation, given, made, constant in self._program:
+            for operation, given, made, constant in program:
                 if operation == ca.OP_INPUT:
-                    work[made[0]] = arguments[given[0]][given[1]]
+                    work[made] = arguments[given[0]][given[1]]
                 elif operation == ca.OP_CONST:
-                    work[made[0]] = constant
+                    work[made] = constant
                 elif operation == ca.OP_OUTPUT:
-                    result[made[1]] = work[given[0]]
+                    result[made] = work[given[0]]
+                elif len(given) == 1:
+                    work[made] = _OPERATIONS[operation](work[given[0]])
                 else:
-                    work[made[0]] = _OPERATIONS[operation](*(work[i] for i in given))
+                    work[made] = _OPERATIONS[operation](work[given[0]], work[given[1]])
 
     def _by_casadi(self, count: int, arguments: Sequence[Array | Sequence[Any]]) -> Array:
         tables = [
             np.array([np.broadcast_to(value, count) for value in rows]).reshape(len(rows), count) for rows in arguments
         ]
         return np.asarray(self._function.map(count)(*tables).full().T)
+
+
+class _Instruction(NamedTuple):
+    """An instruction of a function: from places of the work vector, or of the input, to one of that, or of the
+    output."""
+
+    operation: int
+    given: tuple[int, ...]
+    made: int
+    constant: float
+
+    @classmethod
+    def of(cls, function: ca.Function, k: int) -> _Instruction:
+        operation, made = function.instruction_id(k), function.instruction_output(k)
+        constant = function.instruction_constant(k) if operation == ca.OP_CONST else 0.0
+        place = made[1] if operation == ca.OP_OUTPUT else made[0]
+        return cls(operation, tuple(function.instruction_input(k)), place, constant)
+
+
+def _needed_for(program: Sequence[_Instruction], elements: Sequence[int]) -> list[_Instruction]:
+    """The instructions that some elements of the output need, which are its first ones then."""
+    places, asked, kept = {element: k for k, element in enumerate(elements)}, set[int](), list[_Instruction]()
+    for one in reversed(program):
+        if one.operation == ca.OP_OUTPUT:
+            if one.made not in places:
+                continue
+            one = one._replace(made=places[one.made])
+        elif one.made not in asked:
+            continue
+        else:
+            asked.remove(one.made)
+        if one.operation not in (ca.OP_INPUT, ca.OP_CONST):
+            asked.update(one.given)
+        kept.append(one)
+    return kept[::-1]
+
+
+def _parts(count: int) -> Iterator[slice]:
+    """Points that are evaluated together."""
+    return (slice(first, min(first + TOGETHER, count)) for first in range(0, count, TOGETHER))

@@ -6,11 +6,12 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from fmu_didim.base.errors import InputError
-from fmu_didim.results.findings import FindingsDocument
 from fmu_didim.results.result import ResultDocument
 
 if TYPE_CHECKING:
     from pandas import DataFrame
+
+    from fmu_didim.results.findings import FindingsDocument
 
 
 def parameter_frame(document: ResultDocument) -> DataFrame:

@@ -15,7 +15,7 @@ from fmu_didim.base.diagnostics import REMARK, Code, Diagnostic
 from fmu_didim.checks import data
 from fmu_didim.checks.data import linear_fit
 from fmu_didim.checks.data.checks import data_diagnostics, drive_gains
-from fmu_didim.checks.data.linear_fit import fitted_motion
+from fmu_didim.checks.data.linear_fit import Ticks, fitted_motion
 from fmu_didim.checks.data.log import on_ticks
 from fmu_didim.checks.data.robot import length_unit_diagnostics
 from fmu_didim.checks.data.timing import SAMPLING_KIND, _clock, _Near, _of_clock
@@ -490,6 +490,25 @@ def test_a_clock_that_moves_no_value_is_no_doubt(robot: str, late_s: float, told
     assert (moved.max() > MATTERS) == (told == "clock-late")
     if told == "clock-slightly-off":
         assert found.value == pytest.approx(moved.max(), rel=1e-3)
+
+
+def test_the_misfit_of_a_scale_is_that_of_rows_that_are_scaled() -> None:
+    """Of one joint against the other one, with a torque beside the base parameters."""
+    fitted = fitted_motion(right("scara", 1, noise=0.01).on("estimation"))
+    assert fitted is not None
+    along = fitted.along
+    fitted = replace(fitted, changed=lambda ticks: (along(ticks)[0], along(ticks)[1] + 0.3))
+    misfit, n = fitted.misfit_by_scales(), fitted.run.model.joint_count
+    assert misfit(np.ones(n)) == pytest.approx(fitted.misfit(), rel=1e-7)
+    for scale in (np.array([1.0, 1.3]), np.array([0.8, 1.0])):
+
+        def scaled(ticks: Ticks, scale: np.ndarray = scale) -> tuple[Array, Array]:
+            columns, known = along(ticks)
+            return columns * scale[:, None], (known + 0.3) * scale
+
+        expected = fitted.misfit_of(replace(fitted, changed=scaled))
+        assert misfit(scale) == pytest.approx(expected, rel=1e-7)
+        assert abs(expected / fitted.misfit() - 1) > 0.01
 
 
 @pytest.mark.parametrize(("late_s", "told"), [(2e-5, "timing-slightly-off"), (5e-3, "sampling-kind")])

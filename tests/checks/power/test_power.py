@@ -111,3 +111,18 @@ def test_a_misfit_that_passes_for_coloured_noise_is_not_stated() -> None:
     assert smallest_size([test], 0, LARGEST) is None
     draws = [looked_at(RNG(seed).normal(size=TIME.size) + 3.0 * signature) for seed in range(20)]
     assert np.mean([one.dependence().p_value < MOTION_CHANCE for one in draws]) < 0.5
+
+
+@pytest.mark.parametrize("name", ["a function", "a function beside the fit"])
+def test_a_size_does_not_hang_on_rounding(name: str) -> None:
+    """Where one function is the misfit itself nothing is left for another one, which rounding would choose."""
+    for seed in range(5):
+        noise = RNG(seed).normal(size=TIME.size)
+        sizes = []
+        for part in (0.0, 1e-13):
+            one = looked_at(noise * (1 + part * RNG(100 + seed).normal(size=TIME.size)))
+            test = JointTest.of(one, [SIGNATURES[name]], 1)
+            assert test is not None
+            assert [step.count for step in test.steps(0)] == [1]
+            sizes.append(smallest_size([test], 0, LARGEST))
+        assert sizes[0] == pytest.approx(sizes[1], rel=1e-8)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import casadi as ca
 import numpy as np
 import pytest
@@ -49,6 +51,26 @@ def test_an_operation_that_is_not_known_is_left_to_casadi(monkeypatch: pytest.Mo
     assert ca.OP_ERF not in vectorised._OPERATIONS
     points = RNG.uniform(-2, 2, (COUNT, 2))
     assert own(COUNT, [points.T, [3.0]]) == pytest.approx(expected(function, points, 3.0), rel=1e-14)
+
+
+@pytest.mark.parametrize("points", [3, 2 * vectorised.TOGETHER + 5])
+@pytest.mark.parametrize("special", [ca.sin, ca.erf], ids=["known", "left to CasADi"])
+def test_some_elements_are_those_of_all(special: Callable[[ca.SX], ca.SX], points: int) -> None:
+    """In the order that is asked for, and no instruction that the others alone need."""
+    x, y = ca.SX.sym("x", 2), ca.SX.sym("y")
+    shared = ca.cos(x[0]) * y
+    made = [shared + 1, special(x[1]) * shared, ca.exp(x[1]) - y, ca.SX(7.0)]
+    own = Vectorised(ca.Function("f", [x, y], [ca.densify(ca.vertcat(*made))]))
+    given = [RNG.uniform(-1, 1, (points, 2)).T, [3.0]]
+    whole = own(points, given)
+    for elements in ([2], [3, 0], [1, 2, 0]):
+        parts = list(own.blocks(points, given, elements))
+        np.testing.assert_array_equal(np.concatenate([part for _, part in parts], axis=1), whole[:, elements].T)
+        assert [part.stop - part.start for part, _ in parts] == [block.shape[1] for _, block in parts]
+    if own.is_known:
+        kept = vectorised._needed_for(own._program, [2])
+        assert ca.OP_COS not in [one.operation for one in kept]
+        assert len(kept) < len(own._program) / 2
 
 
 def test_functions_of_matrices_are_left_to_casadi() -> None:
