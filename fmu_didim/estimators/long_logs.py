@@ -21,9 +21,9 @@ from fmu_didim.data.signals import Array
 from fmu_didim.estimators.base import Estimator, Progress
 from fmu_didim.estimators.didim import Didim
 from fmu_didim.estimators.finish import NEXT_STEP, degrees_of_freedom, remarks_of_limits, unlimited_by
-from fmu_didim.fit.all_samples import AllSamples, BlockOfLog
 from fmu_didim.fit.derivatives.sensitivity import sensitivity
 from fmu_didim.fit.estimate import Estimate, Stage, Status
+from fmu_didim.fit.exploration.all_samples import AllSamples, BlockOfLog, FarSamples
 from fmu_didim.fit.fit import Fit
 from fmu_didim.fit.iteration import Iteration
 from fmu_didim.fit.linear_problem import LinearProblem
@@ -41,6 +41,10 @@ BLOCK = 50_000
 SEAM = 0.05
 """[standard deviations] Of the residual, by which the simulated torque of a part may differ from that of the whole logs
 at its samples, root mean square: less than a noise of a twentieth added."""
+FAR, MOST_FAR = 3.0, 20_000
+"""[standard deviations] Of the residual, from which a sample may be an outlier; [samples] of a joint that are kept."""
+NORMAL = 1.4826
+"""[1] Standard deviation of normal noise over the median of its size."""
 STAGE = "all samples"
 
 
@@ -111,9 +115,8 @@ class _Minimum:
             self.values = self.values + step
             self.outputs = self.model.outputs(self.values)
             residual = self.residual
-            self.deviation = np.where(
-                np.isnan(self.model.stated_deviations), self.deviation * 0 + _deviation(residual, self.table), self.deviation
-            )
+            stated = ~np.isnan(self.model.stated_deviations)
+            self.deviation = np.where(stated, self.deviation, _deviation(residual, self.table))
         return False
 
 
@@ -140,7 +143,11 @@ def _estimate(found: Estimate, part: PartOfLogs, minimum: _Minimum, seam: float)
     ratio = (minimum.deviation / fit.deviation) ** 2
     scaled = [1.0 if found.known_noise is not None and found.noise_is_stated else float(r) for r in ratio]
     colours = tuple(
-        replace(c, variance=c.variance * scaled[c.joint - 1], residual_variance=c.residual_variance * float(ratio[c.joint - 1]))
+        replace(
+            c,
+            variance=c.variance * scaled[c.joint - 1],
+            residual_variance=c.residual_variance * float(ratio[c.joint - 1]),
+        )
         for c in found.colours
     )
     blocks = tuple(_blocks(fit, minimum, residual, colours))
@@ -151,9 +158,13 @@ def _estimate(found: Estimate, part: PartOfLogs, minimum: _Minimum, seam: float)
     inflation = max([1.0, *(c.inflation for c in colours)])
     told = AllSamples(
         len(residual), len(fit.residual), {label: s for label, s in part.spans.items() if label in part.rows}, blocks,
-        np.sqrt((fit.residual**2).mean(axis=0)), fit.values, found.standard_deviation, seam,
+        _loudest(fit, part), _far(minimum, residual, inverse), fit.values, found.standard_deviation, seam,
     )  # fmt: skip
-    remarks = [r for r in found.remarks if r not in remarks_of_limits(fit.model, fit.values, found.standard_deviation, found.unlimited)]
+    remarks = [
+        r
+        for r in found.remarks
+        if r not in remarks_of_limits(fit.model, fit.values, found.standard_deviation, found.unlimited)
+    ]
     return replace(
         found, model=model.with_values(values).with_loop(substeps=None, substep_factor=1), covariance=covariance,
         freedom=degrees_of_freedom(model, values.size, inflation), time=model.experiments.time,
@@ -167,13 +178,40 @@ def _estimate(found: Estimate, part: PartOfLogs, minimum: _Minimum, seam: float)
     )  # fmt: skip
 
 
+def _loudest(fit: Fit, part: PartOfLogs) -> Array:
+    """(n,) root mean square of the residual of each joint, in the stretch of the part where it is largest."""
+    largest = np.zeros(fit.residual.shape[1])
+    for label, own in fit.model.experiments.rows.items():
+        rows = part.rows.get(label, np.arange(own.stop - own.start))
+        for stretch in np.split(fit.residual[own], np.flatnonzero(np.diff(rows) > 1) + 1):
+            largest = np.maximum(largest, np.sqrt((stretch**2).mean(axis=0)))
+    return largest
+
+
+def _far(minimum: _Minimum, residual: Array, inverse: Array) -> dict[tuple[str, int], FarSamples]:
+    """The samples of each log and joint whose residual is far above the noise, the largest of them."""
+    found = {}
+    for label, own in minimum.model.experiments.rows.items():
+        for j, column in enumerate(residual[own].T):
+            sizes = np.abs(column)
+            rows = np.flatnonzero(sizes > FAR * NORMAL * np.median(sizes))
+            rows = np.sort(rows[np.argsort(-sizes[rows])[:MOST_FAR]])
+            influence = minimum.table[own][rows, j] @ inverse / minimum.deviation[j] ** 2
+            found[label, j] = FarSamples(rows, influence)
+    return found
+
+
 def _blocks(fit: Fit, minimum: _Minimum, residual: Array, colours: Sequence[Colour]) -> Iterator[BlockOfLog]:
     """The blocks of all logs, with noise of the colour that the part has."""
     experiments, weight = minimum.model.experiments, minimum.deviation**-2
     counted = tuple(
-        replace(c, variance=c.variance * c.inflation**2, coefficients=np.zeros(0)) if c.is_louder else c for c in colours
+        replace(c, variance=c.variance * c.inflation**2, coefficients=np.zeros(0)) if c.is_louder else c
+        for c in colours
     )
-    rates = {s: one.rate_hz for s, one in zip(fit.model.experiments.rows, stretches_of_outputs(fit.model.experiments), strict=True)}
+    rates = {
+        s: one.rate_hz
+        for s, one in zip(fit.model.experiments.rows, stretches_of_outputs(fit.model.experiments), strict=True)
+    }
     for label, rows in experiments.rows.items():
         time, count = experiments[label].time, rows.stop - rows.start
         edges = np.linspace(0, count, max(1, round(count / BLOCK)) + 1).astype(int)

@@ -11,7 +11,7 @@ import numpy as np
 
 from fmu_didim.base.errors import FmuDidimError, IdentificationError
 from fmu_didim.data.signals import Array
-from fmu_didim.fit.all_samples import AllSamples
+from fmu_didim.fit.exploration.all_samples import AllSamples
 from fmu_didim.fit.exploration.choices import Choices
 from fmu_didim.fit.exploration.essential import Essential
 from fmu_didim.fit.exploration.minima import SearchOutcome

@@ -27,7 +27,7 @@ from fmu_didim.workflow.data import case_diagnostics, check_plant
 from fmu_didim.workflow.output.loop import described_estimator, described_loop
 from fmu_didim.workflow.output.result import Result, result_folder
 from fmu_didim.workflow.output.result_folder import ResultFolder, checked_case
-from fmu_didim.workflow.search import estimated, profile_names
+from fmu_didim.workflow.search import estimated, estimated_by_part, judged_part, profile_names
 from fmu_didim.workflow.start import started_from
 
 _log = logging.getLogger(__name__)
@@ -100,8 +100,9 @@ def identify(
         record["search"] = case.document.search.model_dump(mode="json")
     sentences = acknowledged(case)
     refusal = _Refusal(case, folder, record)
+    part = judged_part(case, names, essential=essential)
     try:
-        model, of_data = without_outliers(model, refuse_problems(case_diagnostics(case)))
+        model, of_data = without_outliers(model, refuse_problems(case_diagnostics(case, part and part.model)))
         consistency, of_plant = check_plant(case, model)
         of_plant = refuse_problems(of_plant)
     except DiagnosedError as error:
@@ -112,7 +113,10 @@ def identify(
         refusal.known["consistency"] = consistency_result(consistency)
     model.pool.failure = None  # what was tried before may have gone beyond what the components stand
     try:
-        estimate = estimated(case, model, names, progress or no_progress, essential=essential)
+        estimate = None if part is None else estimated_by_part(case, part, progress or no_progress)
+        if estimate is None:
+            before = before if part is None else by_weight([*refuse_problems(case_diagnostics(case)), *of_plant])
+            estimate = estimated(case, model, names, progress or no_progress, essential=essential)
     except (RefusedError, SimulationError) as caught:
         refused = caught if isinstance(caught, RefusedError) else RefusedError(
             caught.what, iterations=(), got=caught.got, next_step=caught.next_step, where=caught.where
