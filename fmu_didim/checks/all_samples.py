@@ -8,7 +8,7 @@ itself, single samples that are wrong among it.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -51,30 +51,36 @@ REST_LARGER = CATALOGUE(
 )  # fmt: skip
 
 
-def all_samples_diagnostics(
-    estimate: Estimate, validations: Sequence[Validation], before: Iterable[Diagnostic]
+def with_all_samples(
+    estimate: Estimate, validations: Sequence[Validation], before: Sequence[Diagnostic]
 ) -> list[Diagnostic]:
-    """What is found in all samples; nothing where all were judged.
+    """What was found of the data, and what is found in all samples; the former alone where all were judged.
 
     Args:
-        validations: of all experiments; before: what was found of the part's data, which is not told again.
+        validations: of all experiments; before: what was found of the data of the part, in the place of which comes what
+            all samples show of the same.
     """
     told = estimate.all_samples
     if told is None:
-        return []
-    known = {(d.code.name, d.place) for d in before}
+        return list(before)
     found = [*_judged_part(told), *_changes(estimate, told), *_larger(estimate, told)]
     for validation in validations:
         if validation.label in told.spans and not validation.failure:
-            found += [d for d in _of_log(estimate, told, validation) if (d.code.name, d.place) not in known]
-    return found
+            found += _of_log(estimate, told, validation)
+    again = {(_kind(d), d.place) for d in found}
+    return [*(d for d in before if (_kind(d), d.place) not in again), *found]
+
+
+def _kind(found: Diagnostic) -> str:
+    """Its code; the same for all outliers."""
+    return LOG_OUTLIERS.name if found.code is FEW_OUTLIERS else found.code.name
 
 
 def _judged_part(told: AllSamples) -> Iterator[Diagnostic]:
     stretches = sum(len(spans) for spans in told.spans.values())
     text = (
-        f"Of {told.count} samples, {told.judged} in {stretches} stretches were looked at for the shape of the residual; "
-        "values and standard deviations come from all of them."
+        f"Of {told.count} samples, {told.judged} in {stretches} stretches were looked at for the shape of the "
+        "residual; values and standard deviations come from all of them."
     )
     yield Diagnostic(JUDGED_ON_PART, text, "", float(told.judged), None, "samples")
 
@@ -107,8 +113,8 @@ def _larger(estimate: Estimate, told: AllSamples) -> Iterator[Diagnostic]:
             ratio = float(worst.rms[j] / max(float(told.rms[j]), TINY))
             if ratio > LARGER:
                 text = (
-                    f"From {worst.begin_s:.6g} s to {worst.end_s:.6g} s the residual is {ratio:.3g} times as large as in "
-                    "the stretches that were judged."
+                    f"From {worst.begin_s:.6g} s to {worst.end_s:.6g} s the residual is {ratio:.3g} times as large as "
+                    "in the stretches that were judged."
                 )
                 yield Diagnostic(REST_LARGER, text, f"{label}: joint {j + 1}", ratio, LARGER, "1")
 
@@ -118,8 +124,7 @@ def _of_log(estimate: Estimate, told: AllSamples, found: Validation) -> Iterator
     experiment = estimate.model.experiments[found.label]
     rate_hz = 1 / estimate.model.loop.systems[found.label].step_size
     given = Expected(found.measured, found.simulated)
-    of_log = log_diagnostics(experiment, found.label, given, rate_hz)
-    yield from (d for d in of_log if d.code not in (LOG_OUTLIERS, FEW_OUTLIERS))
+    yield from log_diagnostics(experiment, found.label, given, rate_hz, with_outliers=False)
     residual = found.measured - found.simulated
     gram = np.asarray(sum(block.gram for block in told.blocks))
     for j in range(residual.shape[1]):

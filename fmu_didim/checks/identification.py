@@ -10,7 +10,7 @@ import numpy as np
 from fmu_didim.base.diagnostics import CATALOGUE, DOUBT, REMARK, Diagnostic
 from fmu_didim.base.errors import UnknownNameError
 from fmu_didim.checks.agreement import AgreementResult, agreement
-from fmu_didim.checks.all_samples import all_samples_diagnostics
+from fmu_didim.checks.all_samples import with_all_samples
 from fmu_didim.checks.channels import channel_diagnostics, position_fit_diagnostics
 from fmu_didim.checks.data.checks import confirmed
 from fmu_didim.checks.data.unsigned import signs_diagnostics
@@ -171,10 +171,8 @@ def checked(estimate: Estimate, validations: Sequence[Validation], *, before: It
         return _of_motion(estimate, validations, before)
     tests = residual_tests(estimate)
     agreements = {} if estimate.fit is None else agreement(estimate.fit)
-    before = list(before)
     found = [
-        *confirmed(judged_model(estimate), before),
-        *all_samples_diagnostics(estimate, validations, before),
+        *with_all_samples(estimate, validations, confirmed(judged_model(estimate), before)),
         *held_parameters(model),
         *limit_diagnostics(estimate),
         *agreement_diagnostics(agreements, model.loads),

@@ -11,6 +11,7 @@ summed block by block, and no second table as large as S is ever there.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
@@ -36,8 +37,8 @@ from fmu_didim.model.stretches import PartOfLogs, part_of_logs, whole_logs
 
 STEPS = 10
 """[steps] Of Gauss and Newton at most: two or three are usual."""
-BLOCK = 50_000
-"""[samples] Of a log that are summed together: tables over them stay small beside that of the sensitivities."""
+BLOCKS = 20
+"""[blocks] Of a log, between which what changes shows; tables over one are small beside that of the sensitivities."""
 SEAM = 0.05
 """[standard deviations] Of the residual, by which the simulated torque of a part may differ from that of the whole logs
 at its samples, root mean square: less than a noise of a twentieth added."""
@@ -53,7 +54,7 @@ def part_to_judge(model: LoopModel, estimator: Estimator) -> PartOfLogs | None:
     if not isinstance(estimator, Didim) or not estimator.finish or estimator.estimate_delay or model.prior is not None:
         return None
     robot = model.parameters.has_regressor and not model.parameters.is_probed
-    if not robot or model.joint_weights != "estimated" or model.linear_count < len(model.free_parameters):
+    if not robot or model.joint_weights != "estimated":
         return None
     return part_of_logs(model)
 
@@ -65,7 +66,7 @@ def on_all_samples(found: Estimate, part: PartOfLogs, whole: LoopModel, progress
     Raises:
         SimulationError: the whole logs cannot be simulated with the values of the part.
     """
-    if found.minimum is None or len(found.model.free_parameters) > found.model.linear_count:
+    if found.minimum is None:
         return None
     minimum = _Minimum.near(found.minimum, whole_logs(found.minimum.model, whole))
     seam = _seam(found.minimum, part, minimum)
@@ -89,8 +90,8 @@ class _Minimum:
     @classmethod
     def near(cls, fit: Fit, model: LoopModel) -> _Minimum:
         """At the values of a fit of a part."""
-        outputs = model.outputs(fit.values)
-        table = sensitivity(model, fit.values, outputs)
+        outputs = _torque(model, fit.values)
+        table = sensitivity(model, fit.values, outputs, steps=dict(fit.steps))
         return cls(model, fit.values, outputs, table, model.measured, [])
 
     @property
@@ -113,11 +114,17 @@ class _Minimum:
             if size < NEXT_STEP:
                 return True
             self.values = self.values + step
-            self.outputs = self.model.outputs(self.values)
+            self.outputs = _torque(self.model, self.values)
             residual = self.residual
             stated = ~np.isnan(self.model.stated_deviations)
             self.deviation = np.where(stated, self.deviation, _deviation(residual, self.table))
         return False
+
+
+def _torque(model: LoopModel, values: Array) -> Array:
+    """(N, n) simulated torque of all logs, of which nothing else is recorded."""
+    runs = [model.simulation(values, label) for label in model.estimation_labels]
+    return np.concatenate([run.sampled_torque(run.record(signals=model.loop.logged)) for run in runs])
 
 
 def _deviation(residual: Array, table: Array) -> Array:
@@ -150,7 +157,7 @@ def _estimate(found: Estimate, part: PartOfLogs, minimum: _Minimum, seam: float)
         )
         for c in found.colours
     )
-    blocks = tuple(_blocks(fit, minimum, residual, colours))
+    blocks = tuple(_blocks(fit, part, minimum, residual, colours))
     inverse = np.linalg.pinv(np.asarray(sum(b.gram for b in blocks)), hermitian=True)
     covariance = inverse @ np.asarray(sum(b.scatter for b in blocks)) @ inverse
     deviation, values = np.sqrt(np.diag(covariance)), minimum.values
@@ -201,7 +208,9 @@ def _far(minimum: _Minimum, residual: Array, inverse: Array) -> dict[tuple[str, 
     return found
 
 
-def _blocks(fit: Fit, minimum: _Minimum, residual: Array, colours: Sequence[Colour]) -> Iterator[BlockOfLog]:
+def _blocks(
+    fit: Fit, part: PartOfLogs, minimum: _Minimum, residual: Array, colours: Sequence[Colour]
+) -> Iterator[BlockOfLog]:
     """The blocks of all logs, with noise of the colour that the part has."""
     experiments, weight = minimum.model.experiments, minimum.deviation**-2
     counted = tuple(
@@ -214,8 +223,8 @@ def _blocks(fit: Fit, minimum: _Minimum, residual: Array, colours: Sequence[Colo
     }
     for label, rows in experiments.rows.items():
         time, count = experiments[label].time, rows.stop - rows.start
-        edges = np.linspace(0, count, max(1, round(count / BLOCK)) + 1).astype(int)
-        for begin, end in zip(edges[:-1], edges[1:], strict=True):
+        edges = np.linspace(0, count, BLOCKS + 1 if label in part.rows else 2).astype(int)
+        for begin, end in itertools.pairwise(edges):
             own = slice(rows.start + begin, rows.start + end)
             table, left = minimum.table[own], residual[own]
             scores = table * weight[:, None]
@@ -227,3 +236,8 @@ def _blocks(fit: Fit, minimum: _Minimum, residual: Array, colours: Sequence[Colo
                 flat.T @ table.reshape(-1, table.shape[2]), covariance_of(scores, noise, [stretch]),
                 np.sqrt((left**2).mean(axis=0)),
             )  # fmt: skip
+
+
+def _as_loud(colour: Colour) -> Colour:
+    """Noise that is louder in places as noise of one size that brings as large deviations."""
+    return replace(colour, variance=colour.variance * colour.inflation**2, coefficients=np.zeros(0))

@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from numpy.polynomial import Polynomial
 from numpy.typing import NDArray
 from scipy import sparse
 
@@ -127,8 +128,8 @@ def _shortened(experiment: Experiment, period: int | None) -> tuple[Experiment, 
     else:
         stretches = _anywhere(reference, ticks // STRETCHES)
     first, last = _support(experiment.operator)
-    kept, moved, begins = [], [], np.zeros(0)
-    values, place = [], 0
+    kept, moved = list[Indices](), list[NDArray[np.int64]]()
+    values, place, ends = list[Array](), 0, -np.inf
     for stretch in stretches:
         if stretch.seam:
             values.append(_seam(reference, values[-1], stretch, step))
@@ -136,11 +137,12 @@ def _shortened(experiment: Experiment, period: int | None) -> tuple[Experiment, 
         own = np.flatnonzero((first >= stretch.counted) & (last < stretch.end))
         shift = place - stretch.begin
         usual = float(np.median(np.diff(experiment.time[own]))) if own.size > 1 else 0.0
-        if kept and own.size and experiment.time[own[0]] + shift * step - begins[-1] < CLOSE * usual:
+        if own.size and experiment.time[own[0]] + shift * step - ends < CLOSE * usual:
             own = own[1:]
         kept.append(own)
         moved.append(np.full(own.size, shift))
-        begins = np.append(begins, experiment.time[own[-1:]] + shift * step)
+        if own.size:
+            ends = float(experiment.time[own[-1]]) + shift * step
         values.append(reference.values[stretch.begin : stretch.end])
         place += stretch.end - stretch.begin
     rows, shifts = np.concatenate(kept), np.concatenate(moved)
@@ -218,14 +220,15 @@ def _seam(reference: Trajectory, before: Array, stretch: _Stretch, step: float) 
     return rows
 
 
-def _fifth(ends: Array, duration: float) -> np.polynomial.Polynomial:
+def _fifth(ends: Array, duration: float) -> Polynomial:
     """The polynomial with these values, slopes and curvatures (6,) at 0 and at a duration."""
     powers = np.arange(6)
     table = np.zeros((6, 6))
     for row, (at, order) in enumerate((a, k) for a in (0.0, duration) for k in range(3)):
         factors = np.array([math.perm(int(n), order) for n in powers], dtype=float)
-        table[row] = factors * np.power(at, np.maximum(powers - order, 0)) * (powers >= order)
-    return np.polynomial.Polynomial(np.linalg.solve(table, ends))
+        table[row] = factors * np.power(at, np.maximum(powers - order, 0))
+    coefficients: Array = np.linalg.solve(table, ends)
+    return Polynomial(coefficients)
 
 
 def _support(operator: SampleOperator) -> tuple[Indices, Indices]:

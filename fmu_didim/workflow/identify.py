@@ -102,7 +102,9 @@ def identify(
     refusal = _Refusal(case, folder, record)
     part = judged_part(case, names, essential=essential)
     try:
-        model, of_data = without_outliers(model, refuse_problems(case_diagnostics(case, part and part.model)))
+        model, of_data = without_outliers(
+            model, refuse_problems(case_diagnostics(case, None if part is None else part.model))
+        )
         consistency, of_plant = check_plant(case, model)
         of_plant = refuse_problems(of_plant)
     except DiagnosedError as error:
@@ -127,7 +129,11 @@ def identify(
     except IdentificationError as error:
         refusal.save(error, before)
         raise
-    result = _judged(case, replace(estimate, provenance=record), before, refusal.known, sentences)
+    try:
+        result = _judged(case, replace(estimate, provenance=record), before, refusal.known, sentences)
+    except DiagnosedError as error:
+        refusal.save(error, error.found)
+        raise
     if show is not None:
         show(result)
     if folder is not None:
@@ -174,6 +180,8 @@ def _judged(
 ) -> Result:
     validations = validated(estimate)
     checks = acknowledging(checked(estimate, validations, before=before), estimate, sentences)
+    if estimate.all_samples is not None:  # whose problems would have been found before, had they been in the part
+        refuse_problems(checks.judgement.reasons)
     document = result_document(
         case.name, estimate, validations, checks=checks, description=case.document.description,
         case=case.path.name,
