@@ -15,7 +15,7 @@ import numpy as np
 from fmu_didim.base.diagnostics import CATALOGUE, DOUBT, REMARK, Diagnostic
 from fmu_didim.checks.agreement import SIGNIFICANCE, parts_agree
 from fmu_didim.checks.data.expected import Expected
-from fmu_didim.checks.data.log import FEW_OUTLIERS, LOG_OUTLIERS, log_diagnostics
+from fmu_didim.checks.data.log import FEW_OUTLIERS, LOG_OUTLIERS, SAMPLES_MISSING, log_diagnostics
 from fmu_didim.checks.data.outliers import outlying
 from fmu_didim.checks.judgement import MATTERS
 from fmu_didim.checks.validation import Validation
@@ -37,14 +37,15 @@ JUDGED_ON_PART = CATALOGUE(
     next_step="To have a part of the log judged sample by sample, identify it alone: from_s and to_s of the run.",
 )  # fmt: skip
 LOG_CHANGES = CATALOGUE(
-    "log-changes", DOUBT, rank=44,
+    "log-changes", DOUBT, rank=62,
     meaning="A part of a long log does not agree with the others on the values: something changed while it was "
-    "recorded, as friction does in a gear that becomes warm, or a load. The values are between those of the parts.",
-    next_step="Identify the parts by themselves, as runs with from_s and to_s, with values of their own for what "
-    "changed (own: [...]).",
+    "recorded, as friction does in a gear that becomes warm, or the model lacks something that counts more in one "
+    "motion than in another. The values are between those of the parts.",
+    next_step="If nothing else is told that explains it, identify the parts by themselves, as runs with from_s and "
+    "to_s, with values of their own for what changed (own: [...]).",
 )  # fmt: skip
 REST_LARGER = CATALOGUE(
-    "residual-larger-in-rest", DOUBT, rank=62,
+    "residual-larger-in-rest", DOUBT, rank=63,
     meaning="In a part of a long log the residual is larger than in the stretches whose shape was looked at: something "
     "acts there that was not judged.",
     next_step="Look at the residual there in the report; identify that part alone (from_s, to_s), or leave it out.",
@@ -57,8 +58,8 @@ def with_all_samples(
     """What was found of the data, and what is found in all samples; the former alone where all were judged.
 
     Args:
-        validations: of all experiments; before: what was found of the data of the part, in the place of which comes what
-            all samples show of the same.
+        validations: of all experiments; before: what was found of the data of the part, in whose place comes what all
+            samples show of the same; gaps between its stretches are none.
     """
     told = estimate.all_samples
     if told is None:
@@ -68,6 +69,7 @@ def with_all_samples(
         if validation.label in told.spans and not validation.failure:
             found += _of_log(estimate, told, validation)
     again = {(_kind(d), d.place) for d in found}
+    again |= {(SAMPLES_MISSING.name, label) for label in told.spans}
     return [*(d for d in before if (_kind(d), d.place) not in again), *found]
 
 

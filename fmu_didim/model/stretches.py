@@ -129,7 +129,7 @@ def _shortened(experiment: Experiment, period: int | None) -> tuple[Experiment, 
         stretches = _anywhere(reference, ticks // STRETCHES)
     first, last = _support(experiment.operator)
     kept, moved = list[Indices](), list[NDArray[np.int64]]()
-    values, place, ends = list[Array](), 0, -np.inf
+    values, place, ends = list[Array](), 0, float(-np.inf)
     for stretch in stretches:
         if stretch.seam:
             values.append(_seam(reference, values[-1], stretch, step))
@@ -227,8 +227,7 @@ def _fifth(ends: Array, duration: float) -> Polynomial:
     for row, (at, order) in enumerate((a, k) for a in (0.0, duration) for k in range(3)):
         factors = np.array([math.perm(int(n), order) for n in powers], dtype=float)
         table[row] = factors * np.power(at, np.maximum(powers - order, 0))
-    coefficients: Array = np.linalg.solve(table, ends)
-    return Polynomial(coefficients)
+    return Polynomial(np.asarray(np.linalg.solve(table, ends)))
 
 
 def _support(operator: SampleOperator) -> tuple[Indices, Indices]:
