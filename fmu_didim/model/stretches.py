@@ -200,7 +200,7 @@ def _seam(reference: Trajectory, before: Array, stretch: _Stretch, step: float) 
     index = {name: i for i, name in enumerate(reference.names)}
     after = reference.values[stretch.begin : stretch.begin + 3]
     share = np.arange(1, stretch.seam + 1)[:, None] / (stretch.seam + 1)
-    rows = before[-1] + share * (after[0] - before[-1])
+    rows: Array = before[-1] + share * (after[0] - before[-1])
     duration = (stretch.seam + 1) * step
     for name, i in index.items():
         if not name.startswith("q"):
@@ -211,10 +211,8 @@ def _seam(reference: Trajectory, before: Array, stretch: _Stretch, step: float) 
             slope = np.gradient(part[:, i], step)
             ends += [part[at, i], slope[at] if speed is None else part[at, speed]]
             ends += [np.gradient(slope, step)[at] if acceleration is None else part[at, acceleration]]
-        polynomial = _fifth(np.array(ends), duration)
-        along = share[:, 0] * duration
-        rows[:, i] = polynomial(along)
-        for order, column in ((1, speed), (2, acceleration)):
+        polynomial, along = _fifth(np.array(ends), duration), share[:, 0] * duration
+        for order, column in enumerate((i, speed, acceleration)):
             if column is not None:
                 rows[:, column] = polynomial.deriv(order)(along)
     return rows
