@@ -32,7 +32,6 @@ from fmu_didim.fit.fit_uncertainty import unfiltered_residual
 from fmu_didim.fit.noise.noise import TINY
 from fmu_didim.fit.statistics import noise_deviation
 from fmu_didim.fit.uncertainty import stretches, uncertainty
-from fmu_didim.model.free_parameter import FreeParameters
 
 SIGNIFICANCE = 0.001
 """[1] Probability, for all experiments together, with which experiments that agree are said to disagree."""
@@ -89,10 +88,12 @@ def agreement(fit: Fit) -> Mapping[str, AgreementResult]:
     return found
 
 
-def parts_agree(free: FreeParameters, parts: Sequence[BlockOfLog]) -> list[AgreementResult]:
-    """How each part of logs agrees with all others on what they share, at their common minimum; none of fewer than two.
+def parts_agree(names: tuple[str, ...], parts: Sequence[BlockOfLog]) -> list[AgreementResult]:
+    """How each part of logs agrees with all others on the parameters of these names (p,), at their common minimum; none
+    of fewer than two.
 
-    The same test, where what it needs has been summed over each part.
+    The same test, where what it needs has been summed over each part. What acts in one part alone, as a start does, has
+    nothing to agree with.
     """
     if len(parts) < 2:
         return []
@@ -100,13 +101,11 @@ def parts_agree(free: FreeParameters, parts: Sequence[BlockOfLog]) -> list[Agree
     # The pull of a limit is no disagreement.
     pulled = inverse @ np.asarray(sum(p.score for p in parts))
     every = inverse @ np.asarray(sum(p.scatter for p in parts)) @ inverse
-    shared = np.array([parameter.experiment is None for parameter in free])
-    both, found = np.outer(shared, shared), []
+    found = []
     for part in parts:
         gram, own = part.gram, part.gram @ inverse @ part.scatter
         slope, spread = gram - gram @ inverse @ gram, part.scatter - own - own.T + gram @ every @ gram
-        score = (part.score - gram @ pulled) * shared
-        found.append(_judged(free.names, score, slope * both, spread * both, len(parts)))
+        found.append(_judged(names, part.score - gram @ pulled, slope, spread, len(parts)))
     return found
 
 

@@ -89,7 +89,7 @@ def _judged_part(told: AllSamples) -> Iterator[Diagnostic]:
 
 def _changes(estimate: Estimate, told: AllSamples) -> Iterator[Diagnostic]:
     """The block of each log that agrees least with the others, where it does not."""
-    results = parts_agree(estimate.model.free_parameters, told.blocks)
+    results = parts_agree(estimate.names, told.blocks)
     worst = dict[str, tuple[BlockOfLog, float]]()
     for block, result in zip(told.blocks, results, strict=True):
         if not result.agrees and (block.label not in worst or result.p_value < worst[block.label][1]):

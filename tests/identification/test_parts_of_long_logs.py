@@ -105,7 +105,14 @@ def outliers(data: Data) -> tuple[Array, Array]:
 
 
 def changes(data: Data) -> tuple[Array, Array]:
-    """Coulomb friction of joint 2, by three per cent, half-way."""
+    """Coulomb friction of joint 2, by a tenth, where nothing is judged."""
+    torque = data.torque().copy()
+    torque[data.between] = data.torque(("Fc", 1.1))[data.between]
+    return data.time, noisy(data, torque)
+
+
+def drifts(data: Data) -> tuple[Array, Array]:
+    """The same by three per cent, half-way."""
     half = np.arange(data.samples)[:, None] >= 0.53 * data.samples
     return data.time, noisy(data, np.where(half, data.torque(("Fc", 1.03)), data.torque()))
 
@@ -120,7 +127,7 @@ def shaken(data: Data) -> tuple[Array, Array]:
 WRONG: Mapping[str, tuple[Callable[[Data], tuple[Array, Array]], str]] = {
     "offset": (offset, "residual-depends-on-motion"), "late": (late, "clock-late"),
     "stribeck": (stribeck, "residual-depends-on-motion"), "outliers": (outliers, "log-outliers"),
-    "changes": (changes, "log-changes"),
+    "changes": (changes, "log-changes"), "drifts": (drifts, "residual-depends-on-motion"),
 }  # fmt: skip
 """What is wrong -> the log, and the code that tells it."""
 
@@ -140,8 +147,8 @@ def test_the_answer_is_that_of_all_samples(data: Any, short: None, monkeypatch: 
     whole = identified(own, log)
     assert whole.estimate.all_samples is None and parted.estimate.all_samples is not None
     sigma = whole.estimate.standard_deviation
-    assert np.abs(parted.estimate.value - whole.estimate.value).max() < 0.02 * sigma.max()
-    assert (np.abs(parted.estimate.value - whole.estimate.value) < 0.02 * sigma).all()
+    apart = np.abs(parted.estimate.value - whole.estimate.value) / sigma
+    assert apart.max() < 0.05  # by the steps of the integration, which the part has chosen
     np.testing.assert_allclose(parted.estimate.standard_deviation, sigma, rtol=0.02)
     part = parted.estimate.all_samples.deviation_of_part
     assert (part > 1.5 * sigma).all()  # which have fewer samples
