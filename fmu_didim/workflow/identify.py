@@ -91,13 +91,7 @@ def identify(
     model = case.model
     if essential:
         check_reducible(model)
-    record = provenance(model, described_estimator(case), files=case_files(case))
-    asked = {name: True for name, wanted in (("profile", profile), ("essential", essential)) if wanted}
-    record |= repeating("identify", case, None if out is None else Path(out), asked)
-    if case.document.plant.parameter_names:
-        record["parameter_names"] = dict(case.document.plant.parameter_names)
-    if case.document.search is not None:
-        record["search"] = case.document.search.model_dump(mode="json")
+    record = _record(case, out, {"profile": profile, "essential": essential})
     sentences = acknowledged(case)
     refusal = _Refusal(case, folder, record)
     part = judged_part(case, names, essential=essential)
@@ -117,13 +111,10 @@ def identify(
     try:
         estimate = None if part is None else estimated_by_part(case, part, progress or no_progress)
         if estimate is None:
-            before = before if part is None else by_weight([*refuse_problems(case_diagnostics(case)), *of_plant])
+            before = before if part is None else _of_all(case, of_plant)
             estimate = estimated(case, model, names, progress or no_progress, essential=essential)
     except (RefusedError, SimulationError) as caught:
-        refused = caught if isinstance(caught, RefusedError) else RefusedError(
-            caught.what, iterations=(), got=caught.got, next_step=caught.next_step, where=caught.where
-        )  # fmt: skip
-        refused = refused.because_of(model.pool.failure)  # the first failure of a component, if there was one
+        refused = _refused(caught).because_of(model.pool.failure)  # the first one of a component, if there was one
         refusal.save(refused, before)
         raise _with_known(refused, before) from caught
     except IdentificationError as error:
@@ -139,6 +130,29 @@ def identify(
     if folder is not None:
         result.write(folder)
     return result
+
+
+def _record(case: Case, out: Path | str | None, choices: Mapping[str, Any]) -> dict[str, Any]:
+    """The provenance of the result; choices: of the call."""
+    record = provenance(case.model, described_estimator(case), files=case_files(case))
+    asked = {name: True for name, wanted in choices.items() if wanted}
+    record |= repeating("identify", case, None if out is None else Path(out), asked)
+    if case.document.plant.parameter_names:
+        record["parameter_names"] = dict(case.document.plant.parameter_names)
+    if case.document.search is not None:
+        record["search"] = case.document.search.model_dump(mode="json")
+    return record
+
+
+def _of_all(case: Case, of_plant: Sequence[Diagnostic]) -> list[Diagnostic]:
+    """What is found of all data where those of a part have led to no estimate, and of the plant."""
+    return by_weight([*refuse_problems(case_diagnostics(case)), *of_plant])
+
+
+def _refused(caught: RefusedError | SimulationError) -> RefusedError:
+    if isinstance(caught, RefusedError):
+        return caught
+    return RefusedError(caught.what, iterations=(), got=caught.got, next_step=caught.next_step, where=caught.where)
 
 
 @dataclass
