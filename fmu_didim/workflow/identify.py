@@ -95,11 +95,10 @@ def identify(
     sentences = acknowledged(case)
     refusal = _Refusal(case, folder, record)
     part = judged_part(case, names, essential=essential)
+    judged = None if part is None else part.model
     try:
-        model, of_data = without_outliers(
-            model, refuse_problems(case_diagnostics(case, None if part is None else part.model))
-        )
-        consistency, of_plant = check_plant(case, model)
+        model, of_data = without_outliers(model, refuse_problems(case_diagnostics(case, judged)))
+        consistency, of_plant = check_plant(case, judged or model)
         of_plant = refuse_problems(of_plant)
     except DiagnosedError as error:
         refusal.save(error, error.found)
