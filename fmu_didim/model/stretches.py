@@ -12,7 +12,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.polynomial import Polynomial
@@ -34,8 +33,12 @@ AFTER_SEAM = 0.2
 """[1] Of a stretch, that the loop follows before samples count, where the motion does not repeat."""
 REPEATS_WITHIN = 1e-6
 """[1] Of the range of a column, within which a motion repeats: rounding of a file."""
+ROUNDING_S = 1e-9
+"""[s] Of stamps, beside the ends of a stretch."""
 FEWEST_PERIODS = 2
 """[periods] In all stretches, of a motion that counts as one that repeats."""
+FEWEST = 0.7
+"""[1] Of the samples that are to be judged, that the stretches have at least: of a log that covers its reference."""
 SPEED, ACCELERATION = 2.0, 6.0
 """[1] Largest speed and acceleration of a polynomial of fifth degree from rest to rest, of distance over time and its
 square: 1.875 and 5.77."""
@@ -120,16 +123,18 @@ class _Stretch:
 def _shortened(experiment: Experiment, period: int | None) -> tuple[Experiment, Indices, Array] | None:
     """The experiment of a part of its samples, their rows, and where the stretches lie, s; None where it has none."""
     reference, step = experiment.reference, experiment.reference.step
-    ticks = math.ceil(PART * reference.time.size / experiment.time.size)
+    first, last = _support(experiment.operator)
+    count = int(last.max()) + 1
+    ticks = math.ceil(PART * (count - int(first.min())) / experiment.time.size)
     if ticks < STRETCHES:
         return None
     if period is not None and ticks >= FEWEST_PERIODS * period:
-        stretches = _whole_periods(reference.time.size, ticks, period)
+        stretches = _whole_periods(count, ticks, period)
     else:
-        stretches = _anywhere(reference, ticks // STRETCHES)
-    first, last = _support(experiment.operator)
+        stretches = _anywhere(reference, count, ticks // STRETCHES)
     kept, moved = list[Indices](), list[NDArray[np.int64]]()
     values, place, ends = list[Array](), 0, float(-np.inf)
+    later = list[int]()
     for stretch in stretches:
         if stretch.seam:
             values.append(_seam(reference, values[-1], stretch, step))
@@ -145,21 +150,36 @@ def _shortened(experiment: Experiment, period: int | None) -> tuple[Experiment, 
             ends = float(experiment.time[own[-1]]) + shift * step
         values.append(reference.values[stretch.begin : stretch.end])
         place += stretch.end - stretch.begin
+        later.append(shift)
     rows, shifts = np.concatenate(kept), np.concatenate(moved)
+    if rows.size < FEWEST * PART:
+        return None
     time = reference.time[0] + step * np.arange(place)
     short = Trajectory(time, np.concatenate(values), reference.variables, reference.source)
     at = experiment.time[rows] + shifts * step
     spans = np.array([[reference.time[s.counted], reference.time[s.end - 1] + step] for s in stretches])
-    changes: dict[str, Any] = {} if experiment.positions is None else {"positions": None}
     result = replace(
         experiment, reference=short, time=at, torque=experiment.torque[rows],
-        operator=_moved(experiment.operator, rows, shifts, place), stamps=at, **changes,
+        operator=_moved(experiment.operator, rows, shifts, place), stamps=at,
+        positions=_cut(experiment.positions, spans, step * np.array(later)),
     )  # fmt: skip
     return result, rows, spans
 
 
+def _cut(positions: Trajectory | None, spans: Array, later: Array) -> Trajectory | None:
+    """Measured positions in stretches (k, 2) s, so much later (k,)."""
+    if positions is None:
+        return None
+    own = [
+        np.flatnonzero((positions.time > begin - ROUNDING_S) & (positions.time < end - ROUNDING_S))
+        for begin, end in spans
+    ]
+    time = np.concatenate([positions.time[rows] + shift for rows, shift in zip(own, later, strict=True)])
+    return replace(positions, time=time, values=positions.values[np.concatenate(own)])
+
+
 def _whole_periods(count: int, ticks: int, period: int) -> list[_Stretch]:
-    """Stretches of whole periods, about so many ticks in all, evenly from the whole length."""
+    """Stretches of whole periods, about so many ticks in all, evenly from the first ``count``."""
     wanted, there = ticks // period, count // period
     stretches = min(STRETCHES, wanted)
     length = wanted // stretches
@@ -167,10 +187,10 @@ def _whole_periods(count: int, ticks: int, period: int) -> list[_Stretch]:
     return [_Stretch(int(b), int(b), int(b) + length * period) for b in begins]
 
 
-def _anywhere(reference: Trajectory, length: int) -> list[_Stretch]:
-    """Stretches of so many ticks that count, evenly from the whole length, with what lies before them."""
+def _anywhere(reference: Trajectory, count: int, length: int) -> list[_Stretch]:
+    """Stretches of ``length`` ticks that count, evenly from the first ``count``, with what lies before them."""
     before = math.ceil(AFTER_SEAM * length)
-    begins = np.linspace(0, reference.time.size - length - before, STRETCHES).astype(int)
+    begins = np.linspace(0, count - length - before, STRETCHES).astype(int)
     found = [_Stretch(0, 0, length)]
     for begin in begins[1:]:
         seam = _ticks_between(reference, found[-1].end - 1, int(begin))
