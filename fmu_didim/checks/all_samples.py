@@ -19,6 +19,8 @@ from fmu_didim.checks.data.log import FEW_OUTLIERS, LOG_OUTLIERS, SAMPLES_MISSIN
 from fmu_didim.checks.data.outliers import outlying
 from fmu_didim.checks.judgement import MATTERS
 from fmu_didim.checks.validation import Validation
+from fmu_didim.cosim import Indices
+from fmu_didim.data.signals import Array
 from fmu_didim.fit.estimate import Estimate
 from fmu_didim.fit.exploration.all_samples import AllSamples, BlockOfLog
 from fmu_didim.fit.noise.noise import TINY
@@ -128,7 +130,6 @@ def _of_log(estimate: Estimate, told: AllSamples, found: Validation) -> Iterator
     given = Expected(found.measured, found.simulated)
     yield from log_diagnostics(experiment, found.label, given, rate_hz, with_outliers=False)
     residual = found.measured - found.simulated
-    gram = np.asarray(sum(block.gram for block in told.blocks))
     for j in range(residual.shape[1]):
         speed = found.motion.get(f"dq{j + 1}")
         rows = outlying(
@@ -136,17 +137,28 @@ def _of_log(estimate: Estimate, told: AllSamples, found: Validation) -> Iterator
         )
         if not rows.size:
             continue
-        far = told.far.get((found.label, j))
-        moved = np.inf
-        if far is not None and np.isin(rows, far.rows).all():
-            change = far.influence[np.searchsorted(far.rows, rows)].T @ residual[rows, j]
-            moved = float(np.sqrt(change @ gram @ change))
+        moved = 0.0 if found.role == "validation" else _moved(told, found.label, j, rows, residual[rows, j])
         largest, noise = float(np.abs(residual[rows, j]).max()), float(np.delete(residual[:, j], rows).std())
         first = ", ".join(f"{t:.6g}" for t in found.time[rows[:3]])
         text = (
             f"{rows.size} of {len(residual)} samples are off by up to {largest:.4g}, {largest / max(noise, TINY):.3g} "
             f"times the rest of the residual; the first at t = {first} s. "
-            f"They move the values by {moved:.2g} standard deviations, all together."
+            + (
+                "The run is held out: they move no value."
+                if found.role == "validation"
+                else f"They move the values by {moved:.2g} standard deviations, all together."
+            )
         )
         code = FEW_OUTLIERS if moved <= MATTERS else LOG_OUTLIERS
         yield Diagnostic(code, text, f"{found.label}: joint {j + 1}", moved, MATTERS, "standard deviations")
+
+
+def _moved(told: AllSamples, label: str, j: int, rows: Indices, errors: Array) -> float:
+    """Standard deviations by which errors (k,) of samples of joint ``j`` (from 0) move the values, all together;
+    infinite where there are more of them than are known."""
+    far = told.far[label, j]
+    if not np.isin(rows, far.rows).all():
+        return np.inf
+    change = far.influence[np.searchsorted(far.rows, rows)].T @ errors
+    gram = np.asarray(sum(block.gram for block in told.blocks))
+    return float(np.sqrt(change @ gram @ change))

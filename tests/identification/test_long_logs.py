@@ -14,7 +14,7 @@ from tests.tools.benchmarks.growth import Size, write_case
 
 BYTES_A_SAMPLE = {(10_000, 20_000): 3500, (100_000, 200_000): 750}
 """Samples of two logs of two joints -> by how much the second may take more, a sample; a table of the sensitivities
-takes 192. Where all samples are judged it was 2 900 when this was written, of longer logs 500."""
+takes 192. Where all samples are judged it was 2 900 when this was written."""
 
 
 @pytest.mark.slow

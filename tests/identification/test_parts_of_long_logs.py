@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -16,6 +16,7 @@ import yaml
 from fmu_didim import Log, identify
 from fmu_didim.base.diagnostics import DiagnosedError
 from fmu_didim.case import load_case
+from fmu_didim.checks.all_samples import with_all_samples
 from fmu_didim.data.signals import Array
 from fmu_didim.estimators import long_logs
 from fmu_didim.model import stretches
@@ -164,6 +165,15 @@ def test_what_is_wrong_is_told(what: str, data: Any, short: None) -> None:
     assert found.document.verdict == "doubtful"
     assert code in [reason.code for reason in found.document.reasons]
     assert [text for text in found.document.remarks if "stretches were looked at" in text]
+
+
+@pytest.mark.gate
+def test_outliers_of_a_held_out_log_move_no_value(data: Any, short: None) -> None:
+    found = identified(own := data(SAMPLES), outliers(own))
+    estimate, validations = found.estimate, found.validations
+    for role, code in (("estimation", "log-outliers"), ("validation", "few-outliers")):
+        told = with_all_samples(estimate, [replace(v, role=role) for v in validations], [])  # type: ignore[arg-type]
+        assert [d.code.name for d in told if "outliers" in d.code.name] == [code]
 
 
 @pytest.mark.gate
