@@ -17,7 +17,7 @@ Proceedings of the Cambridge Philosophical Society 44 (1948); D. D. Boos, The Am
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from pydantic import Field
@@ -26,6 +26,7 @@ from fmu_didim.base.distributions import chi2_sf
 from fmu_didim.base.documents import Saved
 from fmu_didim.data.signals import Array
 from fmu_didim.fit.confounding import shown_directions
+from fmu_didim.fit.exploration.all_samples import BlockOfLog
 from fmu_didim.fit.fit import Fit
 from fmu_didim.fit.fit_uncertainty import unfiltered_residual
 from fmu_didim.fit.noise.noise import TINY
@@ -84,6 +85,27 @@ def agreement(fit: Fit) -> Mapping[str, AgreementResult]:
         gram, own = grams[label], grams[label] @ inverse @ moved[label]
         slope, spread = gram - gram @ inverse @ gram, moved[label] - own - own.T + gram @ every @ gram
         found[label] = _judged(fit.model.names, score * shared, slope * both, spread * both, len(rows))
+    return found
+
+
+def parts_agree(names: tuple[str, ...], parts: Sequence[BlockOfLog]) -> list[AgreementResult]:
+    """How each part of logs agrees with all others on the parameters of these names (p,), at their common minimum; none
+    of fewer than two.
+
+    The same test, where what it needs has been summed over each part. What acts in one part alone, as a start does, has
+    nothing to agree with.
+    """
+    if len(parts) < 2:
+        return []
+    inverse = np.linalg.pinv(np.asarray(sum(p.gram for p in parts)), hermitian=True)
+    # The pull of a limit is no disagreement.
+    pulled = inverse @ np.asarray(sum(p.score for p in parts))
+    every = inverse @ np.asarray(sum(p.scatter for p in parts)) @ inverse
+    found = []
+    for part in parts:
+        gram, own = part.gram, part.gram @ inverse @ part.scatter
+        slope, spread = gram - gram @ inverse @ gram, part.scatter - own - own.T + gram @ every @ gram
+        found.append(_judged(names, part.score - gram @ pulled, slope, spread, len(parts)))
     return found
 
 

@@ -10,6 +10,7 @@ import numpy as np
 from fmu_didim.base.diagnostics import CATALOGUE, DOUBT, REMARK, Diagnostic
 from fmu_didim.base.errors import UnknownNameError
 from fmu_didim.checks.agreement import AgreementResult, agreement
+from fmu_didim.checks.all_samples import with_all_samples
 from fmu_didim.checks.channels import channel_diagnostics, position_fit_diagnostics
 from fmu_didim.checks.data.checks import confirmed
 from fmu_didim.checks.data.unsigned import signs_diagnostics
@@ -171,7 +172,7 @@ def checked(estimate: Estimate, validations: Sequence[Validation], *, before: It
     tests = residual_tests(estimate)
     agreements = {} if estimate.fit is None else agreement(estimate.fit)
     found = [
-        *confirmed(estimate.fitted_model, before),
+        *with_all_samples(estimate, validations, confirmed(judged_model(estimate), before)),
         *held_parameters(model),
         *limit_diagnostics(estimate),
         *agreement_diagnostics(agreements, model.loads),
@@ -205,6 +206,13 @@ def checked(estimate: Estimate, validations: Sequence[Validation], *, before: It
     judged = judgement(of_one_set(found, model), settled=estimate.status is Status.CONVERGED)
     judged, power = _with_power(judged, estimate, misfits, joints)
     return Checks(judged, tests, agreements, power)
+
+
+def judged_model(estimate: Estimate) -> LoopModel:
+    """The model with the samples that are judged, integrated as it was fitted."""
+    if estimate.all_samples is None or estimate.fit is None:
+        return estimate.fitted_model
+    return estimate.fit.model.with_values(estimate.fit.values)
 
 
 def acknowledging(checks: Checks, estimate: Estimate, sentences: Mapping[str, str]) -> Checks:

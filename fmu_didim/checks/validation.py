@@ -117,7 +117,8 @@ def validate_on(model: LoopModel, values: Array, label: str) -> Validation:
     every, motion, channels = None, dict[str, Array](), dict[str, ChannelValidation]()
     try:
         table = simulated_table(run)
-        simulated, failure = run.experiment.unscaled(run.torque()), ""
+        torque = run.torque_at(table.values[:, : model.joint_count]) if model.loop.shows_torque else run.torque()
+        simulated, failure = run.experiment.unscaled(torque), ""
         every = table.first(model.joint_count) if model.loop.shows_torque else table
         motion = motion_at_samples(run, table)
         channels = validated_channels(run)

@@ -171,6 +171,11 @@ _MEDIAN = 0.6745
 
 LINES_AT_ONCE = 1000
 """[lines] Of a file that are written together."""
+MANY_LINES = 20_000
+"""[lines] From which a file to the last bit is written by Arrow, in half the time; loading it takes as long as so
+many."""
+EXACT_DIGITS = 17
+"""[digits] That are read back to the last bit."""
 
 
 def write_csv(signals: Trajectory, path: Path | str, *, digits: int = 9) -> None:
@@ -180,6 +185,9 @@ def write_csv(signals: Trajectory, path: Path | str, *, digits: int = 9) -> None
         digits: significant digits; 17 are read back to the last bit.
     """
     header = ",".join(("t", *signals.names))
+    if digits == EXACT_DIGITS and signals.time.size >= MANY_LINES:
+        _write_exactly(signals, Path(path), header)
+        return
     table = np.column_stack([signals.time, signals.values])
     line = ",".join([f"%.{digits}g"] * table.shape[1]) + "\n"
     with Path(path).open("w", encoding="utf-8", newline="\n") as stream:
@@ -187,6 +195,18 @@ def write_csv(signals: Trajectory, path: Path | str, *, digits: int = 9) -> None
         for first in range(0, len(table), LINES_AT_ONCE):  # three times as fast as one by one
             some = table[first : first + LINES_AT_ONCE]
             stream.write(line * len(some) % tuple(some.ravel().tolist()))
+
+
+def _write_exactly(signals: Trajectory, path: Path, header: str) -> None:
+    """The same with the fewest digits of each number that are read back to the last bit."""
+    import pyarrow as pa
+    from pyarrow import csv
+
+    columns = [signals.time, *signals.values.T]
+    batch = {str(i): pa.array(np.ascontiguousarray(column)) for i, column in enumerate(columns)}
+    with path.open("wb") as stream:
+        stream.write((header + "\n").encode())
+        csv.write_csv(pa.table(batch), stream, csv.WriteOptions(include_header=False))
 
 
 def derivative(time: Array, values: Array) -> Array:

@@ -21,6 +21,7 @@ from fmu_didim.fit.estimate import Estimate, JointFit, Stage, Status
 from fmu_didim.fit.fit import Fit
 from fmu_didim.fit.fit_uncertainty import fit_uncertainty
 from fmu_didim.fit.iteration import Iteration
+from fmu_didim.fit.linear_problem import LinearProblem
 from fmu_didim.fit.log_noise import known_noise
 from fmu_didim.fit.noise.weighting import NoiseOfResidual, whitened
 from fmu_didim.fit.prior_fit import prior_fit
@@ -335,13 +336,17 @@ def torque_estimate(
 
 
 def unlimited_values(fit: Fit) -> Array | None:
-    """(p,) values that the data, and a prior, ask for without limits, by the linear problem at a fit; None where a
-    machine has them."""
-    region = Region.of(fit.model.with_values(fit.values))
-    equations = fit.equations
-    free = equations.step(fit.values, replace(region, low=fit.model.free_parameters.limits[0], machines=()), 0.0)[0]
-    held = equations.step(fit.values, region, 0.0)[0]
-    return None if (free == held).all() else fit.values + free
+    """As :func:`unlimited_by`, at a fit."""
+    return unlimited_by(fit.equations, fit.model, fit.values)
+
+
+def unlimited_by(equations: LinearProblem, model: LoopModel, values: Array) -> Array | None:
+    """(p,) values that the data, and a prior, ask for without limits, by the linear problem at these values (p,); None
+    where a machine has them."""
+    region = Region.of(model.with_values(values))
+    free = equations.step(values, replace(region, low=model.free_parameters.limits[0], machines=()), 0.0)[0]
+    held = equations.step(values, region, 0.0)[0]
+    return None if (free == held).all() else values + free
 
 
 def _of_failures(iterations: Sequence[Iteration]) -> list[str]:

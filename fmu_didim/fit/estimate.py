@@ -11,6 +11,7 @@ import numpy as np
 
 from fmu_didim.base.errors import FmuDidimError, IdentificationError
 from fmu_didim.data.signals import Array
+from fmu_didim.fit.exploration.all_samples import AllSamples
 from fmu_didim.fit.exploration.choices import Choices
 from fmu_didim.fit.exploration.essential import Essential
 from fmu_didim.fit.exploration.minima import SearchOutcome
@@ -122,6 +123,8 @@ class Estimate:
         profiles: of the parameters for which they were asked.
         essential: the reduced model, where it was asked for.
         search: what a search for other minima has found; None where there was one start.
+        all_samples: what those of long logs say of which a part was judged: ``fit`` and ``minimum`` are then of that
+            part, all else of all samples; None where they are of all.
         remarks: what the user should know; advice: what to do, if more is known than the status.
         provenance: versions, options, hashes, loop.
     """
@@ -156,6 +159,7 @@ class Estimate:
     profiles: tuple[Profile, ...] = ()
     essential: Essential | None = None
     search: SearchOutcome | None = None
+    all_samples: AllSamples | None = None
     remarks: tuple[str, ...] = ()
     advice: str = ""
     provenance: Mapping[str, Any] = field(default_factory=dict)

@@ -547,11 +547,19 @@ class Simulation:
 
     def sampled_torque(self, recording: Recording) -> Array:
         """(N, n) what the log shows of a recording at its ticks; raises DivergedError."""
-        torque = self.operator.apply(self.logged_torque(recording))
+        return self._sampled_torque(self.logged_torque(recording), float(recording.time[-1]))
+
+    def torque_at(self, every: Array) -> Array:
+        """(N, n) samples of the torque that a log would show at every tick, (T, n), of which one simulation gives the
+        motion, too; raises DivergedError."""
+        return self._sampled_torque(every[self.operator.ticks], float(self.experiment.reference.time[-1]))
+
+    def _sampled_torque(self, ticks: Array, end_s: float) -> Array:
+        torque = self.operator.apply(ticks)
         if not np.isfinite(torque).all():
             raise DivergedError(
-                f"The simulated {self.model.loop.quantity} is not finite.", time=float(recording.time[-1]),
-                next_step=self.when_diverged,
+                f"The simulated {self.model.loop.quantity} is not finite.", time=end_s, next_step=self.when_diverged
+
             )  # fmt: skip
         return self.model.experiments.compared(torque, self.label)
 

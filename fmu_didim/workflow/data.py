@@ -14,10 +14,11 @@ from fmu_didim.checks.plant.start import start_diagnostics
 from fmu_didim.model.loop_model import LoopModel
 
 
-def case_diagnostics(case: Case, *, causes: bool = True) -> list[Diagnostic]:
+def case_diagnostics(case: Case, model: LoopModel | None = None, *, causes: bool = True) -> list[Diagnostic]:
     """Problems and doubts about the data of a case, the most important first.
 
     Args:
+        model: of the case, with a part of its logs; with all of them by default.
         causes: see :func:`~fmu_didim.checks.data.checks.data_diagnostics`.
     """
     without = [label for label, run in case.document.runs.items() if run.torque is None]
@@ -25,7 +26,7 @@ def case_diagnostics(case: Case, *, causes: bool = True) -> list[Diagnostic]:
     of_reading = reading_diagnostics(case.model.loop.systems[case.model.first], stated)
     if case.data is not None:
         return by_weight(of_a_model([*model_data_diagnostics(case.model), *of_reading]))
-    return by_weight([*data_diagnostics(case.model, without_torque=without, causes=causes), *of_reading])
+    return by_weight([*data_diagnostics(model or case.model, without_torque=without, causes=causes), *of_reading])
 
 
 def check_plant(case: Case, model: LoopModel) -> tuple[Consistency | None, list[Diagnostic]]:

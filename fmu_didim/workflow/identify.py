@@ -27,7 +27,7 @@ from fmu_didim.workflow.data import case_diagnostics, check_plant
 from fmu_didim.workflow.output.loop import described_estimator, described_loop
 from fmu_didim.workflow.output.result import Result, result_folder
 from fmu_didim.workflow.output.result_folder import ResultFolder, checked_case
-from fmu_didim.workflow.search import estimated, profile_names
+from fmu_didim.workflow.search import estimated, estimated_by_part, judged_part, profile_names
 from fmu_didim.workflow.start import started_from
 
 _log = logging.getLogger(__name__)
@@ -91,18 +91,14 @@ def identify(
     model = case.model
     if essential:
         check_reducible(model)
-    record = provenance(model, described_estimator(case), files=case_files(case))
-    asked = {name: True for name, wanted in (("profile", profile), ("essential", essential)) if wanted}
-    record |= repeating("identify", case, None if out is None else Path(out), asked)
-    if case.document.plant.parameter_names:
-        record["parameter_names"] = dict(case.document.plant.parameter_names)
-    if case.document.search is not None:
-        record["search"] = case.document.search.model_dump(mode="json")
+    record = _record(case, out, {"profile": profile, "essential": essential})
     sentences = acknowledged(case)
     refusal = _Refusal(case, folder, record)
+    part = judged_part(case, names, essential=essential)
+    judged = None if part is None else part.model
     try:
-        model, of_data = without_outliers(model, refuse_problems(case_diagnostics(case)))
-        consistency, of_plant = check_plant(case, model)
+        model, of_data = without_outliers(model, refuse_problems(case_diagnostics(case, judged)))
+        consistency, of_plant = check_plant(case, judged or model)
         of_plant = refuse_problems(of_plant)
     except DiagnosedError as error:
         refusal.save(error, error.found)
@@ -112,23 +108,50 @@ def identify(
         refusal.known["consistency"] = consistency_result(consistency)
     model.pool.failure = None  # what was tried before may have gone beyond what the components stand
     try:
-        estimate = estimated(case, model, names, progress or no_progress, essential=essential)
+        estimate = None if part is None else estimated_by_part(case, part, progress or no_progress)
+        if estimate is None:
+            before = before if part is None else _of_all(case, of_plant)
+            estimate = estimated(case, model, names, progress or no_progress, essential=essential)
     except (RefusedError, SimulationError) as caught:
-        refused = caught if isinstance(caught, RefusedError) else RefusedError(
-            caught.what, iterations=(), got=caught.got, next_step=caught.next_step, where=caught.where
-        )  # fmt: skip
-        refused = refused.because_of(model.pool.failure)  # the first failure of a component, if there was one
+        refused = _refused(caught).because_of(model.pool.failure)  # the first one of a component, if there was one
         refusal.save(refused, before)
         raise _with_known(refused, before) from caught
     except IdentificationError as error:
         refusal.save(error, before)
         raise
-    result = _judged(case, replace(estimate, provenance=record), before, refusal.known, sentences)
+    try:
+        result = _judged(case, replace(estimate, provenance=record), before, refusal.known, sentences)
+    except DiagnosedError as error:
+        refusal.save(error, error.found)
+        raise
     if show is not None:
         show(result)
     if folder is not None:
         result.write(folder)
     return result
+
+
+def _record(case: Case, out: Path | str | None, choices: Mapping[str, Any]) -> dict[str, Any]:
+    """The provenance of the result; choices: of the call."""
+    record = provenance(case.model, described_estimator(case), files=case_files(case))
+    asked = {name: True for name, wanted in choices.items() if wanted}
+    record |= repeating("identify", case, None if out is None else Path(out), asked)
+    if case.document.plant.parameter_names:
+        record["parameter_names"] = dict(case.document.plant.parameter_names)
+    if case.document.search is not None:
+        record["search"] = case.document.search.model_dump(mode="json")
+    return record
+
+
+def _of_all(case: Case, of_plant: Sequence[Diagnostic]) -> list[Diagnostic]:
+    """What is found of all data where those of a part have led to no estimate, and of the plant."""
+    return by_weight([*refuse_problems(case_diagnostics(case)), *of_plant])
+
+
+def _refused(caught: RefusedError | SimulationError) -> RefusedError:
+    if isinstance(caught, RefusedError):
+        return caught
+    return RefusedError(caught.what, iterations=(), got=caught.got, next_step=caught.next_step, where=caught.where)
 
 
 @dataclass
@@ -170,6 +193,8 @@ def _judged(
 ) -> Result:
     validations = validated(estimate)
     checks = acknowledging(checked(estimate, validations, before=before), estimate, sentences)
+    if estimate.all_samples is not None:  # whose problems would have been found before, had they been in the part
+        refuse_problems(checks.judgement.reasons)
     document = result_document(
         case.name, estimate, validations, checks=checks, description=case.document.description,
         case=case.path.name,

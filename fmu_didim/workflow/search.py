@@ -8,10 +8,11 @@ from functools import partial
 
 import numpy as np
 
-from fmu_didim.base.errors import UnknownNameError
+from fmu_didim.base.errors import IdentificationError, SimulationError, UnknownNameError
 from fmu_didim.case import Case
 from fmu_didim.data.signals import Array
 from fmu_didim.estimators import Progress
+from fmu_didim.estimators.long_logs import on_all_samples, part_to_judge
 from fmu_didim.estimators.search import (
     check_minima,
     crew_of,
@@ -27,6 +28,7 @@ from fmu_didim.fit.exploration.choices import choices_of
 from fmu_didim.fit.noise.noise import TINY
 from fmu_didim.model.experiment import Experiment
 from fmu_didim.model.loop_model import LoopModel
+from fmu_didim.model.stretches import PartOfLogs
 
 SIGNS_AGAIN = 5
 """[fits] After the first one, for a log without signs, until this is one with those of the simulated torque: two or
@@ -59,6 +61,22 @@ def profile_names(case: Case, asked: bool | Sequence[str] | None) -> tuple[str, 
         if name not in known and "[" not in name:  # as of an initial state, which an estimator may free
             raise UnknownNameError("free parameter", name, case.model.names, where="profile")
     return names
+
+
+def judged_part(case: Case, names: tuple[str, ...] | None, *, essential: bool) -> PartOfLogs | None:
+    """The part of long logs that is judged; None where all samples are: also where profiles, a reduced model or a
+    search for other minima is asked for, or the controller is a virtual one."""
+    plain = case.document.search is None and case.tracking is None and case.data is None
+    return part_to_judge(case.model, case.estimator) if plain and names is None and not essential else None
+
+
+def estimated_by_part(case: Case, part: PartOfLogs, progress: Progress) -> Estimate | None:
+    """The estimate of all samples of long logs by way of a part of them; None where that does not lead to it."""
+    try:
+        found = case.estimator.estimate(part.model, progress=progress)
+        return on_all_samples(found, part, case.model, progress)
+    except (IdentificationError, SimulationError):  # of all samples, it may be another one, or none
+        return None
 
 
 def estimated(

@@ -10,7 +10,7 @@ import pytest
 from scipy.io import loadmat, savemat
 
 from fmu_didim.base.errors import InputError, UnknownNameError
-from fmu_didim.data.signals import Trajectory, Variable, trajectory, write_csv
+from fmu_didim.data.signals import EXACT_DIGITS, MANY_LINES, Trajectory, Variable, trajectory, write_csv
 from fmu_didim.data.tables import read_trajectory
 from fmu_didim.data.tables.readers.level5 import contents
 from tests.patience import Calls
@@ -64,6 +64,20 @@ def test_written_csv_is_read_back(tmp_path: Path) -> None:
     # Nothing more is lost the second time.
     write_csv(after, tmp_path / "b.csv")
     assert read_trajectory(tmp_path / "b.csv").digest() == after.digest()
+
+
+def test_many_lines_are_read_back_to_the_last_bit(tmp_path: Path) -> None:
+    """Whatever the size of a number, from the smallest to the largest."""
+    rng = np.random.default_rng(0)
+    time = np.cumsum(rng.uniform(1e-3, 2e-3, MANY_LINES))
+    values = rng.normal(size=time.size) * 10.0 ** rng.integers(-300, 300, time.size)
+    values[:4] = 0.0, -0.0, np.finfo(float).max, np.finfo(float).tiny
+    before = trajectory(time, {"q1": values})
+    write_csv(before, tmp_path / "a.csv", digits=EXACT_DIGITS)
+    after = read_trajectory(tmp_path / "a.csv")
+    assert (tmp_path / "a.csv").read_text().splitlines()[0] == "t,q1"
+    np.testing.assert_array_equal(after.time, before.time)
+    np.testing.assert_array_equal(after.values[:, 0], values)
 
 
 @pytest.mark.parametrize(

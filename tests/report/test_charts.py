@@ -15,7 +15,7 @@ from fmu_didim.report.drawing.diagram import Wire, loop_diagram, wires
 from fmu_didim.report.drawing.figures import COLOURS, matplotlib_figure
 from fmu_didim.report.drawing.residual import Residual
 from fmu_didim.report.drawing.residual_charts import autocorrelation, longest_even, spectrum, whiteness_charts
-from fmu_didim.report.drawing.torque_charts import Simulated, torque_chart
+from fmu_didim.report.drawing.torque_charts import Simulated, samples_text, torque_chart
 from fmu_didim.report.experiment_charts import RESIDUAL_CHARTS, ExperimentCharts, ResidualCharts, residual_sections
 from fmu_didim.report.sections import Charts, Text, matrix
 from tests.report.drawn import charts, line, plotted
@@ -64,6 +64,11 @@ def test_long_lines_are_thinned_and_points_are_not() -> None:
     thinned = limited(shown, points)
     assert thinned.panels[0].series[0].x.size <= points + 2
     assert thinned.panels[0].series[1].x.size == x.size
+
+
+def test_the_page_says_that_long_lines_are_thinned() -> None:
+    assert samples_text(np.arange(100.0)) == "100 samples over 99 s"
+    assert samples_text(np.arange(40_000.0)).startswith("40000 samples over 39999 s; lines go through the smallest and")
 
 
 def test_bounds_of_the_spectrum_and_of_the_correlations_hold_for_white_noise() -> None:

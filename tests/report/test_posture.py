@@ -48,6 +48,17 @@ def test_points_of_a_planar_arm() -> None:
     np.testing.assert_allclose(found[:, 3], end, atol=1e-14)
 
 
+def test_a_long_motion_is_drawn_by_a_part_of_its_samples() -> None:
+    time = 0.01 * np.arange(50_001)
+    q = np.column_stack([np.sin(time), np.cos(0.7 * time)])
+    links = [link(), link(a=0.5)]
+    drawn = skeleton("one", "One", links, (0.0, 0.0, -9.81), time, q, np.abs(np.sin(time)))
+    assert drawn is not None and drawn.time[[0, -1]].tolist() == [0.0, time[-1]]
+    rows = np.searchsorted(time, drawn.time - 1e-9)
+    np.testing.assert_allclose(drawn.points, joint_points(links, q[rows])[:, :, :2], atol=1e-12)
+    assert len(drawn.path) == len(drawn.level) == 1200
+
+
 def test_points_of_a_slide() -> None:
     """A vertical axis that carries a slide along the horizontal x axis of its frame turned by 90 degrees."""
     found = joint_points([link(d=0.4), link("prismatic", alpha=-np.pi / 2)], np.array([[0.0, 0.3]]))

@@ -170,11 +170,14 @@ SAMPLES_MISSING = CATALOGUE(
 )  # fmt: skip
 
 
-def log_diagnostics(experiment: Experiment, label: str, given: Expected, control_rate_hz: float) -> list[Diagnostic]:
+def log_diagnostics(
+    experiment: Experiment, label: str, given: Expected, control_rate_hz: float, *, with_outliers: bool = True
+) -> list[Diagnostic]:
     """The diagnostics of the log of one experiment.
 
     Args:
         given: the expected torque; control_rate_hz: of the loop.
+        with_outliers: whether single samples that leave their neighbours are looked for.
     """
     found = [
         *_missing(experiment, label),
@@ -188,7 +191,7 @@ def log_diagnostics(experiment: Experiment, label: str, given: Expected, control
         found += constant or [
             *_quantised(values, place),
             *_saturated(values, j, place, given),
-            *_outliers(j, place, given, held_out=experiment.role == "validation"),
+            *(_outliers(j, place, given, held_out=experiment.role == "validation") if with_outliers else ()),
         ]
     return found
 

@@ -47,14 +47,16 @@ RANK_DEVIATION = 0.2887
 
 def outliers(fitted: FittedMotion) -> dict[int, Indices]:
     """Joint (from 0) -> the samples of the log that are outliers, of those that have some."""
-    residual = _robust_residual(fitted)
-    found = {}
-    for j in range(residual.shape[1]):
-        sizes = np.abs(residual[:, j])
-        rows = _settled(_above_gap(sizes, EXACT * float(fitted.experiment.torque[:, j].std())))
-        if rows.size and not _follows_motion(rows, sizes, fitted.sampled_speed[:, j]):
-            found[j] = rows
-    return found
+    residual, torque = _robust_residual(fitted), fitted.experiment.torque
+    found = {j: outlying(residual[:, j], fitted.sampled_speed[:, j], torque[:, j]) for j in range(residual.shape[1])}
+    return {j: rows for j, rows in found.items() if rows.size}
+
+
+def outlying(residual: Array, speed: Array, torque: Array) -> Indices:
+    """The samples of a joint that are outliers, by its residual (N,), its speed (N,) and the torque of its log (N,)."""
+    sizes = np.abs(residual)
+    rows = _settled(_above_gap(sizes, EXACT * float(torque.std())))
+    return rows[:0] if rows.size and _follows_motion(rows, sizes, speed) else rows
 
 
 def outlier_diagnostics(fitted: FittedMotion, found: Mapping[int, Indices]) -> list[Diagnostic]:

@@ -20,6 +20,8 @@ from fmu_didim.results.result import LinkResult
 
 FRAMES = 240
 """[postures] Of the drawing: eight seconds at thirty a second."""
+MOST = 20_000
+"""[samples] Of a motion whose extent is looked at: of a long log every so many, all that a drawing shows."""
 PATH = 1200
 """[samples] Of the path of the end whose residual is drawn."""
 LEVELS = 5
@@ -81,6 +83,9 @@ def skeleton(
         gravity: (3,) m/s2 in the base frame, against which is upwards; q: (N, n) positions of the joints.
         left: (N,) size of the residual, in its standard deviations.
     """
+    if time.size > MOST:
+        few = np.unique(np.linspace(0, time.size - 1, MOST).astype(int))
+        time, q, left = time[few], q[few], left[few]
     points = joint_points(links, q)
     if not np.isfinite(points).all() or np.ptp(points, axis=(0, 1)).max() <= 0:
         return None

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fmu_didim.data.signals import Array
-from fmu_didim.report.drawing.charts import SERIES, Chart, Panel, Series
+from fmu_didim.report.drawing.charts import POINTS_PER_TRACE, SERIES, Chart, Panel, Series
 from fmu_didim.report.numbers import item_or_none, percentage, pretty_unit, with_unit
 from fmu_didim.results.result import IterationResult
 
@@ -168,5 +168,8 @@ def history_chart(history: Sequence[IterationResult], quantity: str = "torque") 
 
 
 def samples_text(time: Array) -> str:
-    """Number and duration of (N,) samples."""
-    return f"{time.size} samples over {time[-1] - time[0]:.6g} s"
+    """Number and duration of (N,) samples, and how so many are drawn that no screen shows them."""
+    thinned = (
+        "; lines go through the smallest and the largest value of each piece" if time.size > POINTS_PER_TRACE else ""
+    )
+    return f"{time.size} samples over {time[-1] - time[0]:.6g} s{thinned}"

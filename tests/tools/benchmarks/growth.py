@@ -70,7 +70,8 @@ CURVES: Mapping[str, Mapping[int, Size]] = {
 
 def run(settings: Settings) -> list[Figure]:
     """The exponents of time and memory of each curve by least squares on the logarithms; the points stand beside."""
-    counts = {name: settings.size(len(curve) - 1, 2, len(curve)) for name, curve in CURVES.items()}
+    usual = {name: len(curve) - (name != "samples") for name, curve in CURVES.items()}
+    counts = {name: settings.size(usual[name], 2, len(curve)) for name, curve in CURVES.items()}
     curves = {
         name: {n: _cost(size) for n, size in list(CURVES[name].items())[:count]} for name, count in counts.items()
     }
