@@ -4,18 +4,25 @@ The curve is a sum of cubic splines (:mod:`fmu_didim.dynamics.effects.curve`) of
 torque or time of a joint, or of the position of its neighbour. All are compared to first order, by the response of the
 closed loop to their splines beside the sensitivities of the model; the best is fitted in the loop and looked for in
 what was held out. What the model can make itself belongs to no curve: with the sensitivities J of the model, an
-orthonormal basis Q of W J, and W = 1 / noise,
+orthonormal basis Q of W J, W = 1 / noise, the response S to the splines, the residual r and second differences D,
 
-    (I - Q Q') W S = U diag(s) V',    c = V_k diag(1/s_k) U_k' W r,    Cov c = V_k diag(1/s_k^2) V_k' / f,
+    (I - Q Q') W S = U diag(s) V',    c = V_k z,    z = argmin |diag(s_k) z - U_k' W r|^2 + m |D V_k z|^2
 
-over the directions V_k of the amplitudes c whose singular value s is at least :data:`OWN` of the largest, S being the
-response to the splines, r the residual and f the part of its samples that counts, by its colour.
+over the directions V_k of the amplitudes c whose singular value s is at least :data:`OWN` of the largest. The penalty m
+is that of the greatest gain in the information criterion of Akaike, of the effective parameters
+
+    e = tr (diag(s_k^2) + m V_k' D' D V_k)^-1 diag(s_k^2),    Cov c = g V_k (diag(s_k^2) + m V_k' D' D V_k)^-1 V_k' / f
+
+with the mean square g of what remains beside the curve on its joint, in units of the noise and at least one, and the
+part f of its samples that counts, by its colour. This covariance is that of a curve whose roughness is as likely as the
+penalty says: averaged over the range its interval holds what was smoothed away as well as noise.
 
 Names are taken back where such a curve explains far more than all effects that were named on its joint: they only
 imitated it. A single effect that leaves little keeps its name, with the doubt that its form is another one.
 
 Sources: de Boor, A practical guide to splines, 1978; truncated singular values: Hansen, Rank-deficient and discrete
-ill-posed problems, SIAM 1998.
+ill-posed problems, SIAM 1998; the penalty: Eilers and Marx, Statistical Science 11 (1996); the interval: Nychka, Journal
+of the American Statistical Association 83 (1988).
 """
 
 from __future__ import annotations
@@ -64,6 +71,11 @@ blind cases: hidden effects of the catalogue, in forms of their own, are left be
 stop that stiffens (1.56); what imitates effects of no catalogue by 1.19 to 6 times, and shallow ones by less."""
 OWN = 0.05
 """[1] Of the largest singular value of the splines beside the model: what shows less, the model makes itself."""
+PENALTIES = (1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 1e-1, 1.0, 10.0)
+"""[1] Of the second differences of the amplitudes that are tried, over the square of the largest singular value of the
+splines: from hardly any to a curve of hardly more than a bend."""
+PER_PARAMETER = 2.0
+"""[1] Of each effective parameter in the choice of the penalty: Akaike's, which asks for the best prediction."""
 TURNS = 3
 """[fits] Of the model beside the curve, and of the curve beside the model, in turn."""
 POINTS = 61
@@ -75,7 +87,7 @@ class _Tried:
     """A curve to first order.
 
     Attributes:
-        unit, ends: of its range; sizes: (m,) amplitudes; rank: how many of their directions the data show.
+        unit, ends: of its range; sizes: (m,) amplitudes; count: their effective number.
         delta_bic: gain over the model without it.
     """
 
@@ -84,7 +96,7 @@ class _Tried:
     unit: str
     ends: tuple[float, float]
     sizes: Array
-    rank: int
+    count: float
     delta_bic: float
 
     def proposal(self, names: list[str]) -> Proposal:
@@ -240,12 +252,11 @@ def _tried(builder: LoopModelBuilder, fit: Fit, joint: int) -> Iterator[_Tried]:
         table = np.concatenate(
             [response.at_samples(made.columns(motion.at(response.ticks), shapes)) for response, motion in parts]
         )
-        sizes, _, rank = beside.solved(table, fit.residual)
-        after = fit.residual - table @ sizes
-        before, after = (beside.rest(residual) for residual in (fit.residual, after))
-        gain = delta_bic(before, after, float(rank), fit.noise)
+        sizes, _, count = beside.solved(table, fit.residual)
+        before, after = (beside.rest(residual) for residual in (fit.residual, fit.residual - table @ sizes))
+        gain = delta_bic(before, after, count, fit.noise)
         unit = effect.shapes(kinds[joint - 1])[0].unit
-        yield _Tried(effect_at, effect, unit, (low, high), sizes, rank, gain)
+        yield _Tried(effect_at, effect, unit, (low, high), sizes, count, gain)
 
 
 def _along(effect: Curve, motion: Motion, joint: int, kinds: tuple[JointType, ...]) -> Array:
@@ -277,14 +288,24 @@ class _Beside:
         """(N, n) what the parameters cannot make of a residual."""
         return self.base.rest_of((residual * self.weight).ravel()).reshape(self.shape) / self.weight
 
-    def solved(self, columns: Array, residual: Array) -> tuple[Array, Array, int]:
-        """Amplitudes (m,) of columns (N, n, m), their covariance (m, m) for independent samples, and its rank."""
-        rest = self.base.rest_of((columns * self.weight[:, None]).reshape(-1, columns.shape[2]))
+    def solved(self, columns: Array, residual: Array) -> tuple[Array, Array, float]:
+        """Amplitudes (m,) of columns (N, n, m), their covariance (m, m) for independent samples of the noise, and their
+        effective number."""
+        table = self.base.rest_of((columns * self.weight[:, None]).reshape(-1, columns.shape[2]))
         left = self.base.rest_of((residual * self.weight).ravel())
-        u, s, vt = np.linalg.svd(rest, full_matrices=False)
-        rank = int(np.sum(s > OWN * s[0]))
-        u, s, vt = u[:, :rank], s[:rank], vt[:rank]
-        return vt.T @ (u.T @ left / s), vt.T @ np.diag(1 / s**2) @ vt, rank
+        u, s, vt = np.linalg.svd(table, full_matrices=False)
+        own = s > OWN * s[0]
+        u, s, v = u[:, own], s[own], vt[own].T
+        rough, best, counted = np.diff(v, n=2, axis=0), (np.inf, s, np.diag(s), 0.0), None
+        for penalty in PENALTIES:
+            inverse = np.linalg.inv(np.diag(s**2) + penalty * s[0] ** 2 * rough.T @ rough)
+            z, count = inverse @ (s * (u.T @ left)), float(np.trace(inverse * s**2))
+            after = (left - u @ (s * z)).reshape(self.shape)
+            counted = after.shape[0] * effective_fraction(after) if counted is None else counted
+            loss = float(counted @ np.log(np.mean(after**2, axis=0))) + PER_PARAMETER * count
+            best = min(best, (loss, z, inverse, count), key=lambda one: one[0])
+        _, z, inverse, count = best
+        return v @ z, v @ inverse @ v.T, count
 
 
 def _fitted(builder: LoopModelBuilder, fit: Fit, ranked: list[_Tried]) -> FoundCurve | None:
@@ -302,15 +323,17 @@ def _fitted(builder: LoopModelBuilder, fit: Fit, ranked: list[_Tried]) -> FoundC
         own = [i for i, p in enumerate(found.model.free_parameters) if p.effect == index and not p.is_shape]
         others = [i for i, p in enumerate(found.model.free_parameters) if p.effect != index]
         slopes = sensitivity(model, found.values, found.outputs, only=own)
-        change, covariance, rank = _Beside.of(found, others).solved(slopes, found.residual)
-        best = replace(best, sizes=best.sizes + change, rank=rank)
+        wanted = found.residual + slopes @ best.sizes
+        sizes, covariance, count = _Beside.of(found, others).solved(slopes, wanted)
+        best = replace(best, sizes=sizes, count=count)
         present = fit.model.with_values(found.values[others])
     if best_fit is None:
         return None
-    gain = bic_gain(fit, best_fit, float(kept.rank), fit.noise)
-    counted = float(effective_fraction(best_fit.residual)[best.effect_at.joint - 1])
+    gain, at = bic_gain(fit, best_fit, kept.count, fit.noise), best.effect_at.joint - 1
+    counted = float(effective_fraction(best_fit.residual)[at])
+    remains = max(float(np.mean((best_fit.residual[:, at] / fit.noise.deviation[at]) ** 2)), 1.0)
     rivals = tuple((t.effect.variable, ranked[0].delta_bic - t.delta_bic) for t in ranked[1:])
-    return FoundCurve(kept, fit, best_fit, gain, covariance / counted, rivals)
+    return FoundCurve(kept, fit, best_fit, gain, remains * covariance / counted, rivals)
 
 
 def _held(model: LoopModel) -> LoopModel:

@@ -28,6 +28,9 @@ VARIABLES = {
 """Of a hidden function -> in words, as of a curve."""
 MOSTLY = 0.9
 """[1] Part of the range in which a function must lie in the band."""
+RIPPLE, RIPPLES, STRIBECK, STRIBECK_RAD_S = 0.06, (17.0, 23.0), 0.05, 0.1
+"""[1], [1/rad] a joint, [1], [rad/s] Of the clutter that cases plant on each joint, by its Coulomb friction: it is a part
+of what is missing there over the position and the velocity."""
 INSIDE = (0.05, 0.95)
 """[1] Part of the range of a curve that is compared: at its ends hardly a sample lies."""
 
@@ -64,10 +67,32 @@ def hidden_function(folder: Path, truth_file: Path | None = None) -> tuple[str, 
     return truth["effect"], VARIABLES[variable], joint, function
 
 
-def within_band(curve: Mapping[str, Any], function: Callable[[Array], Array]) -> float:
+def planted_function(truth_file: Path, joint: int, variable: str) -> Callable[[Array], Array]:
+    """What the clutter of a case makes of a variable on a joint, from 1, in N.m."""
+    content = yaml.safe_load(truth_file.read_text(encoding="utf-8"))
+    dry = 0.0 if content["clutter"] == "none" else float(content["parameters"][f"Fc{joint}"])
+
+    def function(x: Array) -> Array:
+        if variable == VARIABLES["q"]:
+            return RIPPLE * dry * np.sin(RIPPLES[joint - 1] * x)
+        if variable == VARIABLES["dq"]:
+            return STRIBECK * dry * np.sign(x) * np.exp(-((x / STRIBECK_RAD_S) ** 2))
+        return np.zeros_like(x)
+
+    return function
+
+
+def within_band(
+    curve: Mapping[str, Any], function: Callable[[Array], Array], planted: Callable[[Array], Array] = np.zeros_like
+) -> float:
     """Part of the range in which the function lies in the band: after least squares of its size, its sign, and of what
-    the model makes itself, a constant, a line, sine and cosine, and friction, which belong to no curve."""
+    the model makes itself, a constant, a line, sine and cosine, and friction, which belong to no curve.
+
+    Args:
+        planted: torque of the same variable that is there beside it.
+    """
     at, torque, half = (np.array(curve[key]) for key in ("at", "torque", "half_width"))
+    torque = torque - planted(at)
     low, high = (at[0] + part * (at[-1] - at[0]) for part in INSIDE)
     seen = (at >= low) & (at <= high)
     own = [np.ones_like(at), at]
@@ -87,7 +112,8 @@ def compared(folder: Path, line: Mapping[str, Any]) -> Compared:
     name, variable, joint, function = hidden_function(case)
     rate = float(yaml.safe_load((case / "case.yaml").read_text(encoding="utf-8"))["measurement"]["rate_hz"])
     own = [c for c in line["curves"] if c["joint"] == joint and c["variable"] == variable]
-    within = within_band(own[0], function) if own else float("nan")
+    planted = planted_function(case / "truth.yaml", joint, variable)
+    within = within_band(own[0], function, planted) if own else float("nan")
     return Compared(name, rate, line["verdict"], bool(own), within)
 
 
