@@ -146,9 +146,21 @@ def test_a_curve_takes_the_name_that_its_user_gives_it(tmp_path: Path) -> None:
 # ---- decisions, by hand
 
 
-@pytest.mark.parametrize(("named", "gap", "taken"), [(1, 0.5, False), (1, 0.7, True), (2, 0.1, True), (3, 2.0, True)])
-def test_a_single_effect_that_leaves_little_keeps_its_name(named: int, gap: float, taken: bool) -> None:
-    assert imitates(named, gap) is taken
+@pytest.mark.parametrize(
+    ("are_external", "gap", "lead", "taken"),
+    [
+        ([False], 0.5, 2.0, False),
+        ([False], 0.7, 1.45, False),
+        ([False], 0.7, 1.55, True),
+        ([True], 0.1, 1.35, True),
+        ([False, False], 0.1, 1.35, True),
+        ([False, True, False], 2.0, 1.35, True),
+    ],
+)
+def test_a_single_effect_of_the_machine_that_leaves_little_or_is_near_keeps_its_name(
+    are_external: list[bool], gap: float, lead: float, taken: bool
+) -> None:
+    assert imitates(are_external, gap, lead) is taken
 
 
 class Hand:
@@ -185,7 +197,9 @@ class Hand:
         steps = tuple(SimpleNamespace(effect_at=a) for a in self.named)
         discovery = Discovery(self.fit, self.fit, steps, ())  # type: ignore[arg-type]
         builder: Any = SimpleNamespace(
-            effect=lambda a: SimpleNamespace(is_of_log=self.given.get("is_of_log", False)),
+            effect=lambda a: SimpleNamespace(
+                is_of_log=self.given.get("is_of_log", False), is_external=a.effect == "external_force"
+            ),
             at=lambda a: SimpleNamespace(cost=1.0),
             without=lambda model, i: SimpleNamespace(
                 added_effects=tuple(a for k, a in enumerate(model.added_effects) if k != i)
@@ -194,7 +208,7 @@ class Hand:
         return with_curves(discovery, builder, Options(), Progress())
 
 
-ONE, TWO = ("spring",), ("spring", "torque_ripple")
+ONE, TWO, OUTSIDE = ("spring",), ("spring", "torque_ripple"), ("external_force",)
 
 
 @pytest.mark.parametrize(
@@ -211,14 +225,19 @@ ONE, TWO = ("spring",), ("spring", "torque_ripple")
         ({"curves": [("q", 300.0)], "in_loop": 5.0}, [], False, False),
         ({"curves": [("q", 300.0)], "fails": True}, [], False, False),
         # Effects that explain nearly as much keep their names; those far behind do not.
-        ({"effects": TWO, "gain": 100.0, "curves": [("q", 119.0)]}, [*TWO], False, False),
-        ({"effects": TWO, "gain": 100.0, "curves": [("q", 121.0)]}, [], True, False),
-        ({"effects": TWO, "gain": 100.0, "curves": [("q", 121.0)], "in_loop": 110.0}, [*TWO], False, False),
-        ({"effects": TWO, "gain": 100.0, "curves": [("q", 121.0)], "gap": 0.3}, [], True, False),
+        ({"effects": TWO, "gain": 100.0, "curves": [("q", 129.0)]}, [*TWO], False, False),
+        ({"effects": TWO, "gain": 100.0, "curves": [("q", 131.0)]}, [], True, False),
+        ({"effects": TWO, "gain": 100.0, "curves": [("q", 131.0)], "in_loop": 125.0}, [*TWO], False, False),
+        ({"effects": TWO, "gain": 100.0, "curves": [("q", 131.0)], "gap": 0.3}, [], True, False),
         ({"effects": TWO, "gain": 100.0, "curves": [("q", 300.0)], "against": "no"}, [*TWO], False, False),
-        # A single one that leaves little keeps its name, with a doubt.
+        # A single one that leaves little, or is not that far behind, keeps its name, with a doubt.
         ({"effects": ONE, "gain": 100.0, "curves": [("q", 300.0)], "gap": 0.5}, [*ONE], True, True),
         ({"effects": ONE, "gain": 100.0, "curves": [("q", 300.0)], "gap": 0.7}, [], True, False),
+        ({"effects": ONE, "gain": 100.0, "curves": [("q", 149.0)], "gap": 0.7}, [*ONE], True, True),
+        ({"effects": ONE, "gain": 100.0, "curves": [("q", 129.0)], "gap": 0.7}, [*ONE], False, False),
+        # A torque from outside is nothing but its form.
+        ({"effects": OUTSIDE, "gain": 100.0, "curves": [("t", 129.0)], "gap": 0.1}, [*OUTSIDE], False, False),
+        ({"effects": OUTSIDE, "gain": 100.0, "curves": [("t", 131.0)], "gap": 0.1}, [], True, False),
         # What changes the log as a whole is on no joint: it stays.
         ({"effects": ONE, "gain": 100.0, "curves": [("q", 300.0)], "is_of_log": True}, [*ONE], True, False),
     ],
