@@ -157,6 +157,14 @@ def with_curves(
     return discovery, tuple(found), notes
 
 
+def leads(builder: LoopModelBuilder, fit: Fit, joint: int, gain: float) -> bool:
+    """Whether a curve on a joint, from 1, explains far more, to first order, than what gains so much in BIC over a fit."""
+    try:
+        return any(one.delta_bic > LEAD * gain for one in _tried(builder, fit, joint))
+    except SimulationError:
+        return False
+
+
 def _joints(discovery: Discovery, builder: LoopModelBuilder) -> list[int]:
     gap = joint_gaps(discovery.final.torque_alone.residual, discovery.final.torque_alone.noise)
     named = {step.effect_at.joint for step in discovery.steps if _of_machine(builder, step.effect_at)}

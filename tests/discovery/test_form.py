@@ -163,6 +163,19 @@ def test_a_single_effect_of_the_machine_that_leaves_little_or_is_near_keeps_its_
     assert imitates(are_external, gap, lead) is taken
 
 
+@pytest.mark.parametrize(
+    ("gains", "of_torques", "is_smooth"),
+    [([300.0, 10.0], 167.0, True), ([215.0], 167.0, False), ([10.0, 220.0], 167.0, True), ([], 167.0, False)],
+)
+def test_torques_from_outside_without_edges_are_a_curve(
+    monkeypatch: pytest.MonkeyPatch, gains: list[float], of_torques: float, is_smooth: bool
+) -> None:
+    """A swell in time was told as a torque from outside with a beginning and an end, at 20 Hz before any round."""
+    monkeypatch.setattr(form, "_tried", lambda *_: [SimpleNamespace(delta_bic=gain) for gain in gains])
+    given: Any = None
+    assert form.leads(given, given, 1, of_torques) is is_smooth
+
+
 class Hand:
     """Decisions on one joint, with all fits replaced: what was named gains ``named`` in BIC, curves as given."""
 
