@@ -171,6 +171,8 @@ SHAPES = {
     "nr": 3.0,
     "lp": 1.7,
     "Tz": 0.01,
+    "lfrom": -19.0,  # splines 2.2 N.m apart: the gains 0.3 to 0.9 of neighbours make a slope that a joint may have
+    "lto": 19.0,
 }
 """Values with which the random motions below meet every part of the equations."""
 SMALL = ("Fl", "Fldrive", "Flback", "Ksin", "Kcos")
