@@ -97,7 +97,9 @@ def test_a_ripple_repeats(effect: str, frequency: float, moved: float, reason: s
     found.model.free_parameters[3:] = [replace(p, is_shape=True) for p in found.model.free_parameters[3:]]
     time = np.arange(0, 10, 0.01)
     position = moved * (1 - np.cos(np.pi * time)) / 2
-    found.model.experiments = {"a": SimpleNamespace(reference=Trajectory(time, position[:, None], (Variable("q2", "rad"),)))}
+    found.model.experiments = {
+        "a": SimpleNamespace(reference=Trajectory(time, position[:, None], (Variable("q2", "rad"),)))
+    }
     found.model.estimation_labels = ("a",)
     told = implausible(found, 0, EFFECTS[effect], {})
     assert told.startswith(reason) if reason else told == ""
