@@ -21,8 +21,8 @@ Names are taken back where such a curve explains far more than all effects that 
 imitated it. A single effect that leaves little keeps its name, with the doubt that its form is another one.
 
 Sources: de Boor, A practical guide to splines, 1978; truncated singular values: Hansen, Rank-deficient and discrete
-ill-posed problems, SIAM 1998; the penalty: Eilers and Marx, Statistical Science 11 (1996); the interval: Nychka, Journal
-of the American Statistical Association 83 (1988).
+ill-posed problems, SIAM 1998; the penalty: Eilers and Marx, Statistical Science 11 (1996); the interval: Nychka,
+Journal of the American Statistical Association 83 (1988).
 """
 
 from __future__ import annotations
@@ -70,8 +70,8 @@ LEAD = 1.3
 blind cases: hidden effects of the catalogue, in forms of their own and beside clutter that the curve follows, are left
 behind by 0.01 to 1.23 times, what imitates effects of no catalogue by 1.4 to 11 times."""
 LEAD_ALONE = 1.5
-"""[1] The same where a single effect of the machine was named: a curve follows what else depends on its variable, too. A
-torque ripple beside another one is left behind by 1.42 times."""
+"""[1] The same where a single effect of the machine was named: a curve follows what else depends on its variable, too.
+A torque ripple beside another one is left behind by 1.42 times."""
 OWN = 0.05
 """[1] Of the largest singular value of the splines beside the model: what shows less, the model makes itself."""
 PENALTIES = (1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 1e-1, 1.0, 10.0)
@@ -158,7 +158,7 @@ def with_curves(
 
 
 def leads(builder: LoopModelBuilder, fit: Fit, joint: int, gain: float) -> bool:
-    """Whether a curve on a joint, from 1, explains far more, to first order, than what gains so much in BIC over a fit."""
+    """Whether a curve on a joint, from 1, explains far more, to first order, than what gains so much in BIC."""
     try:
         return any(one.delta_bic > LEAD * gain for one in _tried(builder, fit, joint))
     except SimulationError:
@@ -231,7 +231,8 @@ def _without(builder: LoopModelBuilder, fit: Fit, effects: list[EffectAtJoint]) 
 
 def imitates(are_external: Sequence[bool], gap: float, lead: float) -> bool:
     """Whether effects on a joint that a curve leaves far behind only imitate it: several of them do, a torque from
-    outside, of which its beginning and its end are all that it says, and a single effect of the machine that leaves much.
+    outside, of which its beginning and its end are all that it says, and a single effect of the machine that leaves
+    much and is far enough behind.
 
     Args:
         are_external: of each effect, whether it stands for a torque from outside; gap: in units of the noise, that they

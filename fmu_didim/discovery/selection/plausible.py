@@ -45,8 +45,8 @@ LONGEST = 0.5
 or what a drift has that its form lacks."""
 
 FEWEST_REPEATS = 2.25
-"""[1] Over the range in which a joint moved, of what is known by nothing but that it repeats: a wave that is seen twice is
-any bump or notch. On blind cases a notch or detent was called a ripple that repeats 1.3 to 2.1 times, hidden ripples
+"""[1] Over the range in which a joint moved, of what is known by nothing but that it repeats: a wave that is seen twice
+is any bump or notch. On blind cases a notch or detent was called a ripple that repeats 1.3 to 2.1 times, hidden ripples
 repeat 2.5 times or more."""
 
 STILL = 0.01

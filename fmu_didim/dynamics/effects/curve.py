@@ -14,8 +14,8 @@ from fmu_didim.dynamics.effects.base import TorqueEffect
 from fmu_didim.dynamics.effects.joint import Parameter, Search, Surroundings, Values
 
 LETTERS = "abcdefghijklmnopqrst"
-"""One of each spline: twenty follow what is a seventeenth of the range wide. A detent a tenth of it wide is missed by 1 %
-of its height, by 7 % with twelve."""
+"""One of each spline: twenty follow what is a seventeenth of the range wide. A detent a tenth of it wide is missed by
+1 % of its height, by 7 % with twelve."""
 
 
 class Curve(TorqueEffect):

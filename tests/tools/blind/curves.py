@@ -30,8 +30,8 @@ VARIABLES = {
 MOSTLY = 0.9
 """[1] Part of the range in which a function must lie in the band."""
 RIPPLE, RIPPLES, STRIBECK, STRIBECK_RAD_S = 0.06, (17.0, 23.0), 0.05, 0.1
-"""[1], [1/rad] a joint, [1], [rad/s] Of the clutter that cases plant on each joint, by its Coulomb friction: it is a part
-of what is missing there over the position and the velocity."""
+"""[1], [1/rad] a joint, [1], [rad/s] Of the clutter that cases plant on each joint, by its Coulomb friction: it is a
+part of what is missing there over the position and the velocity."""
 INSIDE = (0.05, 0.95)
 """[1] Part of the range of a curve that is compared: at its ends hardly a sample lies."""
 
@@ -93,9 +93,9 @@ def planted_function(truth_file: Path, joint: int, variable: str) -> Callable[[A
 
     def function(x: Array) -> Array:
         if variable == VARIABLES["q"]:
-            return RIPPLE * dry * np.sin(RIPPLES[joint - 1] * x)
+            return np.asarray(RIPPLE * dry * np.sin(RIPPLES[joint - 1] * x))
         if variable == VARIABLES["dq"]:
-            return STRIBECK * dry * np.sign(x) * np.exp(-((x / STRIBECK_RAD_S) ** 2))
+            return np.asarray(STRIBECK * dry * np.sign(x) * np.exp(-((x / STRIBECK_RAD_S) ** 2)))
         return np.zeros_like(x)
 
     return function
