@@ -85,8 +85,8 @@ def test_a_torque_from_outside_that_lasts_is_something_else(end: float, reason: 
     ("effect", "frequency", "moved", "reason"),
     [
         ("torque_ripple", 6.2, 1.95, "repeats 1.9 times over the range in which the joint moved"),
-        ("current_ripple", 6.6, 2.0, "repeats 2.1 times"),
-        ("torque_ripple", 8.0, 2.0, ""),
+        ("current_ripple", 6.0, 2.0, "repeats 1.9 times"),
+        ("torque_ripple", 6.6, 2.0, ""),
         ("torque_ripple", 6.2, 2.5, ""),
         ("torque_ripple", 6.2, 0.0, ""),  # no reference says how it moved
     ],
