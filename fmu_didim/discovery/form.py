@@ -66,15 +66,15 @@ FORM_DIFFERS = CATALOGUE(
     next_step="Look at the curve in the report; its robot description has it in the place of the effect.",
 )  # fmt: skip
 LEAD = 1.2
-"""[1] Gain in BIC of a curve over that of several effects named on its joint, from which it explains far more: one cause
-in the place of several. On blind cases a spring that hardens, named as its parts, is left behind by 1.10 times, what
-imitates effects of no catalogue by 1.29 to 2.5 times."""
+"""[1] Gain in BIC of a curve over that of several effects named on its joint, from which it explains far more: one
+cause in the place of several. On blind cases a spring that hardens, named as its parts, is left behind by 1.10 times,
+what imitates effects of no catalogue by 1.29 to 2.5 times."""
 LEAD_ALONE = 1.3
 """[1] The same over that of a single effect: a curve follows what else depends on its variable, too. Hidden effects, in
 forms of their own and beside clutter, are left behind by 0.01 to 1.23 times, a swell in time by 1.5 to 2.1 times."""
 LEAD_SURE = 1.5
-"""[1] The same from which a single effect of the machine that leaves much is none: a torque ripple beside another one is
-left behind by 1.42 times, a hump or a notch called something else by 2.3 to 11 times."""
+"""[1] The same from which a single effect of the machine that leaves much is none: a torque ripple beside another one
+is left behind by 1.42 times, a hump or a notch called something else by 2.3 to 11 times."""
 OWN = 0.05
 """[1] Of the largest singular value of the splines beside the model: what shows less, the model makes itself."""
 PENALTIES = (1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 1e-1, 1.0, 10.0)

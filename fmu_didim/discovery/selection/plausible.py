@@ -46,8 +46,8 @@ or what a drift has that its form lacks."""
 
 FEWEST_REPEATS = 2.0
 """[1] Over the range in which a joint moved, of what is known by nothing but that it repeats: what is seen less than
-twice is any bump or notch. On blind cases a notch or detent was called a ripple that repeats 1.3 to 2.1 times, 40 hidden
-ripples repeat 2.2 times or more."""
+twice is any bump or notch. On blind cases a notch or detent was called a ripple that repeats 1.3 to 2.3 times, 40
+hidden ripples repeat 2.2 times or more."""
 
 STILL = 0.01
 """[1] Of the largest speed of a joint along the fitted motions, below which it stands still."""
