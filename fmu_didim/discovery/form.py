@@ -52,7 +52,7 @@ from fmu_didim.fit.derivatives.sensitivity import sensitivity
 from fmu_didim.fit.derivatives.torque_signature import TorqueSignature
 from fmu_didim.fit.fit import Fit
 from fmu_didim.fit.gap import bic_gain, delta_bic, joint_gaps
-from fmu_didim.fit.noise.noise import effective_fraction
+from fmu_didim.fit.noise.noise import TINY, effective_fraction
 from fmu_didim.fit.solver.least_squares import minimise
 from fmu_didim.fit.solver.termination import Stopping
 from fmu_didim.fit.statistics import CONFIDENCE
@@ -160,12 +160,37 @@ def with_curves(
     return discovery, tuple(found), notes
 
 
-def leads(builder: LoopModelBuilder, fit: Fit, joint: int, gain: float) -> bool:
-    """Whether a curve on a joint, from 1, explains far more, to first order, than what gains so much in BIC."""
+def instead_of_torques(
+    builder: LoopModelBuilder, fit: Fit, joint: int, gain: float, *, seed: int
+) -> tuple[bool, Diagnostic | None]:
+    """Whether torques from outside on a joint, from 1, only imitate a curve, and the doubt that their form is another
+    one, if they do not.
+
+    A curve that holds on what was held out, too, is no event of one log: torques from outside have no beginning and no
+    end then, which is all that would be said of them. Where it holds in the fitted log alone, they act once, as they
+    are named, but their form is another one.
+
+    Args:
+        fit: without the torques; gain: theirs in BIC.
+    """
     try:
-        return any(one.delta_bic > LEAD_ALONE * gain for one in _tried(builder, fit, joint))
+        ranked = sorted(_tried(builder, fit, joint), key=lambda one: -one.delta_bic)
+        if not ranked or ranked[0].delta_bic <= LEAD_ALONE * gain:
+            return False, None
+        curve = _fitted(builder, fit, ranked)
+        if curve is None or curve.delta_bic <= LEAD_ALONE * gain:
+            return False, None
+        is_held_out = bool(fit.model.experiments.validation_labels)
+        if is_held_out and not unconfirmed(fit, curve.fit, seed=seed):
+            return True, None
     except SimulationError:
-        return False
+        return False, None
+    text = (
+        f"On the torques from outside a curve of {curve.tried.effect.variable} explains far more: BIC "
+        f"{curve.delta_bic:.0f} against {gain:.0f}; {'what' if is_held_out else 'nothing'} was held out "
+        f"{'does not' if is_held_out else 'that could'} have it."
+    )
+    return False, Diagnostic(FORM_DIFFERS, text, f"joint {joint}")
 
 
 def _joints(discovery: Discovery, builder: LoopModelBuilder) -> list[int]:
@@ -322,7 +347,8 @@ class _Beside:
             z, count = inverse @ (s * (u.T @ left)), float(np.trace(inverse * s**2))
             after = (left - u @ (s * z)).reshape(self.shape)
             counted = after.shape[0] * effective_fraction(after) if counted is None else counted
-            loss = float(counted @ np.log(np.mean(after**2, axis=0))) + PER_PARAMETER * count
+            square = np.maximum(np.mean(after**2, axis=0), TINY)
+            loss = float(counted @ np.log(square)) + PER_PARAMETER * count
             best = min(best, (loss, z, inverse, count), key=lambda one: one[0])
         _, z, inverse, count = best
         return v @ z, v @ inverse @ v.T, count

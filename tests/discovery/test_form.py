@@ -164,16 +164,38 @@ def test_a_single_effect_of_the_machine_that_leaves_little_or_is_near_keeps_its_
 
 
 @pytest.mark.parametrize(
-    ("gains", "of_torques", "is_smooth"),
-    [([300.0, 10.0], 167.0, True), ([215.0], 167.0, False), ([10.0, 220.0], 167.0, True), ([], 167.0, False)],
+    ("gains", "in_loop", "held", "against", "imitate", "doubt"),
+    [
+        ([300.0, 10.0], 300.0, ("validation",), "", True, ""),
+        ([10.0, 220.0], 220.0, ("validation",), "", True, ""),
+        ([215.0], 215.0, ("validation",), "", False, ""),
+        ([300.0], 210.0, ("validation",), "", False, ""),
+        ([300.0], None, ("validation",), "", False, ""),
+        ([], None, ("validation",), "", False, ""),
+        # In the fitted log alone: an event that has another form.
+        ([300.0], 300.0, ("validation",), "held-out RMS ratio 1.2", False, "what was held out does not have it"),
+        ([300.0], 300.0, (), "", False, "nothing was held out that could have it"),
+    ],
 )
 def test_torques_from_outside_without_edges_are_a_curve(
-    monkeypatch: pytest.MonkeyPatch, gains: list[float], of_torques: float, is_smooth: bool
-) -> None:
+    monkeypatch: pytest.MonkeyPatch, gains: list[float], in_loop: float | None, held: tuple[str, ...], against: str,
+    imitate: bool, doubt: str,
+) -> None:  # fmt: skip
     """A swell in time was told as a torque from outside with a beginning and an end, at 20 Hz before any round."""
-    monkeypatch.setattr(form, "_tried", lambda *_: [SimpleNamespace(delta_bic=gain) for gain in gains])
-    given: Any = None
-    assert form.leads(given, given, 1, of_torques) is is_smooth
+    given: Any = SimpleNamespace(model=SimpleNamespace(experiments=SimpleNamespace(validation_labels=held)))
+    tried: Any = [SimpleNamespace(delta_bic=gain, effect=SimpleNamespace(variable="the time")) for gain in gains]
+    monkeypatch.setattr(form, "_tried", lambda *_: tried)
+    monkeypatch.setattr(form, "unconfirmed", lambda *_, **__: against)
+
+    def fitted(builder: Any, fit: Any, ranked: Any) -> Any:
+        assert ranked[0].delta_bic == max(gains)
+        return None if in_loop is None else form.FoundCurve(ranked[0], given, given, in_loop, np.eye(1), ())
+
+    monkeypatch.setattr(form, "_fitted", fitted)
+    found, told = form.instead_of_torques(given, given, 1, 167.0, seed=0)
+    assert found is imitate
+    assert (told is not None) is bool(doubt)
+    assert told is None or (doubt in told.text and told.code is form.FORM_DIFFERS)
 
 
 class Hand:
