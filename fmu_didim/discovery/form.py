@@ -18,7 +18,8 @@ part f of its samples that counts, by its colour. This covariance is that of a c
 penalty says: averaged over the range its interval holds what was smoothed away as well as noise.
 
 Names are taken back where such a curve explains far more than all effects that were named on its joint: they only
-imitated it. A single effect that leaves little keeps its name, with the doubt that its form is another one.
+imitated it. A single effect that leaves little keeps its name, and several that it leaves a little behind keep theirs,
+with the doubt that their form is another one.
 
 Sources: de Boor, A practical guide to splines, 1978; truncated singular values: Hansen, Rank-deficient and discrete
 ill-posed problems, SIAM 1998; the penalty: Eilers and Marx, Statistical Science 11 (1996); the interval: Nychka,
@@ -62,7 +63,8 @@ from fmu_didim.model.motion import Motion, simulated_motion
 FORM_DIFFERS = CATALOGUE(
     "form-differs", DOUBT, rank=56,
     meaning="A curve of one variable explains far more than the effect that was named on its joint, though that leaves "
-    "little: the effect has another form than that of the catalogue, or something else looks like it.",
+    "little, or more than several together: an effect has another form than that of the catalogue, or something else "
+    "looks like it.",
     next_step="Look at the curve in the report; its robot description has it in the place of the effect.",
 )  # fmt: skip
 LEAD = 1.2
@@ -215,7 +217,7 @@ def _on_joint(
         before = _without(builder, final, own)
         named = bic_gain(before, final, sum(builder.at(a).cost for a in own), final.noise)
     ranked = sorted(_tried(builder, before, joint), key=lambda one: -one.delta_bic)
-    least = max(options.threshold, (LEAD if len(own) > 1 else LEAD_ALONE) * named)
+    least = max(options.threshold, named if len(own) > 1 else LEAD_ALONE * named)
     if not ranked or ranked[0].delta_bic < least:
         note = "" if own or not ranked else (
             f"Joint {joint}: no curve of {_listed([t.effect.variable for t in ranked])} alone explains what remains."
@@ -230,9 +232,13 @@ def _on_joint(
             f"Joint {joint}: a curve of {best.variable} explains most of what was fitted, but not what was held out "
             f"({why}): it is not shown."
         )  # fmt: skip
-    told = f"a curve of {curve.tried.effect.variable} explains far more: BIC {curve.delta_bic:.0f} against {named:.0f}"
+    is_far = curve.delta_bic > LEAD * named
+    told = (
+        f"a curve of {curve.tried.effect.variable} explains {'far ' if is_far else ''}more: BIC {curve.delta_bic:.0f} "
+        f"against {named:.0f}"
+    )
     if own and not imitates([builder.effect(a).is_external for a in own], gap, curve.delta_bic / named):
-        text = f"On {own[0].text} {told}."
+        text = f"On {' and '.join(a.text for a in own)} {told}."
         return discovery, replace(curve, doubted=Diagnostic(FORM_DIFFERS, text, own[0].text)), ""
     # What was found beside it, on other joints, may have filled the gaps that it leaves.
     left = [step for step in discovery.steps if step.effect_at not in own]
@@ -258,15 +264,17 @@ def _without(builder: LoopModelBuilder, fit: Fit, effects: list[EffectAtJoint]) 
 
 
 def imitates(are_external: Sequence[bool], gap: float, lead: float) -> bool:
-    """Whether effects on a joint that a curve leaves far behind only imitate it: several of them do, a torque from
+    """Whether effects on a joint that a curve leaves behind only imitate it, by how far: several of them, a torque from
     outside, of which its beginning and its end are all that it says, and a single effect of the machine that leaves
-    much and is far enough behind.
+    much.
 
     Args:
         are_external: of each effect, whether it stands for a torque from outside; gap: in units of the noise, that they
             leave; lead: gain in BIC of the curve over theirs.
     """
-    return len(are_external) > 1 or any(are_external) or (gap > REMAINDER and lead > LEAD_SURE)
+    if len(are_external) > 1:
+        return lead > LEAD
+    return any(are_external) or (gap > REMAINDER and lead > LEAD_SURE)
 
 
 def _listed(words: list[str]) -> str:
