@@ -19,7 +19,7 @@ from fmu_didim.discovery.document import findings_document
 from fmu_didim.discovery.external_torques.findings import external_torque_finding, external_torque_windows
 from fmu_didim.discovery.external_torques.fit import FittedExternalTorques, find_external_torques
 from fmu_didim.discovery.external_torques.rivals import rivalled
-from fmu_didim.discovery.form import FoundCurve, with_curves
+from fmu_didim.discovery.form import FoundCurve, instead_of_torques, with_curves
 from fmu_didim.discovery.judge import has_external_torques
 from fmu_didim.discovery.ladder.ladders import contradictions, ladders_of, of_event, of_other_size
 from fmu_didim.discovery.localise import regions_of_fit
@@ -154,6 +154,13 @@ class _Search:
             torques = find_external_torques(alone, say=progress.say)
         if torques is not None and rivalled(torques, alone, builder, forbid=request.options.forbid, progress=progress):
             torques = None
+        if torques is not None:
+            of_noise, joint = replace(alone, noise=torques.fit.noise), torques.external_torques[0].joint
+            only_imitate, doubt = instead_of_torques(
+                builder, of_noise, joint, torques.delta_bic, seed=request.options.seed
+            )
+            torques = None if only_imitate else torques
+            request = request if doubt is None else replace(request, doubts=(*request.doubts, doubt))
         if torques is not None:
             base = replace(alone, noise=torques.fit.noise)
             builder = build(torques.fit.model)

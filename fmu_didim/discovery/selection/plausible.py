@@ -44,6 +44,11 @@ LONGEST = 0.5
 """[1] Fraction of the data that torques from outside may last: what lasts longer may as well be an offset, a load,
 or what a drift has that its form lacks."""
 
+FEWEST_REPEATS = 2.0
+"""[1] Over the range in which a joint moved, of what is known by nothing but that it repeats: what is seen less than
+twice is any bump or notch. On blind cases a notch or detent was called a ripple that repeats 1.3 to 2.3 times, 40
+hidden ripples repeat 2.2 times or more."""
+
 STILL = 0.01
 """[1] Of the largest speed of a joint along the fitted motions, below which it stands still."""
 MOSTLY_STILL = 0.9
@@ -63,6 +68,11 @@ def implausible(fit: Fit, index: int, effect: Effect, link: Mapping[str, float])
     if (part := _lasting(fit, index, effect)) > LONGEST:
         return (
             f"lasts {100 * part:.0f} % of the data: more than {100 * LONGEST:g} % may be an offset, a load or a drift"
+        )
+    if (repeats := _repeats(fit, index, effect)) < FEWEST_REPEATS:
+        return (
+            f"repeats {repeats:.2g} times over the range in which the joint moved: fewer than {FEWEST_REPEATS:g} times "
+            "may be any bump or notch"
         )
     names, places = list(amplitudes), list(amplitudes.values())
     values = fit.values[places]
@@ -150,6 +160,18 @@ def _span(fit: Fit, index: int, effect: Effect) -> tuple[float, float] | None:
     """Begin and end, s, of an effect that acts for a while; None of one that always may."""
     shapes = {name: float(fit.values[i]) for name, i in _places(fit, index, shapes=True).items()}
     return effect.acts(shapes) if shapes else None
+
+
+def _repeats(fit: Fit, index: int, effect: Effect) -> float:
+    """How often an effect repeats over the range in which its joint moved; infinite of one that need not repeat, and
+    where no reference says how it moved."""
+    if not effect.frequency:
+        return np.inf
+    experiments, joint = fit.model.experiments, fit.model.added_effects[index].joint
+    positions = [joint_reference(experiments[label].reference, joint)[0] for label in fit.model.estimation_labels]
+    moved = max(float(np.ptp(position)) for position in positions)
+    frequency = float(fit.values[_places(fit, index, shapes=True)[effect.frequency]])
+    return frequency * moved / (2 * np.pi) if moved > 0 else np.inf
 
 
 def _lasting(fit: Fit, index: int, effect: Effect) -> float:

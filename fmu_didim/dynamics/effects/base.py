@@ -108,6 +108,8 @@ class Effect(ABC):
         stands_for: names of effects that, together on its joint, it may stand for: it is named only where it explains
             more than they do.
         distance: the shape that is the distance over which it builds up after a reversal; none if it is empty.
+        frequency: the shape that is the spatial frequency, in rad per rad or m of the joint, at which it repeats and by
+            which alone it is known; none if it is empty.
 
     What a verdict says of it:
         stated: how the smallest size is stated that data would have shown; None where none is.
@@ -146,6 +148,7 @@ class Effect(ABC):
     is_smooth: ClassVar[bool] = False
     stands_for: ClassVar[tuple[str, ...]] = ()
     distance: ClassVar[str] = ""
+    frequency: ClassVar[str] = ""
     stated: ClassVar[StatedSize | None] = None
 
     def __init_subclass__(cls) -> None:

@@ -28,6 +28,7 @@ class CurrentRipple(TorqueEffect):
         Parameter("Kcos", "1", "cosine part of the ripple per torque"),
     )
     own_shapes = (ripple_frequency,)
+    frequency = "nr"
 
     def columns(self, at: Surroundings, shapes: Values) -> tuple[ca.SX, ...]:
         return (at.load * ca.sin(shapes["nr"] * at.q), at.load * ca.cos(shapes["nr"] * at.q))

@@ -13,12 +13,13 @@ from fmu_didim.data.signals import Array
 from fmu_didim.dynamics.effects.base import TorqueEffect
 from fmu_didim.dynamics.effects.joint import Parameter, Search, Surroundings, Values
 
-LETTERS = "abcdefghijkl"
-"""One of each spline: twelve follow what is a ninth of the range wide."""
+LETTERS = "abcdefghijklmnopqrst"
+"""One of each spline: twenty follow what is a seventeenth of the range wide. A detent a tenth of it wide is missed by
+1 % of its height, by 7 % with twelve."""
 
 
 class Curve(TorqueEffect):
-    """tau_e = sum_k c_k B(9 (x - from)/(to - from) + 1 - k), k = 0 to 11, of a variable x of the motion.
+    """tau_e = sum_k c_k B(17 (x - from)/(to - from) + 1 - k), k = 0 to 19, of a variable x of the motion.
 
     B(u) = (max(0, 2 - |u|)^3 - 4 max(0, 1 - |u|)^3)/6 is the cubic B-spline with knots one apart: the curve and its
     slope and curvature are continuous, and all amplitudes equal give a constant. Beyond the range ``from``, ``to`` it

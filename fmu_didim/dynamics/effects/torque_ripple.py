@@ -34,6 +34,7 @@ class TorqueRipple(TorqueEffect):
         Parameter("Rcos", "torque", "cosine part of the ripple"),
     )
     own_shapes = (ripple_frequency,)
+    frequency = "nr"
 
     def columns(self, at: Surroundings, shapes: Values) -> tuple[ca.SX, ...]:
         return (ca.sin(shapes["nr"] * at.q), ca.cos(shapes["nr"] * at.q))

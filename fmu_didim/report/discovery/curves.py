@@ -17,7 +17,7 @@ LISTED = 9
 WHAT_IT_IS = (
     "A sum of cubic splines of one variable, fitted in the closed loop beside the parameters of the model; what these "
     "can make themselves, such as gravity in a curve of the position, is not in it. The band is its 95 % interval by "
-    "the noise; what is narrower than a ninth of the range is smoothed."
+    "the noise, what remains beside it and what is smoothed; what is narrower than a seventeenth of the range is lost."
 )
 
 

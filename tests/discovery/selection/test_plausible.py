@@ -82,6 +82,30 @@ def test_a_torque_from_outside_that_lasts_is_something_else(end: float, reason: 
 
 
 @pytest.mark.parametrize(
+    ("effect", "frequency", "moved", "reason"),
+    [
+        ("torque_ripple", 6.2, 1.95, "repeats 1.9 times over the range in which the joint moved"),
+        ("current_ripple", 6.0, 2.0, "repeats 1.9 times"),
+        ("torque_ripple", 6.6, 2.0, ""),
+        ("torque_ripple", 6.2, 2.5, ""),
+        ("torque_ripple", 6.2, 0.0, ""),  # no reference says how it moved
+    ],
+)
+def test_a_ripple_repeats(effect: str, frequency: float, moved: float, reason: str) -> None:
+    """A notch was named as a ripple that repeats 1.9 times and a stop."""
+    found = fit(effect, {"Rsin": (0.6, 0.04), "Rcos": (0.3, 0.04), "nr_": (frequency, 0.1)})
+    found.model.free_parameters[3:] = [replace(p, is_shape=True) for p in found.model.free_parameters[3:]]
+    time = np.arange(0, 10, 0.01)
+    position = moved * (1 - np.cos(np.pi * time)) / 2
+    found.model.experiments = {
+        "a": SimpleNamespace(reference=Trajectory(time, position[:, None], (Variable("q2", "rad"),)))
+    }
+    found.model.estimation_labels = ("a",)
+    told = implausible(found, 0, EFFECTS[effect], {})
+    assert told.startswith(reason) if reason else told == ""
+
+
+@pytest.mark.parametrize(
     ("torque", "deviation", "span", "friction", "reason"),
     [
         (-6.0, 0.2, (6.1, 9.0), 8.0, "joint 2 stands still for 100 % of the time in which it acts, where its Coulomb"),

@@ -101,9 +101,9 @@ def compensator(x: ProjectedMotion) -> float:
 def curve(symbol: str, x: float, p: Mapping[str, float]) -> float:
     """By scipy: cubic splines on equally spaced knots, the first and the last one centred a knot beyond the ends."""
     low, high = p[f"{symbol}from"], p[f"{symbol}to"]
-    step = (high - low) / 9
-    knots = low + step * (np.arange(16) - 3)
-    sizes = [p[f"c{symbol}{letter}"] for letter in "abcdefghijkl"]
+    step = (high - low) / 17
+    knots = low + step * (np.arange(24) - 3)
+    sizes = [p[f"c{symbol}{letter}"] for letter in "abcdefghijklmnopqrst"]
     return float(BSpline(knots, sizes, 3)(min(max(x, low), high - 1e-12)))
 
 
@@ -171,6 +171,8 @@ SHAPES = {
     "nr": 3.0,
     "lp": 1.7,
     "Tz": 0.01,
+    "lfrom": -19.0,  # splines 2.2 N.m apart: the gains 0.3 to 0.9 of neighbours make a slope that a joint may have
+    "lto": 19.0,
 }
 """Values with which the random motions below meet every part of the equations."""
 SMALL = ("Fl", "Fldrive", "Flback", "Ksin", "Kcos")

@@ -19,6 +19,7 @@ import yaml
 
 from tests.figures import command_of, write_figures
 from tests.tools.blind.harness import read_lines
+from tests.tools.blind.score import same_class
 
 Array = np.ndarray
 VARIABLES = {
@@ -28,20 +29,41 @@ VARIABLES = {
 """Of a hidden function -> in words, as of a curve."""
 MOSTLY = 0.9
 """[1] Part of the range in which a function must lie in the band."""
+RIPPLE, RIPPLES, STRIBECK, STRIBECK_RAD_S = 0.06, (17.0, 23.0), 0.05, 0.1
+"""[1], [1/rad] a joint, [1], [rad/s] Of the clutter that cases plant on each joint, by its Coulomb friction: it is a
+part of what is missing there over the position and the velocity."""
 INSIDE = (0.05, 0.95)
 """[1] Part of the range of a curve that is compared: at its ends hardly a sample lies."""
 
 
 @dataclass(frozen=True)
 class Compared:
-    """A case and its curve: the hidden function, the answer, whether its variable was found on its joint, and the part
-    of the range where the function lies in the 95 % interval; NaN without a curve."""
+    """A case and its curve.
+
+    Attributes:
+        hidden: the hidden function; answer, judged: the answer and its verdict; named: effects that stand in it.
+        is_found: whether the variable was found on its joint; within: the part of the range where the function lies in
+            the 95 % interval, NaN without a curve.
+    """
 
     hidden: str
     rate_hz: float
     answer: str
+    judged: str
+    named: tuple[str, ...]
     is_found: bool
     within: float
+
+    @property
+    def is_refused(self) -> bool:
+        """Whether nothing was named."""
+        return not self.named
+
+    @property
+    def is_outside(self) -> bool:
+        """Whether a function of time was named as nothing but a torque from outside, which it may be."""
+        alike = all(same_class(one.split(",")[0], "external_force") for one in self.named)
+        return self.hidden == "unknown_swell" and not self.is_refused and alike
 
 
 def hidden_function(folder: Path, truth_file: Path | None = None) -> tuple[str, str, int, Callable[[Array], Array]]:
@@ -64,10 +86,32 @@ def hidden_function(folder: Path, truth_file: Path | None = None) -> tuple[str, 
     return truth["effect"], VARIABLES[variable], joint, function
 
 
-def within_band(curve: Mapping[str, Any], function: Callable[[Array], Array]) -> float:
+def planted_function(truth_file: Path, joint: int, variable: str) -> Callable[[Array], Array]:
+    """What the clutter of a case makes of a variable on a joint, from 1, in N.m."""
+    content = yaml.safe_load(truth_file.read_text(encoding="utf-8"))
+    dry = 0.0 if content["clutter"] == "none" else float(content["parameters"][f"Fc{joint}"])
+
+    def function(x: Array) -> Array:
+        if variable == VARIABLES["q"]:
+            return np.asarray(RIPPLE * dry * np.sin(RIPPLES[joint - 1] * x))
+        if variable == VARIABLES["dq"]:
+            return np.asarray(STRIBECK * dry * np.sign(x) * np.exp(-((x / STRIBECK_RAD_S) ** 2)))
+        return np.zeros_like(x)
+
+    return function
+
+
+def within_band(
+    curve: Mapping[str, Any], function: Callable[[Array], Array], planted: Callable[[Array], Array] = np.zeros_like
+) -> float:
     """Part of the range in which the function lies in the band: after least squares of its size, its sign, and of what
-    the model makes itself, a constant, a line, sine and cosine, and friction, which belong to no curve."""
+    the model makes itself, a constant, a line, sine and cosine, and friction, which belong to no curve.
+
+    Args:
+        planted: torque of the same variable that is there beside it.
+    """
     at, torque, half = (np.array(curve[key]) for key in ("at", "torque", "half_width"))
+    torque = torque - planted(at)
     low, high = (at[0] + part * (at[-1] - at[0]) for part in INSIDE)
     seen = (at >= low) & (at <= high)
     own = [np.ones_like(at), at]
@@ -87,12 +131,15 @@ def compared(folder: Path, line: Mapping[str, Any]) -> Compared:
     name, variable, joint, function = hidden_function(case)
     rate = float(yaml.safe_load((case / "case.yaml").read_text(encoding="utf-8"))["measurement"]["rate_hz"])
     own = [c for c in line["curves"] if c["joint"] == joint and c["variable"] == variable]
-    within = within_band(own[0], function) if own else float("nan")
-    return Compared(name, rate, line["verdict"], bool(own), within)
+    planted = planted_function(case / "truth.yaml", joint, variable)
+    within = within_band(own[0], function, planted) if own else float("nan")
+    named = tuple(f"{f['effect']}, joint {f['joint']}" for f in line["findings"])
+    return Compared(name, rate, line["verdict"], line["judged"], named, bool(own), within)
 
 
 def figures(found: list[Compared]) -> dict[str, str]:
-    """Cases by hidden function and rate: refused, variable found, function in the band on nine tenths of the range."""
+    """Cases by hidden function and rate: refused, named as a torque from outside, named in an answer called valid,
+    variable found, function in the band on nine tenths of the range."""
     groups = defaultdict(list)
     for one in found:
         groups[one.hidden.removeprefix("unknown_"), one.rate_hz].append(one)
@@ -100,7 +147,9 @@ def figures(found: list[Compared]) -> dict[str, str]:
     shown = {}
     for (name, rate), own in sorted(groups.items()):
         key, count = f"{name}_{rate:g}hz", len(own)
-        shown[f"{key}_refused"] = f"{sum(one.answer == 'unknown' for one in own)} of {count}"
+        shown[f"{key}_refused"] = f"{sum(one.is_refused for one in own)} of {count}"
+        shown[f"{key}_outside"] = str(sum(one.is_outside for one in own))
+        shown[f"{key}_named_valid"] = str(sum(not one.is_refused and one.judged == "valid" for one in own))
         shown[f"{key}_variable"] = f"{sum(one.is_found for one in own)} of {count}"
         shown[f"{key}_within"] = f"{sum(one.within >= MOSTLY for one in own)} of {sum(one.is_found for one in own)}"
     return shown
@@ -117,8 +166,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     found = [compared(options.folder, line) for line in read_lines(options.lines)]
     shown = figures(found)
     for one in found:
-        text = f"{one.hidden:20s} {one.rate_hz:4g} Hz  {one.answer:22s}"
-        print(text, f"variable {one.is_found!s:5s} in band {one.within:.2f}")
+        text = f"{one.hidden:20s} {one.rate_hz:4g} Hz  {one.answer:22s} {one.judged:10s}"
+        print(text, f"variable {one.is_found!s:5s} in band {one.within:.2f}", "; ".join(one.named))
     for name, text in shown.items():
         print(f"{name:28s} {text}")
     if options.figures:

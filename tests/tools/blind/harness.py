@@ -36,7 +36,7 @@ def _line(found: dict[str, Any]) -> Mapping[str, Any]:
     gap = {RUNS[label]: [pair["before"], pair["after"]] for label, pair in found["gap"].items()}
     findings = [{**item, "ambiguous": [rival["effect"] for rival in item["ambiguous"]]} for item in found["findings"]]
     gap["ratio_interval"] = found["ratio_interval"]
-    return {**found, "verdict": found["answer"], "findings": findings, "gap": gap}
+    return {**found, "verdict": found["answer"], "judged": found["verdict"], "findings": findings, "gap": gap}
 
 
 def case_folders(folder: Path, only: Sequence[str] = ()) -> list[Path]:
@@ -79,6 +79,7 @@ def reduced(found: Mapping[str, Any]) -> dict[str, Any]:
     gap = found.get("gap", {})
     return {
         "verdict": found["verdict"],
+        "judged": found.get("judged", ""),
         "findings": findings,
         "gap": {key: gap.get(key) for key in ("train", "test", "ratio_interval")},
         "curves": [{key: curve[key] for key in CURVE} for curve in found.get("curves", ())],

@@ -504,7 +504,7 @@ def test_harness_writes_a_line_for_each_case(tmp_path: Path) -> None:
     assert seen == [1, 2]
     named = lines[0]
     assert named["case"] == "stribeck-100"
-    assert set(named) == {"case", "verdict", "findings", "gap", "curves", "seconds"}
+    assert set(named) == {"case", "verdict", "judged", "findings", "gap", "curves", "seconds"}
     assert named["findings"] == [{"effect": "stribeck", "class": "stribeck", "joint": 2, "ambiguous": ["stribeck"]}]
     assert named["gap"] == {"train": [2.0, 1.0], "test": [2.0, 0.5], "ratio_interval": [0.2, 0.3]}
     assert lines[1]["verdict"] == "nothing"
