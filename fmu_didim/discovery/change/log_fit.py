@@ -12,6 +12,7 @@ from functools import cached_property
 
 import numpy as np
 
+from fmu_didim.base.errors import SimulationError
 from fmu_didim.data.signals import Array
 from fmu_didim.discovery.augmentation.builder import LoopModelBuilder
 from fmu_didim.discovery.augmentation.places import Proposal
@@ -33,6 +34,9 @@ from fmu_didim.model.loop_model import EffectAtJoint, LoopModel
 SOFTER = (1.0, 0.3, 0.1, 0.03, 0.01, 0.003)
 """[1] Of the stiffness that the slope of a stiff gear promises, or of the largest that is searched for where that is
 less, tried as starts of the fit."""
+GEAR_STARTS = 4
+"""[starts] From which a gear is fitted: of eight near the log, on a gear with play, two end in a minimum of four times
+the misfit."""
 LEFT_OVER = 1e-6
 """[1] Of a signature, below which the values absorb it whole."""
 UPDATES = 3
@@ -40,7 +44,7 @@ UPDATES = 3
 SETTLED = 12
 """[sensitivities] At most, taken anew in the fit of the best effect: play in a gear needs six to ten."""
 BASE_FIT = Stopping(exact=True)
-DECIDE = ("UPDATES", "SETTLED", "SOFTER")
+DECIDE = ("UPDATES", "SETTLED", "SOFTER", "GEAR_STARTS")
 """Those of these numbers on which an answer depends."""
 
 
@@ -105,30 +109,41 @@ def fitted(side: LogFit, starts: Sequence[Proposal]) -> Fit | None:
     nothing to this log."""
     effect_at = starts[0].effect_at
     tried = _in_the_loop(side, starts) if side.builder.effect(effect_at).elastic else starts[:1]
-    fits = (side.competition.refit(start, updates=UPDATES) for start in tried)
+    fits = [_refitted(side, start) for start in tried]
     found = min((fit for fit in fits if fit is not None), key=lambda fit: fit.chi_square, default=None)
     if found is None or found.given_up or not np.abs(found.jacobian).max(axis=(0, 1)).all():
         return None
     return None if side.competition.assess(effect_at, found).implausible else found
 
 
-def _in_the_loop(side: LogFit, starts: Sequence[Proposal]) -> Sequence[Proposal]:
-    """Starts of a gear from which the loop is nearest to the log: softer ones, and more or less play."""
-    effect_at = starts[0].effect_at
-    neutral, placed = side.builder.effect(effect_at).neutral, side.builder.at(effect_at)
-    found = list[Proposal]()
-    for start in starts:
-        own = [v.name for v in placed.amplitudes if v.name in start.values]
-        stiff = [name for name in own if np.isinf(neutral.get(name, 0.0))]
-        for part in SOFTER if stiff else SIZES:
-            values = dict(start.values)
-            for name in own:
-                whole = values[name]
-                if name in stiff and name in placed.search:
-                    whole = min(whole, placed.search[name].highest)
-                values[name] = part * whole
-            found.append(replace(start, values=values))
-    return side.competition.nearest([*starts, *found]) or starts
+def _refitted(side: LogFit, start: Proposal) -> Fit | None:
+    """A log with an effect, from one start; None where the loop fails on the way, which other starts need not."""
+    try:
+        return side.competition.refit(start, updates=UPDATES)
+    except SimulationError:
+        return None
+
+
+def _in_the_loop(side: LogFit, starts: Sequence[Proposal]) -> list[Proposal]:
+    """Starts of a gear: of each shape the softness, or the play, with which the loop is nearest to the log. The loop
+    alone does not say which shape is best: play that rattles has many minima."""
+    own = GEAR_STARTS // len(starts)
+    found = [near for start in starts for near in side.competition.nearest(_sizes(side, start))[: max(own, 1)]]
+    return found or list(starts[:1])
+
+
+def _sizes(side: LogFit, start: Proposal) -> list[Proposal]:
+    """A start of a gear, softer or with more and less play."""
+    neutral, placed = side.builder.effect(start.effect_at).neutral, side.builder.at(start.effect_at)
+    own = [v.name for v in placed.amplitudes if v.name in start.values]
+    stiff = {name for name in own if np.isinf(neutral.get(name, 0.0))}
+    largest = {name: placed.search[name].highest for name in stiff if name in placed.search}
+    values = {name: min(start.values[name], largest.get(name, np.inf)) for name in own}
+    sizes = SOFTER if stiff else SIZES
+    return [
+        start,
+        *(replace(start, values={**start.values, **{n: part * v for n, v in values.items()}}) for part in sizes),
+    ]
 
 
 def promised(
@@ -215,11 +230,14 @@ def absent(side: LogFit, found: Fit, effects: Sequence[EffectAtJoint]) -> Effect
 
 
 def settled(fit: Fit | None) -> Fit | None:
-    """A fit that has come to its end."""
+    """A fit that has come to its end; as it is, where the loop fails on the way there."""
     if fit is None:
         return None
     stopping = Stopping(updates=SETTLED, check_all=False)
-    return minimise(fit.model, fit.noise, stopping=stopping, jacobian=fit.jacobian, outputs=fit.outputs)
+    try:
+        return minimise(fit.model, fit.noise, stopping=stopping, jacobian=fit.jacobian, outputs=fit.outputs)
+    except SimulationError:
+        return fit
 
 
 def known(fit: Fit, names: Sequence[str]) -> Known:
