@@ -13,12 +13,13 @@ same way: so two that came, or went, together are found.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fmu_didim.base.errors import FmuDidimError
 from fmu_didim.data.signals import Array
@@ -99,12 +100,14 @@ class _Ground:
         sides: the logs; difference: of their values, with those of these effects; known: these of each log.
         between: covariance of the first of these values between logs of one state, beside their noise.
         gain: chi-square by which these effects explain both logs better; cost: values for that; lacks: these effects.
+        stiff: names of the stiffnesses among these values, which the difference has as compliances.
     """
 
     sides: tuple[LogFit, LogFit]
     difference: Difference
     known: tuple[Known, Known]
     between: Array | None = None
+    stiff: frozenset[str] = frozenset()
     gain: float = 0.0
     cost: float = 0.0
     lacks: tuple[Lack, ...] = ()
@@ -227,13 +230,13 @@ class _Search:
         found, ground = tried.fits[k], self.ground
         if found is None:
             return None
-        own = ground.known_of(k, found, ground.difference.names)
+        own = ground.known_of(k, found, ground.known[0].names)
         pair = (ground.known[0], own) if k == 1 else (own, ground.known[1])
         forms, amounts, deviations = zip(*(_form(ground.sides[k], found, a, when) for a in tried.effects), strict=True)
         fits = [side.fit for side in ground.sides]
         fits[k] = found
         return World(
-            _difference(ground.difference, *pair), forms, amounts, deviations,
+            _difference(ground.difference, *pair, stiff=ground.stiff), forms, amounts, deviations,
             ground.gain + gain(ground.sides[k], found, tried.through[k]), ground.cost + self._cost(tried.effects),
             ground.lacks, residual=_residual(*fits),
         )  # fmt: skip
@@ -262,11 +265,12 @@ class _Search:
         )  # fmt: skip
         parts, lacks = zip(*(self._lack(first, a, is_sure=surely) for a in tried.effects), strict=True)
         free = [p for own in parts for p in own]
-        names = (*ground.known[0].names, *(p.name for p in free))
+        names, stiff = (*ground.known[0].names, *(p.name for p in free)), ground.stiff.union(*(x.stiff for x in lacks))
         values = ground.known_of(0, first, names), ground.known_of(1, second, names)
         return _Ground(
             (LogFit(first, ground.sides[0].builder), LogFit(second, ground.sides[1].builder)),
-            _difference(ground.difference, *values, units=[p.unit for p in free]), values, ground.between,
+            _difference(ground.difference, *values, units=[p.unit for p in free], stiff=stiff), values, ground.between,
+            stiff,
             ground.gain + gained, ground.cost + self._cost(tried.effects), (*ground.lacks, *lacks),
         )  # fmt: skip
 
@@ -316,8 +320,10 @@ class _Search:
             found = self._together(k, sides[k], first, promise)
             if found is None or self._beyond(k, found, effects, own) < least:
                 continue
-            gears = [p for every in promises for p in every if may_be_gear(sides[k].builder, p.effect_at, second)]
-            waiting += [p for p in gears if wanted.setdefault(p.effect_at, p) is p]
+            for gear in (each for every in promises for each in every if each.effect_at not in wanted):
+                if may_be_gear(sides[k].builder, gear.effect_at, second):
+                    wanted[gear.effect_at] = gear
+                    waiting.append(gear)
             if (gone := absent(sides[k], found, first.effects)) is not None:
                 yield from self._in_place_of(gone, k, found, second)
                 continue
@@ -370,11 +376,13 @@ class _Search:
             return
         pair = (found, other) if k == 0 else (other, found)
         free, lack = self._lack(other, second, is_sure=self._beyond(1 - k, other, [second]) >= BIC)
-        names, when = (*ground.known[0].names, *lack.names), "gone" if k == 0 else "new"
+        names, when = (*ground.known[0].names, *(p.name for p in free)), "gone" if k == 0 else "new"
+        stiff = ground.stiff | lack.stiff
         values = ground.known_of(0, pair[0], names), ground.known_of(1, pair[1], names)
         forms, amounts, deviations = zip(*(_form(ground.sides[k], found, a, when) for a in first.effects), strict=True)
+        moved = _difference(ground.difference, *values, units=[p.unit for p in free], stiff=stiff)
         yield World(
-            _difference(ground.difference, *values, units=[p.unit for p in free]), forms, amounts, deviations,
+            moved, forms, amounts, deviations,
             ground.gain + gain(ground.sides[k], found, first.fits[k]) + gain(ground.sides[1 - k], other),
             ground.cost + self._cost((*first.effects, second)), (*ground.lacks, lack), residual=_residual(*pair),
         )  # fmt: skip
@@ -383,9 +391,10 @@ class _Search:
         """An effect of a fit as one that both logs have, with its free parameters."""
         index, effect = fit.model.added_effects.index(effect_at), self.ground.sides[0].builder.effect(effect_at)
         free = [p for p in fit.model.free_parameters if p.effect == index]
-        names = tuple(p.name for p in free)
+        stiff = [p.name for p in free if np.isinf(effect.neutral.get(plain_name(p.key, effect_at.joint), 0.0))]
         title, joint = _place(effect, effect_at), _joint(effect, effect_at)
-        return free, Lack(effect_at.effect, joint, title, names, is_sure=is_sure)
+        names = tuple(compared_as(p.name, stiff) for p in free)
+        return free, Lack(effect_at.effect, joint, title, names, is_sure, frozenset(stiff))
 
 
 def may_be_gear(builder: LoopModelBuilder, gear: EffectAtJoint, shown: EffectAtJoint) -> bool:
@@ -421,13 +430,32 @@ def _joint(effect: Effect, effect_at: EffectAtJoint) -> int:
     return 0 if effect.is_of_log or effect.acts_on_base else effect_at.joint
 
 
-def _difference(base: Difference, first: Known, second: Known, units: Sequence[str] = ()) -> Difference:
+def compared_as(name: str, stiff: Collection[str]) -> str:
+    """A stiffness is compared as a compliance: that of a gear that hardly gives way is known, its stiffness is not."""
+    return f"1/{name}" if name in stiff else name
+
+
+def _difference(
+    base: Difference, first: Known, second: Known, units: Sequence[str] = (), stiff: Collection[str] = ()
+) -> Difference:
+    names = first.names
+    is_stiff = np.array([name in stiff for name in names])
+    added = zip(names[len(names) - len(units) :], units, strict=True)
+    every = (*base.units, *(f"1/({unit})" if name in stiff else unit for name, unit in added))
+    sides = [_as_compliances(each, is_stiff) for each in (first, second)]
     found = replace(
-        base, names=first.names, units=(*base.units, *units), before=first.value, after=second.value,
-        covariance=first.covariance + second.covariance,
+        base, names=tuple(compared_as(name, stiff) for name in names), units=every,
+        before=sides[0].value, after=sides[1].value, covariance=sides[0].covariance + sides[1].covariance,
     )  # fmt: skip
     _ = found.total  # raises where the covariances do not tell it
     return found
+
+
+def _as_compliances(known_of: Known, is_stiff: NDArray[np.bool_]) -> Known:
+    """With the inverse of some of the values, and its covariance to first order."""
+    value = np.where(is_stiff, 1 / np.where(is_stiff, known_of.value, 1.0), known_of.value)
+    slope = np.where(is_stiff, -(value**2), 1.0)
+    return replace(known_of, value=value, covariance=known_of.covariance * np.outer(slope, slope))
 
 
 def _form(side: LogFit, fit: Fit, effect_at: EffectAtJoint, when: str) -> tuple[Form, Array, Array]:

@@ -1,0 +1,154 @@
+"""Effects fitted to one log, and gears, of which slopes say little."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+from typing import cast
+
+import numpy as np
+import pytest
+
+from fmu_didim import Log, SimulationError, load_case, read_robot, simulate
+from fmu_didim.discovery.augmentation.builder import LoopModelBuilder
+from fmu_didim.discovery.augmentation.places import Proposal
+from fmu_didim.discovery.change import log_fit
+from fmu_didim.discovery.change.document import compared
+from fmu_didim.discovery.change.log_fit import LogFit, fitted, gain, settled
+from fmu_didim.discovery.change.worlds import may_be_gear
+from fmu_didim.discovery.selection.competition import Competition
+from fmu_didim.dynamics.effects import EFFECTS, Effect
+from fmu_didim.fit.fit import Fit
+from fmu_didim.model.loop_model import EffectAtJoint
+from fmu_didim.workflow.output.result import Result
+from tests.discovery.change.pairs import CASE, NOISE, ROBOT, answer, identified, log_of
+
+RATE = 20
+BELT = {"K": 155.0, "D": 0.1}
+"""[N.m/rad, N.m.s/rad] Of the motor of joint 2, whose inertia then swings at 14 Hz, beyond half of the rate."""
+ROTOR = {"ZZ": 0.043, "Ia": 0.02}
+GEARS = {name: EFFECTS[name] for name in ("joint_elasticity", "backlash", "controller_gain", "log_time_shift")}
+SHIFT, OFFSET = EffectAtJoint("log_time_shift", 1), EffectAtJoint("torque_offset", 2)
+PLAIN = {name: EFFECTS[name] for name in (SHIFT.effect, OFFSET.effect)}
+
+
+@pytest.mark.parametrize(
+    ("gear", "shown", "is_one"),
+    [
+        (("joint_elasticity", 2), ("backlash", 2), True),  # what it is confounded with
+        (("joint_elasticity", 2), ("controller_gain", 2), True),
+        (("backlash", 1), ("joint_elasticity", 1), True),
+        (("joint_elasticity", 1), ("joint_elasticity", 2), True),  # a gear shows on its neighbours
+        (("joint_elasticity", 1), ("backlash", 2), False),
+        (("joint_elasticity", 1), ("controller_gain", 2), False),
+        (("joint_elasticity", 2), ("torque_offset", 2), False),  # nothing to do with it
+        (("backlash", 2), ("backlash", 2), False),  # itself
+        (("actuator_lag", 2), ("joint_elasticity", 2), False),  # no gear: its own slope says what it is worth
+    ],
+)  # fmt: skip
+def test_which_gears_an_effect_may_stand_for(gear: tuple[str, int], shown: tuple[str, int], is_one: bool) -> None:
+    @dataclass(frozen=True)
+    class Builder:
+        def effect(self, at: EffectAtJoint) -> Effect:
+            return EFFECTS[at.effect]
+
+    assert may_be_gear(cast(LoopModelBuilder, Builder()), EffectAtJoint(*gear), EffectAtJoint(*shown)) is is_one
+
+
+@cache
+def late_log() -> LogFit:
+    """Of a clock that is late by 10 ms, beside which there is nothing."""
+    found = identified(log_of(float(RATE), 21, late_s=0.01))
+    return LogFit.of(found.model, read_robot(ROBOT), PLAIN)
+
+
+@cache
+def shifted() -> Fit:
+    found = fitted(late_log(), [Proposal(SHIFT, {"log_shift": 0.008})])
+    assert found is not None
+    return found
+
+
+@pytest.mark.gate
+def test_a_second_effect_that_explains_noise_counts_as_noise() -> None:
+    """What the first one explains must not count anew because what is left is a little less coloured."""
+    side, first = late_log(), shifted()
+    with_second = LogFit(first, side.builder).competition.refit(Proposal(OFFSET, {"offset": 0.001}), updates=3)
+    assert with_second is not None
+    first = settled(first) or first
+    assert gain(side, first) > 100.0
+    more = gain(side, with_second, first) - gain(side, first)
+    assert -1.0 < more < 7.0  # a chi-square of one value
+
+
+@pytest.mark.gate
+def test_a_loop_that_fails_on_the_way_of_one_fit_loses_that_start_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    side, whole = gear_log(slack=True), Competition.refit
+
+    def fails(own: Competition, proposal: Proposal, **options: object) -> Fit | None:
+        if proposal.values["K"] > BELT["K"]:
+            raise SimulationError("The loop diverges.", got="inf", next_step="Try others.")
+        return whole(own, proposal, **options)  # type: ignore[arg-type]
+
+    gear = EffectAtJoint("joint_elasticity", 2)
+    starts = [Proposal(gear, {"K": k}) for k in (300.0, 100.0)]
+    monkeypatch.setattr(log_fit, "_in_the_loop", lambda side, starts: starts)
+    monkeypatch.setattr(Competition, "refit", fails)
+    found = fitted(side.log, starts)
+    assert found is not None
+    assert abs(found.values[found.model.names.index("K_2")] / BELT["K"] - 1) < 0.2
+    assert fitted(side.log, starts[:1]) is None
+
+
+@pytest.mark.gate
+def test_a_fit_that_fails_on_the_way_to_its_end_stays_as_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
+    def fails(*_: object, **__: object) -> Fit:
+        raise SimulationError("The loop diverges.", got="inf", next_step="Try others.")
+
+    monkeypatch.setattr(log_fit, "minimise", fails)
+    assert settled(shifted()) is shifted()
+    assert settled(None) is None
+
+
+@dataclass(frozen=True)
+class Side:
+    """A result of the SCARA with a rotor on joint 2, and its log with its loop."""
+
+    result: Result
+    log: LogFit
+
+
+@cache
+def gear_log(*, slack: bool, late_s: float = 0.0) -> Side:
+    robot = read_robot(ROBOT)
+    first, second = robot.joints
+    second = second.model_copy(update={"parameters": {**second.parameters, **ROTOR}})
+    stiff = robot.model_copy(update={"joints": (first, second), "identified": {**dict(robot.identified), "Ia2": "Ia2"}})
+    true = stiff
+    if slack:
+        loose = {"effects": (*second.effects, "joint_elasticity"), "parameters": {**second.parameters, **BELT}}
+        true = stiff.model_copy(update={"joints": (first, second.model_copy(update=loose))})
+    table = simulate(load_case(CASE).with_(), robot=true)
+    rows = slice(0, table.time.size - 1, round(1 / RATE / (table.time[1] - table.time[0])))
+    instants = table.time[rows] - late_s
+    torque = np.column_stack([np.interp(instants, table.time, table.column(f"tau{j}")) for j in (1, 2)])
+    noise = NOISE * np.random.default_rng(31 + slack).normal(size=torque.shape)
+    found = identified(Log(table.time[rows], torque + noise), robot=stiff)
+    return Side(found, LogFit.of(found.model, stiff, GEARS))
+
+
+@pytest.mark.gate
+@pytest.mark.parametrize(("late_s", "told"), [(0.0, 1), (0.01, 2)])
+def test_a_slack_belt_at_a_low_rate_is_named_alone_and_beside_a_late_clock(late_s: float, told: int) -> None:
+    """Its slope, of a gear that is stiff, promises less than play, or a gain of the controller. Beside a late clock the
+    log does not tell which of the two gears has become slack, and both are told."""
+    before, after = gear_log(slack=False), gear_log(slack=True, late_s=late_s)
+    found = compared(answer("before", before.result), answer("after", after.result), (before.log, after.log))
+    late = {"time shift of the torque log, new"} if late_s else set()
+    titles = [{part.title for part in cause.parts} for cause in found.causes]
+    assert {"joint elasticity on joint 2, new"} | late in titles
+    assert len(titles) <= told
+    cause = found.causes[titles.index({"joint elasticity on joint 2, new"} | late)]
+    stiffness = next(a for part in cause.parts for a in part.amounts if a.name == "K")
+    assert stiffness.std is not None
+    assert abs(stiffness.value - BELT["K"]) < 4 * stiffness.std
