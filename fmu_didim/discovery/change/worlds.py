@@ -236,7 +236,7 @@ class _Search:
         fits = [side.fit for side in ground.sides]
         fits[k] = found
         return World(
-            _difference(ground.difference, *pair, stiff=ground.stiff), forms, amounts, deviations,
+            difference_of(ground.difference, *pair, stiff=ground.stiff), forms, amounts, deviations,
             ground.gain + gain(ground.sides[k], found, tried.through[k]), ground.cost + self._cost(tried.effects),
             ground.lacks, residual=_residual(*fits),
         )  # fmt: skip
@@ -269,9 +269,9 @@ class _Search:
         values = ground.known_of(0, first, names), ground.known_of(1, second, names)
         return _Ground(
             (LogFit(first, ground.sides[0].builder), LogFit(second, ground.sides[1].builder)),
-            _difference(ground.difference, *values, units=[p.unit for p in free], stiff=stiff), values, ground.between,
-            stiff,
-            ground.gain + gained, ground.cost + self._cost(tried.effects), (*ground.lacks, *lacks),
+            difference_of(ground.difference, *values, units=[p.unit for p in free], stiff=stiff), values,
+            ground.between, stiff, ground.gain + gained, ground.cost + self._cost(tried.effects),
+            (*ground.lacks, *lacks),
         )  # fmt: skip
 
     def with_common(self) -> _Ground | None:
@@ -380,7 +380,7 @@ class _Search:
         stiff = ground.stiff | lack.stiff
         values = ground.known_of(0, pair[0], names), ground.known_of(1, pair[1], names)
         forms, amounts, deviations = zip(*(_form(ground.sides[k], found, a, when) for a in first.effects), strict=True)
-        moved = _difference(ground.difference, *values, units=[p.unit for p in free], stiff=stiff)
+        moved = difference_of(ground.difference, *values, units=[p.unit for p in free], stiff=stiff)
         yield World(
             moved, forms, amounts, deviations,
             ground.gain + gain(ground.sides[k], found, first.fits[k]) + gain(ground.sides[1 - k], other),
@@ -435,9 +435,17 @@ def compared_as(name: str, stiff: Collection[str]) -> str:
     return f"1/{name}" if name in stiff else name
 
 
-def _difference(
+def difference_of(
     base: Difference, first: Known, second: Known, units: Sequence[str] = (), stiff: Collection[str] = ()
 ) -> Difference:
+    """The change between two logs.
+
+    Args:
+        base: without effects; units: of the values that effects add; stiff: names of stiffnesses among these.
+
+    Raises:
+        InputError: the covariances do not tell how far the values may be apart.
+    """
     names = first.names
     is_stiff = np.array([name in stiff for name in names])
     added = zip(names[len(names) - len(units) :], units, strict=True)
@@ -447,7 +455,7 @@ def _difference(
         base, names=tuple(compared_as(name, stiff) for name in names), units=every,
         before=sides[0].value, after=sides[1].value, covariance=sides[0].covariance + sides[1].covariance,
     )  # fmt: skip
-    _ = found.total  # raises where the covariances do not tell it
+    _ = found.total  # raises
     return found
 
 

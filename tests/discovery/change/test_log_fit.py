@@ -13,9 +13,10 @@ from fmu_didim import Log, SimulationError, load_case, read_robot, simulate
 from fmu_didim.discovery.augmentation.builder import LoopModelBuilder
 from fmu_didim.discovery.augmentation.places import Proposal
 from fmu_didim.discovery.change import log_fit
+from fmu_didim.discovery.change.difference import Difference
 from fmu_didim.discovery.change.document import compared
-from fmu_didim.discovery.change.log_fit import LogFit, fitted, gain, settled
-from fmu_didim.discovery.change.worlds import may_be_gear
+from fmu_didim.discovery.change.log_fit import Known, LogFit, fitted, gain, settled
+from fmu_didim.discovery.change.worlds import difference_of, may_be_gear
 from fmu_didim.discovery.selection.competition import Competition
 from fmu_didim.dynamics.effects import EFFECTS, Effect
 from fmu_didim.fit.fit import Fit
@@ -53,6 +54,28 @@ def test_which_gears_an_effect_may_stand_for(gear: tuple[str, int], shown: tuple
             return EFFECTS[at.effect]
 
     assert may_be_gear(cast(LoopModelBuilder, Builder()), EffectAtJoint(*gear), EffectAtJoint(*shown)) is is_one
+
+
+@pytest.mark.parametrize(
+    ("soft", "other", "chi_square"),
+    [
+        ((143.0, 14.0), (1510.0, 2000.0), (30.0, 35.0)),  # slack in one log, and hardly anything in the other
+        ((143.0, 14.0), (150.0, 15.0), (0.0, 1.0)),  # in both
+        ((143.0, 14.0), (100.0, 7.0), (7.0, 9.5)),  # grown
+        ((143.0, 14.0), (1e5, 1e6), (100.0, 105.0)),  # none
+    ],
+)  # fmt: skip
+def test_stiffnesses_are_compared_as_compliances(
+    soft: tuple[float, float], other: tuple[float, float], chi_square: tuple[float, float]
+) -> None:
+    """Of a gear that hardly gives way the stiffness may be anything: a stiffness of 143 would be one of 1510 ± 2000."""
+    base = Difference(("a",), ("N.m",), np.zeros(1), np.zeros(1), np.eye(1), np.inf, 1000)
+    sides = [
+        Known(("a", "K_2"), np.array([0.0, value]), np.diag([1.0, spread**2])) for value, spread in (soft, other)
+    ]  # fmt: skip
+    found = difference_of(base, sides[0], sides[1], units=["N.m/rad"], stiff=frozenset({"K_2"}))
+    assert (found.names, found.units) == (("a", "1/K_2"), ("N.m", "1/(N.m/rad)"))
+    assert chi_square[0] <= found.total <= chi_square[1]
 
 
 @cache
@@ -123,7 +146,12 @@ def gear_log(*, slack: bool, late_s: float = 0.0) -> Side:
     robot = read_robot(ROBOT)
     first, second = robot.joints
     second = second.model_copy(update={"parameters": {**second.parameters, **ROTOR}})
-    stiff = robot.model_copy(update={"joints": (first, second), "identified": {**dict(robot.identified), "Ia2": "Ia2"}})
+    stiff = robot.model_copy(
+        update={
+            "joints": (first, second),
+            "identified": {**dict(cast("dict[str, str]", robot.identified)), "Ia2": "Ia2"},
+        }
+    )
     true = stiff
     if slack:
         loose = {"effects": (*second.effects, "joint_elasticity"), "parameters": {**second.parameters, **BELT}}
