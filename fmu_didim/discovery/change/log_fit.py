@@ -37,6 +37,8 @@ less, tried as starts of the fit."""
 GEAR_STARTS = 4
 """[starts] From which a gear is fitted: of eight near the log, on a gear with play, two end in a minimum of four times
 the misfit."""
+SAME_GAIN = 6
+"""[digits] Of two promises that are one."""
 LEFT_OVER = 1e-6
 """[1] Of a signature, below which the values absorb it whole."""
 UPDATES = 3
@@ -104,11 +106,16 @@ class Promise:
     starts: tuple[Proposal, ...]
 
 
-def fitted(side: LogFit, starts: Sequence[Proposal]) -> Fit | None:
+def fitted(side: LogFit, starts: Sequence[Proposal], *, if_nearer: bool = False) -> Fit | None:
     """A log with an effect, the best fit from these starts; None where it cannot be simulated, is no machine's, or does
-    nothing to this log."""
+    nothing to this log.
+
+    Args:
+        if_nearer: whether a gear is fitted only where the loop comes nearer to the log from one of these starts.
+    """
     effect_at = starts[0].effect_at
-    tried = _in_the_loop(side, starts) if side.builder.effect(effect_at).elastic else starts[:1]
+    is_gear = side.builder.effect(effect_at).elastic
+    tried = _in_the_loop(side, starts, least=0 if if_nearer else 1) if is_gear else starts[:1]
     fits = [_refitted(side, start) for start in tried]
     found = min((fit for fit in fits if fit is not None), key=lambda fit: fit.chi_square, default=None)
     if found is None or found.given_up or not np.abs(found.jacobian).max(axis=(0, 1)).all():
@@ -124,12 +131,18 @@ def _refitted(side: LogFit, start: Proposal) -> Fit | None:
         return None
 
 
-def _in_the_loop(side: LogFit, starts: Sequence[Proposal]) -> list[Proposal]:
-    """Starts of a gear: of each shape the softness, or the play, with which the loop is nearest to the log. The loop
-    alone does not say which shape is best: play that rattles has many minima."""
-    own = GEAR_STARTS // len(starts)
-    found = [near for start in starts for near in side.competition.nearest(_sizes(side, start))[: max(own, 1)]]
-    return found or list(starts[:1])
+def _in_the_loop(side: LogFit, starts: Sequence[Proposal], *, least: int) -> list[Proposal]:
+    """Starts of a gear: of each shape the softness, or the play, with which the loop is nearest to the log, as far as
+    it is nearer than without the gear; ``least`` in any case. The loop alone does not say which shape is best: play
+    that rattles has many minima."""
+    competition, own = side.competition, max(GEAR_STARTS // len(starts), 1)
+    tried = [
+        sorted(((competition.misfit(size), place, size) for place, size in enumerate(_sizes(side, start))))[:own]
+        for start in starts
+    ]  # fmt: skip
+    ordered = sorted((cost, i, k, size) for i, every in enumerate(tried) for k, (cost, _, size) in enumerate(every))
+    whole = competition.misfit()
+    return [size for place, (cost, _, _, size) in enumerate(ordered) if cost < whole or place < least]
 
 
 def _sizes(side: LogFit, start: Proposal) -> list[Proposal]:
@@ -179,9 +192,10 @@ def promised(
 
 
 def _promise(effect_at: EffectAtJoint, shapes: Sequence[tuple[float, Proposal]]) -> Promise:
-    """Of an effect at its best shapes."""
+    """Of an effect at its best shapes; some may be one, as shares of a motor whose inertia is known."""
     ordered = sorted(shapes, key=lambda each: -each[0])
-    return Promise(effect_at, ordered[0][0], tuple(proposal for _, proposal in ordered[: 1 + FURTHER]))
+    distinct = {round(gain, SAME_GAIN): proposal for gain, proposal in reversed(ordered)}
+    return Promise(effect_at, ordered[0][0], tuple(reversed(distinct.values()))[: 1 + FURTHER])
 
 
 @dataclass(frozen=True)

@@ -165,7 +165,7 @@ class _Search:
             self._try(promise, [effect_at in own for own in shown])
         while rivals := self._gears_beside(promises):
             for promise, shows in rivals:
-                self._try(promise, shows)
+                self._try(promise, shows, if_nearer=True)
         return [world for tried in self.tried for world in self._of(tried)]
 
     def _promised(self, k: int, side: LogFit | None = None, but: Sequence[EffectAtJoint] = ()) -> list[list[Promise]]:
@@ -173,11 +173,14 @@ class _Search:
         covered = self.covered | {(a.effect, a.joint) for a in but}
         return list(promised(side or self.ground.sides[k], self.ground.known[1 - k], covered, self.progress))
 
-    def _try(self, promise: Promise, shows: Sequence[bool]) -> None:
-        """Fit an effect to the logs that show it, and to the other one if these do."""
+    def _try(self, promise: Promise, shows: Sequence[bool], *, if_nearer: bool = False) -> None:
+        """Fit an effect to the logs that show it, and to the other one if these do; ``if_nearer`` as of ``fitted``."""
         effect_at, sides = promise.effect_at, self.ground.sides
         self.progress.say(f"fitting {effect_at.effect} on joint {effect_at.joint}")
-        fits = [fitted(side, promise.starts) if own else None for side, own in zip(sides, shows, strict=True)]
+        fits = [
+            fitted(side, promise.starts, if_nearer=if_nearer) if own else None
+            for side, own in zip(sides, shows, strict=True)
+        ]
         self.tried.append(self._completed((effect_at,), fits, sides))
 
     def _gears_beside(self, promises: Sequence[Sequence[Sequence[Promise]]]) -> list[tuple[Promise, list[bool]]]:

@@ -115,7 +115,7 @@ def test_a_loop_that_fails_on_the_way_of_one_fit_loses_that_start_alone(monkeypa
 
     gear = EffectAtJoint("joint_elasticity", 2)
     starts = [Proposal(gear, {"K": k}) for k in (300.0, 100.0)]
-    monkeypatch.setattr(log_fit, "_in_the_loop", lambda side, starts: starts)
+    monkeypatch.setattr(log_fit, "_in_the_loop", lambda side, starts, least: starts)
     monkeypatch.setattr(Competition, "refit", fails)
     found = fitted(side.log, starts)
     assert found is not None
