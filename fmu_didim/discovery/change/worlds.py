@@ -315,18 +315,19 @@ class _Search:
         ]
         promises = self._promised(k, sides[k], first.effects)
         wanted = {p.effect_at: p for every in promises for p in every[:SECOND] if p.gain > 0}
-        waiting, least = list(wanted.values()), BIC + self._beyond(k, own, first.effects)
+        waiting = [(promise, False) for promise in wanted.values()]
+        least = BIC + self._beyond(k, own, first.effects)
         while waiting:
-            promise = waiting.pop(0)
+            promise, if_nearer = waiting.pop(0)
             second, effects = promise.effect_at, (*first.effects, promise.effect_at)
             self.progress.say(f"fitting {second.effect} on joint {second.joint} beside {first.effects[0].effect}")
-            found = self._together(k, sides[k], first, promise)
+            found = self._together(k, sides[k], first, promise, if_nearer=if_nearer)
             if found is None or self._beyond(k, found, effects, own) < least:
                 continue
             for gear in (each for every in promises for each in every if each.effect_at not in wanted):
                 if may_be_gear(sides[k].builder, gear.effect_at, second):
                     wanted[gear.effect_at] = gear
-                    waiting.append(gear)
+                    waiting.append((gear, True))
             if (gone := absent(sides[k], found, first.effects)) is not None:
                 yield from self._in_place_of(gone, k, found, second)
                 continue
@@ -338,12 +339,16 @@ class _Search:
             with suppress(FmuDidimError, np.linalg.LinAlgError):  # values that one log does not determine with it
                 yield from self._beside(k, found, first, second)
 
-    def _together(self, k: int, side: LogFit, first: _Tried, promise: Promise) -> Fit | None:
-        """A log with a second effect: it beside the first, or the first beside it, whichever ends nearer to the log,
-        because each alone stands for a part of the other."""
-        found, own = [fitted(side, promise.starts)], first.fits[k]
-        alone = next((t.fits[k] for t in self.tried if t.effects == (promise.effect_at,)), None)
-        if alone is not None and own is not None:
+    def _together(
+        self, k: int, side: LogFit, first: _Tried, promise: Promise, *, if_nearer: bool = False
+    ) -> Fit | None:  # fmt: skip
+        """A log with a second effect: it beside the first, or the first beside it where it explains the log alone, too,
+        whichever ends nearer to the log, because each alone stands for a part of the other. ``if_nearer`` as of
+        ``fitted``."""
+        found, own = [fitted(side, promise.starts, if_nearer=if_nearer)], first.fits[k]
+        second = (promise.effect_at,)
+        alone = next((t.fits[k] for t in self.tried if t.effects == second), None)
+        if alone is not None and own is not None and self._beyond(k, alone, second) >= BIC:
             found.append(fitted(LogFit(alone, side.builder), [fitted_proposal(own, first.effects[0])]))
         return min((fit for fit in found if fit is not None), key=lambda fit: fit.chi_square, default=None)
 
