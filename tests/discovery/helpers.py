@@ -84,13 +84,15 @@ def arm_model(
     rate_hz: float = 100.0,
     effects: Mapping[int, Sequence[str]] | None = None,
     values: Mapping[str, Mapping[str, float]] | None = None,
+    second: Mapping[str, Mapping[str, float]] | None = None,
     gear: Mapping[str, float] | None = None,
     gain_factor: float = 1.0,
 ) -> LoopModel:
     """The arm in its loop at 200 Hz as a case on disk, loaded; its torque log is that of its own model, without noise.
 
     Args:
-        values: effect -> its parameters on the first joint; gear: parameters of its elastic gear, rigid without any.
+        values: effect -> its parameters on the first joint; second: the same of further effects on the second joint.
+        gear: parameters of the elastic gear of the first joint, rigid without any.
         gain_factor: of all gains; large ones make the arm follow its reference closely.
     """
     folder.mkdir(parents=True, exist_ok=True)
@@ -108,9 +110,10 @@ def arm_model(
         "controller": {"kind": "model", "source": "controller.yaml"},
         "train": {"reference": {"file": "reference.csv"}, "torque": {"file": "torque.csv"}},
     }  # fmt: skip
-    robot = arm_document(joints, effects, gear)
-    for own in (values or {}).values():
-        robot["joints"][0]["parameters"] |= own
+    robot = arm_document(joints, {**(effects or {}), **({2: tuple(second)} if second else {})}, gear)
+    for j, added in enumerate((values, second)):
+        for own in (added or {}).values():
+            robot["joints"][j]["parameters"] |= own
     for name, content in (("robot", robot), ("controller", controller), ("case", case)):
         (folder / f"{name}.yaml").write_text(yaml.safe_dump(content, sort_keys=False), encoding="utf-8")
     model = load_case(folder / "case.yaml").model
@@ -123,6 +126,7 @@ def arm_case(
     added: Mapping[str, Mapping[str, float]] | None = None,
     *,
     joints: int = 1,
+    second: Mapping[str, Mapping[str, float]] | None = None,
     rate_hz: float = 100.0,
     late_s: float = 0.0,
     sigma: float = 0.1,
@@ -134,14 +138,16 @@ def arm_case(
     """Case of the arm, whose plant has further effects on joint 1 that the robot description of the case lacks.
 
     Args:
-        added: effect -> its parameters by plain name, shapes included.
+        added: effect -> its parameters by plain name, shapes included; second: the same on joint 2.
         late_s: how late the torque log is stamped; its torque is interpolated between the ticks of the control.
         sigma: of the white noise on joint 1, a third of it on joint 2; held_out: whether there is a validation run.
         gear: parameters of the elastic gear of joint 1, which the description of the case has, too.
         encoder: noise of positions that are measured at 100 Hz, rad; None without; scale: of them, where it is wrong.
     """
     added = added or {}
-    model = arm_model(folder, joints=joints, rate_hz=rate_hz, effects={1: tuple(added)}, values=added, gear=gear)
+    model = arm_model(
+        folder, joints=joints, rate_hz=rate_hz, effects={1: tuple(added)}, values=added, second=second, gear=gear
+    )
     experiment = data(model)
     deviation = sigma * np.array([1.0, 1 / 3][:joints])
     rng = np.random.default_rng(0)

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from enum import Enum
 
 import numpy as np
 
 from fmu_didim.data.signals import Array
+from fmu_didim.discovery.augmentation.places import Proposal
 from fmu_didim.discovery.screening.catalogue import Signature
 from fmu_didim.fit.fit import Fit
 from fmu_didim.model.loop_model import EffectAtJoint
@@ -36,6 +38,11 @@ class ScreenedCandidate:
     @property
     def effect_at(self) -> EffectAtJoint:
         return self.signature.effect_at
+
+    @property
+    def start(self) -> Proposal:
+        """Where its fit starts."""
+        return self.signature.proposal(self.coefficients)
 
 
 @dataclass(frozen=True)
@@ -96,12 +103,14 @@ class Comparison:
 
     Attributes:
         ranking: the fitted ones, the best first; tried: all candidates, in the order of the fits.
-        unfitted: those left early by their signatures.
+        unfitted: those left early by their signatures, or because they were led astray before.
+        astray: what those in the torque balance promised whose fit ended hardly better than without them.
     """
 
     ranking: tuple[FittedCandidate, ...]
     tried: tuple[TriedCandidate, ...]
     unfitted: tuple[ScreenedCandidate, ...] = ()
+    astray: Mapping[EffectAtJoint, float] = field(default_factory=dict)
 
     @property
     def is_cut(self) -> bool:

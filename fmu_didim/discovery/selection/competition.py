@@ -12,8 +12,8 @@ hardly a sample counts: what the best candidates leave is looked at, too, and it
 from __future__ import annotations
 
 import time as clock
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 
 import numpy as np
@@ -60,6 +60,9 @@ FORESEEN = 3
 """[candidates] Fitted in any case where they explain most by the colour of what they leave: on a measured TX40 the
 friction of a coupled wrist explains 69 % of chi-square, of which the colour of the residual before it leaves 3 % to
 count."""
+USUAL = 0.8
+"""[1] Fraction of the gain of its best shapes from which others are taken, where machines have its amplitudes there: a
+power of the velocity below one, and a drag that falls with one above it, are nearly alike beside viscous friction."""
 LEADING = 0.75
 """[1] Fraction of the best gain from which a candidate leads, and further shapes of it are nearly as good."""
 FURTHER = 3
@@ -84,6 +87,9 @@ HELD_FIRST = (0.0, 0.5, 1.0)
 HELD_UPDATES = 3
 """[sensitivities] Taken anew at most while it is held, and when it is released: the first ones are those of a base that
 may be far off."""
+GROWN = 1.5
+"""[1] Times what a candidate promised when its fit was led astray that it must promise to be fitted again while others
+are: on a measured TX40 a payload was fitted from three starts in each of five rounds, and never gained anything."""
 LEAST = 5.0
 """[chi-square] By which a candidate must promise to lower it for its fit to be completed: less is no BIC difference
 of 10."""
@@ -95,10 +101,13 @@ class Competition:
 
     Attributes:
         builder: builds the loops with them; fit: of the present model.
+        astray: what candidates in the torque balance promised whose fit ended hardly better than the model without
+            them, in a round before.
     """
 
     builder: LoopModelBuilder
     fit: Fit
+    astray: Mapping[EffectAtJoint, float] = field(default_factory=dict)
 
     @cached_property
     def base(self) -> BaseProjection:
@@ -145,13 +154,20 @@ class Competition:
         return bic_difference(fit.model.experiments, before, after, cost, fit.noise)
 
     def _best(self, shapes: Sequence[ScreenedCandidate]) -> ScreenedCandidate:
-        """A candidate at its best shapes; one outside the torque balance with others."""
+        """A candidate at its best shapes, those first with which its amplitudes are as machines have them; one outside
+        the torque balance with others."""
         ordered = sorted(shapes, key=lambda s: -s.gain)
-        best = ordered[0]
+        best = next((s for s in ordered if s.gain >= USUAL * ordered[0].gain and self._is_usual(s)), ordered[0])
         if self.builder.effect(best.effect_at).is_linear:
             return best
-        near = [s for s in ordered[1 : 1 + FURTHER] if s.gain > LEADING * best.gain]
-        return replace(best, others=tuple(near))
+        near = [s for s in ordered if s is not best][:FURTHER]
+        return replace(best, others=tuple(s for s in near if s.gain > LEADING * best.gain))
+
+    def _is_usual(self, candidate: ScreenedCandidate) -> bool:
+        """Whether its amplitudes are possible, and such as machines have."""
+        effect, values = self.builder.effect(candidate.effect_at), dict(candidate.start.values)
+        sure = dict.fromkeys(values, 0.0)
+        return not (effect.impossible(values, sure, {}) or effect.unusual(values, sure))
 
     def shortlist(self, screened: Sequence[ScreenedCandidate], *, size: int = SHORTLIST) -> list[ScreenedCandidate]:
         """The candidates to fit: the best, the best of each class near them, a gear on all joints, and what every base
@@ -190,10 +206,7 @@ class Competition:
         results, workers = list[FittedCandidate | Outcome](), fit.model.allowed_workers(fit.values)
         for first in range(0, len(chosen), ABREAST):
             group = chosen[first : first + ABREAST]
-            hopeless = [
-                fit.chi_square - reach * self._promised(candidate) > best and not self._is_missing_base(candidate)
-                for candidate in group
-            ]
+            hopeless = [self._is_hopeless(candidate, best, reach) for candidate in group]
             wanted = [c.effect_at for c, is_left in zip(group, hopeless, strict=True) if not is_left]
             self.builder.prepare([(*fit.model.added_effects, a) for a in wanted], progress=progress, workers=workers)
             tasks = [
@@ -209,7 +222,19 @@ class Competition:
         found = sorted((c for c in results if not isinstance(c, Outcome)), key=lambda c: -c.delta_bic)
         pairs = list(zip(chosen, results, strict=True))
         unfitted = tuple(candidate for candidate, result in pairs if result is Outcome.LEFT_EARLY)
-        return Comparison(tuple(found), tuple(_tried(c.effect_at, r) for c, r in pairs), unfitted)
+        lost = {c.effect_at for c in found if fit.chi_square - c.fit.chi_square < LEAST}
+        promised = {c.effect_at: self._promised(c) for c in chosen if c.effect_at in lost}
+        astray = {effect_at: most for effect_at, most in promised.items() if np.isfinite(most)}
+        return Comparison(tuple(found), tuple(_tried(c.effect_at, r) for c, r in pairs), unfitted, astray)
+
+    def _is_hopeless(self, candidate: ScreenedCandidate, best: float, reach: float) -> bool:
+        """Whether a candidate is not fitted while others are: it cannot reach the best, or its fit was led astray
+        before and it promises hardly more now."""
+        if self._is_missing_base(candidate) or not np.isfinite(reach):
+            return False
+        promised = self._promised(candidate)
+        was_astray = promised <= GROWN * self.astray.get(candidate.effect_at, 0.0)
+        return was_astray or self.fit.chi_square - reach * promised > best
 
     def _outcome(
         self, candidate: ScreenedCandidate, best: float, *, is_left: bool, scan: bool, progress: Progress, report: Say
@@ -226,7 +251,7 @@ class Competition:
         if is_left:
             report(f"{name} is out of reach of the best")
             return Outcome.LEFT_EARLY
-        starts = [candidate.signature.proposal(candidate.coefficients)]
+        starts = [candidate.start]
         if candidate.others is not None and scan:
             starts = self._scanned(candidate)
         found, promised = None, self._promised(candidate) if candidate.others is None else 0.0
@@ -284,7 +309,7 @@ class Competition:
         Where the form of an effect is not quite right, free shapes compensate along one motion and fail on another.
         """
         for screened in (candidate, *(candidate.others or ())):
-            proposal = screened.signature.proposal(screened.coefficients)
+            proposal = screened.start
             fitted = self.refit(proposal, hold=True)
             if fitted is not None:
                 yield self.assess(candidate.effect_at, fitted)
@@ -300,7 +325,7 @@ class Competition:
         placed = builder.at(effect_at)
         if not (self._is_missing_base(candidate) and placed.shapes):
             return found
-        proposal = candidate.signature.proposal(candidate.coefficients)
+        proposal = candidate.start
         free = {p.name: p for p in placed.free_parameters(proposal, len(self.fit.model.added_effects))}
         begins = [None, *([] if self.fit.model.added_effects else [self._start_of_case])]
         for begin in begins:
@@ -338,7 +363,7 @@ class Competition:
             screened.signature.proposal(size * screened.coefficients)
             for screened in (candidate, *(candidate.others or ())) for size in SIZES
         ])  # fmt: skip
-        return found or [candidate.signature.proposal(candidate.coefficients)]  # a fit tries smaller ones
+        return found or [candidate.start]  # a fit tries smaller ones
 
     def nearest(self, proposals: Sequence[Proposal]) -> list[Proposal]:
         """Those from which the loop, with the base refitted to first order, is nearest to the log, the best first;

@@ -6,6 +6,8 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
+import numpy as np
+
 from fmu_didim.data.signals import Array
 from fmu_didim.discovery.augmentation.places import Proposal
 from fmu_didim.discovery.selection.candidates import FittedCandidate
@@ -20,6 +22,7 @@ from fmu_didim.discovery.selection.held_out import (
 from fmu_didim.discovery.selection.plausible import MAY_BE_ABSENT
 from fmu_didim.fit.fit import Fit
 from fmu_didim.fit.gap import Ratio, channel_gaps, gaps, held_out_ratio, part_of_gap
+from fmu_didim.model.free_parameter import LOG
 from fmu_didim.model.loop_model import EffectAtJoint
 
 ROUNDS = 5
@@ -158,7 +161,8 @@ def objection(candidate: FittedCandidate, fit: Fit, options: Options, *, base: F
         return f"BIC difference {candidate.delta_bic:.1f} below {options.threshold:g}"
     if candidate.change < options.smallest_size:
         what = "no signal by more than" if fit.model.experiments.channels else "the torque by"
-        return f"changes {what} {candidate.change:.2f} of the noise, less than {options.smallest_size:g}"
+        small = f"changes {what} {candidate.change:.2f} of the noise, less than {options.smallest_size:g}"
+        return small + _of_clock(candidate)
     if candidate.size < options.smallest_gain:
         return f"explains {candidate.size:.2f} of the noise, less than {options.smallest_gain:g}"
     if candidate.share < options.smallest_share:
@@ -170,6 +174,17 @@ def objection(candidate: FittedCandidate, fit: Fit, options: Options, *, base: F
     if candidate.implausible:
         return candidate.implausible
     return held_out_objection(fit, candidate.fit, seed=options.seed)
+
+
+def _of_clock(candidate: FittedCandidate) -> str:
+    """The size of what is too small to be named, and as what it counts, where it is the clock of a log that a virtual
+    controller follows."""
+    fit = candidate.fit
+    clock = [i for i, p in enumerate(fit.model.free_parameters) if p.owner == LOG]
+    if not clock or not fit.model.loop.is_virtual:
+        return ""
+    size, deviation = 1e3 * fit.values[clock[0]], 1e3 * np.sqrt(fit.covariance[clock[0], clock[0]])
+    return f"; one set with a lag, a delay and how long a torque is held: {size:.2f} ± {deviation:.2f} ms"
 
 
 def _simplest(near: Sequence[FittedCandidate], options: Options) -> FittedCandidate:

@@ -47,7 +47,8 @@ or what a drift has that its form lacks."""
 STILL = 0.01
 """[1] Of the largest speed of a joint along the fitted motions, below which it stands still."""
 MOSTLY_STILL = 0.9
-"""[1] Of the time in which a torque from outside acts, that its joint stands still: friction may hold it then."""
+"""[1] Of the time in which a torque from outside or a change of payload acts, that its joints stand still: friction may
+hold it then."""
 
 
 def implausible(fit: Fit, index: int, effect: Effect, link: Mapping[str, float]) -> str:
@@ -98,7 +99,7 @@ def unusual(fit: Fit, index: int, effect: Effect) -> str:
 
 
 def _held_by_friction(fit: Fit, index: int, effect: Effect, least: Array) -> str:
-    """Why a torque from outside may be friction of a joint that stands still, or an empty string.
+    """Why what acts for a while may be friction of joints that stand still, or an empty string.
 
     There the torque of Coulomb friction Fc is any one from -Fc to Fc, and stays where the motion has left it; the
     smoothed one of the model is zero.
@@ -106,33 +107,55 @@ def _held_by_friction(fit: Fit, index: int, effect: Effect, least: Array) -> str
     Args:
         least: (m,) amplitudes, nearer to zero by what they are not sure by.
     """
-    joint, span = fit.model.added_effects[index].joint, _span(fit, index, effect)
+    span = _span(fit, index, effect)
+    torques = {} if span is None else _torques(fit, index, effect, least, span)
     free = {p.name: float(value) for p, value in zip(fit.model.free_parameters, fit.values, strict=True)}
-    coulomb = free.get(f"Fc{joint}", 0.0)
-    if not effect.is_external or span is None or coulomb <= 0 or float(np.abs(least).max()) > coulomb:
+    if span is None or any(torque > free.get(f"Fc{joint}", 0.0) for joint, torque in torques.items()):
         return ""
     references = [fit.model.experiments[label].reference for label in fit.model.estimation_labels]
-    speed = np.concatenate([np.abs(joint_reference(reference, joint)[1]) for reference in references])
     time = np.concatenate([reference.time for reference in references])
-    acts = (time >= span[0]) & (time < span[1])
-    still = float(np.mean(speed[acts] < STILL * speed.max())) if acts.any() else 0.0
-    if still < MOSTLY_STILL:
+    acts, still = (time >= span[0]) & (time < span[1]), dict[int, float]()
+    for joint in torques:
+        speed = np.concatenate([np.abs(joint_reference(reference, joint)[1]) for reference in references])
+        still[joint] = float(np.mean(speed[acts] < STILL * speed.max())) if acts.any() else 0.0
+    if not still or min(still.values()) < MOSTLY_STILL:
         return ""
+    least_still = 100 * min(still.values())
+    if len(still) == 1:
+        (joint,) = still
+        return (
+            f"joint {joint} stands still for {least_still:.0f} % of the time in which it acts, where its Coulomb "
+            f"friction of {free[f'Fc{joint}']:.3g} may hold as much"
+        )
     return (
-        f"joint {joint} stands still for {100 * still:.0f} % of the time in which it acts, where its Coulomb friction "
-        f"of {coulomb:.3g} may hold as much"
+        f"joints {', '.join(map(str, still))} stand still for {least_still:.0f} % of the time in which it acts, where "
+        "their Coulomb friction may hold as much"
     )
+
+
+def _torques(fit: Fit, index: int, effect: Effect, least: Array, span: tuple[float, float]) -> dict[int, float]:
+    """Joint -> largest torque of what acts for a while, where it is more than the noise there."""
+    if effect.is_external:
+        return {fit.model.added_effects[index].joint: float(np.abs(least).max())}
+    experiments = fit.model.experiments
+    time = np.concatenate([experiments[label].time for label in fit.model.estimation_labels])
+    acts = (time >= span[0]) & (time < span[1])
+    own = fit.torque_alone
+    change = np.abs(own.jacobian[:, :, list(_amplitudes(fit, index).values())] @ least)[acts]
+    largest = change.max(axis=0, initial=0.0)
+    return {j + 1: float(t) for j, t in enumerate(largest) if t > own.deviation[j]}
 
 
 def _span(fit: Fit, index: int, effect: Effect) -> tuple[float, float] | None:
     """Begin and end, s, of an effect that acts for a while; None of one that always may."""
-    return effect.acts({name: float(fit.values[i]) for name, i in _places(fit, index, shapes=True).items()})
+    shapes = {name: float(fit.values[i]) for name, i in _places(fit, index, shapes=True).items()}
+    return effect.acts(shapes) if shapes else None
 
 
 def _lasting(fit: Fit, index: int, effect: Effect) -> float:
-    """Fraction of the samples at which an effect acts that does so for a while; 0 of one that always may."""
+    """Fraction of the samples at which a torque from outside acts that does so for a while; 0 of what always may."""
     span = _span(fit, index, effect)
-    if span is None:
+    if span is None or not effect.is_external:
         return 0.0
     experiments = fit.model.experiments
     time = np.concatenate([experiments[label].time for label in fit.model.estimation_labels])

@@ -17,6 +17,7 @@ from fmu_didim.discovery.selection.competition import Competition, proposal_of
 from fmu_didim.discovery.selection.decide import Options, Step, decide, nearness, objection, step_of
 from fmu_didim.discovery.selection.gears import gear_with_error
 from fmu_didim.discovery.selection.held_out import FAILS_HELD_OUT, held_out_objection
+from fmu_didim.discovery.selection.joints import on_further_joints, shared_remark
 from fmu_didim.discovery.selection.missing_base import base_before, missing_base
 from fmu_didim.discovery.selection.parts import parts_instead
 from fmu_didim.discovery.selection.plausible import MAY_BE_ABSENT
@@ -93,14 +94,15 @@ def run_rounds(
     progress.say("competition of the candidates")
     refused: tuple[tuple[EffectAtJoint, str], ...] = ()
     tried: list[tuple[TriedCandidate, ...]] = []
+    astray: dict[EffectAtJoint, float] = {}
     ending = Ending.COMPLETE
     while len(steps) < options.rounds:
         if catalogue.left:  # the best may be among them
             tried.append(_not_tried([c for c in candidates if c not in fit.model.added_effects]))
             ending = Ending.TIME_UP
             break
-        competition = Competition(builder, fit)
-        ranking, tried_now, accepted = _round(competition, catalogue, base, options, progress)
+        competition = Competition(builder, fit, dict(astray))
+        ranking, tried_now, accepted = _round(competition, catalogue, base, options, progress, astray)
         tried.append(tried_now)
         if accepted is None:
             ending = Ending.TIME_UP
@@ -127,17 +129,23 @@ def run_rounds(
 
 
 def _round(
-    competition: Competition, catalogue: SignatureCatalogue, base: Fit, options: Options, progress: Progress
+    competition: Competition,
+    catalogue: SignatureCatalogue,
+    base: Fit,
+    options: Options,
+    progress: Progress,
+    astray: dict[EffectAtJoint, float],
 ) -> tuple[
     Sequence[FittedCandidate],
     tuple[TriedCandidate, ...],
     FittedCandidate | tuple[tuple[EffectAtJoint, str], ...] | None,
 ]:
     """The ranking of a round, all candidates tried, and the one to add or the objections to all; None if the time was
-    up before all were tried."""
+    up before all were tried. Those led astray are added to ``astray``."""
     screened = competition.screen(catalogue)
     comparison = competition.compare(competition.shortlist(screened), progress=progress)
     ranking, tried = comparison.ranking, comparison.tried
+    astray |= comparison.astray
     if comparison.is_cut:
         return ranking, tried, None
     held = partial(_with_shapes_held, competition, screened)
@@ -174,7 +182,8 @@ def _with(
     options: Options,
     progress: Progress,
 ) -> tuple[Fit, list[Step]]:
-    """The model and its steps with the accepted effect, or with those that it would stand for."""
+    """The model and its steps with the accepted effect, or with those that it would stand for, and with the same on
+    further joints where joints have it in common."""
 
     def at_minimum(candidate: FittedCandidate) -> FittedCandidate:
         # The fits of a competition are short; the next round starts from the minimum. That of an elastic gear lies in a
@@ -191,6 +200,13 @@ def _with(
     else:
         candidates = [at_minimum(accepted)]
         added = [step_of(candidates[0], ranking, competition, options)]
+        room = options.rounds - len(steps) - 1
+        if further := on_further_joints(competition, ranking, candidates[0], base, options, room):
+            own = [*(p.candidate for p in further[:-1]), at_minimum(further[-1].candidate)]
+            added += [step_of(c, (c,), p.competition, options) for c, p in zip(own, further, strict=True)]
+            shared = shared_remark(competition.builder.effect(accepted.effect_at).title, candidates[0], further)
+            added[1] = replace(added[1], remark=" ".join(filter(None, (shared, added[1].remark))))
+            candidates += own
     for step in added:
         progress.say(f"added: {step.effect_at.effect} on joint {step.effect_at.joint}")
     return _backward(competition.builder, candidates[-1].fit, [*steps, *added], options, progress)

@@ -96,6 +96,7 @@ class Effect(ABC):
         rivals_external_torque: whether it may look like torques from outside and is tried in their place.
         shows_on_neighbours: whether what it does on one joint shows on others too, so that no signature tells whose it
             is and all joints are tried.
+        is_shared: whether joints have it in common, as what one lubricant does: named on one, it is looked for on all.
         known_at_start: whether the state in which it starts is known, so that it may be looked for where data begin.
         sets_ticks: whether it is the steepest effect that is likely: the ticks of a loop that has effects in its wiring
             are chosen for it.
@@ -137,6 +138,7 @@ class Effect(ABC):
     is_external: ClassVar[bool] = False
     rivals_external_torque: ClassVar[bool] = False
     shows_on_neighbours: ClassVar[bool] = False
+    is_shared: ClassVar[bool] = False
     known_at_start: ClassVar[bool] = False
     sets_ticks: ClassVar[bool] = False
     pre_check: ClassVar[PreCheck | None] = None

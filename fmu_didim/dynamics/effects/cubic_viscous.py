@@ -12,6 +12,7 @@ class CubicViscous(TorqueEffect):
     title = "Cubic viscous friction"
     equation = "Fcube*dq^3"
     class_name = "nonlinear viscous"
+    is_shared = True
     confounded_with = ("quadratic_viscous", "power_viscous")
     signature = "Residual odd in the velocity that is curved upwards at high speed."
     experiment = CONSTANT_SPEEDS

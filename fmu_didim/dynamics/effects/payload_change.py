@@ -1,3 +1,5 @@
+import math
+from collections.abc import Mapping
 from types import MappingProxyType
 
 import casadi as ca
@@ -43,6 +45,9 @@ class PayloadChange(TorqueEffect):
         Parameter("t_load", "s", "instant at which the load changes", 1.0, search=instants),
         Parameter("w_load", "s", "width of that step", 0.02),
     )
+
+    def acts(self, shapes: Mapping[str, float]) -> tuple[float, float]:
+        return shapes["t_load"], math.inf
 
     def columns(self, at: Surroundings, shapes: Values) -> tuple[Column, ...]:
         step = rise(at.time, shapes["t_load"], shapes["w_load"])

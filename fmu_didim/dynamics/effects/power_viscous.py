@@ -15,6 +15,7 @@ class PowerViscous(TorqueEffect):
     title = "Friction by a power of the velocity"
     equation = "Fp*sign(dq)*|dq|^alpha"
     class_name = "nonlinear viscous"
+    is_shared = True
     confounded_with = ("quadratic_viscous", "cubic_viscous", "stribeck", "coulomb")
     signature = "Residual odd in the velocity, curved downwards (alpha < 1) or upwards (alpha > 1)."
     experiment = CONSTANT_SPEEDS
@@ -22,7 +23,7 @@ class PowerViscous(TorqueEffect):
     own_parameters = (Parameter("Fp", "torque", "friction at unit speed", usual=GROWING),)
     own_shapes = (
         smoothing_velocity,
-        Parameter("alpha", "1", "exponent of the velocity", 0.5, search=Search(0.6, 2.5, 10, logarithmic=False)),
+        Parameter("alpha", "1", "exponent of the velocity", 0.5, search=Search(0.4, 2.5, 15, logarithmic=False)),
     )
 
     def columns(self, at: Surroundings, shapes: Values) -> tuple[ca.SX, ...]:

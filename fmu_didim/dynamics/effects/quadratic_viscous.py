@@ -13,6 +13,7 @@ class QuadraticViscous(TorqueEffect):
     title = "Quadratic viscous friction"
     equation = "Fq*dq*|dq|"
     class_name = "nonlinear viscous"
+    is_shared = True
     confounded_with = ("cubic_viscous", "power_viscous", "stribeck", "presliding")
     signature = "Residual odd in the velocity that is curved upwards at high speed."
     experiment = CONSTANT_SPEEDS

@@ -15,6 +15,7 @@ class Stribeck(TorqueEffect):
     name = "stribeck"
     title = "Stribeck friction"
     equation = "Fs*tanh(dq/v0)*exp(-(dq/vs)^2)"
+    is_shared = True
     confounded_with = ("coulomb", "presliding", "lugre", "power_viscous", "quadratic_viscous")
     signature = "Residual in a pair of spikes of opposite sign at every reversal, within three times the velocity vs."
     experiment = "Slow constant speeds in both directions, down to a third of vs; reversals at two accelerations."

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from types import SimpleNamespace
 from typing import Any
 
@@ -151,6 +152,27 @@ def test_further_shapes_of_an_effect_outside_the_torque_balance() -> None:
     alone = Competition(EFFECTS, base_fit(OTHER))._best([scored(100.0), scored(75.0), scored(75.1)])
     assert [s.gain for s in alone.others or ()] == [75.1]
     assert Competition(EFFECTS, base_fit(OTHER))._best([scored(1.0, "a"), scored(9.0, "a")]).others is None
+
+
+@pytest.mark.parametrize(
+    ("gains", "amounts", "chosen"),
+    [
+        ((100.0, 90.0), (-1.0, 1.0), 1),  # nearly as good, with an amplitude that machines have
+        ((100.0, 79.0), (-1.0, 1.0), 0),  # but not where the other explains clearly more
+        ((100.0, 90.0), (1.0, 1.0), 0),
+        ((100.0, 90.0), (-1.0, -1.0), 0),
+        ((-100.0, -90.0), (-1.0, 1.0), 1),
+    ],
+)
+@pytest.mark.parametrize("rule", ["unusual", "impossible"])
+def test_shapes_with_amplitudes_that_machines_have_come_first(
+    gains: tuple[float, float], amounts: tuple[float, float], chosen: int, rule: str
+) -> None:
+    """A power below one and drag that falls with one above it are nearly alike beside viscous friction."""
+    told = {rule: lambda values, *_: "below 0" if values["F0"] < 0 else ""}
+    known = Catalogue(effect_of("a", **told))
+    shapes = [replace(scored(g, "a"), coefficients=np.array([c])) for g, c in zip(gains, amounts, strict=True)]
+    assert Competition(known, base_fit(OTHER))._best(shapes) is shapes[chosen]
 
 
 def listed(*gains: tuple[float, str, int], **more: Any) -> list[tuple[str, int]]:
@@ -651,6 +673,34 @@ def test_a_signature_tells_what_is_out_of_reach(monkeypatch: pytest.MonkeyPatch,
     assert [t.outcome is Outcome.LEFT_EARLY and t.delta_bic is None for t in comparison.tried] == [False, left, False]
     assert comparison.unfitted == ((candidates[1],) if left else ())
     assert not competition.compare(candidates, progress=Progress(), reach=np.inf).unfitted
+
+
+@pytest.mark.parametrize(
+    ("before", "reach", "left"),
+    [(None, 4.0, False), (1.0, 4.0, True), (0.7, 4.0, True), (0.6, 4.0, False), (1.0, np.inf, False)],
+)
+def test_what_was_led_astray_is_fitted_again_where_it_promises_half_as_much_more(
+    monkeypatch: pytest.MonkeyPatch, before: float | None, reach: float, left: bool
+) -> None:
+    """Or where all others were refused. ``before``: of what it promises now, when its fit was led astray."""
+    slope = Signature(EffectAtJoint("a", 1), {"v": 0.0}, ("F",), column((1.0, OTHER)), {})
+    candidate = ScreenedCandidate(slope, np.array([1.0]), 50.0, 1.0, None)
+    competition = Competition(Builder(effect_of("a")), fitted(plant()))
+    promised = competition._promised(candidate)
+    astray = {} if before is None else {candidate.effect_at: before * promised}
+    refit = Competition.refit
+    for gained in (-1e9, 4.9, 5.1):  # of chi-square: less than five is nothing
+        ended = partial(ending_at, competition.fit.chi_square - gained)
+        monkeypatch.setattr(Competition, "refit", lambda *given, end=ended, **more: end(refit(*given, **more)))
+        comparison = replace(competition, astray=astray).compare([candidate], progress=Progress(), reach=reach)
+        assert comparison.unfitted == ((candidate,) if left else ())
+        is_lost = not left and gained < 5
+        assert comparison.astray == ({candidate.effect_at: pytest.approx(promised)} if is_lost else {})
+
+
+def ending_at(chi_square: float, fit: Fit | None) -> Fit:
+    assert fit is not None
+    return replace(fit, chi_square=chi_square)
 
 
 def test_the_joint_with_the_largest_gap_comes_first() -> None:

@@ -21,9 +21,10 @@ from fmu_didim.discovery.selection.decide import (
 )
 from fmu_didim.fit.ending import Ending
 from fmu_didim.fit.gap import gaps, held_out_ratio
-from fmu_didim.model.free_parameter import PLANT, FreeParameter
+from fmu_didim.model.free_parameter import LOG, PLANT, FreeParameter
 from fmu_didim.model.loop_model import EffectAtJoint
 from tests.discovery.by_hand import (
+    SAMPLES,
     SIGNS,
     Catalogue,
     TableModel,
@@ -72,6 +73,20 @@ def held_out(first: np.ndarray, second: np.ndarray | None, **more: Any) -> tuple
 )
 def test_each_objection(change: dict[str, Any], reason: str) -> None:
     assert refused(candidate_of(**change)) == reason
+
+
+@pytest.mark.parametrize(
+    ("owner", "is_virtual", "told"), [(LOG, True, True), (LOG, False, False), (PLANT, True, False)]
+)
+def test_a_clock_too_small_to_be_named_is_told_as_one_of_a_set(owner: str, is_virtual: bool, told: bool) -> None:
+    """Beside a virtual controller nothing tells it from a lag."""
+    shift = FreeParameter("log_shift", "s", owner, "log_shift", 0.002, 1.0, effect=0)
+    model = TableModel(residual(10.0), {}, (EffectAtJoint("log_time_shift", 1),), (shift,), is_virtual=is_virtual)
+    slopes = np.full((SAMPLES, 1, 1), 250.0)  # of a sample: 0.2 ms
+    small = candidate_of("log_time_shift", change=0.52, fit=fit_of(model, values=[0.002], jacobian=slopes))
+    text = "; one set with a lag, a delay and how long a torque is held: 2.00 ± 0.2"
+    assert refused(small).startswith(f"changes the torque by 0.52 of the noise, less than 0.6{text if told else ''}")
+    assert (text in refused(small)) == told
 
 
 @pytest.mark.parametrize(

@@ -109,6 +109,39 @@ def test_what_acts_on_a_joint_at_rest_may_be_its_friction(
     assert told.startswith(reason) if reason else told == ""
 
 
+@pytest.mark.parametrize(
+    ("torques", "begin", "reason"),
+    [
+        ((0.1, 5.0, 0.0), 6.1, "joint 2 stands still for 100 % of the time in which it acts"),  # joint 1: noise
+        ((4.0, 5.0, 0.0), 6.1, "joints 1, 2 stand still for 100 % of the time in which it acts"),
+        ((4.0, 9.0, 0.0), 6.1, ""),  # more than friction holds on joint 2
+        ((0.1, 5.0, 2.0), 6.1, ""),  # joint 3 moves
+        ((0.1, 5.0, 0.0), 3.0, ""),  # while it moves
+        ((0.1, 0.0, 0.0), 6.1, ""),  # nothing that shows: other rules
+    ],
+)
+def test_a_payload_that_changes_at_rest_may_be_friction(
+    torques: tuple[float, float, float], begin: float, reason: str
+) -> None:
+    """What a load adds to each joint, of which 1 and 2 rest from 6 s on; friction 8 N.m, noise 1 N.m."""
+    found = fit("payload_change", {"dM": (2.0, 0.0), "t_load_": (begin, 0.03)}, joint=3)
+    found.model.free_parameters[2] = replace(found.model.free_parameters[2], is_shape=True)
+    found.model.free_parameters += [FreeParameter(f"Fc{j}", "N.m", "base", f"Fc{j}", 8.0, 1.0) for j in (1, 2, 3)]
+    found.values = np.array([p.value for p in found.model.free_parameters])
+    time = np.arange(0, 10, 0.01)
+    rests, moves = np.where(time < 6, 1 - np.cos(np.pi * time), 0.0), 1 - np.cos(np.pi * time)
+    variables = tuple(Variable(f"q{j}", "rad") for j in (1, 2, 3))
+    reference = Trajectory(time, np.column_stack([rests, rests, moves]), variables)
+    found.model.experiments = {"a": SimpleNamespace(time=time, reference=reference)}
+    found.model.estimation_labels = ("a",)
+    jacobian = np.zeros((time.size, 3, found.values.size))
+    jacobian[time >= begin, :, 1] = np.array(torques) / 2.0
+    found.jacobian, found.deviation, found.torque_alone = jacobian, np.ones(3), found
+    found.covariance = np.zeros((found.values.size, found.values.size))
+    told = implausible(found, 0, EFFECTS["payload_change"], {})
+    assert told.startswith(reason) if reason else told == ""
+
+
 def test_chance_is_that_of_noise() -> None:
     """Estimates of nothing are called something in 5 % of the draws, however they are correlated."""
     rng = np.random.default_rng(0)

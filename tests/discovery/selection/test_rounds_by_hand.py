@@ -74,6 +74,7 @@ class ByHand:
         self.unfitted: tuple[Any, ...] = ()
         self.reached: list[Any] = []
         self.judged: list[Any] = []
+        self.astray: list[dict[EffectAtJoint, float]] = []
         self.checks: list[Fit] = []
         self.paired: list[int] = []
         self.pairs: list[str] = []
@@ -103,7 +104,9 @@ class ByHand:
         self.catalogues.append((fit, candidates))
         return SimpleNamespace(fit=fit, left=self.left)
 
-    def do_competition(self, builder: Any, fit: Fit) -> Any:
+    def do_competition(self, builder: Any, fit: Fit, astray: dict[EffectAtJoint, float]) -> Any:
+        self.astray.append(astray)
+
         def screen(catalogue: Any) -> list[Any]:
             self.screened.append(fit)
             return ["screened"]
@@ -120,12 +123,14 @@ class ByHand:
             return Comparison((candidate_of("late"),), (TriedCandidate(EffectAtJoint("late", 1), Outcome.FITTED, 5.0),))
         cut = len(self.screened) == self.cut_in
         tried = [TriedCandidate(EffectAtJoint("a", 1), Outcome.FITTED, 7.0)]
+        lost = {EffectAtJoint("lost", len(self.screened)): 3.0}
         if self.unfitted:
             late = TriedCandidate(EffectAtJoint("late", 1), Outcome.LEFT_EARLY)
             return Comparison((candidate_of("first"),), (late, *tried), self.unfitted)
         return Comparison(
-            (*chosen, "fitted"), (*tried, TriedCandidate(EffectAtJoint("b", 1), Outcome.NOT_TRIED)) if cut else tried
-        )
+            (*chosen, "fitted"), (*tried, TriedCandidate(EffectAtJoint("b", 1), Outcome.NOT_TRIED)) if cut else tried,
+            astray=lost,
+        )  # fmt: skip
 
     def do_decide(
         self, ranking: Any, fit: Fit, options: Any, *, base: Fit, held: Any, finished: Any, class_of: Any
@@ -296,6 +301,12 @@ def test_no_more_rounds_than_asked_for(monkeypatch: pytest.MonkeyPatch, most: in
     ByHand(monkeypatch, added("a"), added("ab"), added("abc"))
     found, _ = run(rounds=most)
     assert len(found.steps) == count
+
+
+def test_what_was_led_astray_is_known_in_the_rounds_after(monkeypatch: pytest.MonkeyPatch) -> None:
+    competition = ByHand(monkeypatch, added("a"), added("ab"), ())
+    run(rounds=3)
+    assert [{a.joint for a in known} for known in competition.astray] == [set(), {1}, {1, 2}]
 
 
 def test_effects_of_the_pre_check_count_as_rounds(monkeypatch: pytest.MonkeyPatch) -> None:
