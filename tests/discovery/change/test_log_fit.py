@@ -57,6 +57,36 @@ def test_which_gears_an_effect_may_stand_for(gear: tuple[str, int], shown: tuple
 
 
 @pytest.mark.parametrize(
+    ("misfits", "least", "kept"),
+    [
+        ({300.0: 0.5, 100.0: 0.7}, 1, [300.0, 100.0]),  # both nearer to the log than without the gear
+        ({300.0: 0.9, 100.0: 0.7}, 1, [100.0, 300.0]),  # the nearest first
+        ({300.0: 0.9, 100.0: 1.4}, 1, [300.0]),
+        ({300.0: 2.0, 100.0: 1.4}, 1, [100.0]),  # an effect that is promised is fitted in any case
+        ({300.0: 2.0, 100.0: 1.4}, 0, []),  # one for which another may stand is not
+        ({300.0: np.inf, 100.0: 0.9}, 0, [100.0]),  # where the loop fails
+    ],
+)  # fmt: skip
+def test_from_which_starts_a_gear_is_fitted(misfits: dict[float, float], least: int, kept: list[float]) -> None:
+    """Misfits of the loop over that without the gear; each start stands for one shape."""
+
+    @dataclass(frozen=True)
+    class Loop:
+        def misfit(self, proposal: Proposal | None = None) -> float:
+            return 1.0 if proposal is None else misfits[proposal.values["K"]]
+
+    @dataclass(frozen=True)
+    class Side:
+        competition: Loop
+
+    starts = [Proposal(EffectAtJoint("joint_elasticity", 1), {"K": k}) for k in misfits]
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(log_fit, "_sizes", lambda side, start: [start])
+        found = log_fit._in_the_loop(cast(LogFit, Side(Loop())), starts, least=least)
+    assert [start.values["K"] for start in found] == kept
+
+
+@pytest.mark.parametrize(
     ("soft", "other", "chi_square"),
     [
         ((143.0, 14.0), (1510.0, 2000.0), (30.0, 35.0)),  # slack in one log, and hardly anything in the other
