@@ -76,6 +76,7 @@ class Lack:
     Attributes:
         kind, joint: of the effect, 0 of none; title: in words; names: of its values, which are compared, too.
         is_sure: whether each of the logs shows it by itself; else one does, and the other may have as much of it.
+        stiff: names of its stiffnesses, which are compared as compliances.
     """
 
     kind: str
@@ -83,6 +84,7 @@ class Lack:
     title: str
     names: tuple[str, ...]
     is_sure: bool = True
+    stiff: frozenset[str] = frozenset()
 
 
 @dataclass(frozen=True, eq=False)

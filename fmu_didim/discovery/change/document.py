@@ -11,7 +11,7 @@ from fmu_didim.base.constants import recorded
 from fmu_didim.base.diagnostics import Diagnostic
 from fmu_didim.base.version import __version__
 from fmu_didim.checks.judgement import judgement
-from fmu_didim.discovery.change import answers, contest, difference, worlds
+from fmu_didim.discovery.change import answers, contest, difference, log_fit, worlds
 from fmu_didim.discovery.change.answers import (
     CHANGE_LACKS,
     CHANGE_REST,
@@ -27,8 +27,8 @@ from fmu_didim.discovery.change.causes import JOINT_TORQUE_SCALE
 from fmu_didim.discovery.change.contest import Contest, Explanation
 from fmu_didim.discovery.change.difference import CHANGED, SEEN, Difference
 from fmu_didim.discovery.change.explain import explained
+from fmu_didim.discovery.change.log_fit import Known, LogFit
 from fmu_didim.discovery.change.words import cause_text
-from fmu_didim.discovery.change.worlds import Known, LogFit
 from fmu_didim.discovery.progress import Progress
 from fmu_didim.discovery.selection import decide
 from fmu_didim.dynamics.effects import EFFECTS
@@ -50,6 +50,7 @@ DECIDING = (
     (contest, ("LACK", "PAIRED", "LARGEST_SET")),
     (decide, ("BIC", "NEAR")),
     (worlds, worlds.DECIDE),
+    (log_fit, log_fit.DECIDE),
     (answers, ("SAME_ROWS", "SAME_VALUE", "FOLLOWS")),
 )
 """Constants on which a comparison depends, by module."""

@@ -9,7 +9,8 @@ from fmu_didim.data.signals import Array
 from fmu_didim.discovery.change.causes import Machine
 from fmu_didim.discovery.change.contest import Contest, Explanation, World, contest
 from fmu_didim.discovery.change.difference import Difference
-from fmu_didim.discovery.change.worlds import Known, LogFit, forms_in, worlds_of
+from fmu_didim.discovery.change.log_fit import Known, LogFit
+from fmu_didim.discovery.change.worlds import forms_in, worlds_of
 from fmu_didim.discovery.progress import Progress
 
 

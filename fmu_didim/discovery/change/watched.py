@@ -16,7 +16,7 @@ from fmu_didim.base.errors import FmuDidimError, InputError
 from fmu_didim.base.version import __version__
 from fmu_didim.checks.judgement import judgement
 from fmu_didim.data.signals import Array
-from fmu_didim.discovery.change import contest, difference, period, watch_doubts, worlds
+from fmu_didim.discovery.change import contest, difference, log_fit, period, watch_doubts, worlds
 from fmu_didim.discovery.change import onset as onsets
 from fmu_didim.discovery.change.answers import (
     CHANGE_PRIOR,
@@ -29,11 +29,11 @@ from fmu_didim.discovery.change.answers import (
 )
 from fmu_didim.discovery.change.difference import CHANGED, Difference
 from fmu_didim.discovery.change.explain import explained, shows_effect
+from fmu_didim.discovery.change.log_fit import Known, LogFit
 from fmu_didim.discovery.change.onset import After, onset
 from fmu_didim.discovery.change.period import LogValues, Period
 from fmu_didim.discovery.change.watch_doubts import OTHER_MOTION, OTHER_RATE, of_logs, of_reference
 from fmu_didim.discovery.change.words import cause_text
-from fmu_didim.discovery.change.worlds import Known, LogFit
 from fmu_didim.discovery.progress import Progress
 from fmu_didim.discovery.selection import decide
 from fmu_didim.fit.statistics import CONFIDENCE
@@ -47,6 +47,7 @@ DECIDING = (
     (onsets, ("FEWEST_OF_DRIFT", "MOST_ENDS")),
     (decide, ("BIC", "NEAR")),
     (worlds, worlds.DECIDE),
+    (log_fit, log_fit.DECIDE),
 )
 """Constants on which a history depends, by module."""
 NAMED = 12

@@ -368,17 +368,21 @@ class Competition:
     def nearest(self, proposals: Sequence[Proposal]) -> list[Proposal]:
         """Those from which the loop, with the base refitted to first order, is nearest to the log, the best first;
         without those that cannot be simulated."""
-        tried: list[tuple[float, int, Proposal]] = []
-        for proposal in proposals:
+        tried = [(self.misfit(proposal), place, proposal) for place, proposal in enumerate(proposals)]
+        return [proposal for cost, _, proposal in sorted(tried)[:STARTS] if np.isfinite(cost)]
+
+    def misfit(self, proposal: Proposal | None = None) -> float:
+        """Of the loop, with an effect or without, with the base refitted to first order; infinite where it cannot be
+        simulated."""
+        residual = self.fit.residual
+        if proposal is not None:
             model = self.builder.build(self.fit.model, [proposal])
             low, high = model.free_parameters.limits
             try:
                 residual = model.output_residual(np.clip(model.start, low, high))
             except SimulationError:
-                continue
-            cost = float(np.sum(self.base.rest_of(self.base.weighted(residual)) ** 2))
-            tried.append((cost, len(tried), proposal))
-        return [proposal for _, _, proposal in sorted(tried)[:STARTS]]
+                return np.inf
+        return float(np.sum(self.base.rest_of(self.base.weighted(residual)) ** 2))
 
     def assess(self, effect_at: EffectAtJoint, found: Fit) -> FittedCandidate:
         """The figures by which a fit with one more effect is judged."""

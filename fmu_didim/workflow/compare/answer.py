@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from fmu_didim.base.errors import FmuDidimError
 from fmu_didim.discovery.change.answers import Answer
-from fmu_didim.discovery.change.worlds import LogFit
+from fmu_didim.discovery.change.log_fit import LogFit
 from fmu_didim.dynamics.effects import EFFECTS
 from fmu_didim.dynamics.robot import RobotDescription
 from fmu_didim.model.loop_model import LoopModel

@@ -11,7 +11,7 @@ from fmu_didim.base.errors import FmuDidimError, InputError
 from fmu_didim.case import Case, load_case
 from fmu_didim.checks.judgement import DiagnosticResult, Verdict
 from fmu_didim.discovery.change.document import compared
-from fmu_didim.discovery.change.worlds import LogFit
+from fmu_didim.discovery.change.log_fit import LogFit
 from fmu_didim.discovery.progress import Progress
 from fmu_didim.model.workers import one_blas_thread
 from fmu_didim.results.comparison import COMPARISON_FILE, Change, ComparisonDocument, save_comparison

@@ -21,7 +21,7 @@ from fmu_didim.case.files import resolve
 from fmu_didim.case.sources import DataFile
 from fmu_didim.checks.data.checks import without_outliers
 from fmu_didim.discovery.change.answers import Answer
-from fmu_didim.discovery.change.worlds import LogFit
+from fmu_didim.discovery.change.log_fit import LogFit
 from fmu_didim.fit.estimate import RefusedError
 from fmu_didim.results.provenance import code_digest, digest
 from fmu_didim.results.result import RESULT_FILE

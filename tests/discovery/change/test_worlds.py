@@ -12,7 +12,8 @@ from fmu_didim.discovery.change import explain
 from fmu_didim.discovery.change.answers import difference
 from fmu_didim.discovery.change.contest import World
 from fmu_didim.discovery.change.document import compared
-from fmu_didim.discovery.change.worlds import Known, LogFit, worlds_of
+from fmu_didim.discovery.change.log_fit import Known, LogFit
+from fmu_didim.discovery.change.worlds import worlds_of
 from fmu_didim.discovery.progress import Progress
 from fmu_didim.dynamics.effects import EFFECTS
 from fmu_didim.results.comparison import ComparisonDocument

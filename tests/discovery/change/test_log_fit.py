@@ -1,0 +1,219 @@
+"""Effects fitted to one log, and gears, of which slopes say little."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+from types import SimpleNamespace
+from typing import cast
+
+import numpy as np
+import pytest
+
+from fmu_didim import Log, SimulationError, load_case, read_robot, simulate
+from fmu_didim.discovery.augmentation.builder import LoopModelBuilder
+from fmu_didim.discovery.augmentation.places import Proposal
+from fmu_didim.discovery.change import log_fit
+from fmu_didim.discovery.change.difference import Difference
+from fmu_didim.discovery.change.document import compared
+from fmu_didim.discovery.change.log_fit import Known, LogFit, fitted, gain, settled
+from fmu_didim.discovery.change.worlds import difference_of, may_be_gear
+from fmu_didim.discovery.selection.competition import Competition
+from fmu_didim.dynamics.effects import EFFECTS, Effect
+from fmu_didim.fit.fit import Fit
+from fmu_didim.fit.gap import delta_bic
+from fmu_didim.fit.noise.noise import Noise
+from fmu_didim.model.loop_model import EffectAtJoint
+from fmu_didim.workflow.output.result import Result
+from tests.discovery.change.pairs import CASE, NOISE, ROBOT, answer, identified, log_of
+
+RATE = 20
+BELT = {"K": 155.0, "D": 0.1}
+"""[N.m/rad, N.m.s/rad] Of the motor of joint 2, whose inertia then swings at 14 Hz, beyond half of the rate."""
+ROTOR = {"ZZ": 0.043, "Ia": 0.02}
+GEARS = {name: EFFECTS[name] for name in ("joint_elasticity", "backlash", "controller_gain", "log_time_shift")}
+SHIFT = EffectAtJoint("log_time_shift", 1)
+
+
+@pytest.mark.parametrize(
+    ("gear", "shown", "is_one"),
+    [
+        (("joint_elasticity", 2), ("backlash", 2), True),  # what it is confounded with
+        (("joint_elasticity", 2), ("controller_gain", 2), True),
+        (("backlash", 1), ("joint_elasticity", 1), True),
+        (("joint_elasticity", 1), ("joint_elasticity", 2), True),  # a gear shows on its neighbours
+        (("joint_elasticity", 1), ("backlash", 2), False),
+        (("joint_elasticity", 1), ("controller_gain", 2), False),
+        (("joint_elasticity", 2), ("torque_offset", 2), False),  # nothing to do with it
+        (("backlash", 2), ("backlash", 2), False),  # itself
+        (("actuator_lag", 2), ("joint_elasticity", 2), False),  # no gear: its own slope says what it is worth
+    ],
+)  # fmt: skip
+def test_which_gears_an_effect_may_stand_for(gear: tuple[str, int], shown: tuple[str, int], is_one: bool) -> None:
+    @dataclass(frozen=True)
+    class Builder:
+        def effect(self, at: EffectAtJoint) -> Effect:
+            return EFFECTS[at.effect]
+
+    assert may_be_gear(cast(LoopModelBuilder, Builder()), EffectAtJoint(*gear), EffectAtJoint(*shown)) is is_one
+
+
+@pytest.mark.parametrize(
+    ("misfits", "least", "kept"),
+    [
+        ({300.0: 0.5, 100.0: 0.7}, 1, [300.0, 100.0]),  # both nearer to the log than without the gear
+        ({300.0: 0.9, 100.0: 0.7}, 1, [100.0, 300.0]),  # the nearest first
+        ({300.0: 0.9, 100.0: 1.4}, 1, [300.0]),
+        ({300.0: 2.0, 100.0: 1.4}, 1, [100.0]),  # an effect that is promised is fitted in any case
+        ({300.0: 2.0, 100.0: 1.4}, 0, []),  # one for which another may stand is not
+        ({300.0: np.inf, 100.0: 0.9}, 0, [100.0]),  # where the loop fails
+    ],
+)  # fmt: skip
+def test_from_which_starts_a_gear_is_fitted(misfits: dict[float, float], least: int, kept: list[float]) -> None:
+    """Misfits of the loop over that without the gear; each start stands for one shape."""
+
+    @dataclass(frozen=True)
+    class Loop:
+        def misfit(self, proposal: Proposal | None = None) -> float:
+            return 1.0 if proposal is None else misfits[proposal.values["K"]]
+
+    @dataclass(frozen=True)
+    class Side:
+        competition: Loop
+
+    starts = [Proposal(EffectAtJoint("joint_elasticity", 1), {"K": k}) for k in misfits]
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(log_fit, "_sizes", lambda side, start: [start])
+        found = log_fit._in_the_loop(cast(LogFit, Side(Loop())), starts, least=least)
+    assert [start.values["K"] for start in found] == kept
+
+
+@pytest.mark.parametrize(
+    ("soft", "other", "chi_square"),
+    [
+        ((143.0, 14.0), (1510.0, 2000.0), (30.0, 35.0)),  # slack in one log, and hardly anything in the other
+        ((143.0, 14.0), (150.0, 15.0), (0.0, 1.0)),  # in both
+        ((143.0, 14.0), (100.0, 7.0), (7.0, 9.5)),  # grown
+        ((143.0, 14.0), (1e5, 1e6), (100.0, 105.0)),  # none
+    ],
+)  # fmt: skip
+def test_stiffnesses_are_compared_as_compliances(
+    soft: tuple[float, float], other: tuple[float, float], chi_square: tuple[float, float]
+) -> None:
+    """Of a gear that hardly gives way the stiffness may be anything: a stiffness of 143 would be one of 1510 ± 2000."""
+    base = Difference(("a",), ("N.m",), np.zeros(1), np.zeros(1), np.eye(1), np.inf, 1000)
+    sides = [
+        Known(("a", "K_2"), np.array([0.0, value]), np.diag([1.0, spread**2])) for value, spread in (soft, other)
+    ]  # fmt: skip
+    found = difference_of(base, sides[0], sides[1], units=["N.m/rad"], stiff=frozenset({"K_2"}))
+    assert (found.names, found.units) == (("a", "1/K_2"), ("N.m", "1/(N.m/rad)"))
+    assert chi_square[0] <= found.total <= chi_square[1]
+
+
+@cache
+def late_log() -> LogFit:
+    """Of a clock that is late by 10 ms, beside which there is nothing."""
+    found = identified(log_of(float(RATE), 21, late_s=0.01))
+    return LogFit.of(found.model, read_robot(ROBOT), GEARS)
+
+
+@cache
+def shifted() -> Fit:
+    found = fitted(late_log(), [Proposal(SHIFT, {"log_shift": 0.008})])
+    assert found is not None
+    return found
+
+
+def test_a_second_effect_counts_by_the_colour_of_what_both_leave() -> None:
+    """Else all that the first one explains counts anew, because what is left is a little less coloured."""
+    noise, slow = np.random.default_rng(5).normal(size=(400, 1)), np.sin(np.linspace(0, 40, 400))[:, None]
+    floor = Noise(np.ones(1), np.zeros(1), "residual")
+
+    def left(part: float) -> Fit:
+        model = SimpleNamespace(experiments=SimpleNamespace(channels=()))
+        return cast(Fit, SimpleNamespace(model=model, residual=part * slow + noise, noise=floor))
+
+    nothing, first, both = left(30.0), left(0.6), left(0.4)
+    side = cast(LogFit, SimpleNamespace(fit=nothing))
+    step = gain(side, both, first) - gain(side, first)
+    assert step == pytest.approx(delta_bic(first.residual, both.residual, 0.0, floor))
+    assert 0 < step < 0.25 * (gain(side, both) - gain(side, first))
+
+
+@pytest.mark.gate
+def test_a_loop_that_fails_on_the_way_of_one_fit_loses_that_start_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    side, whole = gear_log(slack=True), Competition.refit
+
+    def fails(own: Competition, proposal: Proposal, **options: object) -> Fit | None:
+        if proposal.values["K"] > BELT["K"]:
+            raise SimulationError("The loop diverges.", got="inf", next_step="Try others.")
+        return whole(own, proposal, **options)  # type: ignore[arg-type]
+
+    gear = EffectAtJoint("joint_elasticity", 2)
+    starts = [Proposal(gear, {"K": k}) for k in (300.0, 100.0)]
+    monkeypatch.setattr(log_fit, "_in_the_loop", lambda side, starts, least: starts)
+    monkeypatch.setattr(Competition, "refit", fails)
+    found = fitted(side.log, starts)
+    assert found is not None
+    assert abs(found.values[found.model.names.index("K_2")] / BELT["K"] - 1) < 0.2
+    assert fitted(side.log, starts[:1]) is None
+
+
+@pytest.mark.gate
+def test_a_fit_that_fails_on_the_way_to_its_end_stays_as_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
+    def fails(*_: object, **__: object) -> Fit:
+        raise SimulationError("The loop diverges.", got="inf", next_step="Try others.")
+
+    found = shifted()
+    monkeypatch.setattr(log_fit, "minimise", fails)
+    assert settled(found) is found
+    assert settled(None) is None
+
+
+@dataclass(frozen=True)
+class Side:
+    """A result of the SCARA with a rotor on joint 2, and its log with its loop."""
+
+    result: Result
+    log: LogFit
+
+
+@cache
+def gear_log(*, slack: bool, late_s: float = 0.0) -> Side:
+    robot = read_robot(ROBOT)
+    first, second = robot.joints
+    second = second.model_copy(update={"parameters": {**second.parameters, **ROTOR}})
+    stiff = robot.model_copy(
+        update={
+            "joints": (first, second),
+            "identified": {**dict(cast("dict[str, str]", robot.identified)), "Ia2": "Ia2"},
+        }
+    )
+    true = stiff
+    if slack:
+        loose = {"effects": (*second.effects, "joint_elasticity"), "parameters": {**second.parameters, **BELT}}
+        true = stiff.model_copy(update={"joints": (first, second.model_copy(update=loose))})
+    table = simulate(load_case(CASE).with_(), robot=true)
+    rows = slice(0, table.time.size - 1, round(1 / RATE / (table.time[1] - table.time[0])))
+    instants = table.time[rows] - late_s
+    torque = np.column_stack([np.interp(instants, table.time, table.column(f"tau{j}")) for j in (1, 2)])
+    noise = NOISE * np.random.default_rng(31 + slack).normal(size=torque.shape)
+    found = identified(Log(table.time[rows], torque + noise), robot=stiff)
+    return Side(found, LogFit.of(found.model, stiff, GEARS))
+
+
+@pytest.mark.gate
+@pytest.mark.parametrize(("late_s", "told"), [(0.0, 1), (0.01, 2)])
+def test_a_slack_belt_at_a_low_rate_is_named_alone_and_beside_a_late_clock(late_s: float, told: int) -> None:
+    """Its slope, of a gear that is stiff, promises less than play, or a gain of the controller. Beside a late clock the
+    log does not tell which of the two gears has become slack, and both are told."""
+    before, after = gear_log(slack=False), gear_log(slack=True, late_s=late_s)
+    found = compared(answer("before", before.result), answer("after", after.result), (before.log, after.log))
+    late = {"time shift of the torque log, new"} if late_s else set()
+    titles = [{part.title for part in cause.parts} for cause in found.causes]
+    assert {"joint elasticity on joint 2, new"} | late in titles
+    assert len(titles) <= told
+    cause = found.causes[titles.index({"joint elasticity on joint 2, new"} | late)]
+    stiffness = next(a for part in cause.parts for a in part.amounts if a.name == "K")
+    assert stiffness.std is not None
+    assert abs(stiffness.value - BELT["K"]) < 4 * stiffness.std
