@@ -28,6 +28,10 @@ from fmu_didim.dynamics.robot import RobotDescription, RobotModel
 from fmu_didim.fit.noise.noise import Noise
 from fmu_didim.model.loop_model import EffectAtJoint
 
+ROUNDING = 1e-6
+"""[standard deviations] Of the noise, below which a separation is none: one of two effects has the other among its
+values."""
+
 
 @dataclass(frozen=True)
 class PairSeparation:
@@ -170,6 +174,20 @@ def _pairs(members: Sequence[AmbiguousEffect], now: Table, then: Table, same: se
     )  # fmt: skip
 
 
+def _split_line(pair: PairSeparation) -> str:
+    """What the motion tells of a pair."""
+    begin = f"If {_named(pair.truth)} is the truth and not {_named(pair.rival)}: "
+    if pair.then < ROUNDING:
+        return (
+            f"{begin}the other one is the same with some of its values; only that it has more parameters speaks "
+            f"against it, by a BIC difference of {pair.bic_then:.0f}."
+        )
+    return (
+        f"{begin}separation from {pair.now:.2g} to {pair.then:.2g} times the noise, BIC difference to expect from "
+        f"{pair.bic_now:.0f} to {pair.bic_then:.0f}."
+    )
+
+
 def _proposal(
     evaluator: MotionEvaluator, candidate: Candidate, motion: Fourier | Trajectory, table: Table, same: set[Pair],
     hidden: Sequence[Effect],
@@ -179,11 +197,7 @@ def _proposal(
     weak = [p for p in pairs if p.same or p.bic_then < BIC]
     advice = _advice([evaluator.context.effects[a.effect] for p in weak for a in (p.truth, p.rival)] + list(hidden))
     lines = [f"Run {candidate.description} for {evaluator.space.duration_s:g} s, from rest to rest."]
-    lines += [
-        f"If {_named(p.truth)} is the truth and not {_named(p.rival)}: separation from {p.now:.2g} to {p.then:.2g} "
-        f"times the noise, BIC difference to expect from {p.bic_now:.0f} to {p.bic_then:.0f}."
-        for p in split
-    ]
+    lines += [_split_line(p) for p in split]
     lines += _same_lines(pairs)
     if any(not p.same for p in weak):
         lines.append("That is too little to be sure: move for longer, faster or further, if the robot can.")

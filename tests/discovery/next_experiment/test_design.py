@@ -25,7 +25,12 @@ from fmu_didim.discovery.augmentation.builder import LoopModelBuilder
 from fmu_didim.discovery.augmentation.places import Proposal
 from fmu_didim.discovery.base_model import with_nuisances
 from fmu_didim.discovery.excitation.limits import Limits, limits_of
-from fmu_didim.discovery.next_experiment.design import SplittingExperiment, design_experiment
+from fmu_didim.discovery.next_experiment.design import (
+    PairSeparation,
+    SplittingExperiment,
+    _split_line,
+    design_experiment,
+)
 from fmu_didim.discovery.next_experiment.members import AmbiguousEffect, DesignContext, ProjectedMotion
 from fmu_didim.discovery.next_experiment.motions import Space
 from fmu_didim.discovery.next_experiment.programs import candidates
@@ -349,3 +354,20 @@ def test_nothing_to_split_and_no_room() -> None:
         design([member("stribeck", Fs=1.0)], motion(**QUICK))
     with pytest.raises(InputError, match="no room"):
         limits_of(motion(**QUICK), 2, speed_scale=0.0)
+
+
+@pytest.mark.parametrize(
+    ("then", "told"),
+    [
+        (0.5, "separation from 1e-14 to 0.5 times the noise, BIC difference to expect from 8 to 9."),
+        (2e-14, "the same with some of its values; only that it has more parameters speaks against it, by a BIC"),
+    ],
+)
+def test_what_splits_two_effects_is_told_as_it_is(then: float, told: str) -> None:
+    """Friction by load is an efficiency that does not ask for the direction of power."""
+    first, second = EffectAtJoint("load_dependent_friction", 3), EffectAtJoint("directional_efficiency", 3)
+    line = _split_line(PairSeparation(first, second, 1e-14, then, 8.0, 9.0, same=False))
+    assert line.startswith(
+        "If load_dependent_friction on joint 3 is the truth and not directional_efficiency on joint 3"
+    )
+    assert told in line
