@@ -51,6 +51,8 @@ class BaseProjection:
         table = (columns.reshape(columns.shape[0], -1, count) * weight[:, None]).reshape(-1, count)
         size = np.linalg.norm(table, axis=0)
         kept = size > idle * size.max(initial=0.0)
+        if not kept.any():  # which LAPACK takes in newer versions of SciPy alone
+            return cls(weight, np.zeros((len(table), 0)))
         return cls(weight, linalg.orth(table[:, kept] / size[kept], rcond=tolerance))
 
     @classmethod

@@ -24,3 +24,10 @@ def test_what_the_base_spans_leaves_nothing() -> None:
     columns = np.random.default_rng(1).normal(size=(50, 2, 4))
     ((weighted, rest),) = BaseProjection.of(columns).rests_of([columns @ np.ones((4, 1))])
     assert np.linalg.norm(rest) <= 1e-12 * np.linalg.norm(weighted)
+
+
+def test_columns_of_nothing_take_nothing_away() -> None:
+    """As of an effect at a shape at which another one is the same, such as a power of one beside viscous friction."""
+    projection, target = BaseProjection.of(np.zeros((20, 2, 3))), np.arange(40.0)
+    assert projection.basis.shape == (40, 0)
+    np.testing.assert_array_equal(projection.rest_of(target), target)
