@@ -51,9 +51,10 @@ from fmu_didim.model.signals.path import INPUT, OUTPUT, STRAIGHT, changed_inputs
 from fmu_didim.model.workers import default_workers, may_run_side_by_side
 
 LONG_RUN = 5000
-"""[ticks] Of the longest run, from which threads gain: identified with two instead of one, a batch of 100 ticks takes
-30 % longer and a SCARA of 2000 up to 40 %, a double pendulum of 14 000 5 % less. Below, Python's part of a run, which
-takes turns, is most of it."""
+"""[ticks] Of the longest run of two joints, from which threads gain: identified with two instead of one, a batch of 100
+ticks takes 30 % longer and a SCARA of 2000 up to 40 %, a double pendulum of 14 000 5 % less. Below, Python's part of a
+run, which takes turns, is most of it. A tick of more joints counts as the square of their number: a TX40 takes seven
+times as long for one as a SCARA, and its matrices are the larger."""
 
 
 @dataclass(frozen=True)
@@ -274,7 +275,8 @@ class LoopModel:
         """How many are worth their cost for simulations, and for what is computed at their samples: ``workers``, or one
         where all runs are short."""
         longest = max(experiment.reference.time.size for experiment in self.experiments.values())
-        return self.workers if longest * self.loop.subdivision >= LONG_RUN else 1
+        counted = max(self.joint_count / 2, 1) ** 2
+        return self.workers if longest * self.loop.subdivision * counted >= LONG_RUN else 1
 
     def allowed_workers(self, values: Array) -> int:
         """How many simulations may run at once: ``threads``, or one where Python runs the loop or an FMU of another
