@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -47,6 +48,28 @@ def test_tasks_run_at_the_same_time_and_keep_their_order() -> None:
 
     assert side_by_side([lambda i=i: task(i) for i in range(4)], 2) == [0, 1, 2, 3]
     assert side_by_side([threading.get_ident] * 3, 1) == [threading.get_ident()] * 3
+
+
+@pytest.mark.parametrize(
+    ("ticks", "joints", "subdivision", "threads"),
+    [
+        (4999, 1, 1, 1),
+        (4999, 2, 1, 1),
+        (5000, 2, 1, 2),
+        (2500, 2, 2, 2),
+        (4500, 6, 1, 2),
+        (555, 6, 1, 1),
+        (556, 6, 1, 2),
+    ],
+)  # fmt: skip
+def test_threads_serve_runs_that_are_long_for_their_joints(
+    ticks: int, joints: int, subdivision: int, threads: int
+) -> None:
+    """A tick of six joints counts as nine of two."""
+    experiment = SimpleNamespace(reference=SimpleNamespace(time=np.zeros(ticks)))
+    loop = SimpleNamespace(subdivision=subdivision)
+    model = SimpleNamespace(experiments={"a": experiment}, loop=loop, joint_count=joints, workers=2)
+    assert LoopModel.threads.fget(model) == threads  # type: ignore[attr-defined]
 
 
 def test_the_error_of_a_task_is_raised() -> None:

@@ -106,7 +106,8 @@ def texts(records: Records, order: Sequence[str]) -> dict[str, str | list[str]]:
             if figure["name"].endswith(EXPONENT):
                 for name, value in figure["medians"].items():
                     number, of, unit = name.split()
-                    grown.setdefault((of, number), {"when": when})[unit] = f"{value:.3g}"
+                    shown = f"{value:.3g}" if value < 1000 else f"{value:.0f}"
+                    grown.setdefault((of, number), {"when": when})[unit] = shown
             rows.append((figure["name"], _goal(figure), _measured(figure), _met(figure), when))
             count += figure["goal"] is not None
             missed += [figure["name"]] if figure["met"] is False else []
