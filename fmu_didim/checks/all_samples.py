@@ -22,7 +22,7 @@ from fmu_didim.checks.validation import Validation
 from fmu_didim.cosim import Indices
 from fmu_didim.data.signals import Array
 from fmu_didim.fit.estimate import Estimate
-from fmu_didim.fit.exploration.all_samples import AllSamples, BlockOfLog
+from fmu_didim.fit.exploration.all_samples import AllSamples
 from fmu_didim.fit.noise.noise import TINY
 
 LARGER = 1.3
@@ -92,20 +92,19 @@ def _judged_part(told: AllSamples) -> Iterator[Diagnostic]:
 def _changes(estimate: Estimate, told: AllSamples) -> Iterator[Diagnostic]:
     """The block of each log that agrees least with the others, where it does not."""
     results = parts_agree(estimate.names, told.blocks)
-    worst = dict[str, tuple[BlockOfLog, float]]()
-    for block, result in zip(told.blocks, results, strict=True):
-        if not result.agrees and (block.label not in worst or result.p_value < worst[block.label][1]):
-            worst[block.label] = block, result.p_value
-    for block, result in zip(told.blocks, results, strict=True):
-        if block.label in worst and worst[block.label][0] is block:
-            apart = sum(not r.agrees for b, r in zip(told.blocks, results, strict=True) if b.label == block.label)
-            text = (
-                f"{apart} of {sum(b.label == block.label for b in told.blocks)} parts do not agree with the others on "
-                f"the values, least that from {block.begin_s:.6g} s to {block.end_s:.6g} s (p = {result.p_value:.1e}): "
-                f"{result.differs_most} would differ most there, by {result.change_in_std:.1f} standard deviations."
-            )
-            bound = SIGNIFICANCE / len(told.blocks)
-            yield Diagnostic(LOG_CHANGES, text, block.label, result.p_value, bound, "1")
+    pairs = list(zip(told.blocks, results, strict=True))
+    for label in dict.fromkeys(block.label for block, _ in pairs):
+        own = [pair for pair in pairs if pair[0].label == label]
+        apart = [pair for pair in own if not pair[1].agrees]
+        if not apart:
+            continue
+        block, result = min(apart, key=lambda pair: pair[1].p_value)
+        text = (
+            f"{len(apart)} of {len(own)} parts do not agree with the others on the values, least that from "
+            f"{block.begin_s:.6g} s to {block.end_s:.6g} s (p = {result.p_value:.1e}): {result.differs_most} would "
+            f"differ most there, by {result.change_in_std:.1f} standard deviations."
+        )
+        yield Diagnostic(LOG_CHANGES, text, label, result.p_value, SIGNIFICANCE / len(told.blocks), "1")
 
 
 def _larger(estimate: Estimate, told: AllSamples) -> Iterator[Diagnostic]:

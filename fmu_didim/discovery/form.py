@@ -237,7 +237,8 @@ def _on_joint(
         f"a curve of {curve.tried.effect.variable} explains {'far ' if is_far else ''}more: BIC {curve.delta_bic:.0f} "
         f"against {named:.0f}"
     )
-    if own and not imitates([builder.effect(a).is_external for a in own], gap, curve.delta_bic / named):
+    lead = curve.delta_bic / named if named > 0 else np.inf
+    if own and not imitates([builder.effect(a).is_external for a in own], gap, lead):
         text = f"On {' and '.join(a.text for a in own)} {told}."
         return discovery, replace(curve, doubted=Diagnostic(FORM_DIFFERS, text, own[0].text)), ""
     # What was found beside it, on other joints, may have filled the gaps that it leaves.

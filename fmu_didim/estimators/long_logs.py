@@ -164,14 +164,11 @@ def _estimate(found: Estimate, part: PartOfLogs, minimum: _Minimum, seam: float)
     unlimited = unlimited_by(minimum.equations, model, values)
     inflation = max([1.0, *(c.inflation for c in colours)])
     told = AllSamples(
-        len(residual), len(fit.residual), {label: s for label, s in part.spans.items() if label in part.rows}, blocks,
+        len(residual), len(fit.residual), part.spans, blocks,
         _loudest(fit, part), _far(minimum, residual, inverse), fit.values, found.standard_deviation, seam,
     )  # fmt: skip
-    remarks = [
-        r
-        for r in found.remarks
-        if r not in remarks_of_limits(fit.model, fit.values, found.standard_deviation, found.unlimited)
-    ]
+    of_part = remarks_of_limits(fit.model, fit.values, found.standard_deviation, found.unlimited)
+    remarks = [remark for remark in found.remarks if remark not in of_part]
     return replace(
         found, model=model.with_values(values).with_loop(substeps=None, substep_factor=1), covariance=covariance,
         freedom=degrees_of_freedom(model, values.size, inflation), time=model.experiments.time,
@@ -213,10 +210,7 @@ def _blocks(
 ) -> Iterator[BlockOfLog]:
     """The blocks of all logs, with noise of the colour that the part has."""
     experiments, weight = minimum.model.experiments, minimum.deviation**-2
-    counted = tuple(
-        replace(c, variance=c.variance * c.inflation**2, coefficients=np.zeros(0)) if c.is_louder else c
-        for c in colours
-    )
+    counted = tuple(_as_loud(c) if c.is_louder else c for c in colours)
     rates = {
         s: one.rate_hz
         for s, one in zip(fit.model.experiments.rows, stretches_of_outputs(fit.model.experiments), strict=True)

@@ -560,8 +560,7 @@ class Simulation:
         torque = self.operator.apply(ticks)
         if not np.isfinite(torque).all():
             raise DivergedError(
-                f"The simulated {self.model.loop.quantity} is not finite.", time=end_s, next_step=self.when_diverged
-
+                f"The simulated {self.model.loop.quantity} is not finite.", time=end_s, next_step=self.when_diverged,
             )  # fmt: skip
         return self.model.experiments.compared(torque, self.label)
 

@@ -99,19 +99,16 @@ def apart(tasks: Sequence[Callable[[], _Result]], workers: int) -> list[_Result]
     count = min(workers, len(tasks))
     if count < 2 or not can_copy_process():
         return side_by_side(tasks, workers)
-    shares = [range(first, len(tasks), count) for first in range(count)]
-    copies = [_Copy([tasks[i] for i in share]) for share in shares[1:]]
-    found: dict[int, _Result | BaseException] = {}
-    for i in shares[0]:
-        found[i] = _tried(tasks[i])
-    for share, copy in zip(shares[1:], copies, strict=True):
+    copies = [_Copy(tasks[first::count]) for first in range(1, count)]
+    found: list[Any] = list(tasks)
+    found[::count] = [_tried(task) for task in tasks[::count]]
+    for first, copy in enumerate(copies, start=1):
         answers = copy.answers()
-        for place, i in enumerate(share):
-            found[i] = answers[place] if place < len(answers) else _tried(tasks[i])
-    for i in range(len(tasks)):
-        if isinstance(error := found[i], BaseException):
-            raise error
-    return [found[i] for i in range(len(tasks))]  # type: ignore[misc]
+        found[first::count] = [*answers, *(_tried(task) for task in tasks[first::count][len(answers) :])]
+    for result in found:
+        if isinstance(result, Exception):
+            raise result
+    return found
 
 
 def can_copy_process() -> bool:
@@ -120,7 +117,7 @@ def can_copy_process() -> bool:
     return sys.platform == "linux" and alone
 
 
-def _tried(task: Callable[[], _Result]) -> _Result | BaseException:
+def _tried(task: Callable[[], _Result]) -> _Result | Exception:
     try:
         return task()
     except Exception as error:  # noqa: BLE001 - raised when all have ended

@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fmu_didim.base.diagnostics import CATALOGUE, DOUBT, Diagnostic
 from fmu_didim.base.distributions import chi2_sf
@@ -147,11 +148,8 @@ def _torques(fit: Fit, index: int, effect: Effect, least: Array, span: tuple[flo
     """Joint -> largest torque of what acts for a while, where it is more than the noise there."""
     if effect.is_external:
         return {fit.model.added_effects[index].joint: float(np.abs(least).max())}
-    experiments = fit.model.experiments
-    time = np.concatenate([experiments[label].time for label in fit.model.estimation_labels])
-    acts = (time >= span[0]) & (time < span[1])
     own = fit.torque_alone
-    change = np.abs(own.jacobian[:, :, list(_amplitudes(fit, index).values())] @ least)[acts]
+    change = np.abs(own.jacobian[:, :, list(_amplitudes(fit, index).values())] @ least)[_acting(fit, span)]
     largest = change.max(axis=0, initial=0.0)
     return {j + 1: float(t) for j, t in enumerate(largest) if t > own.deviation[j]}
 
@@ -179,9 +177,13 @@ def _lasting(fit: Fit, index: int, effect: Effect) -> float:
     span = _span(fit, index, effect)
     if span is None or not effect.is_external:
         return 0.0
-    experiments = fit.model.experiments
-    time = np.concatenate([experiments[label].time for label in fit.model.estimation_labels])
-    return float(np.mean((time >= span[0]) & (time < span[1])))
+    return float(np.mean(_acting(fit, span)))
+
+
+def _acting(fit: Fit, span: tuple[float, float]) -> NDArray[np.bool_]:
+    """(N,) the fitted samples at which an effect acts that does so for a while."""
+    time = np.concatenate([fit.model.experiments[label].time for label in fit.model.estimation_labels])
+    return (time >= span[0]) & (time < span[1])
 
 
 def _amplitudes(fit: Fit, index: int) -> dict[str, int]:
