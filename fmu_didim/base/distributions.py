@@ -14,6 +14,9 @@ from numpy.typing import NDArray
 from scipy import special
 
 Numbers: TypeAlias = float | NDArray[np.float64]
+DEVIATION_OF_MEDIAN = 1.4826
+"""[1] Standard deviation of a normal distribution over the median of its magnitude: few samples that are far off hardly
+move that."""
 SMALLEST_WEIGHT = 1e-12
 """[1] Of the largest one, below which a weight is rounding."""
 LOGARITHMS = (-40.0, 80.0, 2401)

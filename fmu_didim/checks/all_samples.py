@@ -16,8 +16,7 @@ from fmu_didim.base.diagnostics import CATALOGUE, DOUBT, REMARK, Diagnostic
 from fmu_didim.checks.agreement import SIGNIFICANCE, parts_agree
 from fmu_didim.checks.data.expected import Expected
 from fmu_didim.checks.data.log import FEW_OUTLIERS, LOG_OUTLIERS, SAMPLES_MISSING, log_diagnostics
-from fmu_didim.checks.data.outliers import outlying
-from fmu_didim.checks.judgement import MATTERS
+from fmu_didim.checks.data.outliers import outlying, told_outliers
 from fmu_didim.checks.validation import Validation
 from fmu_didim.cosim import Indices
 from fmu_didim.data.signals import Array
@@ -136,20 +135,14 @@ def _of_log(estimate: Estimate, told: AllSamples, found: Validation) -> Iterator
         )
         if not rows.size:
             continue
-        moved = 0.0 if found.role == "validation" else _moved(told, found.label, j, rows, residual[rows, j])
-        largest, noise = float(np.abs(residual[rows, j]).max()), float(np.delete(residual[:, j], rows).std())
-        first = ", ".join(f"{t:.6g}" for t in found.time[rows[:3]])
+        is_held_out = found.role == "validation"
+        moved = 0.0 if is_held_out else _moved(told, found.label, j, rows, residual[rows, j])
         text = (
-            f"{rows.size} of {len(residual)} samples are off by up to {largest:.4g}, {largest / max(noise, TINY):.3g} "
-            f"times the rest of the residual; the first at t = {first} s. "
-            + (
-                "The run is held out: they move no value."
-                if found.role == "validation"
-                else f"They move the values by {moved:.2g} standard deviations, all together."
-            )
-        )
-        code = FEW_OUTLIERS if moved <= MATTERS else LOG_OUTLIERS
-        yield Diagnostic(code, text, f"{found.label}: joint {j + 1}", moved, MATTERS, "standard deviations")
+            "The run is held out: they move no value." if is_held_out
+            else f"They move the values by {moved:.2g} standard deviations, all together."
+        )  # fmt: skip
+        place, noise = f"{found.label}: joint {j + 1}", float(np.delete(residual[:, j], rows).std())
+        yield told_outliers(place, rows, residual[:, j], found.time, noise, moved, text)
 
 
 def _moved(told: AllSamples, label: str, j: int, rows: Indices, errors: Array) -> float:

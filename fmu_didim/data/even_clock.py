@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fmu_didim.base.distributions import DEVIATION_OF_MEDIAN
 from fmu_didim.data.signals import Array
 
 WINDOWS = (10, 50)
@@ -32,8 +33,6 @@ FEWEST = 100
 """[rows] Of which a clock can be told."""
 OF_MEDIAN = 1.2533
 """[1] Standard deviation of a median of normal values over that of their mean."""
-TO_DEVIATION = 1.4826
-"""[1] Standard deviation of normal values over the median of their size."""
 
 
 @dataclass(frozen=True)
@@ -76,7 +75,7 @@ def even_clock(stamps: Array, rate_hz: float | None = None) -> EvenClock:
 
 def _deviation(values: Array) -> float:
     """Robust standard deviation of the scatter of neighbours, which no step or wander adds to."""
-    return float(TO_DEVIATION * np.median(np.abs(np.diff(values))) / np.sqrt(2)) if values.size > 1 else 0.0
+    return float(DEVIATION_OF_MEDIAN * np.median(np.abs(np.diff(values))) / np.sqrt(2)) if values.size > 1 else 0.0
 
 
 def _fault(off: Array, found: EvenClock, stamps: Array, fitted: float) -> str:

@@ -15,7 +15,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fmu_didim.data.even_clock import BLOCK, FEWEST, TO_DEVIATION
+from fmu_didim.base.distributions import DEVIATION_OF_MEDIAN
+from fmu_didim.data.even_clock import BLOCK, FEWEST
 from fmu_didim.data.signals import Array
 
 Flags = NDArray[np.bool_]
@@ -125,7 +126,7 @@ def _steps(stamps: Array, rate: float, positions: Array, window: int, order: int
         steps = np.maximum(np.rint(found), 0.0)
         fast = information >= np.median(information[moves]) if moves.any() else moves
         left = np.abs(change - velocity * steps[:, None])[fast]
-        noise = TO_DEVIATION * np.median(left, axis=0) if left.size else 1 / weight
+        noise = DEVIATION_OF_MEDIAN * np.median(left, axis=0) if left.size else 1 / weight
         weight = 1 / np.maximum(noise, np.finfo(float).eps * np.abs(positions).max(axis=0) + np.finfo(float).tiny)
         told = ((velocity * weight) ** 2).sum(axis=1) > (2 * CERTAIN) ** 2
         off = float(np.sqrt(np.mean((found - steps)[told] ** 2))) if told.any() else 0.0

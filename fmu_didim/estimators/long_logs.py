@@ -17,6 +17,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from fmu_didim.base.distributions import DEVIATION_OF_MEDIAN
 from fmu_didim.cosim import grid_places
 from fmu_didim.data.signals import Array
 from fmu_didim.estimators.base import Estimator, Progress
@@ -44,8 +45,6 @@ SEAM = 0.05
 at its samples, root mean square: less than a noise of a twentieth added."""
 FAR, MOST_FAR = 3.0, 20_000
 """[standard deviations] Of the residual, from which a sample may be an outlier; [samples] of a joint that are kept."""
-NORMAL = 1.4826
-"""[1] Standard deviation of normal noise over the median of its size."""
 STAGE = "all samples"
 
 
@@ -198,7 +197,7 @@ def _far(minimum: _Minimum, residual: Array, inverse: Array) -> dict[tuple[str, 
     for label, own in minimum.model.experiments.rows.items():
         for j, column in enumerate(residual[own].T):
             sizes = np.abs(column)
-            rows = np.flatnonzero(sizes > FAR * NORMAL * np.median(sizes))
+            rows = np.flatnonzero(sizes > FAR * DEVIATION_OF_MEDIAN * np.median(sizes))
             rows = np.sort(rows[np.argsort(-sizes[rows])[:MOST_FAR]])
             influence = minimum.table[own][rows, j] @ inverse / minimum.deviation[j] ** 2
             found[label, j] = FarSamples(rows, influence)

@@ -9,6 +9,7 @@ from functools import partial
 import numpy as np
 
 from fmu_didim.base.diagnostics import Code, Diagnostic, by_weight
+from fmu_didim.base.distributions import DEVIATION_OF_MEDIAN
 from fmu_didim.base.errors import SimulationError
 from fmu_didim.checks.data.expected import Expected, expected
 from fmu_didim.checks.data.linear_fit import Explanation, FittedMotion, fitted_motion, motion_with_regressor
@@ -17,7 +18,6 @@ from fmu_didim.checks.data.log import (
     FEW_OUTLIERS,
     LOG_CONSTANT,
     LOG_OUTLIERS,
-    NORMAL,
     OUTLIERS_LEFT_OUT,
     PERIOD_CHANGES,
     log_diagnostics,
@@ -217,7 +217,7 @@ def _without_transients(model: LoopModel, found: list[Diagnostic]) -> list[Diagn
     """The diagnostics without outliers of joints whose residual has none, where a fit found the start."""
     for label in {k.experiment for k in model.free_parameters if k.is_start and k.experiment is not None}:
         size = np.abs(model.experiments.measured_in(label) - model.torque(model.start, label))
-        stand_out = np.any(size > FAR_FROM_NOISE * NORMAL * np.median(size, axis=0), axis=0)
+        stand_out = np.any(size > FAR_FROM_NOISE * DEVIATION_OF_MEDIAN * np.median(size, axis=0), axis=0)
         clean = {f"{label}: joint {j + 1}" for j in np.flatnonzero(~stand_out)}
         found = [d for d in found if d.code not in (LOG_OUTLIERS, FEW_OUTLIERS) or d.place not in clean]
     return found

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fmu_didim.base.diagnostics import CATALOGUE, DOUBT, PROBLEM, REMARK, Diagnostic, by_weight
+from fmu_didim.base.distributions import DEVIATION_OF_MEDIAN
 from fmu_didim.checks.data.expected import Expected
 from fmu_didim.checks.judgement import MATTERS
 from fmu_didim.cosim import Indices, grid_places, period_change
@@ -72,9 +73,7 @@ OTHERS = 0.01
 NEIGHBOURS = 5
 """[samples] Of that median: one or two of them may be spikes."""
 FAR_FROM_NOISE = 6.0
-"""[standard deviations] Of the noise about the median of the neighbours, from which a sample may be wrong, and"""
-NORMAL = 1.4826
-"""[1] what they are over the median size of normal noise."""
+"""[standard deviations] Of the noise about the median of the neighbours, from which a sample may be wrong."""
 QUANTILES = (5.0, 95.0)
 """[%] Between which the range of a column is taken, free of outliers."""
 MOST_SPIKES = 0.1
@@ -469,7 +468,7 @@ def _spikes(j: int, given: Expected) -> _Spikes | None:
         simulated = given.nominal[:, j]
         swings = np.abs(simulated - running_median(simulated, NEIGHBOURS, outside=0.0))
         deviation = np.maximum(deviation - running_maximum(swings, NEIGHBOURS), 0.0)
-    noise = FAR_FROM_NOISE * NORMAL * float(np.median(np.abs(rests[1])))
+    noise = FAR_FROM_NOISE * DEVIATION_OF_MEDIAN * float(np.median(np.abs(rests[1])))
     lowest = max(_lone(deviation, spread), noise)
     rows = np.flatnonzero(deviation > np.where(_is_inside(values.size), lowest, max(SPIKE * spread, noise)))
     if 0 < rows.size <= MOST_SPIKES * values.size:

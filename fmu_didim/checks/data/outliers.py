@@ -17,9 +17,10 @@ from dataclasses import replace
 import numpy as np
 
 from fmu_didim.base.diagnostics import Diagnostic
+from fmu_didim.base.distributions import DEVIATION_OF_MEDIAN
 from fmu_didim.checks.data.expected import solved_from
 from fmu_didim.checks.data.linear_fit import EXACT, FittedMotion
-from fmu_didim.checks.data.log import FEW_OUTLIERS, LOG_OUTLIERS, MOST_SPIKES, NEIGHBOURS, NORMAL
+from fmu_didim.checks.data.log import FEW_OUTLIERS, LOG_OUTLIERS, MOST_SPIKES, NEIGHBOURS
 from fmu_didim.checks.judgement import MATTERS
 from fmu_didim.cosim import Indices
 from fmu_didim.data.signals import Array
@@ -67,16 +68,28 @@ def outlier_diagnostics(fitted: FittedMotion, found: Mapping[int, Indices]) -> l
         wrong[rows, j] = residual[rows, j]
         left = residual - wrong
         moved = _moved(fitted, wrong, left)
-        noise, largest = float(left[:, j].std()), float(np.abs(residual[rows, j]).max())
-        first = ", ".join(f"{t:.6g}" for t in fitted.experiment.time[rows[:3]])
-        text = (
-            f"{rows.size} of {residual.shape[0]} samples are off by up to {largest:.4g}, "
-            f"{largest / max(noise, TINY):.3g} times the rest of the residual; the first at t = {first} s. "
-            f"They move the values by {moved:.2g} standard deviations, all together."
-        )
-        code = FEW_OUTLIERS if moved <= MATTERS else LOG_OUTLIERS
-        told.append(Diagnostic(code, text, f"{fitted.run.label}: joint {j + 1}", moved, MATTERS, "standard deviations"))
+        text = f"They move the values by {moved:.2g} standard deviations, all together."
+        place, noise = f"{fitted.run.label}: joint {j + 1}", float(left[:, j].std())
+        told.append(told_outliers(place, rows, residual[:, j], fitted.experiment.time, noise, moved, text))
     return told
+
+
+def told_outliers(
+    place: str, rows: Indices, residual: Array, time: Array, noise: float, moved: float, text: str
+) -> Diagnostic:
+    """What is said of the outliers of a joint.
+
+    Args:
+        rows: of the outliers; residual, time: (N,) of all samples; noise: deviation of the rest of the residual.
+        moved: standard deviations by which they move the values; text: what is said of that.
+    """
+    largest, first = float(np.abs(residual[rows]).max()), ", ".join(f"{t:.6g}" for t in time[rows[:3]])
+    text = (
+        f"{rows.size} of {residual.size} samples are off by up to {largest:.4g}, {largest / max(noise, TINY):.3g} "
+        f"times the rest of the residual; the first at t = {first} s. {text}"
+    )
+    code = FEW_OUTLIERS if moved <= MATTERS else LOG_OUTLIERS
+    return Diagnostic(code, text, place, moved, MATTERS, "standard deviations")
 
 
 def without(fitted: FittedMotion, rows: Iterable[Indices]) -> FittedMotion:
@@ -96,7 +109,7 @@ def _robust_residual(fitted: FittedMotion) -> Array:
         weighted = flat * weight[:, :, None]
         products = np.tensordot(weighted, flat, axes=((0, 1), (0, 1)))
         residual = right - flat @ solved_from(products, np.tensordot(weighted, right, axes=((0, 1), (0, 1))))[0]
-        scale = np.maximum(NORMAL * np.median(np.abs(residual), axis=0), TINY)
+        scale = np.maximum(DEVIATION_OF_MEDIAN * np.median(np.abs(residual), axis=0), TINY)
         weight = np.maximum(1 - (residual / (TUKEY * scale)) ** 2, 0.0) ** 2
     return np.asarray(residual * size)
 
@@ -113,7 +126,7 @@ def _above_gap(sizes: Array, floor: float) -> Indices:
         return order[:0]
     largest = np.maximum(sizes[order[: most + 1]], floor + TINY)
     gaps = TAIL * np.arange(1, most + 1) * np.log(largest[:-1] / largest[1:])
-    gaps[largest[:-1] < FAR * NORMAL * np.median(sizes)] = 0.0
+    gaps[largest[:-1] < FAR * DEVIATION_OF_MEDIAN * np.median(sizes)] = 0.0
     k = int(np.argmax(gaps))
     rows = np.sort(order[: k + 1])
     return rows if gaps[k] > np.log(most / CHANCE) else rows[:0]

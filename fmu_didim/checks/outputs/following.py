@@ -14,12 +14,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fmu_didim.base.diagnostics import CATALOGUE, DOUBT, Diagnostic
-from fmu_didim.base.distributions import f_sf
+from fmu_didim.base.distributions import DEVIATION_OF_MEDIAN, f_sf
 from fmu_didim.base.errors import FmuDidimError
 from fmu_didim.checks.judgement import MATTERS
 from fmu_didim.checks.motion.colour import orthonormal, rest_of
 from fmu_didim.checks.motion.dependence import Dependence, dependence, independent
-from fmu_didim.checks.outputs.outliers import KNOWN_FROM, NORMAL
+from fmu_didim.checks.outputs.outliers import KNOWN_FROM
 from fmu_didim.checks.outputs.residuals import OutputResiduals
 from fmu_didim.checks.outputs.suspects import MOST_INPUTS, Suspect, first_changes, of_inputs, of_outputs, of_parameters
 from fmu_didim.data.signals import Array
@@ -151,7 +151,7 @@ def _test(found: OutputResiduals, k: int, tables: Mapping[Suspect, Array]) -> De
 def _start_of(found: OutputResiduals, k: int, before: Dependence) -> Dependence:
     """The same by the first samples alone, where a start that is off is forgotten soon: too few for the test above."""
     residual = found.residual[found.rows(k), k]
-    spread = NORMAL * float(np.median(np.abs(residual - np.median(residual))))
+    spread = DEVIATION_OF_MEDIAN * float(np.median(np.abs(residual - np.median(residual))))
     freedom = KNOWN_FROM * max(residual.size - found.values.size, 1)
     p_value, squares = 1.0, 0.0
     for log in found.logs(k):

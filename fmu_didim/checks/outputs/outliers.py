@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from fmu_didim.base.diagnostics import Diagnostic
-from fmu_didim.base.distributions import t_sf
+from fmu_didim.base.distributions import DEVIATION_OF_MEDIAN, t_sf
 from fmu_didim.checks.data.log import FEW_OUTLIERS, LOG_OUTLIERS
 from fmu_didim.checks.judgement import MATTERS
 from fmu_didim.checks.motion.colour import orthonormal, rest_of
@@ -17,8 +17,6 @@ from fmu_didim.fit.noise.noise import TINY
 FAR = 6.0
 """[standard deviations] By the median of the residuals, from which a sample is an outlier: of a million normal ones
 none."""
-NORMAL = 1.4826
-"""[1] Standard deviation of normal noise over the median of its sizes."""
 KNOWN_FROM = 0.37
 """[1] Of the samples, from which a mean square would be known as well as that deviation."""
 CHANCE = 1e-3
@@ -34,7 +32,7 @@ def outlier_diagnostics(found: OutputResiduals) -> list[Diagnostic]:
     for k in found.judged:
         name, rows = found.names[k], found.rows(k)
         residual = found.residual[rows, k]
-        spread = NORMAL * float(np.median(np.abs(residual - np.median(residual))))
+        spread = DEVIATION_OF_MEDIAN * float(np.median(np.abs(residual - np.median(residual))))
         far = np.flatnonzero(np.abs(residual - np.median(residual)) > FAR * spread)
         if not spread or not 0 < far.size <= max(MOST * residual.size, 1):
             continue

@@ -30,6 +30,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from fmu_didim.base.distributions import DEVIATION_OF_MEDIAN
 from fmu_didim.base.errors import SimulationError
 from fmu_didim.data.signals import Array
 from fmu_didim.discovery.selection.competition import SURVIVING
@@ -65,8 +66,6 @@ of 1/32."""
 GLITCH = 3.0
 """[standard deviations] Of the residual from which a sample that neither model explains weighs less; noise alone
 reaches it once in 370 samples."""
-OF_MEDIAN = 1.4826
-"""[1] Standard deviation of a normal distribution over the median of its magnitude."""
 
 FAILS_HELD_OUT = "held-out RMS ratio"
 """Beginning of the objection that a candidate does not help on the held-out data."""
@@ -214,5 +213,5 @@ def shared_weights(first: Array, second: Array, deviation: Array, there: NDArray
     else:
         columns = zip(least.T, there.T, strict=True)
         median = np.array([np.median(column[own]) if own.any() else 0.0 for column, own in columns])
-    bound = GLITCH * np.maximum(deviation, OF_MEDIAN * median)
+    bound = GLITCH * np.maximum(deviation, DEVIATION_OF_MEDIAN * median)
     return np.asarray(np.sqrt(bound / np.maximum(least, bound)) / deviation)

@@ -11,7 +11,8 @@ from decimal import Decimal
 
 import numpy as np
 
-from fmu_didim.checks.data.log import NORMAL, stairs
+from fmu_didim.base.distributions import DEVIATION_OF_MEDIAN
+from fmu_didim.checks.data.log import stairs
 from fmu_didim.data.signals import Array
 
 NOISY = 0.7
@@ -36,7 +37,7 @@ def measured_by_values(column: Array) -> str:
     if reach == 0.0 or any(stairs(values[:, None], order) > 1 for order in (1, 2)):
         return ""
     fourth = np.diff(values, 4)
-    noise = float(NORMAL * np.median(np.abs(fourth)) / np.sqrt(GAIN))
+    noise = float(DEVIATION_OF_MEDIAN * np.median(np.abs(fourth)) / np.sqrt(GAIN))
     if float(np.mean(fourth[1:] * fourth[:-1] < 0)) < NOISY:
         return ""
     rounding = _digit(values) / np.sqrt(12)
