@@ -68,10 +68,9 @@ def on_all_samples(found: Estimate, part: PartOfLogs, whole: LoopModel, progress
     if found.minimum is None:
         return None
     minimum = _Minimum.near(found.minimum, whole_logs(found.minimum.model, whole))
-    seam = _seam(found.minimum, part, minimum)
-    if seam > SEAM or not minimum.settle(progress):
+    if _seam(found.minimum, part, minimum) > SEAM or not minimum.settle(progress):
         return None
-    return _estimate(found, part, minimum, seam)
+    return _estimate(found, part, minimum)
 
 
 @dataclass
@@ -133,7 +132,8 @@ def _deviation(residual: Array, table: Array) -> Array:
 
 
 def _seam(fit: Fit, part: PartOfLogs, minimum: _Minimum) -> float:
-    """The difference of the torques of part and whole logs at the values of the part, see :class:`AllSamples`."""
+    """Largest difference of the simulated torque of the part from that of the whole logs, at the values of the part, in
+    standard deviations of the residual."""
     largest, of_part, of_whole = 0.0, fit.model.experiments.rows, minimum.model.experiments.rows
     for label, rows in part.rows.items():
         if label not in of_whole:
@@ -143,7 +143,7 @@ def _seam(fit: Fit, part: PartOfLogs, minimum: _Minimum) -> float:
     return largest
 
 
-def _estimate(found: Estimate, part: PartOfLogs, minimum: _Minimum, seam: float) -> Estimate:
+def _estimate(found: Estimate, part: PartOfLogs, minimum: _Minimum) -> Estimate:
     fit, model, residual = found.minimum, minimum.model, minimum.residual
     assert fit is not None
     ratio = (minimum.deviation / fit.deviation) ** 2
@@ -164,7 +164,7 @@ def _estimate(found: Estimate, part: PartOfLogs, minimum: _Minimum, seam: float)
     inflation = max([1.0, *(c.inflation for c in colours)])
     told = AllSamples(
         len(residual), len(fit.residual), part.spans, blocks,
-        _loudest(fit, part), _far(minimum, residual, inverse), fit.values, found.standard_deviation, seam,
+        _loudest(fit, part), _far(minimum, residual, inverse), found.standard_deviation,
     )  # fmt: skip
     of_part = remarks_of_limits(fit.model, fit.values, found.standard_deviation, found.unlimited)
     remarks = [remark for remark in found.remarks if remark not in of_part]

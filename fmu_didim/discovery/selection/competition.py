@@ -249,7 +249,7 @@ class Competition:
             return Outcome.NOT_TRIED
         name = f"{candidate.effect_at.effect} on joint {candidate.effect_at.joint}"
         if is_left:
-            report(f"{name} is out of reach of the best")
+            report(f"{name} is left: out of reach of the best, or it gained nothing before")
             return Outcome.LEFT_EARLY
         starts = [candidate.start]
         if candidate.others is not None and scan:
@@ -309,8 +309,7 @@ class Competition:
         Where the form of an effect is not quite right, free shapes compensate along one motion and fail on another.
         """
         for screened in (candidate, *(candidate.others or ())):
-            proposal = screened.start
-            fitted = self.refit(proposal, hold=True)
+            fitted = self.refit(screened.start, hold=True)
             if fitted is not None:
                 yield self.assess(candidate.effect_at, fitted)
 

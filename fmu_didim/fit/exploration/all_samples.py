@@ -46,9 +46,7 @@ class AllSamples:
         count: of all of them; judged: of that part; spans: label of a long log -> (k, 2) s, its stretches in the part.
         blocks: of all of them; rms: (n,) of the residual of each joint in the stretch of the part where it is largest.
         far: (label, joint from 0) -> the samples that may be outliers.
-        of_part: (p,) values of the part alone; deviation_of_part: (p,) their standard deviations.
-        seam: largest difference of the simulated torque of the part from that of the whole logs, in standard deviations
-            of the residual.
+        deviation_of_part: (p,) standard deviations of the values of the part alone.
     """
 
     count: int
@@ -57,6 +55,4 @@ class AllSamples:
     blocks: tuple[BlockOfLog, ...]
     rms: Array
     far: Mapping[tuple[str, int], FarSamples]
-    of_part: Array
     deviation_of_part: Array
-    seam: float
