@@ -24,7 +24,7 @@ def function(factor: float = 1.0) -> ca.Function:
 
 
 def request() -> _Request:
-    balance = Balance(*(function(k) for k in (2.0, 3.0, 4.0, 5.0)), symmetric=True)
+    balance = Balance(function(2.0), function(3.0), function(4.0), function(5.0), symmetric=True)
     implicit = LinearlyImplicit(*(function(k) for k in (6.0, 7.0, 8.0, 9.0, 10.0)))
     equations = (function(11.0), function(12.0), function(13.0), function(14.0))
     return _Request(equations, balance, implicit, False, ((0, 1), (1, 0)), 2, (0,))
