@@ -8,7 +8,6 @@ import multiprocessing
 import os
 import pickle
 import sys
-import threading
 import warnings
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -19,6 +18,7 @@ from typing import Any, Generic, ParamSpec, TypeVar
 from threadpoolctl import threadpool_limits
 
 from fmu_didim.base.errors import InputError
+from fmu_didim.base.ticking import is_alone
 from fmu_didim.components import FmuComponent
 from fmu_didim.cosim import System
 
@@ -142,8 +142,7 @@ class Beside(Generic[_Result]):
 
 def can_copy_process() -> bool:
     """Whether a copy of this process can go on with its work: on Linux, where it has no other thread, in no copy."""
-    alone = threading.active_count() == 1 and multiprocessing.parent_process() is None
-    return sys.platform == "linux" and alone
+    return sys.platform == "linux" and is_alone() and multiprocessing.parent_process() is None
 
 
 def _tried(task: Callable[[], _Result]) -> _Result | Exception:
