@@ -46,8 +46,8 @@ SMALLEST_OF_START = 0.1
 SOLVED = 1e-7
 """[1] What the solver leaves, as a fraction of the value with which a parameter makes up all data alone."""
 ACCURACY = 1e-10
-"""[1] Of the squares of all that the data show, to which the solver goes: its own 1e-8 left single steps of a TX40, whose
-residual is a 250th of its torque, a fifth of a standard deviation short, and this leaves a thousandth of that."""
+"""[1] Of the squares of all that the data show, to which the solver goes: its own 1e-8 left single steps of a TX40,
+whose residual is a 250th of its torque, a fifth of a standard deviation short, and this leaves a thousandth of that."""
 POSITIONS = 16
 """[positions] Along the reference of an experiment, at which the inertia matrix is bounded."""
 KEPT = 32
