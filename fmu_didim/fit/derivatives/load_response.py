@@ -48,6 +48,8 @@ SIZE = 0.02
 DWELL_S = (0.01, 0.2)
 """[s] Range of the times between its changes."""
 
+NO_COURSE = SameObject(None)
+
 
 @dataclass(frozen=True)
 class LoadInTime(ExternalTorque):
@@ -58,7 +60,7 @@ class LoadInTime(ExternalTorque):
             values each time would take as long as a simulation with them.
     """
 
-    course: SameObject = SameObject(None)
+    course: SameObject = NO_COURSE
 
     @classmethod
     def of(cls, joint: int, time: Array, course: Array) -> LoadInTime:
