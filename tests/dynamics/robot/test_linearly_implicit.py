@@ -35,6 +35,8 @@ STEEP: Mapping[str, tuple[tuple[str, ...], dict[str, float]]] = {
     "stribeck": (("coulomb", "stribeck"), {"Fc": 1.5, "Fs": 0.8, "v0": 0.05, "vs": 0.2}),
     "presliding": (("coulomb", "presliding"), {"Fc": 1.5, "Fd": 1.0, "v0": 0.05, "zs": 0.02}),
     "lugre": (("viscous", "lugre"), {"Fv": 1.0, "Fz": 1.5, "Fzs": 0.5, "zs": 0.02}),
+    "load": (("coulomb", "load_dependent_friction"), {"Fc": 1.5, "Fl": 0.2, "v0": 0.05}),
+    "efficiency": (("coulomb", "directional_efficiency"), {"Fc": 1.5, "Fldrive": 0.3, "Flback": 0.1, "v0": 0.05}),
     "elastic": (
         ("coulomb", "motor_inertia", "joint_elasticity"),
         {"Fc": 1.5, "v0": 0.05, "Ia": 0.5, "K": 2e3, "D": 5.0},
@@ -202,5 +204,5 @@ def test_what_is_not_steep_is_left_to_runge_kutta() -> None:
         robot(("viscous", "motor_inertia", "joint_elasticity"), {"Fv": 2.0, "Ia": 0.5, "K": 2e3, "D": 5.0}).implicit
         is None
     )
-    loaded = robot(("coulomb", "load_dependent_friction"), {"Fc": 1.0, "Fl": 0.1})
-    assert loaded.implicit is None  # solved by Newton's method
+    loaded = robot(("viscous", "curve_of_load"), {"Fv": 2.0})  # solved by Newton's method, but not steep
+    assert loaded.implicit is None
