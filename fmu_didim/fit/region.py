@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from itertools import pairwise
@@ -45,6 +46,11 @@ SMALLEST_OF_START = 0.1
 """[1] The same of a start, which need not be near the answer: the equations stay far from stiff."""
 SOLVED = 1e-7
 """[1] What the solver leaves, as a fraction of the value with which a parameter makes up all data alone."""
+GAP = 1e-10
+"""[1] Gap of the cost, with a right side of length one, at which the program of the links alone is solved; values are
+known to its root."""
+USUAL_GAP = 1e-8
+"""[1] The same of a program that may be too hard for that."""
 POSITIONS = 16
 """[positions] Along the reference of an experiment, at which the inertia matrix is bounded."""
 KEPT = 32
@@ -102,7 +108,16 @@ class Machine:
         slack = physical.fixed + physical.table @ moved
         if (slack[: len(physical.motors)] < 0).any() or np.linalg.eigvalsh(physical.matrices(slack)).min() < margin:
             return False
+        return self.has_inertia(values, smallest)
+
+    def has_inertia(self, values: Array, smallest: float) -> bool:
+        """Whether the scaled inertia matrices with base parameters (b,) have eigenvalues that large."""
         return not self.known.size or bool(scaled_eigenvalues(self.columns @ values + self.known).min() >= smallest)
+
+    @property
+    def without_positions(self) -> Machine:
+        """The same, whose links alone are bounded."""
+        return replace(self, columns=self.columns[:0], known=self.known[:0])
 
 
 @dataclass(frozen=True)
@@ -172,15 +187,27 @@ class Region:
     def least_squares(self, table: Array, right: Array) -> Constrained:
         """The values (p,) in the region with the least |table (m, p) values - right (m,)|, no column zero.
 
-        The residual is an unknown of its own, so that the table is not squared.
+        The residual is an unknown of its own, so that the table is not squared. Links that exist have an inertia, which
+        is rarely the smallest that is allowed: so its matrices are bounded only where the best links alone have less,
+        which takes several times as long.
 
         Raises:
             IdentificationError: no machine has what is known of the robot, or the solver fails.
         """
+        if any(machine.known.size for machine in self.machines):
+            with suppress(IdentificationError):
+                links = replace(self, machines=tuple(machine.without_positions for machine in self.machines))
+                found = links._solved(table, right, GAP)
+                if all(m.has_inertia(found.values[m.place], self.smallest) for m in self.machines):
+                    return found
+        return self._solved(table, right, USUAL_GAP)
+
+    def _solved(self, table: Array, right: Array, gap: float) -> Constrained:
+        """The solution with all inequalities of the region in one program."""
         length = np.linalg.norm(table, axis=0)
         size = max(float(np.linalg.norm(right)), 1.0)
         unit = size / length  # of a value: what alone makes up the right side
-        program = self._program(table / length, right / size, unit)
+        program = self._program(table / length, right / size, unit, gap)
         found = program.solve()
         if found.status not in (clarabel.SolverStatus.Solved, clarabel.SolverStatus.AlmostSolved):
             raise IdentificationError(
@@ -210,7 +237,7 @@ class Region:
         """Number of limits of single values."""
         return int(np.isfinite(self.limits).sum())
 
-    def _program(self, table: Array, right: Array, unit: Array) -> clarabel.DefaultSolver:
+    def _program(self, table: Array, right: Array, unit: Array, gap: float) -> clarabel.DefaultSolver:
         """The cone program. Unknowns: the values divided by ``unit``, those of the machines, and the residual."""
         rows, count = table.shape
         machines = [machine.physical for machine in self.machines]
@@ -256,6 +283,7 @@ class Region:
         weights = np.concatenate([np.zeros(count), np.full(maps.shape[1], MASS_ALONE), np.ones(rows)])
         settings = clarabel.DefaultSettings()
         settings.verbose = False
+        settings.tol_gap_abs = settings.tol_gap_rel = gap
         quadratic, sparse_whole = sparse.diags_array(weights, format="csc"), sparse.csc_matrix(whole)
         linear = np.zeros(weights.size)
         return clarabel.DefaultSolver(quadratic, linear, sparse_whole, np.concatenate(rights), cones, settings)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import cache
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ import pytest
 from fmu_didim.case import load_case
 from fmu_didim.data.signals import Array
 from fmu_didim.fit.linear_problem import LinearProblem
-from fmu_didim.fit.region import SMALLEST, SMALLEST_OF_START, Region
+from fmu_didim.fit.region import SMALLEST, SMALLEST_OF_START, USUAL_GAP, Constrained, Region
 from fmu_didim.fit.solver.admissible import mass_matrix_problem
 from fmu_didim.model.loop_model import LoopModel
 from tests.helpers import ROOT
@@ -187,3 +188,26 @@ def test_a_step_out_of_the_machines_is_seen_where_it_leads() -> None:
     equations = LinearProblem.of(table[:, None, :], (table @ change)[:, None])
     step = equations.step(truth, region, 0.0)[0]
     assert mass_matrix_problem(model, truth + step) == ""
+
+
+def test_inertia_is_bounded_only_where_the_links_alone_have_too_little(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The same values as with all inequalities at once, whichever of them hold."""
+    model = loop("arm2r/discover")
+    solved, programs = Region._solved, list[bool]()
+
+    def counted(region: Region, *arguments: Any) -> Constrained:
+        programs.append(any(machine.known.size for machine in region.machines))
+        return solved(region, *arguments)
+
+    monkeypatch.setattr(Region, "_solved", counted)
+    truth, region = model.start, Region.of(model).of_start()
+    for asked, in_the_way in ((1.0, False), (0.01, True)):
+        wanted = truth.copy()
+        wanted[model.names.index("ZZ2")] *= asked
+        table = 1e3 * np.diag(1 / np.abs(truth))
+        programs.clear()
+        found = region.least_squares(table, table @ wanted)
+        assert programs == ([False, True] if in_the_way else [False])
+        whole = solved(region, table, table @ wanted, USUAL_GAP)
+        assert np.linalg.norm(table @ (found.values - whole.values)) <= 1e-3 * np.linalg.norm(table @ wanted)
+        assert found.squares == pytest.approx(whole.squares, rel=1e-5, abs=1e-6 * float(np.sum((table @ wanted) ** 2)))
