@@ -204,7 +204,7 @@ def test_inertia_is_bounded_only_where_the_links_alone_have_too_little(monkeypat
     for asked, in_the_way in ((1.0, False), (0.01, True)):
         wanted = truth.copy()
         wanted[model.names.index("ZZ2")] *= asked
-        table = 1e3 * np.diag(1 / np.abs(truth))
+        table = 1e3 * np.diag(1 / np.abs(wanted))
         programs.clear()
         found = region.least_squares(table, table @ wanted)
         assert programs == ([False, True] if in_the_way else [False])
