@@ -163,8 +163,9 @@ def stepped(running: Instance, ticks: range) -> np.ndarray:
 
 
 @pytest.mark.parametrize("version", ["2.0", "3.0"])
-def test_every_kind_of_component_makes_the_same_step(version: str) -> None:
-    block = robot(*STEEP["presliding"]).with_parameters({"dq_start1": 0.4})
+@pytest.mark.parametrize("name", ["presliding", "load"])
+def test_every_kind_of_component_makes_the_same_step(version: str, name: str) -> None:
+    block = robot(*STEEP[name]).with_parameters({"dq_start1": 0.4})
     found = []
     for component in kinds(block, version):
         running = started(component)
