@@ -429,7 +429,7 @@ def _jacobian(function: ca.Function, *arguments: Any) -> np.ndarray:
 
 @pytest.mark.parametrize("version", ["2.0", "3.0"])
 def test_an_fmu_without_directional_derivatives_computes_the_same(version: str) -> None:
-    """It says that it gives none, is no longer than it must be, and is not taken for one that does."""
+    """It says that it gives none, so that nobody asks for them."""
     whole, lean = (load_fmu(build_fmu(pendulum(), fmi_version=version, directional=d)) for d in (True, False))
     assert whole.interface.has_derivatives and not lean.interface.has_derivatives
     found = []
