@@ -32,8 +32,7 @@ from fmu_didim.dynamics.effects import NOMINAL_SPEED, UNITS
 from fmu_didim.dynamics.robot.description import RobotDescription
 from fmu_didim.dynamics.robot.dynamics import add_effect, link_columns, own_parameters
 from fmu_didim.dynamics.robot.equations import EquationsOfMotion
-from fmu_didim.dynamics.robot.implicit import StiffBalance
-from fmu_didim.dynamics.robot.loads import NEWTON_STEPS
+from fmu_didim.dynamics.robot.implicit import NEWTON_STEPS, StiffBalance
 from fmu_didim.dynamics.robot.rate import EXPLICIT, Method, fastest_rate
 
 ROUNDING = 0.05

@@ -18,10 +18,10 @@ from fmu_didim.dynamics.robot.dynamics import (
     placed_effects,
     rigid_body_torque,
 )
-from fmu_didim.dynamics.robot.implicit import StiffBalance
-from fmu_didim.dynamics.robot.loads import Loads, with_loads
+from fmu_didim.dynamics.robot.implicit import Loads, StiffBalance, with_loads
 from fmu_didim.dynamics.robot.rate import EXPLICIT, Method, fastest_rate
 from fmu_didim.dynamics.robot.tilt import gravity_vector
+
 
 class EquationsOfMotion:
     """tau = G(q, dq, ddq) + sum of the effects, G the rigid-body torque, in symbols.

@@ -11,9 +11,9 @@ where D are the slopes of the steep torques by v and S by w, and df_w has the di
     k_w = P (f_w - h/2 O c + h/2 F (a - b)),    P = (1 - h Theta_w O)^-1
 
 which is linear in a. Slopes below zero (Stribeck friction) are left to the explicit part, so that the matrix stays
-positive definite; the order holds for any slopes (:mod:`fmu_didim.dynamics.linearly_implicit`). Friction that depends on
-the load has the slopes that it would have with the load of the accelerations b of the step before; its torque in r is
-that of a itself, for which the loads are solved by Newton's method (:mod:`fmu_didim.dynamics.robot.loads`).
+positive definite; the order holds for any slopes (:mod:`fmu_didim.dynamics.linearly_implicit`). Friction that depends
+on the load has the slopes that it would have with the load of the accelerations b of the step before; its torque in r
+is that of a itself, for which the loads are solved by Newton's method (:func:`with_loads`).
 """
 
 from __future__ import annotations
@@ -25,7 +25,43 @@ import casadi as ca
 
 from fmu_didim.base.symbolic import jacobian
 from fmu_didim.dynamics.linearly_implicit import LinearlyImplicit
-from fmu_didim.dynamics.robot.loads import Loads, with_loads
+
+
+@dataclass(frozen=True)
+class Loads:
+    """What torques depend on beside the motion, mostly the load of a single joint: y = meant, linear in the
+    accelerations.
+
+    Attributes:
+        symbols: (ny,) y; meant: (ny,) what they stand for.
+    """
+
+    symbols: ca.SX
+    meant: ca.SX
+
+
+def with_loads(free: ca.SX, factors: Sequence[ca.SX], extra: ca.SX, loads: Loads, unknown: ca.SX) -> ca.SX:
+    """Solve M a + N + E(y) = tau for a (na,), given free = M^-1 (tau - N), by Newton's method in y.
+
+    y = C a + d holds only what E depends on, so that M is factored once:
+    y + C M^-1 E(y) = C free + d,  a = free - M^-1 E(y).
+
+    Args:
+        factors: of M by LDL^T; extra: (na,) E by the symbols of the loads; unknown: a in what these stand for.
+    """
+    count, symbols = free.numel(), loads.symbols
+    rows = [i for i in range(count) if not extra[i].is_zero()]
+    force = ca.vertcat(*(extra[i] for i in rows))
+    slope = jacobian(force, symbols)
+    yielding = ca.ldl_solve(ca.SX.eye(count)[:, rows], *factors)
+    coupling = jacobian(loads.meant, unknown)
+    offset = ca.substitute(loads.meant, unknown, ca.SX.zeros(count))
+    target, mobility = coupling @ free + offset, coupling @ yielding
+    y = target
+    for _ in range(NEWTON_STEPS):
+        here, gradient = ca.substitute([force, slope], [symbols], [y])
+        y = y - ca.solve(ca.SX.eye(y.numel()) + mobility @ gradient, y + mobility @ here - target)
+    return free - yielding @ ca.substitute(force, symbols, y)
 
 
 @dataclass(frozen=True)
@@ -250,6 +286,8 @@ def _chords(friction: ca.SX, v: ca.SX) -> ca.SX:
     return result
 
 
+NEWTON_STEPS = 3
+"""Enough for |load| and the like: once no load changes its sign, one step is exact."""
 STANDSTILL = 1e-9
 """Speed in rad/s (m/s) that replaces zero, where a chord would be 0/0."""
 RELAXED = 30.0
