@@ -278,7 +278,7 @@ class _Writer:
         product, given = _Product(own_lanes=self.own_lanes), {"dx": x, "dm": m, "du": u}
         residual, count = implicit.residual(x, m, a, u, p, h), implicit.hidden
         product.add(residual, given, self.chosen)
-        product.add_solution(_inverse(jacobian(residual, a), symmetric=True), "rest")
+        product.add_solution(_inverse(jacobian(residual, a), symmetric=implicit.symmetric), "rest")
         lines = [*product.code("rest", 0, count), *product.code("hidden", count, count)]
         after, memory = (_column(part) for part in implicit.following(x, m, a, u, p, h))
         product.add(ca.vertcat(after, memory), {**given, "hidden": a}, self.chosen)

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from itertools import pairwise
@@ -190,9 +191,11 @@ class Region:
             IdentificationError: no machine has what is known of the robot, or the solver fails.
         """
         if any(machine.known.size for machine in self.machines):
-            found = replace(self, machines=tuple(machine.anywhere() for machine in self.machines))._solved(table, right)
-            if all(machine.inertia_holds(found.values[machine.place], self.smallest) for machine in self.machines):
-                return found
+            anywhere = replace(self, machines=tuple(machine.anywhere() for machine in self.machines))
+            with suppress(IdentificationError):
+                found = anywhere._solved(table, right)
+                if all(machine.inertia_holds(found.values[machine.place], self.smallest) for machine in self.machines):
+                    return found
         return self._solved(table, right)
 
     def _solved(self, table: Array, right: Array) -> Constrained:
