@@ -1,9 +1,10 @@
 """What a curve of one variable makes of the names on its joint: which are kept, doubted or taken back.
 
 Names are taken back where a curve explains far more than all effects that were named on its joint: they only imitated
-it. A single effect that leaves little keeps its name, and several that it leaves a little behind keep theirs, with the
-doubt that their form is another one. Several of which one shows little of what it is known by have none to lose: there
-a curve that explains more at all takes their place.
+it, and where it leaves several of them a little behind but predicts held-out data better, too: parts that together have
+the form of something else along one motion have it less along another. What is hidden as two effects and named as these
+predicts them better than a curve that follows both. A single effect that leaves little keeps its name, and several that
+are left a little behind and predict better keep theirs, with the doubt that their form is another one.
 """
 
 from __future__ import annotations
@@ -21,11 +22,10 @@ from fmu_didim.discovery.form.curve import FoundCurve, fitted_curve, tried_curve
 from fmu_didim.discovery.judge import REMAINDER
 from fmu_didim.discovery.progress import Progress
 from fmu_didim.discovery.selection.decide import Options
-from fmu_didim.discovery.selection.held_out import unconfirmed
-from fmu_didim.discovery.selection.plausible import like_any_bend
+from fmu_didim.discovery.selection.held_out import HELD_OUT, unconfirmed
 from fmu_didim.discovery.selection.rounds import Discovery, beside_others
 from fmu_didim.fit.fit import Fit
-from fmu_didim.fit.gap import bic_gain, joint_gaps
+from fmu_didim.fit.gap import bic_gain, held_out_ratio, joint_gaps
 from fmu_didim.fit.solver.least_squares import minimise
 from fmu_didim.fit.solver.termination import Stopping
 from fmu_didim.model.loop_model import EffectAtJoint
@@ -153,20 +153,19 @@ def _on_joint(discovery: Discovery, builder: LoopModelBuilder, options: Options,
         text = f"On {_all(own)} a curve of {variable} {told}; what was held out does not have it ({why})."
         doubts = (Diagnostic(FORM_DIFFERS, text, own[0].text),) if own and is_far else ()
         return Forms(discovery, doubts=doubts, notes=(note,))
-    lead = curve.delta_bic / named if named > 0 else np.inf
-    bends = {
-        a: why for a in own if (why := like_any_bend(final, final.model.added_effects.index(a), builder.effect(a)))
-    }
-    if own and not imitates([builder.effect(a).is_external for a in own], gap, lead, shows_little=bool(bends)):
+    lead, ratio = curve.delta_bic / named if named > 0 else np.inf, held_out_ratio(final, curve.fit, seed=options.seed)
+    if own and ratio is not None:
+        told = f"{told}; the held-out RMS with it is {ratio.value:.3f} times that with what was named"
+    predicts_better = ratio is not None and ratio.value < HELD_OUT
+    if own and not imitates([builder.effect(a).is_external for a in own], gap, lead, predicts_better=predicts_better):
         text = f"On {_all(own)} a curve of {variable} {told}."
         return Forms(discovery, (curve,), (Diagnostic(FORM_DIFFERS, text, own[0].text),))
     # What was found beside it, on other joints, may have filled the gaps that it leaves.
     left = [step for step in discovery.steps if step.effect_at not in own]
     filled = [s.effect_at for s in left if beside_others(builder, curve.fit, s.effect_at, options)[1]]
     final = _without(builder, before, filled) if filled else before
-    because = "".join(f"; {a.effect.replace('_', ' ')} {why}" for a, why in bends.items()) if not is_far else ""
     beside = f"beside a curve of {variable} on joint {joint} it explains nothing"
-    taken = {**dict.fromkeys(own, f"a curve of {variable} {told}{because}"), **dict.fromkeys(filled, beside)}
+    taken = {**dict.fromkeys(own, f"a curve of {variable} {told}"), **dict.fromkeys(filled, beside)}
     kept = tuple(step for step in left if step.effect_at in final.model.added_effects)
     refused = (*taken.items(), *discovery.refused)
     discovery = replace(discovery, final=final if taken else discovery.final, steps=kept, refused=refused)
@@ -182,18 +181,18 @@ def _without(builder: LoopModelBuilder, fit: Fit, effects: list[EffectAtJoint]) 
     return minimise(model, fit.noise, stopping=Stopping(updates=1))
 
 
-def imitates(are_external: Sequence[bool], gap: float, lead: float, *, shows_little: bool = False) -> bool:
+def imitates(are_external: Sequence[bool], gap: float, lead: float, *, predicts_better: bool) -> bool:
     """Whether effects on a joint that a curve leaves behind only imitate it, by how far: several of them, a torque from
     outside, of which its beginning and its end are all that it says, and a single effect of the machine that leaves
     much.
 
     Args:
         are_external: of each effect, whether it stands for a torque from outside; gap: in units of the noise, that they
-            leave; lead: gain in BIC of the curve over theirs, at least one; shows_little: whether one of several shows
-            little of what it is known by (:func:`like_any_bend`).
+            leave; lead: gain in BIC of the curve over theirs, at least one; predicts_better: whether the curve
+            predicts held-out data better than they do.
     """
     if len(are_external) > 1:
-        return shows_little or lead > LEAD
+        return predicts_better or lead > LEAD
     return any(are_external) or (gap > REMAINDER and lead > LEAD_SURE)
 
 

@@ -50,13 +50,6 @@ FEWEST_REPEATS = 2.0
 twice is any bump or notch. On blind cases a notch or detent was called a ripple that repeats 1.3 to 2.3 times, 40
 hidden ripples repeat 2.2 times or more."""
 
-FEW_REPEATS = 3.0
-"""[1] The same, below which it shows little beside other effects of its joint: a sine of so few periods and one effect
-more together follow a notch or a detent. On blind cases such pairs had ripples that repeat 2.0 to 2.5 times."""
-MOST_TOUCHED = 0.5
-"""[1] Of the samples, at which a joint may touch a stop: one that it touches for longer is any kink in its middle. Such
-kinks in the place of a notch were touched at 54 and 58 % of them, hidden stops at 12 to 22 %."""
-
 STILL = 0.01
 """[1] Of the largest speed of a joint along the fitted motions, below which it stands still."""
 MOSTLY_STILL = 0.9
@@ -99,20 +92,6 @@ def implausible(fit: Fit, index: int, effect: Effect, link: Mapping[str, float])
     chance = chance_of_none(values, covariance, np.array([effect.neutral.get(name, 0.0) for name in names]))
     if chance > ZERO:
         return f"{MAY_BE_ABSENT}: {text} (p = {chance:.2g})"
-    return ""
-
-
-def like_any_bend(fit: Fit, index: int, effect: Effect) -> str:
-    """Why an effect shows so little of what it is known by that beside another one of its joint it may be a part of any
-    function of the position, or an empty string.
-
-    Args:
-        index: of the effect among those of the model.
-    """
-    if (repeats := _repeats(fit, index, effect)) < FEW_REPEATS:
-        return f"repeats {repeats:.2g} times over the range in which the joint moved"
-    if (part := _touched(fit, index, effect)) > MOST_TOUCHED:
-        return f"is touched for {100 * part:.0f} % of the samples"
     return ""
 
 
@@ -186,26 +165,11 @@ def _repeats(fit: Fit, index: int, effect: Effect) -> float:
     where no reference says how it moved."""
     if not effect.frequency:
         return np.inf
-    moved = max(float(np.ptp(position)) for position in _positions(fit, index))
+    experiments, joint = fit.model.experiments, fit.model.added_effects[index].joint
+    positions = [joint_reference(experiments[label].reference, joint)[0] for label in fit.model.estimation_labels]
+    moved = max(float(np.ptp(position)) for position in positions)
     frequency = float(fit.values[_places(fit, index, shapes=True)[effect.frequency]])
     return frequency * moved / (2 * np.pi) if moved > 0 else np.inf
-
-
-def _touched(fit: Fit, index: int, effect: Effect) -> float:
-    """Fraction of the fitted motions on the side of a position on which alone an effect acts; 0 of what acts on both
-    sides, and where no reference says how its joint moved."""
-    shapes = {name: float(fit.values[i]) for name, i in _places(fit, index, shapes=True).items()}
-    side = effect.acts_between(shapes) if shapes else None
-    if side is None:
-        return 0.0
-    position = np.concatenate(_positions(fit, index))
-    return float(np.mean((position > side[0]) & (position < side[1]))) if np.ptp(position) > 0 else 0.0
-
-
-def _positions(fit: Fit, index: int) -> list[Array]:
-    """Of the joint of an effect along the reference of each fitted experiment."""
-    experiments, joint = fit.model.experiments, fit.model.added_effects[index].joint
-    return [joint_reference(experiments[label].reference, joint)[0] for label in fit.model.estimation_labels]
 
 
 def _lasting(fit: Fit, index: int, effect: Effect) -> float:

@@ -186,11 +186,6 @@ class Effect(ABC):
         None of one that always may."""
         return None
 
-    def acts_between(self, shapes: Mapping[str, float]) -> tuple[float, float] | None:
-        """Positions of its joint between which alone it acts, with these values of its shapes; None of one that acts
-        at all."""
-        return None
-
     def supersedes(self, values: Mapping[str, float]) -> frozenset[str]:
         """Shapes of other effects of its joint that mean nothing beside it, with these values of its parameters."""
         return frozenset()

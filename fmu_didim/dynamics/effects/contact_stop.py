@@ -1,6 +1,3 @@
-import math
-from collections.abc import Mapping
-
 import casadi as ca
 
 from fmu_didim.dynamics.effects.base import TorqueEffect
@@ -34,9 +31,6 @@ class ContactStop(TorqueEffect):
 
     def columns(self, at: Surroundings, shapes: Values) -> tuple[ca.SX, ...]:
         return (ramp(at.q - shapes["qupper"], shapes["wstop"]),)
-
-    def acts_between(self, shapes: Mapping[str, float]) -> tuple[float, float]:
-        return (shapes["qupper"], math.inf)
 
     def stiffness(self, parameters: Values, shapes: Values, within: OperatingRange) -> ca.SX:
         return ca.fabs(parameters["kupper"])

@@ -1,6 +1,3 @@
-import math
-from collections.abc import Mapping
-
 import casadi as ca
 
 from fmu_didim.dynamics.effects.base import TorqueEffect
@@ -31,9 +28,6 @@ class ContactStopLower(TorqueEffect):
 
     def columns(self, at: Surroundings, shapes: Values) -> tuple[ca.SX, ...]:
         return (-ramp(shapes["qlower"] - at.q, shapes["wstop"]),)
-
-    def acts_between(self, shapes: Mapping[str, float]) -> tuple[float, float]:
-        return (-math.inf, shapes["qlower"])
 
     def stiffness(self, parameters: Values, shapes: Values, within: OperatingRange) -> ca.SX:
         return ca.fabs(parameters["klower"])

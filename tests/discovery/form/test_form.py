@@ -23,6 +23,7 @@ from fmu_didim.dynamics.effects import EFFECTS, Curve
 from fmu_didim.dynamics.effects.curve import LETTERS
 from fmu_didim.dynamics.robot import RobotModel, read_robot
 from fmu_didim.fit.base_projection import BaseProjection
+from fmu_didim.fit.gap import Ratio
 from fmu_didim.model.loop_model import EffectAtJoint
 from fmu_didim.results.findings import load_findings
 from tests.discovery.helpers import blind_case
@@ -148,7 +149,7 @@ def test_a_curve_takes_the_name_that_its_user_gives_it(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("are_external", "gap", "lead", "shows_little", "taken"),
+    ("are_external", "gap", "lead", "predicts_better", "taken"),
     [
         ([False], 0.5, 2.0, False, False),
         ([False], 0.7, 1.45, False, False),
@@ -157,16 +158,16 @@ def test_a_curve_takes_the_name_that_its_user_gives_it(tmp_path: Path) -> None:
         ([False, False], 0.1, 1.25, False, True),
         ([False, False], 0.7, 1.15, False, False),
         ([False, True, False], 2.0, 1.25, False, True),
-        # One of several that shows little of what it is known by.
+        # Several that also predict held-out data worse.
         ([False, False], 0.1, 1.01, True, True),
         ([False], 0.7, 1.45, True, False),
         ([False], 0.5, 2.0, True, False),
     ],
 )
 def test_a_single_effect_of_the_machine_that_leaves_little_or_is_near_keeps_its_name(
-    are_external: list[bool], gap: float, lead: float, shows_little: bool, taken: bool
+    are_external: list[bool], gap: float, lead: float, predicts_better: bool, taken: bool
 ) -> None:
-    assert imitates(are_external, gap, lead, shows_little=shows_little) is taken
+    assert imitates(are_external, gap, lead, predicts_better=predicts_better) is taken
 
 
 @pytest.mark.parametrize(
@@ -222,8 +223,9 @@ class Hand:
         monkeypatch.setattr(form, "fitted_curve", self.fitted)
         monkeypatch.setattr(form, "unconfirmed", lambda *_, **__: given.get("against", ""))
         monkeypatch.setattr(form, "beside_others", lambda *_: (None, False))
-        bends = given.get("bends", {})
-        monkeypatch.setattr(form, "like_any_bend", lambda _, index, __: bends.get(self.named[index].effect, ""))
+        ratio = given.get("ratio")
+        told = None if ratio is None else Ratio(ratio, 0.5 * ratio, 2 * ratio)
+        monkeypatch.setattr(form, "held_out_ratio", lambda *_, **__: told)
 
     def curve(self, name: str, gain: float) -> Any:
         return SimpleNamespace(
@@ -252,7 +254,6 @@ class Hand:
 
 
 ONE, TWO, OUTSIDE = ("spring",), ("spring", "torque_ripple"), ("external_force",)
-BEND = {"torque_ripple": "repeats 2 times"}
 
 
 @pytest.mark.parametrize(
@@ -282,10 +283,12 @@ BEND = {"torque_ripple": "repeats 2 times"}
         ({"effects": ONE, "gain": 100.0, "curves": [("q", 131.0)], "against": "no"}, [*ONE], False, True),
         ({"effects": OUTSIDE, "gain": 100.0, "curves": [("t", 131.0)], "against": "no"}, [*OUTSIDE], False, True),
         ({"effects": OUTSIDE, "gain": 100.0, "curves": [("t", 129.0)], "against": "no"}, [*OUTSIDE], False, False),
-        # One of several that may be any bend: from where the curve explains more.
-        ({"effects": TWO, "gain": 100.0, "curves": [("q", 101.0)], "bends": BEND}, [], True, False),
-        ({"effects": TWO, "gain": 100.0, "curves": [("q", 99.0)], "bends": BEND}, [*TWO], False, False),
-        ({"effects": TWO[1:], "gain": 100.0, "curves": [("q", 131.0)], "bends": BEND}, [*TWO[1:]], True, True),
+        # What predicts held-out data better decides between several names and a curve that is near.
+        ({"effects": TWO, "gain": 100.0, "curves": [("q", 101.0)], "ratio": 0.99}, [], True, False),
+        ({"effects": TWO, "gain": 100.0, "curves": [("q", 101.0)], "ratio": 1.0}, [*TWO], True, True),
+        ({"effects": TWO, "gain": 100.0, "curves": [("q", 99.0)], "ratio": 0.9}, [*TWO], False, False),
+        ({"effects": TWO, "gain": 100.0, "curves": [("q", 121.0)], "ratio": 1.1}, [], True, False),
+        ({"effects": ONE, "gain": 100.0, "curves": [("q", 149.0)], "ratio": 0.9}, [*ONE], True, True),
         # A single one that leaves little, or is not that far behind, keeps its name, with a doubt.
         ({"effects": ONE, "gain": 100.0, "curves": [("q", 300.0)], "gap": 0.5}, [*ONE], True, True),
         ({"effects": ONE, "gain": 100.0, "curves": [("q", 300.0)], "gap": 0.7}, [], True, False),
@@ -308,9 +311,9 @@ def test_which_names_are_taken_back(
     assert bool(curves) is is_drawn
     assert [doubt.code for doubt in found.doubts] == [FORM_DIFFERS] * is_doubted
     assert all(("what was held out does not have it" in d.text) is ("against" in given) for d in found.doubts)
-    is_near = "bends" in given and not is_doubted
-    why_taken = "explains more: BIC 101 against 100; torque ripple repeats 2 times" if is_near else "explains far more"
-    taken = [a.effect for a, why in discovery.refused if why_taken in why]
+    taken = [a.effect for a, why in discovery.refused if "a curve of q explains " in why]
+    ratio = f"the held-out RMS with it is {given.get('ratio', 0):.3f} times" if "ratio" in given else ""
+    assert all(ratio in text for text in (*(why for _, why in discovery.refused), *(d.text for d in found.doubts)))
     assert taken == [name for name in given.get("effects", ()) if name not in left]
     assert [a.effect for a in (curves[0].instead_of if curves else ())] == taken
     assert [a.effect for a in discovery.final.model.added_effects] == left

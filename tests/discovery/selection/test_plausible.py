@@ -12,7 +12,7 @@ from scipy import stats
 
 from fmu_didim.base.diagnostics import DOUBT
 from fmu_didim.data.signals import Trajectory, Variable
-from fmu_didim.discovery.selection.plausible import chance_of_none, implausible, like_any_bend, unusual_values
+from fmu_didim.discovery.selection.plausible import chance_of_none, implausible, unusual_values
 from fmu_didim.dynamics.effects import EFFECTS
 from fmu_didim.model.free_parameter import FreeParameter
 from fmu_didim.model.loop_model import EffectAtJoint
@@ -81,20 +81,6 @@ def test_a_torque_from_outside_that_lasts_is_something_else(end: float, reason: 
     assert told.startswith(reason) if reason else told == ""
 
 
-def moved_fit(effect: str, amplitudes: Any, shapes: dict[str, float], moved: float) -> Any:
-    """A fit of an effect with these shapes on a joint that moves to and fro between 0 and ``moved``."""
-    found = fit(effect, amplitudes | {name: (value, 0.1) for name, value in shapes.items()})
-    first = 1 + len(amplitudes)
-    found.model.free_parameters[first:] = [replace(p, is_shape=True) for p in found.model.free_parameters[first:]]
-    time = np.arange(0, 10, 0.01)
-    position = moved * (1 - np.cos(np.pi * time)) / 2
-    found.model.experiments = {
-        "a": SimpleNamespace(reference=Trajectory(time, position[:, None], (Variable("q2", "rad"),)))
-    }
-    found.model.estimation_labels = ("a",)
-    return found
-
-
 @pytest.mark.parametrize(
     ("effect", "frequency", "moved", "reason"),
     [
@@ -107,38 +93,15 @@ def moved_fit(effect: str, amplitudes: Any, shapes: dict[str, float], moved: flo
 )
 def test_a_ripple_repeats(effect: str, frequency: float, moved: float, reason: str) -> None:
     """A notch was named as a ripple that repeats 1.9 times and a stop."""
-    found = moved_fit(effect, {"Rsin": (0.6, 0.04), "Rcos": (0.3, 0.04)}, {"nr_": frequency}, moved)
+    found = fit(effect, {"Rsin": (0.6, 0.04), "Rcos": (0.3, 0.04), "nr_": (frequency, 0.1)})
+    found.model.free_parameters[3:] = [replace(p, is_shape=True) for p in found.model.free_parameters[3:]]
+    time = np.arange(0, 10, 0.01)
+    position = moved * (1 - np.cos(np.pi * time)) / 2
+    found.model.experiments = {
+        "a": SimpleNamespace(reference=Trajectory(time, position[:, None], (Variable("q2", "rad"),)))
+    }
+    found.model.estimation_labels = ("a",)
     told = implausible(found, 0, EFFECTS[effect], {})
-    assert told.startswith(reason) if reason else told == ""
-
-
-RIPPLE, UPPER, LOWER = ("torque_ripple", "nr_"), ("contact_stop", "qupper_"), ("contact_stop_lower", "qlower_")
-
-
-@pytest.mark.parametrize(
-    ("named", "value", "moved", "reason"),
-    [
-        (RIPPLE, 6.2, 2.5, "repeats 2.5 times over the range in which the joint moved"),
-        (("current_ripple", "nr_"), 6.2, 3.0, "repeats 3 times"),
-        (RIPPLE, 6.3, 3.0, ""),
-        (RIPPLE, 6.2, 0.0, ""),  # no reference says how it moved
-        # Half of a motion to and fro between 0 and 2 rad lies beyond 1 rad.
-        (UPPER, 0.95, 2.0, "is touched for 52 % of the samples"),
-        (UPPER, 1.05, 2.0, ""),
-        (LOWER, 1.05, 2.0, "is touched for 52 % of the samples"),
-        (LOWER, 0.95, 2.0, ""),
-        (UPPER, -1.0, 0.0, ""),
-        (("spring", ""), 0.0, 2.0, ""),
-    ],
-)
-def test_what_shows_little_of_what_it_is_known_by(
-    named: tuple[str, str], value: float, moved: float, reason: str
-) -> None:
-    """Notches and detents were named as a ripple that repeats 2.0 to 2.5 times, or a stop in the middle, and one effect
-    more."""
-    effect, shape = named
-    found = moved_fit(effect, {"k": (1.0, 0.1)}, {shape: value} if shape else {}, moved)
-    told = like_any_bend(found, 0, EFFECTS[effect])
     assert told.startswith(reason) if reason else told == ""
 
 
