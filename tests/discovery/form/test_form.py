@@ -311,7 +311,7 @@ def test_which_names_are_taken_back(
     assert bool(curves) is is_drawn
     assert [doubt.code for doubt in found.doubts] == [FORM_DIFFERS] * is_doubted
     assert all(("what was held out does not have it" in d.text) is ("against" in given) for d in found.doubts)
-    taken = [a.effect for a, why in discovery.refused if "a curve of q explains " in why]
+    taken = [a.effect for a, why in discovery.refused if "more: BIC" in why]
     ratio = f"the held-out RMS with it is {given.get('ratio', 0):.3f} times" if "ratio" in given else ""
     assert all(ratio in text for text in (*(why for _, why in discovery.refused), *(d.text for d in found.doubts)))
     assert taken == [name for name in given.get("effects", ()) if name not in left]
