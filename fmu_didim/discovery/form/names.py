@@ -1,10 +1,10 @@
 """What a curve of one variable makes of the names on its joint: which are kept, doubted or taken back.
 
 Names are taken back where a curve explains far more than all effects that were named on its joint: they only imitated
-it, and where it leaves several of them a little behind but predicts held-out data better, too: parts that together have
-the form of something else along one motion have it less along another. What is hidden as two effects and named as these
-predicts them better than a curve that follows both. A single effect that leaves little keeps its name, and several that
-are left a little behind and predict better keep theirs, with the doubt that their form is another one.
+it. So they are where it leaves several of them a little behind and predicts held-out data better, too: what together
+has the form of something else along one motion has it less along another, while effects that are there predict better
+than a curve that follows them all. A single effect that leaves little keeps its name, and several that are left a
+little behind and predict better keep theirs, with the doubt that their form is another one.
 """
 
 from __future__ import annotations
@@ -41,7 +41,8 @@ FORM_DIFFERS = CATALOGUE(
 LEAD = 1.2
 """[1] Gain in BIC of a curve over that of several effects named on its joint, from which it explains far more: one
 cause in the place of several. On blind cases a spring that hardens, named as its parts, is left behind by 1.10 times,
-what imitates effects of no catalogue by 1.29 to 2.5 times."""
+what imitates effects of no catalogue by 1.01 to 2.5 times. Below it held-out data decide: with the curve their RMS is
+0.87 to 0.996 times that with seven such imitators, 1.03 to 1.25 times that with hidden effects that were named."""
 LEAD_ALONE = 1.3
 """[1] The same over that of a single effect: a curve follows what else depends on its variable, too. Hidden effects, in
 forms of their own and beside clutter, are left behind by 0.01 to 1.23 times, a swell in time by 1.5 to 2.1 times."""
