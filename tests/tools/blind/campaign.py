@@ -52,7 +52,7 @@ class Order:
     folders: tuple[tuple[Path, int], ...]
     level: float
     robots: str
-    one_joint: bool
+    one_joint: bool = False
 
 
 def make_order(order: Order) -> None:
