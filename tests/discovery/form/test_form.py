@@ -70,6 +70,34 @@ def test_what_no_effect_explains_is_drawn_as_a_curve(
     assert "The form of what has no name" in page
 
 
+@pytest.mark.gate
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("effects", "seed", "are_there"),
+    [(("unknown_notch",), 623, False), (("torque_offset", "torque_ripple"), 613, True)],
+)
+def test_held_out_data_tell_imitators_from_effects_that_are_there(
+    tmp_path: Path, effects: tuple[str, ...], seed: int, are_there: bool
+) -> None:
+    """At 20 Hz a curve explains 1.09 times as much as a stop and a constant in the place of a notch, and 1.03 times as
+    much as a constant and a ripple that are hidden: these predict better."""
+    case = blind_case(
+        tmp_path / "case", effects, seed=seed, level=1.5, rate_hz=20, clutter=True, robots="varied", one_joint=True
+    )
+    found = discover(case).document
+    (curve,) = found.curves
+    if are_there:
+        assert {item.effect for item in found.findings} == set(effects)
+        assert not curve.instead_of and found.verdict == "doubtful"
+        (doubt,) = [one for one in found.reasons if one.code == "form-differs"]
+        assert "the held-out RMS with it is 1.0" in doubt.text
+        return
+    assert found.answer == "unknown" and not found.findings and len(curve.instead_of) > 1
+    for name, joint in curve.instead_of:
+        (why,) = [why for taken, at, why in found.refused if (taken, at) == (name, joint) and "a curve of" in why]
+        assert "explains more" in why and "the held-out RMS with it is 0.9" in why
+
+
 # ---- least squares of splines beside a model
 
 
