@@ -20,6 +20,8 @@ from fmu_didim.base.errors import SimulationError
 from fmu_didim.discovery.augmentation.builder import LoopModelBuilder
 from fmu_didim.discovery.form.curve import FoundCurve, fitted_curve, tried_curves
 from fmu_didim.discovery.judge import REMAINDER
+from fmu_didim.discovery.ladder.facts import new_in
+from fmu_didim.discovery.ladder.motions import MOSTLY_NEW
 from fmu_didim.discovery.progress import Progress
 from fmu_didim.discovery.selection.decide import Options
 from fmu_didim.discovery.selection.held_out import HELD_OUT, unconfirmed
@@ -28,7 +30,7 @@ from fmu_didim.fit.fit import Fit
 from fmu_didim.fit.gap import bic_gain, held_out_ratio, joint_gaps
 from fmu_didim.fit.solver.least_squares import minimise
 from fmu_didim.fit.solver.termination import Stopping
-from fmu_didim.model.loop_model import EffectAtJoint
+from fmu_didim.model.loop_model import EffectAtJoint, LoopModel
 
 FORM_DIFFERS = CATALOGUE(
     "form-differs", DOUBT, rank=56,
@@ -155,9 +157,11 @@ def _on_joint(discovery: Discovery, builder: LoopModelBuilder, options: Options,
         doubts = (Diagnostic(FORM_DIFFERS, text, own[0].text),) if own and is_far else ()
         return Forms(discovery, doubts=doubts, notes=(note,))
     lead, ratio = curve.delta_bic / named if named > 0 else np.inf, held_out_ratio(final, curve.fit, seed=options.seed)
+    is_new = _is_other_motion(final.model)
     if own and ratio is not None:
-        told = f"{told}; the held-out RMS with it is {ratio.value:.3f} times that with what was named"
-    predicts_better = ratio is not None and ratio.value < HELD_OUT
+        where = "" if is_new else ", on the motion of the fit, where either may be true"
+        told = f"{told}; the held-out RMS with it is {ratio.value:.3f} times that with what was named{where}"
+    predicts_better = ratio is not None and ratio.value < HELD_OUT and is_new
     if own and not imitates([builder.effect(a).is_external for a in own], gap, lead, predicts_better=predicts_better):
         text = f"On {_all(own)} a curve of {variable} {told}."
         return Forms(discovery, (curve,), (Diagnostic(FORM_DIFFERS, text, own[0].text),))
@@ -171,6 +175,12 @@ def _on_joint(discovery: Discovery, builder: LoopModelBuilder, options: Options,
     refused = (*taken.items(), *discovery.refused)
     discovery = replace(discovery, final=final if taken else discovery.final, steps=kept, refused=refused)
     return Forms(discovery, (replace(curve, instead_of=tuple(taken)),))
+
+
+def _is_other_motion(model: LoopModel) -> bool:
+    """Whether all that was held out is on other motions than the fitted ones: on the same, a curve that also follows
+    what else depends on its variable predicts better than effects that are there."""
+    return all(new_in(model, label) >= MOSTLY_NEW for label in model.experiments.validation_labels)
 
 
 def _without(builder: LoopModelBuilder, fit: Fit, effects: list[EffectAtJoint]) -> Fit:

@@ -241,7 +241,9 @@ class Hand:
         self.given = given
         self.fit = SimpleNamespace(
             residual=np.zeros((4, 1)), noise=None, values=np.zeros(1), name="final",
-            model=SimpleNamespace(added_effects=tuple(self.named)),
+            model=SimpleNamespace(
+                added_effects=tuple(self.named), experiments=SimpleNamespace(validation_labels=("a", "b")),
+            ),
         )  # fmt: skip
         self.fit.torque_alone = self.fit
         monkeypatch.setattr(form, "joint_gaps", lambda residual, noise: np.array([given.get("gap", 1.0)]))
@@ -254,6 +256,7 @@ class Hand:
         ratio = given.get("ratio")
         told = None if ratio is None else Ratio(ratio, 0.5 * ratio, 2 * ratio)
         monkeypatch.setattr(form, "held_out_ratio", lambda *_, **__: told)
+        monkeypatch.setattr(form, "new_in", lambda _, label: given.get("new", {}).get(label, 1.0))
 
     def curve(self, name: str, gain: float) -> Any:
         return SimpleNamespace(
@@ -281,6 +284,7 @@ class Hand:
         return with_curves(discovery, builder, Options(), Progress())
 
 
+SAME, OTHER = {"b": 0.4}, {"b": 0.5}
 ONE, TWO, OUTSIDE = ("spring",), ("spring", "torque_ripple"), ("external_force",)
 
 
@@ -314,6 +318,10 @@ ONE, TWO, OUTSIDE = ("spring",), ("spring", "torque_ripple"), ("external_force",
         # What predicts held-out data better decides between several names and a curve that is near.
         ({"effects": TWO, "gain": 100.0, "curves": [("q", 101.0)], "ratio": 0.99}, [], True, False),
         ({"effects": TWO, "gain": 100.0, "curves": [("q", 101.0)], "ratio": 1.0}, [*TWO], True, True),
+        # Held-out data that repeat the fitted motion tell nothing.
+        ({"effects": TWO, "gain": 100.0, "curves": [("q", 101.0)], "ratio": 0.9, "new": SAME}, [*TWO], True, True),
+        ({"effects": TWO, "gain": 100.0, "curves": [("q", 101.0)], "ratio": 0.9, "new": OTHER}, [], True, False),
+        ({"effects": TWO, "gain": 100.0, "curves": [("q", 121.0)], "ratio": 0.9, "new": SAME}, [], True, False),
         ({"effects": TWO, "gain": 100.0, "curves": [("q", 99.0)], "ratio": 0.9}, [*TWO], False, False),
         ({"effects": TWO, "gain": 100.0, "curves": [("q", 121.0)], "ratio": 1.1}, [], True, False),
         ({"effects": ONE, "gain": 100.0, "curves": [("q", 149.0)], "ratio": 0.9}, [*ONE], True, True),
@@ -340,8 +348,10 @@ def test_which_names_are_taken_back(
     assert [doubt.code for doubt in found.doubts] == [FORM_DIFFERS] * is_doubted
     assert all(("what was held out does not have it" in d.text) is ("against" in given) for d in found.doubts)
     taken = [a.effect for a, why in discovery.refused if "more: BIC" in why]
+    texts = [*(why for _, why in discovery.refused), *(doubt.text for doubt in found.doubts)]
     ratio = f"the held-out RMS with it is {given.get('ratio', 0):.3f} times" if "ratio" in given else ""
-    assert all(ratio in text for text in (*(why for _, why in discovery.refused), *(d.text for d in found.doubts)))
+    assert all(ratio in text for text in texts)
+    assert all(("on the motion of the fit" in text) is (given.get("new") == SAME) for text in texts)
     assert taken == [name for name in given.get("effects", ()) if name not in left]
     assert [a.effect for a in (curves[0].instead_of if curves else ())] == taken
     assert [a.effect for a in discovery.final.model.added_effects] == left
