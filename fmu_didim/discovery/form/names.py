@@ -1,10 +1,10 @@
 """What a curve of one variable makes of the names on its joint: which are kept, doubted or taken back.
 
 Names are taken back where a curve explains far more than all effects that were named on its joint: they only imitated
-it. So they are where it leaves several of them a little behind and predicts held-out data better, too: what together
-has the form of something else along one motion has it less along another, while effects that are there predict better
-than a curve that follows them all. A single effect that leaves little keeps its name, and several that are left a
-little behind and predict better keep theirs, with the doubt that their form is another one.
+it. So they are where it explains as much as several of them, or a little more, and predicts held-out data better: what
+together has the form of something else along one motion has it less along another, while effects that are there predict
+better than a curve that follows them all. A single effect that leaves little keeps its name, and several that are left
+a little behind and predict better keep theirs, with the doubt that their form is another one.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from fmu_didim.discovery.judge import REMAINDER
 from fmu_didim.discovery.ladder.facts import new_in
 from fmu_didim.discovery.ladder.motions import MOSTLY_NEW
 from fmu_didim.discovery.progress import Progress
-from fmu_didim.discovery.selection.decide import Options
+from fmu_didim.discovery.selection.decide import Options, nearness
 from fmu_didim.discovery.selection.held_out import HELD_OUT, unconfirmed
 from fmu_didim.discovery.selection.rounds import Discovery, beside_others
 from fmu_didim.fit.fit import Fit
@@ -137,7 +137,7 @@ def _on_joint(discovery: Discovery, builder: LoopModelBuilder, options: Options,
         before = _without(builder, final, own)
         named = bic_gain(before, final, sum(builder.at(a).cost for a in own), final.noise)
     ranked = sorted(tried_curves(builder, before, joint), key=lambda one: -one.delta_bic)
-    least = max(options.threshold, named if len(own) > 1 else LEAD_ALONE * named)
+    least = max(options.threshold, named - nearness(named, options) if len(own) > 1 else LEAD_ALONE * named)
     if not ranked or ranked[0].delta_bic < least:
         tried = _listed([t.effect.variable for t in ranked])
         note = f"Joint {joint}: no curve of {tried} alone explains what remains."
@@ -146,8 +146,9 @@ def _on_joint(discovery: Discovery, builder: LoopModelBuilder, options: Options,
     if curve is None or curve.delta_bic < least:
         return Forms(discovery)
     variable = curve.tried.effect.variable
-    is_far = curve.delta_bic > (LEAD if len(own) > 1 else LEAD_ALONE) * named
-    told = f"explains {'far ' if is_far else ''}more: BIC {curve.delta_bic:.0f} against {named:.0f}"
+    is_far, is_ahead = curve.delta_bic > (LEAD if len(own) > 1 else LEAD_ALONE) * named, curve.delta_bic >= named
+    much = "far more" if is_far else "more" if is_ahead else "as much"
+    told = f"explains {much}: BIC {curve.delta_bic:.0f} against {named:.0f}"
     if why := unconfirmed(before, curve.fit, seed=options.seed):
         note = (
             f"Joint {joint}: a curve of {variable} explains most of what was fitted, but not what was held out "
@@ -155,7 +156,7 @@ def _on_joint(discovery: Discovery, builder: LoopModelBuilder, options: Options,
         )
         text = f"On {_all(own)} a curve of {variable} {told}; what was held out does not have it ({why})."
         doubts = (Diagnostic(FORM_DIFFERS, text, own[0].text),) if own and is_far else ()
-        return Forms(discovery, doubts=doubts, notes=(note,))
+        return Forms(discovery, doubts=doubts, notes=(note,) if is_ahead else ())
     lead, ratio = curve.delta_bic / named if named > 0 else np.inf, held_out_ratio(final, curve.fit, seed=options.seed)
     is_new = _is_other_motion(final.model)
     if own and ratio is not None:
@@ -163,6 +164,8 @@ def _on_joint(discovery: Discovery, builder: LoopModelBuilder, options: Options,
         told = f"{told}; the held-out RMS with it is {ratio.value:.3f} times that with what was named{where}"
     predicts_better = ratio is not None and ratio.value < HELD_OUT and is_new
     if own and not imitates([builder.effect(a).is_external for a in own], gap, lead, predicts_better=predicts_better):
+        if not is_ahead:
+            return Forms(discovery)
         text = f"On {_all(own)} a curve of {variable} {told}."
         return Forms(discovery, (curve,), (Diagnostic(FORM_DIFFERS, text, own[0].text),))
     # What was found beside it, on other joints, may have filled the gaps that it leaves.
@@ -193,14 +196,14 @@ def _without(builder: LoopModelBuilder, fit: Fit, effects: list[EffectAtJoint]) 
 
 
 def imitates(are_external: Sequence[bool], gap: float, lead: float, *, predicts_better: bool) -> bool:
-    """Whether effects on a joint that a curve leaves behind only imitate it, by how far: several of them, also by a
-    little where it predicts better, a torque from outside, of which its beginning and its end are all that it says, and
+    """Whether effects on a joint that a curve leaves behind only imitate it, by how far: several of them, in any case
+    where it predicts better, a torque from outside, of which its beginning and its end are all that it says, and
     a single effect of the machine that leaves much.
 
     Args:
         are_external: of each effect, whether it stands for a torque from outside; gap: in units of the noise, that they
-            leave; lead: gain in BIC of the curve over theirs, at least one; predicts_better: whether the curve
-            predicts held-out data better than they do.
+            leave; lead: gain in BIC of the curve over theirs, of several nearly one or more; predicts_better: whether
+            the curve predicts held-out data better than they do.
     """
     if len(are_external) > 1:
         return predicts_better or lead > LEAD
