@@ -1,6 +1,6 @@
 """Curves of what has no name against the function that a case hides, and against effects that are there.
 
-python -m tests.tools.blind.curves FOLDER LINES [--pairs FOLDER LINES] [--figures JSON]
+python -m tests.tools.blind.curves FOLDER LINES [FOLDER LINES ...] [--pairs FOLDER LINES] [--figures JSON]
 
 FOLDER of cases, LINES that discovery wrote of them. Pairs: cases that hide several effects of the catalogue on one
 joint, which must keep their names.
@@ -178,12 +178,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """0: compared."""
     given = list(sys.argv[1:] if arguments is None else arguments)
     parser = argparse.ArgumentParser(prog="python -m tests.tools.blind.curves", description="Curves against the truth.")
-    parser.add_argument("folder", type=Path)
-    parser.add_argument("lines", type=Path)
+    parser.add_argument("cases", type=Path, nargs="+", metavar="FOLDER LINES")
     parser.add_argument("--pairs", type=Path, nargs=2, metavar=("FOLDER", "LINES"))
     parser.add_argument("--figures", type=Path)
     options = parser.parse_args(given)
-    found = [compared(options.folder, line) for line in read_lines(options.lines)]
+    if len(options.cases) % 2:
+        parser.error("every folder of cases needs its file of lines")
+    both = zip(options.cases[::2], options.cases[1::2], strict=True)
+    found = [compared(folder, line) for folder, lines in both for line in read_lines(lines)]
     shown = figures(found) | (pair_figures(options.pairs[0], read_lines(options.pairs[1])) if options.pairs else {})
     for one in found:
         text = f"{one.hidden:20s} {one.rate_hz:4g} Hz  {one.answer:22s} {one.judged:10s}"
