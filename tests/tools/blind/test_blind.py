@@ -283,6 +283,15 @@ def test_a_harmonic_drive_has_all_its_parts_on_one_joint() -> None:
     assert gap(plant, path, deviation).refitted.max() > 1.0
 
 
+def test_two_effects_act_on_one_joint_where_that_is_asked_for(tmp_path: Path) -> None:
+    for one_joint, count in ((True, 1), (False, 2)):
+        folder = tmp_path / str(one_joint)
+        make_campaign(folder, ["spring+torque_offset"], seeds=range(3, 4), rates=[20], level=1.5, one_joint=one_joint)
+        truth = read_truth(folder / "b0001_20hz")
+        assert [effect for effect, _ in truth.effects] == ["spring", "torque_offset"]
+        assert len({joint for _, joint in truth.effects}) == count
+
+
 def test_of_three_effects_each_must_show(tmp_path: Path) -> None:
     """A case counts where the least gap that one of them makes beside the others is one that is judged."""
     (case, _) = made(tmp_path, *HARMONIC_DRIVE, robots="varied")
