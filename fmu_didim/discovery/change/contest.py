@@ -2,7 +2,7 @@
 
 Each form of a cause says along which columns A(x) (p, k) the values move, where x (s,) may be the place of a payload.
 Its fit minimises T_A (:mod:`fmu_didim.discovery.change.difference`) over x. A form explains the change where what it
-leaves is noise, or a small part of the change: no form is exact. Among those that do, the criterion
+leaves is noise, or beyond that a small part of the change: no form is exact. Among those that do, the criterion
 
     BIC = T_A + (k + s) log N,       N: samples of both logs
 
@@ -118,7 +118,8 @@ class Explanation:
         world: in which; forms: these, those of the world first; amounts, deviations: of each its values, in its units.
         left: T_A; count: values that are left; p_value: of as large a rest by noise; bic: the criterion.
         share: of T, and what the logs are explained better, that is explained.
-        explains: whether the rest is noise, or a small part.
+        explains: whether the rest is noise, which by itself is one for each value that is left, or beyond that a small
+            part.
         basis: (p, k + s) orthonormal, of all directions of W d that the fit can follow.
     """
 
@@ -161,6 +162,14 @@ class Explanation:
             return False
         outside = basis - self.basis @ (self.basis.T @ basis)
         return bool(np.linalg.norm(outside, axis=0).max(initial=0.0) < SAME_SPAN)
+
+    def may_be_in_both(self, other: Explanation) -> bool:
+        """Whether another one says the same, but that both logs have an effect, or more, that is new or gone here: what
+        one log shows and the other one does not exclude is no change."""
+        lacks, own = ({(lack.kind, lack.joint) for lack in e.world.lacks} for e in (other, self))
+        fixed, theirs = {form.cause for form in self.world.fixed}, set(other.causes)
+        more = set(self.causes) - theirs
+        return theirs < set(self.causes) and more <= fixed and all(cause[:2] in lacks - own for cause in more)
 
     def _scales_as(self, other: Explanation) -> bool:
         """Whether it says all of another one, with gains of drives that amount to those of the other."""
@@ -286,6 +295,7 @@ def _named(tried: Sequence[Explanation], first: World) -> tuple[list[Explanation
     """The causes that explain the change and are as near to the best as the data cannot tell, the best first; and
     those that are better than one of these by a small part of the change, of which they are a larger form."""
     every = sorted((e for e in _best_of_each(tried) if e.explains), key=lambda e: (e.values, e.bic))
+    every = [e for e in every if not any(e.may_be_in_both(other) and other.bic - e.bic < BIC for other in every)]
     if not every:
         return [], []
     near = max(BIC, NEAR * (first.difference.total - min(every, key=_bic).unexplained))
@@ -334,7 +344,7 @@ def _explanation(world: World, forms: tuple[Form, ...], first: World) -> Explana
     bic = left - world.gain + (cost + world.cost) * float(np.log(first.difference.samples))
     return Explanation(
         world, (*world.fixed, *forms), (*world.amounts, *amounts), (*world.deviations, *deviations), left, count,
-        p_value, bic, gained / whole if whole > 0 else 0.0, p_value >= LACK or left <= NEAR * gained, basis,
+        p_value, bic, gained / whole if whole > 0 else 0.0, p_value >= LACK or left - count <= NEAR * gained, basis,
     )  # fmt: skip
 
 
