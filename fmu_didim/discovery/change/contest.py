@@ -214,6 +214,7 @@ class Contest:
         further: the best cause and the second one that explains most of what it leaves, where that is more than noise
             and too small a part of the whole to be named.
         lacks: what both logs have and the model lacks, where that is the answer.
+        in_part: where nothing has changed, what would explain far more, but leaves values that differ.
     """
 
     is_changed: bool = False
@@ -222,6 +223,7 @@ class Contest:
     sets: tuple[tuple[tuple[str, ...], float], ...] = ()
     further: Explanation | None = None
     lacks: tuple[Lack, ...] = ()
+    in_part: Explanation | None = None
 
 
 def contest(worlds: Sequence[World], forms_in: Callable[[World], Sequence[Form]]) -> Contest:
@@ -246,7 +248,9 @@ def contest(worlds: Sequence[World], forms_in: Callable[[World], Sequence[Form]]
         tried += _pairs(sorted(of_first, key=_bic)[:PAIRED], able[id(first)], first)
     found, beyond = _named(tried, first)
     if still is not None and not (found and still.bic - found[0].bic > BIC):
-        return Contest(lacks=still.world.lacks, others=tuple(sorted(_best_of_each(tried), key=_bic)))
+        most = min(tried, key=_bic, default=None)
+        in_part = most if most is not None and still.bic - most.bic > BIC else None
+        return Contest(lacks=still.world.lacks, others=tuple(sorted(_best_of_each(tried), key=_bic)), in_part=in_part)
     further = None
     if found and found[0].world is first and len(found[0].forms) == 1 and found[0].leaves_more_than_noise:
         further = min(_pairs(found[:1], able[id(first)], first), key=_bic, default=None)
