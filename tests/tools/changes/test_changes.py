@@ -88,6 +88,26 @@ def test_what_stands_for_two_alone_and_may_be_absent_beside_the_second_gives_way
 
 
 @pytest.mark.slow
+def test_what_both_machines_have_and_one_log_tells_by_itself_is_no_change_beside_what_has(tmp_path: Path) -> None:
+    """Friction of joint 1, and ripple and Stribeck friction of joint 2 in both logs, along another motion. What the log
+    after says of the latter by itself may be nothing; that it is there as before explains that log far better."""
+    write(draw(3, 21), tmp_path / "pair")
+    (found,) = run([tmp_path / "pair"], tmp_path / "lines.jsonl")
+    assert found["causes"] == [[["friction", 1, "friction of joint 1"]]], found
+    assert "change-lacks" in found["codes"]
+
+
+@pytest.mark.slow
+def test_a_part_of_a_change_that_is_more_than_noise_by_a_little_is_not_a_second_cause(tmp_path: Path) -> None:
+    """Play, and what its form leaves of it: named alone, with the doubt."""
+    write(draw(22, 21), tmp_path / "pair")
+    (found,) = run([tmp_path / "pair"], tmp_path / "lines.jsonl")
+    assert judged(found, truth_of(tmp_path / "pair")).right, found
+    assert len(found["causes"]) == 1
+    assert "change-rest" in found["codes"]
+
+
+@pytest.mark.slow
 def test_nothing_is_said_to_have_changed_that_has_not_and_no_wrong_cause_is_valid(tmp_path: Path) -> None:
     """One round of the table on the page of compare, with its seed."""
     folders = [tmp_path / "pairs" / f"p{number:03d}" for number in range(len(PLAN))]
