@@ -207,7 +207,9 @@ def test_what_one_log_shows_and_the_other_does_not_exclude_is_no_change_beside_a
     assert titles(found) == said
 
 
-def test_an_effect_that_explains_far_more_and_leaves_values_that_differ_is_told_where_nothing_else_has_changed() -> None:
+def test_an_effect_that_explains_far_more_and_leaves_values_that_differ_is_told_where_nothing_else_has_changed() -> (
+    None
+):
     """It is not quite what has happened: 'unchanged' would hide it."""
     far = difference(9, -9, 9, 9)
     found = contest((World(difference(*STILL)), with_play(far, 600.0)), lambda world: [])

@@ -155,7 +155,7 @@ def test_a_log_is_asked_whether_it_excludes_what_another_one_shows(late_s: float
     off = (values[0] - values[1]) / known(there, ["log_shift"]).covariance[0, 0] ** 0.5
     free = fitted(side, [Proposal(SHIFT, {"log_shift": 0.008})])
     if excludes:
-        assert gain(side, found) < -off**2 + 20 < -BIC
+        assert gain(side, found) < -(off**2) + 20 < -BIC
     else:
         assert free is not None
         assert gain(side, found) > gain(side, free) - off**2 - 1
