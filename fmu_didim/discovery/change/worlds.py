@@ -44,6 +44,7 @@ from fmu_didim.discovery.change.log_fit import (
 from fmu_didim.discovery.progress import Progress
 from fmu_didim.discovery.selection.competition import fitted_proposal
 from fmu_didim.discovery.selection.decide import BIC
+from fmu_didim.discovery.selection.plausible import UNTOLD
 from fmu_didim.dynamics.effects import Effect
 from fmu_didim.dynamics.effects.inserted import InsertedEffect
 from fmu_didim.fit.fit import Fit
@@ -240,6 +241,10 @@ class _Search:
         own = ground.known_of(k, found, ground.known[0].names)
         pair = (ground.known[0], own) if k == 1 else (own, ground.known[1])
         forms, amounts, deviations = zip(*(_form(ground.sides[k], found, a, when) for a in tried.effects), strict=True)
+        if not all(
+            _is_told(ground.sides[k], found, *each) for each in zip(tried.effects, amounts, deviations, strict=True)
+        ):
+            return None
         fits = [side.fit for side in ground.sides]
         fits[k] = found
         return World(
@@ -503,6 +508,17 @@ def _form(side: LogFit, fit: Fit, effect_at: EffectAtJoint, when: str) -> tuple[
     scales = frozenset({joint} if _is_gain_of_drive(effect) else ())
     form = Form(effect_at.effect, joint, title, names, units, lambda x: none, scales=scales)
     return form, fit.values[own], deviation[own]
+
+
+def _is_told(side: LogFit, fit: Fit, effect_at: EffectAtJoint, amounts: Array, deviations: Array) -> bool:
+    """Whether the log tells the values of an effect at all, and not a limit of its form; the shapes of none count."""
+    neutral, index = side.builder.effect(effect_at).neutral, fit.model.added_effects.index(effect_at)
+    own = [p for p in fit.model.free_parameters if p.effect == index]
+    sizes = [
+        (abs(value - neutral.get(plain_name(p.key, effect_at.joint), 0.0)), spread)
+        for p, value, spread in zip(own, amounts, deviations, strict=True) if not p.is_shape
+    ]  # fmt: skip
+    return not sizes or any(spread <= UNTOLD * off for off, spread in sizes)
 
 
 def forms_in(world: World, base: Sequence[str], machine: Machine | None) -> list[Form]:
