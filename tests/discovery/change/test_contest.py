@@ -8,8 +8,10 @@ import numpy as np
 import pytest
 
 from fmu_didim.data.signals import Array
+from fmu_didim.discovery.change import document
 from fmu_didim.discovery.change.contest import Contest, Form, Lack, World, contest
 from fmu_didim.discovery.change.difference import Difference
+from fmu_didim.results.comparison import ResidualChange
 
 NAMES = ("a", "b", "c", "d")
 NONE = np.zeros((4, 0))
@@ -207,9 +209,7 @@ def test_what_one_log_shows_and_the_other_does_not_exclude_is_no_change_beside_a
     assert titles(found) == said
 
 
-def test_an_effect_that_explains_far_more_and_leaves_values_that_differ_is_told_where_nothing_else_has_changed() -> (
-    None
-):
+def test_an_effect_that_explains_far_more_and_leaves_values_that_differ_is_told_behind_unchanged() -> None:
     """It is not quite what has happened: 'unchanged' would hide it."""
     far = difference(9, -9, 9, 9)
     found = contest((World(difference(*STILL)), with_play(far, 600.0)), lambda world: [])
@@ -218,3 +218,22 @@ def test_an_effect_that_explains_far_more_and_leaves_values_that_differ_is_told_
     assert [form.title for form in found.in_part.forms] == ["play, new"]
     none = contest((World(difference(*STILL)), with_play(far, 200.0)), lambda world: [])
     assert none.in_part is None
+    (doubt,) = document._rest(found)
+    assert doubt.code.name == "change-in-part"
+    for text in (doubt.text, document._beside(found, [])):
+        assert "lay, new (gap +0.01 ± 0.001 rad) would explain the logs far better" in text
+        assert "of 4" in text
+
+
+@pytest.mark.parametrize(
+    ("changed", "text"),
+    [
+        (False, ""),
+        (True, "; but the residual of tau1 is not as large as before, and nothing that was tried explains that"),
+    ],
+)
+def test_a_residual_that_is_not_as_large_is_told_beside_unchanged(*, changed: bool, text: str) -> None:
+    residual = ResidualChange(label="tau1", unit="N.m", before=1.0, after=2.0, p_value=1e-9, changed=changed)
+    assert document._beside(Contest(), [residual]) == text
+    assert document._rest(Contest()) == []
+    assert document._beside(Contest(is_changed=True), [residual]) == ""
