@@ -498,7 +498,7 @@ def _expected(later: Sequence[WatchedLog]) -> str:
     if not judged:
         return ""
     return (
-        f"An unchanged machine is called changed in {CHANGED:g} of its logs: of the {judged} here, "
+        f"An unchanged machine is called changed in {CHANGED:g} of its logs at most: of the {judged} here, no more than "
         f"{judged * CHANGED:.2g} are expected."
     )
 

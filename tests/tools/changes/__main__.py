@@ -113,7 +113,10 @@ def _histories(options: argparse.Namespace) -> int:
     if options.figures:
         counts = {name: f"{good} of {count}" for name, (good, count) in found.items()}
         command = command_of("tests.tools.changes", sys.argv[1:])
-        write_figures(options.figures, command, {"count": str(len(lines)), "seed": str(options.seed), **counts})
+        write_figures(
+            options.figures, command,
+            {"count": str(len(lines)), "seed": str(options.seed), "tree": _tree(), **counts},
+        )  # fmt: skip
     return 0
 
 
