@@ -52,6 +52,14 @@ CHANGE_REST = CATALOGUE(
     "the cause is not quite what the model of it says, or something smaller has changed, too.",
     next_step="Undo or settle the named cause, record another log, and compare again.",
 )  # fmt: skip
+CHANGE_IN_PART = CATALOGUE(
+    "change-in-part", DOUBT, rank=11,
+    meaning="No cause explains what the two logs differ by, but an effect that came or went would explain them far "
+    "better than that nothing has changed. It leaves values that differ: it is a part of what has happened, or stands "
+    "for something like it.",
+    next_step="Look for that effect at the machine; run fmu-didim discover on both logs, and compare again with what "
+    "it finds in the description.",
+)  # fmt: skip
 CHANGE_LACKS = CATALOGUE(
     "change-lacks", DOUBT, rank=13,
     meaning="Both logs show an effect that the model lacks. The values absorb a part of it, which along another "

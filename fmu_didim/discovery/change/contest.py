@@ -2,7 +2,7 @@
 
 Each form of a cause says along which columns A(x) (p, k) the values move, where x (s,) may be the place of a payload.
 Its fit minimises T_A (:mod:`fmu_didim.discovery.change.difference`) over x. A form explains the change where what it
-leaves is noise, or a small part of the change: no form is exact. Among those that do, the criterion
+leaves is noise, or beyond that a small part of the change: no form is exact. Among those that do, the criterion
 
     BIC = T_A + (k + s) log N,       N: samples of both logs
 
@@ -118,7 +118,8 @@ class Explanation:
         world: in which; forms: these, those of the world first; amounts, deviations: of each its values, in its units.
         left: T_A; count: values that are left; p_value: of as large a rest by noise; bic: the criterion.
         share: of T, and what the logs are explained better, that is explained.
-        explains: whether the rest is noise, or a small part.
+        explains: whether the rest is noise, which by itself is one for each value that is left, or beyond that a small
+            part.
         basis: (p, k + s) orthonormal, of all directions of W d that the fit can follow.
     """
 
@@ -161,6 +162,14 @@ class Explanation:
             return False
         outside = basis - self.basis @ (self.basis.T @ basis)
         return bool(np.linalg.norm(outside, axis=0).max(initial=0.0) < SAME_SPAN)
+
+    def may_be_in_both(self, other: Explanation) -> bool:
+        """Whether another one says the same, but that both logs have an effect, or more, that is new or gone here: what
+        one log shows and the other one does not exclude is no change."""
+        lacks, own = ({(lack.kind, lack.joint) for lack in e.world.lacks} for e in (other, self))
+        fixed, theirs = {form.cause for form in self.world.fixed}, set(other.causes)
+        more = set(self.causes) - theirs
+        return theirs < set(self.causes) and more <= fixed and all(cause[:2] in lacks - own for cause in more)
 
     def _scales_as(self, other: Explanation) -> bool:
         """Whether it says all of another one, with gains of drives that amount to those of the other."""
@@ -205,6 +214,7 @@ class Contest:
         further: the best cause and the second one that explains most of what it leaves, where that is more than noise
             and too small a part of the whole to be named.
         lacks: what both logs have and the model lacks, where that is the answer.
+        in_part: where nothing has changed, what would explain far more, but leaves values that differ.
     """
 
     is_changed: bool = False
@@ -213,6 +223,7 @@ class Contest:
     sets: tuple[tuple[tuple[str, ...], float], ...] = ()
     further: Explanation | None = None
     lacks: tuple[Lack, ...] = ()
+    in_part: Explanation | None = None
 
 
 def contest(worlds: Sequence[World], forms_in: Callable[[World], Sequence[Form]]) -> Contest:
@@ -237,7 +248,9 @@ def contest(worlds: Sequence[World], forms_in: Callable[[World], Sequence[Form]]
         tried += _pairs(sorted(of_first, key=_bic)[:PAIRED], able[id(first)], first)
     found, beyond = _named(tried, first)
     if still is not None and not (found and still.bic - found[0].bic > BIC):
-        return Contest(lacks=still.world.lacks, others=tuple(sorted(_best_of_each(tried), key=_bic)))
+        most = min(tried, key=_bic, default=None)
+        in_part = most if most is not None and still.bic - most.bic > BIC else None
+        return Contest(lacks=still.world.lacks, others=tuple(sorted(_best_of_each(tried), key=_bic)), in_part=in_part)
     further = None
     if found and found[0].world is first and len(found[0].forms) == 1 and found[0].leaves_more_than_noise:
         further = min(_pairs(found[:1], able[id(first)], first), key=_bic, default=None)
@@ -286,6 +299,7 @@ def _named(tried: Sequence[Explanation], first: World) -> tuple[list[Explanation
     """The causes that explain the change and are as near to the best as the data cannot tell, the best first; and
     those that are better than one of these by a small part of the change, of which they are a larger form."""
     every = sorted((e for e in _best_of_each(tried) if e.explains), key=lambda e: (e.values, e.bic))
+    every = [e for e in every if not any(e.may_be_in_both(other) and other.bic - e.bic < BIC for other in every)]
     if not every:
         return [], []
     near = max(BIC, NEAR * (first.difference.total - min(every, key=_bic).unexplained))
@@ -334,7 +348,7 @@ def _explanation(world: World, forms: tuple[Form, ...], first: World) -> Explana
     bic = left - world.gain + (cost + world.cost) * float(np.log(first.difference.samples))
     return Explanation(
         world, (*world.fixed, *forms), (*world.amounts, *amounts), (*world.deviations, *deviations), left, count,
-        p_value, bic, gained / whole if whole > 0 else 0.0, p_value >= LACK or left <= NEAR * gained, basis,
+        p_value, bic, gained / whole if whole > 0 else 0.0, p_value >= LACK or left - count <= NEAR * gained, basis,
     )  # fmt: skip
 
 

@@ -13,6 +13,7 @@ from fmu_didim.base.version import __version__
 from fmu_didim.checks.judgement import judgement
 from fmu_didim.discovery.change import answers, contest, difference, log_fit, worlds
 from fmu_didim.discovery.change.answers import (
+    CHANGE_IN_PART,
     CHANGE_LACKS,
     CHANGE_REST,
     Answer,
@@ -123,7 +124,7 @@ def compared(
     change = _answer(result)
     return ComparisonDocument(
         name=f"{before.document.name} → {after.document.name}",
-        answer=change, text=_text(change, found, result) + _beside(change, residual),
+        answer=change, text=_text(change, found, result) + _beside(result, residual),
         verdict=judged.verdict, reasons=judged.saved(),
         conditions=[*_visible(found, change, logs), *judged.conditions] if judged.verdict == "valid" else [],
         before=_side(before), after=_side(after),
@@ -168,13 +169,22 @@ def _text(answer: Change, found: Difference, result: Contest) -> str:
     return f"one of {len(result.named)}: {causes}; {which} ({chance})"
 
 
-def _beside(answer: Change, residual: Sequence[ResidualChange]) -> str:
-    """What has changed though no value and no effect says so."""
+def _beside(result: Contest, residual: Sequence[ResidualChange]) -> str:
+    """What may have changed though no value and no effect says so."""
+    if result.in_part is not None:
+        return f"; but {_of_part(result.in_part)}"
     labels = [r.label for r in residual if r.changed]
-    if answer != "unchanged" or not labels:
+    if result.is_changed or not labels:
         return ""
     return (
         f"; but the residual of {', '.join(labels)} is not as large as before, and nothing that was tried explains that"
+    )
+
+
+def _of_part(found: Explanation) -> str:
+    return (
+        f"{cause_text(found)} would explain the logs far better, and leaves values that differ by more than noise "
+        f"(chi-square {found.left:.4g} of {found.count})"
     )
 
 
@@ -201,6 +211,9 @@ def _listed(result: Contest) -> str:
 
 def _rest(result: Contest) -> list[Diagnostic]:
     """What a cause leaves that is more than noise."""
+    if result.in_part is not None:
+        text = f"{_of_part(result.in_part)}."
+        return [Diagnostic(CHANGE_IN_PART, text[0].upper() + text[1:], "causes", result.in_part.left)]
     if not result.named or not (result.named[0].leaves_more_than_noise or result.further):
         return []
     best = result.named[0]

@@ -18,15 +18,17 @@ from fmu_didim.discovery.augmentation.builder import LoopModelBuilder
 from fmu_didim.discovery.augmentation.places import Proposal
 from fmu_didim.discovery.progress import Progress
 from fmu_didim.discovery.screening.catalogue import SignatureCatalogue
-from fmu_didim.discovery.selection.competition import FURTHER, SIZES, Competition
+from fmu_didim.discovery.selection.competition import FURTHER, SIZES, Competition, fitted_proposal
 from fmu_didim.discovery.selection.plausible import implausible
 from fmu_didim.dynamics.effects import Effect
+from fmu_didim.dynamics.prior import Prior
 from fmu_didim.dynamics.robot import RobotDescription
-from fmu_didim.fit.fit import Fit
+from fmu_didim.fit.fit import Fit, prior_squares
 from fmu_didim.fit.fit_uncertainty import fit_uncertainty
 from fmu_didim.fit.gap import bic_gain
 from fmu_didim.fit.log_noise import residual_noise
 from fmu_didim.fit.noise.noise import Noise
+from fmu_didim.fit.solver.accuracy import with_fitting_substeps
 from fmu_didim.fit.solver.least_squares import minimise
 from fmu_didim.fit.solver.termination import Stopping
 from fmu_didim.model.loop_model import EffectAtJoint, LoopModel
@@ -45,6 +47,8 @@ UPDATES = 3
 """[sensitivities] Taken anew in the fit of an effect: the first ones are those of values that may be far off."""
 SETTLED = 12
 """[sensitivities] At most, taken anew in the fit of the best effect: play in a gear needs six to ten."""
+RELATIVE_RANK = 1e-12
+"""[1] Smallest eigenvalue of a correlation over the largest, below which it is rounding."""
 BASE_FIT = Stopping(exact=True)
 DECIDE = ("UPDATES", "SETTLED", "SOFTER", "GEAR_STARTS")
 """Those of these numbers on which an answer depends."""
@@ -166,9 +170,8 @@ def promised(
     they are known, and with all values free, as where they have changed, too."""
     fit = side.fit
     places = [fit.model.names.index(name) for name in other.names]
-    sizes, vectors = np.linalg.eigh(other.covariance)
     root = np.zeros((len(places), len(fit.model.names)))
-    root[:, places] = (vectors / np.sqrt(np.maximum(sizes, np.finfo(float).tiny))).T
+    root[:, places] = _root(other.covariance)
     weight = 1 / fit.deviation[:, None]
     table = (fit.jacobian * weight).reshape(-1, fit.values.size)
     residual = (fit.residual / fit.deviation).ravel()
@@ -223,15 +226,70 @@ class _Rows:
 
 
 def gain(side: LogFit, found: Fit, through: Fit | None = None) -> float:
-    """By how much a log is explained better, as a chi-square.
+    """By how much a log is explained better, as a chi-square, less what the values of effects are off from those of
+    another log with which they are one.
 
     Args:
         through: of a part of the effects. What the others explain more counts by the colour of what both leave: else
             all that the first ones explain would count anew, because what is left is less coloured.
     """
-    if through is None:
-        return bic_gain(side.fit, found, 0.0, side.fit.noise)
-    return gain(side, through) + bic_gain(through, found, 0.0, side.fit.noise)
+    if through is not None:
+        return gain(side, through) + gain(LogFit(through, side.builder), found)
+    off = prior_squares(found.model.prior, found.values) - prior_squares(side.fit.model.prior, side.fit.values)
+    return bic_gain(side.fit, found, 0.0, side.fit.noise) - off
+
+
+def in_common(side: LogFit, other: Fit, effect_at: EffectAtJoint) -> Fit | None:
+    """A log with an effect of the values that another log knows it by, as far as that knows them; None where it cannot
+    be simulated with it.
+
+    To first order both logs with one effect e have the misfit  chi_1^2 + chi_2^2(e) + |W (e - e_1)|^2,  W'W = C_1^-1,
+    with the values e_1 of that log and their covariance C_1: whether it is absent here is a question to this log, not
+    to what a free fit makes of an effect that it hardly shows.
+    """
+    index = other.model.added_effects.index(effect_at)
+    names = [p.name for p in other.model.free_parameters if p.effect == index]
+    there = known(other, names)
+    model = side.builder.build(side.fit.model, [fitted_proposal(other, effect_at)])
+    model = replace(model.with_values(np.clip(model.start, *model.free_parameters.limits)), workers=1)
+    if not set(names) <= set(model.names):
+        return None
+    model = replace(model, prior=_with_known(model.prior, there, model.names))
+    if model.loop.own_states > side.fit.model.loop.own_states:
+        model = with_fitting_substeps(model, model.start, side.fit.noise.deviation)
+    try:
+        return minimise(model, side.fit.noise, stopping=Stopping(updates=UPDATES, check_all=False))
+    except SimulationError:
+        return None
+
+
+def _with_known(prior: Prior | None, there: Known, names: Sequence[str]) -> Prior:
+    """Rows of values that are known from another log, below those that are there already."""
+    places = [names.index(name) for name in there.names]
+    rows = np.zeros((len(places), len(names)))
+    rows[:, places] = _root(there.covariance)
+    target, mean, spread = rows[:, places] @ there.value, np.zeros(len(names)), np.full(len(names), np.inf)
+    mean[places], spread[places] = there.value, np.sqrt(np.diag(there.covariance))
+    if prior is not None:
+        rows, target = np.vstack([prior.padded(len(names)), rows]), np.append(prior.target, target)
+        mean[: prior.mean.size] += prior.mean
+        spread[: prior.deviation.size] = np.minimum(spread[: prior.deviation.size], prior.deviation)
+    return Prior(rows, target, mean, spread, "another log", {})
+
+
+def _root(covariance: Array) -> Array:
+    """(p, p) W with W' W = C^-1."""
+    deviation = np.maximum(np.sqrt(np.diag(covariance)), np.finfo(float).tiny)
+    sizes, vectors = np.linalg.eigh(covariance / np.outer(deviation, deviation))
+    return np.asarray((vectors / np.sqrt(np.maximum(sizes, RELATIVE_RANK * sizes[-1]))).T / deviation)
+
+
+def shared(fit: Fit) -> frozenset[str]:
+    """Names of the values of effects that are one with those of another log."""
+    prior = fit.model.prior
+    if prior is None:
+        return frozenset()
+    return frozenset(name for name, own in zip(fit.model.names, np.isfinite(prior.deviation), strict=False) if own)
 
 
 def absent(side: LogFit, found: Fit, effects: Sequence[EffectAtJoint]) -> EffectAtJoint | None:

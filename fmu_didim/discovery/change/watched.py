@@ -498,8 +498,8 @@ def _expected(later: Sequence[WatchedLog]) -> str:
     if not judged:
         return ""
     return (
-        f"An unchanged machine is called changed in {CHANGED:g} of its logs: of the {judged} here, "
-        f"{judged * CHANGED:.2g} are expected."
+        f"An unchanged machine is called changed in {CHANGED:g} of its logs at most: of the {judged} here, no more "
+        f"than {judged * CHANGED:.2g} are expected."
     )
 
 

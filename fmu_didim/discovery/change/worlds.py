@@ -35,13 +35,16 @@ from fmu_didim.discovery.change.log_fit import (
     absent,
     fitted,
     gain,
+    in_common,
     known,
     promised,
     settled,
+    shared,
 )
 from fmu_didim.discovery.progress import Progress
 from fmu_didim.discovery.selection.competition import fitted_proposal
 from fmu_didim.discovery.selection.decide import BIC
+from fmu_didim.discovery.selection.plausible import UNTOLD
 from fmu_didim.dynamics.effects import Effect
 from fmu_didim.dynamics.effects.inserted import InsertedEffect
 from fmu_didim.fit.fit import Fit
@@ -204,12 +207,14 @@ class _Search:
         through: tuple[Fit | None, Fit | None] = (None, None),
     ) -> _Tried:  # fmt: skip
         """With the last of these effects in the log that does not promise it, too, where the other one shows it:
-        what one log shows and the other one does not exclude is no change."""
+        what one log shows and the other one does not exclude is no change. Where that log by itself does not tell its
+        values, they are those of the other one, as far as these are known."""
         found = list(fits)
         for k in (0, 1):
             other = found[1 - k]
             if found[k] is None and other is not None and self._beyond(1 - k, other, effects, through[1 - k]) > 0:
-                found[k] = fitted(sides[k], [fitted_proposal(other, effects[-1])])
+                start = fitted_proposal(other, effects[-1])
+                found[k] = fitted(sides[k], [start]) or in_common(sides[k], other, effects[-1])
         return _Tried(effects, (found[0], found[1]), through)
 
     def _of(self, tried: _Tried) -> Iterator[World]:
@@ -231,11 +236,15 @@ class _Search:
     def _in_one(self, k: int, when: str, tried: _Tried) -> World | None:
         """Effects in one of the logs."""
         found, ground = tried.fits[k], self.ground
-        if found is None:
+        if found is None or shared(found):
             return None
         own = ground.known_of(k, found, ground.known[0].names)
         pair = (ground.known[0], own) if k == 1 else (own, ground.known[1])
         forms, amounts, deviations = zip(*(_form(ground.sides[k], found, a, when) for a in tried.effects), strict=True)
+        if not all(
+            _is_told(ground.sides[k], found, *each) for each in zip(tried.effects, amounts, deviations, strict=True)
+        ):
+            return None
         fits = [side.fit for side in ground.sides]
         fits[k] = found
         return World(
@@ -266,7 +275,8 @@ class _Search:
         surely = all(
             self._beyond(k, f, tried.effects, tried.through[k]) >= BIC for k, f in enumerate((first, second))
         )  # fmt: skip
-        parts, lacks = zip(*(self._lack(first, a, is_sure=surely) for a in tried.effects), strict=True)
+        one = shared(first) | shared(second)
+        parts, lacks = zip(*(self._lack(first, a, one, is_sure=surely) for a in tried.effects), strict=True)
         free = [p for own in parts for p in own]
         names, stiff = (*ground.known[0].names, *(p.name for p in free)), ground.stiff.union(*(x.stiff for x in lacks))
         values = ground.known_of(0, first, names), ground.known_of(1, second, names)
@@ -281,7 +291,9 @@ class _Search:
         """With the effect that both logs show most clearly; None where they show none."""
         best: tuple[float, _Ground] | None = None
         for tried in self.tried:
-            if any(f is None or self._beyond(k, f, tried.effects) < BIC for k, f in enumerate(tried.fits)):
+            if any(
+                f is None or shared(f) or self._beyond(k, f, tried.effects) < BIC for k, f in enumerate(tried.fits)
+            ):  # fmt: skip
                 continue
             try:
                 grown = self._grown(tried)
@@ -297,11 +309,14 @@ class _Search:
         """The worlds of the best effect of each log, fitted to its end, and of that with a second one: what its fit
         has not reached yet is no second effect."""
         for k in (0, 1):
-            alone = [(self._beyond(k, f, t.effects), t) for t in self.tried if (f := t.fits[k]) is not None]
+            alone = [
+                (self._beyond(k, f, t.effects), t) for t in self.tried if (f := t.fits[k]) is not None and not shared(f)
+            ]  # fmt: skip
             most, first = max(alone, key=lambda each: each[0], default=(0.0, None))
             if first is None or most <= BIC:
                 continue
-            first = _Tried(first.effects, (settled(first.fits[0]), settled(first.fits[1])))
+            own = [None if f is None or shared(f) else settled(f) for f in first.fits]
+            first = self._completed(first.effects, own, self.ground.sides)
             yield from self._of(first)
             yield from self._seconds(k, first)
 
@@ -337,6 +352,9 @@ class _Search:
                 else self._completed(effects, fits, sides, first.fits)
             )  # fmt: skip
             with suppress(FmuDidimError, np.linalg.LinAlgError):  # values that one log does not determine with it
+                if (both := self._grown(first)) is not None:
+                    yield from replace(self, ground=both)._of(_Tried((second,), (fits[0], fits[1])))
+            with suppress(FmuDidimError, np.linalg.LinAlgError):
                 yield from self._beside(k, found, first, second)
 
     def _together(
@@ -383,7 +401,7 @@ class _Search:
         if other is None:
             return
         pair = (found, other) if k == 0 else (other, found)
-        free, lack = self._lack(other, second, is_sure=self._beyond(1 - k, other, [second]) >= BIC)
+        free, lack = self._lack(other, second, frozenset(), is_sure=self._beyond(1 - k, other, [second]) >= BIC)
         names, when = (*ground.known[0].names, *(p.name for p in free)), "gone" if k == 0 else "new"
         stiff = ground.stiff | lack.stiff
         values = ground.known_of(0, pair[0], names), ground.known_of(1, pair[1], names)
@@ -395,10 +413,13 @@ class _Search:
             ground.cost + self._cost((*first.effects, second)), (*ground.lacks, lack), residual=_residual(*pair),
         )  # fmt: skip
 
-    def _lack(self, fit: Fit, effect_at: EffectAtJoint, *, is_sure: bool) -> tuple[list[FreeParameter], Lack]:
-        """An effect of a fit as one that both logs have, with its free parameters."""
+    def _lack(
+        self, fit: Fit, effect_at: EffectAtJoint, one: Collection[str], *, is_sure: bool
+    ) -> tuple[list[FreeParameter], Lack]:
+        """An effect of a fit as one that both logs have, with its free parameters but for those that are ``one`` in
+        both."""
         index, effect = fit.model.added_effects.index(effect_at), self.ground.sides[0].builder.effect(effect_at)
-        free = [p for p in fit.model.free_parameters if p.effect == index]
+        free = [p for p in fit.model.free_parameters if p.effect == index and p.name not in one]
         stiff = [p.name for p in free if np.isinf(effect.neutral.get(plain_name(p.key, effect_at.joint), 0.0))]
         title, joint = _place(effect, effect_at), _joint(effect, effect_at)
         names = tuple(compared_as(p.name, stiff) for p in free)
@@ -489,6 +510,17 @@ def _form(side: LogFit, fit: Fit, effect_at: EffectAtJoint, when: str) -> tuple[
     return form, fit.values[own], deviation[own]
 
 
+def _is_told(side: LogFit, fit: Fit, effect_at: EffectAtJoint, amounts: Array, deviations: Array) -> bool:
+    """Whether the log tells the values of an effect at all, and not a limit of its form; the shapes of none count."""
+    neutral, index = side.builder.effect(effect_at).neutral, fit.model.added_effects.index(effect_at)
+    own = [p for p in fit.model.free_parameters if p.effect == index]
+    sizes = [
+        (abs(value - neutral.get(plain_name(p.key, effect_at.joint), 0.0)), spread)
+        for p, value, spread in zip(own, amounts, deviations, strict=True) if not p.is_shape
+    ]  # fmt: skip
+    return not sizes or any(spread <= UNTOLD * off for off, spread in sizes)
+
+
 def forms_in(world: World, base: Sequence[str], machine: Machine | None) -> list[Form]:
     """What may move the values in a world: causes, and that what both logs have has grown.
 
@@ -497,7 +529,7 @@ def forms_in(world: World, base: Sequence[str], machine: Machine | None) -> list
     """
     names = world.difference.names
     found = [f for f in forms_of(names, world.difference.units, machine) if f.kind != "parameter" or f.names[0] in base]
-    for lack in (each for each in world.lacks if each.is_sure):  # else it is new, or gone
+    for lack in (each for each in world.lacks if each.is_sure and each.names):  # else it is new, or gone
         table = np.eye(len(names))[:, [names.index(name) for name in lack.names]]
         units = tuple(world.difference.units[names.index(name)] for name in lack.names)
         found.append(Form(lack.kind, lack.joint, f"{lack.title}, changed", lack.names, units, constant(table)))

@@ -8,8 +8,10 @@ import numpy as np
 import pytest
 
 from fmu_didim.data.signals import Array
+from fmu_didim.discovery.change import document
 from fmu_didim.discovery.change.contest import Contest, Form, Lack, World, contest
 from fmu_didim.discovery.change.difference import Difference
+from fmu_didim.results.comparison import ResidualChange
 
 NAMES = ("a", "b", "c", "d")
 NONE = np.zeros((4, 0))
@@ -171,3 +173,67 @@ def test_gains_of_drives_that_amount_to_the_same_are_one_cause() -> None:
     )
     found = contest((World(difference(*FAR)), one, replace(two, gain=515.0)), lambda world: [every])
     assert titles(found) == [["gain of drive 1, new"]]
+
+
+@pytest.mark.parametrize(
+    ("left", "explains"),
+    [
+        (31.0, True),  # noise of four values is four of them: 27 beyond it are less than 2 % of 1500
+        (33.0, True),
+        (36.0, False),
+    ],
+)
+def test_a_rest_is_small_by_what_it_is_beyond_its_noise(left: float, explains: bool) -> None:
+    rest = np.array([0.0, 0.0, 0.0, np.sqrt(left)])
+    quiet = Difference(NAMES, ("N.m",) * 4, np.zeros(4), rest, np.eye(4), np.inf, 1000)
+    found = contest((World(difference(*STILL)), with_play(quiet, 1500.0)), lambda world: [])
+    assert (titles(found) == [["play, new"]]) is explains
+
+
+@pytest.mark.parametrize(
+    ("gain_in_both", "said"),
+    [
+        (480.0, [["d alone"]]),  # the other log may have it as well, and says so a little
+        (491.0, [["d alone"]]),
+        (509.0, [["d alone"]]),
+        (473.0, [["play, new", "d alone"], ["d alone"]]),  # a little better as new: nobody can tell
+        (440.0, [["play, new", "d alone"]]),  # the other log has nothing of it
+    ],
+)
+def test_what_one_log_shows_and_the_other_does_not_exclude_is_no_change_beside_a_value_that_moved(
+    gain_in_both: float, said: list[list[str]]
+) -> None:
+    moved = difference(0, 0, 0, 15)
+    both = World(moved, gain=gain_in_both, cost=1, lacks=(Lack("play", 1, "play on joint 1", (), is_sure=False),))
+    found = answer(World(moved), with_play(moved, 485.0), both)
+    assert titles(found) == said
+
+
+def test_an_effect_that_explains_far_more_and_leaves_values_that_differ_is_told_behind_unchanged() -> None:
+    """It is not quite what has happened: 'unchanged' would hide it."""
+    far = difference(9, -9, 9, 9)
+    found = contest((World(difference(*STILL)), with_play(far, 600.0)), lambda world: [])
+    assert (found.is_changed, found.named) == (False, ())
+    assert found.in_part is not None
+    assert [form.title for form in found.in_part.forms] == ["play, new"]
+    none = contest((World(difference(*STILL)), with_play(far, 200.0)), lambda world: [])
+    assert none.in_part is None
+    (doubt,) = document._rest(found)
+    assert doubt.code.name == "change-in-part"
+    for text in (doubt.text, document._beside(found, [])):
+        assert "lay, new (gap +0.01 ± 0.001 rad) would explain the logs far better" in text
+        assert "of 4" in text
+
+
+@pytest.mark.parametrize(
+    ("changed", "text"),
+    [
+        (False, ""),
+        (True, "; but the residual of tau1 is not as large as before, and nothing that was tried explains that"),
+    ],
+)
+def test_a_residual_that_is_not_as_large_is_told_beside_unchanged(*, changed: bool, text: str) -> None:
+    residual = ResidualChange(label="tau1", unit="N.m", before=1.0, after=2.0, p_value=1e-9, changed=changed)
+    assert document._beside(Contest(), [residual]) == text
+    assert document._rest(Contest()) == []
+    assert document._beside(Contest(is_changed=True), [residual]) == ""

@@ -16,9 +16,10 @@ from fmu_didim.discovery.augmentation.places import Proposal
 from fmu_didim.discovery.change import log_fit
 from fmu_didim.discovery.change.difference import Difference
 from fmu_didim.discovery.change.document import compared
-from fmu_didim.discovery.change.log_fit import Known, LogFit, fitted, gain, settled
+from fmu_didim.discovery.change.log_fit import Known, LogFit, fitted, gain, in_common, known, settled, shared
 from fmu_didim.discovery.change.worlds import difference_of, may_be_gear
 from fmu_didim.discovery.selection.competition import Competition
+from fmu_didim.discovery.selection.decide import BIC
 from fmu_didim.dynamics.effects import EFFECTS, Effect
 from fmu_didim.fit.fit import Fit
 from fmu_didim.fit.gap import delta_bic
@@ -111,9 +112,9 @@ def test_stiffnesses_are_compared_as_compliances(
 
 
 @cache
-def late_log() -> LogFit:
-    """Of a clock that is late by 10 ms, beside which there is nothing."""
-    found = identified(log_of(float(RATE), 21, late_s=0.01))
+def late_log(seed: int = 21, late_s: float = 0.01) -> LogFit:
+    """Of a clock that is late, by 10 ms where nothing is said, beside which there is nothing."""
+    found = identified(log_of(float(RATE), seed, late_s=late_s))
     return LogFit.of(found.model, read_robot(ROBOT), GEARS)
 
 
@@ -130,14 +131,35 @@ def test_a_second_effect_counts_by_the_colour_of_what_both_leave() -> None:
     floor = Noise(np.ones(1), np.zeros(1), "residual")
 
     def left(part: float) -> Fit:
-        model = SimpleNamespace(experiments=SimpleNamespace(channels=()))
-        return cast(Fit, SimpleNamespace(model=model, residual=part * slow + noise, noise=floor))
+        model = SimpleNamespace(experiments=SimpleNamespace(channels=()), prior=None)
+        return cast(Fit, SimpleNamespace(model=model, values=np.zeros(0), residual=part * slow + noise, noise=floor))
 
     nothing, first, both = left(30.0), left(0.6), left(0.4)
-    side = cast(LogFit, SimpleNamespace(fit=nothing))
+    side = LogFit(nothing, cast(LoopModelBuilder, None))
     step = gain(side, both, first) - gain(side, first)
     assert step == pytest.approx(delta_bic(first.residual, both.residual, 0.0, floor))
     assert 0 < step < 0.25 * (gain(side, both) - gain(side, first))
+
+
+@pytest.mark.gate
+@pytest.mark.parametrize(("late_s", "excludes"), [(0.01, False), (0.0, True)])
+def test_a_log_is_asked_whether_it_excludes_what_another_one_shows(late_s: float, excludes: bool) -> None:
+    """Whether its clock is late as well, by as much as the other log knows it is."""
+    side, there = late_log(22, late_s), shifted()
+    assert shared(there) == frozenset()
+    found = in_common(side, there, SHIFT)
+    assert found is not None
+    assert shared(found) == {"log_shift"}
+    values = [fit.values[fit.model.names.index("log_shift")] for fit in (there, found)]
+    assert abs(values[1] - late_s) < 0.002
+    off = (values[0] - values[1]) / known(there, ["log_shift"]).covariance[0, 0] ** 0.5
+    free = fitted(side, [Proposal(SHIFT, {"log_shift": 0.008})])
+    if excludes:
+        assert gain(side, found) < -(off**2) + 20 < -BIC
+    else:
+        assert free is not None
+        assert gain(side, found) > gain(side, free) - off**2 - 1
+        assert off**2 < 10
 
 
 @pytest.mark.gate

@@ -75,7 +75,7 @@ def test_nothing_has_changed(one: Answer) -> None:
     assert (found.answer, found.verdict, found.onset) == ("unchanged", "valid", None)
     assert [log.state for log in found.logs] == ["reference"] * 10 + ["unchanged"] * 5
     assert found.text == "none of 5 logs is changed: 5 unchanged"
-    assert any("of the 5 here, 0.005 are expected" in remark for remark in found.remarks)
+    assert any("of the 5 here, no more than 0.005 are expected" in remark for remark in found.remarks)
 
 
 def test_a_lasting_change_is_named_with_its_first_log(one: Answer) -> None:

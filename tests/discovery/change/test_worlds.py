@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cache
+from typing import Any
 
 import pytest
 
@@ -37,10 +38,10 @@ class Side:
 @cache
 def side(
     seed: int, *, late_s: float = 0.0, offset: tuple[float, float] = (0.0, 0.0), gain: tuple[float, float] = (1.0, 1.0),
-    loaded: bool = False,
+    loaded: bool = False, noise: float = 1.0,
 ) -> Side:  # fmt: skip
     mass = (0.3, 0.2, 0.05) if loaded else None
-    found = identified(log_of(RATE, seed, late_s=late_s, offset=offset, gain=gain, mass=mass))
+    found = identified(log_of(RATE, seed, late_s=late_s, offset=offset, gain=gain, mass=mass, noise=noise))
     return Side(found, LogFit.of(found.model, read_robot(ROBOT), FEW))
 
 
@@ -91,6 +92,40 @@ def test_what_both_logs_have_is_told_and_is_no_change() -> None:
     loaded = of(side(4, offset=OFFSET), side(6, offset=OFFSET, loaded=True))
     assert titles(loaded) == [["payload on the last link"]]
     assert "change-lacks" in codes(loaded)
+
+
+@pytest.mark.gate
+@pytest.mark.parametrize(
+    ("after", "named", "lacking"),
+    [
+        ({"seed": 4}, None, ("torque offset on joint 2",)),
+        ({"seed": 6, "loaded": True}, "payload on the last link", ("torque offset on joint 2",)),
+        ({"seed": 10, "late_s": 0.01}, None, ("torque offset on joint 2", "time shift of the torque log")),
+    ],
+)
+def test_what_a_noisy_log_does_not_exclude_is_no_change(
+    after: dict[str, Any], named: str | None, lacking: tuple[str, ...]
+) -> None:
+    """The log before has ten times the noise: by itself it tells nothing of what the log after shows, and an offset of
+    twice its standard deviation may have been there, also beside a payload that is new."""
+    found = of(side(51, noise=10.0), side(**after, offset=(0.0, 0.008)))
+    assert found.verdict == "doubtful"
+    if named is None:
+        assert (found.answer, found.causes) == ("unchanged", [])
+    else:
+        assert titles(found)[0] == [named]
+    assert not any(" new" in title or " gone" in title for cause in titles(found) for title in cause)
+    text = next(reason.text for reason in found.reasons if reason.code == "change-lacks")
+    assert text.endswith("which one log shows, and the other may have, too.")
+    assert all(title in text for title in lacking)
+
+
+@pytest.mark.gate
+def test_what_a_noisy_log_excludes_is_new() -> None:
+    """An offset of more than six standard deviations of the log before, of which that shows nothing."""
+    found = of(side(51, noise=10.0), side(4, offset=OFFSET))
+    assert titles(found) == [["torque offset on joint 2, new"]]
+    assert "change-lacks" not in codes(found)
 
 
 @pytest.mark.gate

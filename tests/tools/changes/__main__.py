@@ -4,6 +4,7 @@ python -m tests.tools.changes make FOLDER --pairs 200 --seed 1     draw pairs of
 python -m tests.tools.changes run FOLDER --out FILE --jobs 2       compare them; what FILE holds is not run again
 python -m tests.tools.changes score FOLDER --out FILE [--figures JSON]    beside the truth
 python -m tests.tools.changes histories FOLDER --out FILE --seed 1    a history of each cause, made, watched and scored
+python -m tests.tools.changes results FOLDER --machines 12 --histories 60 --seed 1    histories of drawn results, scored
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 from tests.conftest import ROOT
 from tests.figures import command_of, write_figures
 from tests.tools.changes.draw import CAUSES, PLAN, draw, write, write_history
+from tests.tools.changes.results import counted, figures
 from tests.tools.changes.run import read_lines, run, run_history
 from tests.tools.changes.score import by_cause, criteria, histories, judged, shares, truth_of
 
@@ -29,18 +31,22 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """0: done; 2: wrong usage."""
     given = list(sys.argv[1:] if arguments is None else arguments)
     parser = argparse.ArgumentParser(prog="python -m tests.tools.changes", description="Pairs of logs, compared.")
-    parser.add_argument("what", choices=("make", "run", "score", "histories"))
+    parser.add_argument("what", choices=("make", "run", "score", "histories", "results"))
     parser.add_argument("folder", type=Path, help="folder of pairs")
     parser.add_argument("--pairs", type=int, default=200, help="how many (200)")
     parser.add_argument("--seed", type=int, default=1, help="of the draws (1)")
     parser.add_argument("--out", type=Path, help="file of JSON lines, one a pair")
     parser.add_argument("--jobs", type=int, default=1, help="processes (1)")
+    parser.add_argument("--machines", type=int, default=12, help="whose results are drawn (12)")
+    parser.add_argument("--histories", type=int, default=60, help="of each machine (60)")
     parser.add_argument("--figures", type=Path, help="file of figures for docs/include.py")
     options = parser.parse_args(given)
     if options.what == "make":
         for number in range(options.pairs):
             write(draw(number, options.seed), options.folder / f"p{number:03d}")
         return 0
+    if options.what == "results":
+        return _results(options, command_of("tests.tools.changes", given))
     if options.out is None:
         parser.error("--out is missing")
     if options.what == "run":
@@ -74,6 +80,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return 0
 
 
+def _results(options: argparse.Namespace, command: str) -> int:
+    asked = (options.seed, options.machines, options.histories)
+    found = figures(counted(*asked, options.folder), options.machines, options.histories, options.seed)
+    print("\n".join(found["criteria"]))
+    if options.figures:
+        write_figures(options.figures, command, found | {"tree": _tree()})
+    return 0
+
+
 def _tree() -> str:
     """The last commit that changed the package."""
     asked = ["git", "log", "-1", "--format=%h", "--", "fmu_didim"]
@@ -98,7 +113,10 @@ def _histories(options: argparse.Namespace) -> int:
     if options.figures:
         counts = {name: f"{good} of {count}" for name, (good, count) in found.items()}
         command = command_of("tests.tools.changes", sys.argv[1:])
-        write_figures(options.figures, command, {"count": str(len(lines)), "seed": str(options.seed), **counts})
+        write_figures(
+            options.figures, command,
+            {"count": str(len(lines)), "seed": str(options.seed), "tree": _tree(), **counts},
+        )  # fmt: skip
     return 0
 
 

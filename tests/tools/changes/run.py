@@ -27,7 +27,7 @@ def run_pair(folder: Path) -> dict[str, Any]:
     begin = time.process_time()
     line: dict[str, Any] = {"pair": folder.name}
     try:
-        cases = [_case(folder, place) for place in ("before", "after")]
+        cases = [case_of(folder, place) for place in ("before", "after")]
         document = compare(*cases, folder / "result").document
         line |= {
             "answer": document.answer, "verdict": document.verdict, "p_value": document.p_value,
@@ -46,14 +46,14 @@ def run_history(folder: Path) -> dict[str, Any]:
     from fmu_didim import watch
 
     begin = time.process_time()
-    found = watch(folder / "logs", _case(folder, "before"), folder / "result", reference=REFERENCE).document
+    found = watch(folder / "logs", case_of(folder, "before"), folder / "result", reference=REFERENCE).document
     line: dict[str, Any] = {"pair": folder.name, "states": [log.state for log in found.logs[REFERENCE:]]}
     line |= {"causes": [log.causes for log in found.logs[REFERENCE:]], "verdict": found.verdict}
     line["onset"] = None if found.onset is None else [log.name for log in found.logs].index(found.onset.log)
     return line | {"cpu_s": round(time.process_time() - begin, 2)}
 
 
-def _case(folder: Path, place: str) -> Path:
+def case_of(folder: Path, place: str) -> Path:
     """The case of a log; dry friction is known to be sharp, as a description says it by its smoothing velocity."""
     case = translate(folder / place, folder / f"{place}_input")
     path = case.parent / "robot.yaml"

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from tests.tools.changes.draw import CAUSES, NOTHING, PLAN, TWO, draw, write
+from tests.tools.changes.results import Counts, Machine, count, figures, numbers
 from tests.tools.changes.run import read_lines, run
 from tests.tools.changes.score import KINDS, criteria, judged, shares, truth_of
 
@@ -88,6 +89,26 @@ def test_what_stands_for_two_alone_and_may_be_absent_beside_the_second_gives_way
 
 
 @pytest.mark.slow
+def test_what_both_machines_have_and_one_log_tells_by_itself_is_no_change_beside_what_has(tmp_path: Path) -> None:
+    """Friction of joint 1, and ripple and Stribeck friction of joint 2 in both logs, along another motion. What the log
+    after says of the latter by itself may be nothing; that it is there as before explains that log far better."""
+    write(draw(3, 21), tmp_path / "pair")
+    (found,) = run([tmp_path / "pair"], tmp_path / "lines.jsonl")
+    assert found["causes"] == [[["friction", 1, "friction of joint 1"]]], found
+    assert "change-lacks" in found["codes"]
+
+
+@pytest.mark.slow
+def test_a_part_of_a_change_that_is_more_than_noise_by_a_little_is_not_a_second_cause(tmp_path: Path) -> None:
+    """Play, and what its form leaves of it: named alone, with the doubt."""
+    write(draw(22, 21), tmp_path / "pair")
+    (found,) = run([tmp_path / "pair"], tmp_path / "lines.jsonl")
+    assert judged(found, truth_of(tmp_path / "pair")).right, found
+    assert len(found["causes"]) == 1
+    assert "change-rest" in found["codes"]
+
+
+@pytest.mark.slow
 def test_nothing_is_said_to_have_changed_that_has_not_and_no_wrong_cause_is_valid(tmp_path: Path) -> None:
     """One round of the table on the page of compare, with its seed."""
     folders = [tmp_path / "pairs" / f"p{number:03d}" for number in range(len(PLAN))]
@@ -98,3 +119,40 @@ def test_nothing_is_said_to_have_changed_that_has_not_and_no_wrong_cause_is_vali
     assert shares(rows)["alarm"][0] == 0
     assert shares(rows)["wrong"][0] == 0
     assert sum(row.in_set for row in rows if len(row.truth) == 1) >= len(CAUSES) - 1
+
+
+def test_figures_of_drawn_results_say_what_was_counted() -> None:
+    found = Counts(still=2000, false=2, doubted=0, later=50, seen=40, told=10, near=9, held=10)
+    rows = {row.split("|")[1].strip(): row.split("|")[2:] for row in figures(found, 4, 5, 1)["criteria"][2:]}
+    assert [cell.strip() for cell in rows["unchanged logs that were called changed"]][:2] == ["0.1 %", "2 of 2000"]
+    assert rows["unchanged logs that were called changed"][3].strip() == "0.1 %"
+    assert rows["onset right within one log, of those told"][1].strip() == "9 of 10"
+    assert figures(Counts(), 1, 1, 1)["histories"] == "1"
+
+
+def test_machines_whose_results_are_drawn_take_turns_in_causes_and_rates() -> None:
+    pairs = [draw(number, 5) for number in numbers(12)]
+    causes = [pair.changes[0].cause for pair in pairs]
+    assert causes[:3] == causes[3:6] == ["payload", "temperature", "friction"]
+    assert {(pair.changes[0].cause, pair.rate_hz) for pair in pairs} == {
+        (cause, rate) for cause in causes for rate in (20, 100)
+    }  # fmt: skip
+
+
+@pytest.mark.gate
+def test_results_are_drawn_as_an_identification_says_and_a_history_of_them_is_counted(tmp_path: Path) -> None:
+    machine, rng = Machine.of(draw(PLAN.index("payload"), 5), tmp_path), np.random.default_rng(2)
+    still = {name: value for name, value in machine.before.items() if not name.startswith("Fc")}
+    drawn = [machine.drawn(rng, machine.before) for _ in range(400)]
+    own = machine.answer.shared
+    for name in set(still) & set(own):
+        values = np.array([one.shared[name].value for one in drawn])
+        assert abs(values.mean() - still[name]) < 4 * own[name].std / np.sqrt(400), name
+        assert values.std() == pytest.approx(own[name].std, rel=0.2), name
+    friction = np.array([one.shared["Fc1"].value for one in drawn])
+    assert friction.std() > 1.2 * own["Fc1"].std  # it varies from day to day
+    found = Counts()
+    count(machine, rng, 2, found)
+    assert (found.still, found.later) == (60, 10)
+    assert found.false <= 1
+    assert found.near <= found.told <= 2
