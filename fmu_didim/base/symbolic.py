@@ -36,3 +36,9 @@ def reverse(
     """Adjoint derivatives with respect to the variables, for each list of seeds, one seed an expression."""
     with _ONE_AT_A_TIME:
         return list(ca.reverse(expressions, variables, seeds))
+
+
+def serialised(function: ca.Function) -> bytes:
+    """A function as CasADi saves it: the same for the same operations on the same arguments, in every process."""
+    with _ONE_AT_A_TIME:
+        return str(function.serialize()).encode()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -51,6 +52,7 @@ from fmu_didim.fit.solver.numerical_noise import Roughness, smoother_advice, smo
 from fmu_didim.model.free_parameter import DELAY
 from fmu_didim.model.loop_model import LoopModel
 from fmu_didim.model.parameters import RobotParameters
+from fmu_didim.model.workers import Beside
 
 NEAR_LIMIT = 0.01
 """[standard deviations] Distance from a limit within which a value lies at it: there the solver stops."""
@@ -164,31 +166,28 @@ def checked(estimate: Estimate, validations: Sequence[Validation], *, before: It
         before: diagnostics of the data and the plant; those that the fit has refuted are left out.
     """
     model = estimate.model
-    held = [v for v in validations if v.role == "validation"]
     if not model.loop.shows_torque:
         return _of_outputs(estimate, validations, before)
     if model.loop.torque_is_given:
         return _of_motion(estimate, validations, before)
+    aside = Beside(partial(_aside, estimate, validations, before), _workers(estimate))
+    of_motion = None if estimate.fit is None else MotionTests.of(estimate.fit)
     tests = residual_tests(estimate)
     agreements = {} if estimate.fit is None else agreement(estimate.fit)
+    still, held_out, of_any = aside.result()
     found = [
-        *with_all_samples(estimate, validations, confirmed(judged_model(estimate), before)),
+        *with_all_samples(estimate, validations, still),
         *held_parameters(model),
         *limit_diagnostics(estimate),
         *agreement_diagnostics(agreements, model.loads),
-        *held_out_diagnostics(
-            model, estimate.covariance, Residual.of(estimate.measured, estimate.simulated),
-            {v.label: Residual.of(v.measured, v.simulated) for v in held if not v.failure},
-            {v.label: v.failure for v in validations if v.failure}, estimate.colours,
-        ),
+        *held_out,
         *held_out_channels(estimate, validations),
     ]  # fmt: skip
     found += residual_diagnostics(tests)
     misfits, searched, joints = Misfits(), False, None
-    if estimate.fit is not None:
+    if estimate.fit is not None and of_motion is not None:
         told = {d.place for d in found if d.code is RESIDUAL_ABOVE_NOISE}
         found += [d for d in repetition_diagnostics(repetition_of_fit(estimate.fit)) if d.place not in told]
-        of_motion = MotionTests.of(estimate.fit)
         misfits, searched, joints = of_motion.misfits, of_motion.is_searched, of_motion.joints
         found += of_motion.diagnostics
         found += start_diagnostics(contradicted_starts(estimate.fit))
@@ -197,7 +196,7 @@ def checked(estimate: Estimate, validations: Sequence[Validation], *, before: It
     told = {d.place for d in found if d.code in MISFITS}
     errors = _relative_errors(estimate)
     found += [d for d in large_diagnostics(tests, errors, motion_hz, cutoff_hz) if d.place not in told]
-    found += [*of_any_output(estimate), *position_fit_diagnostics(estimate), *signs_diagnostics(estimate)]
+    found += [*of_any, *position_fit_diagnostics(estimate), *signs_diagnostics(estimate)]
     if estimate.fit is not None and MISFITS & {d.code for d in found}:
         if not searched:  # which no suspect follows
             found = with_suspects(estimate.fit, misfits if misfits.stated else Misfits.of(estimate.fit), found)
@@ -206,6 +205,25 @@ def checked(estimate: Estimate, validations: Sequence[Validation], *, before: It
     judged = judgement(of_one_set(found, model), settled=estimate.status is Status.CONVERGED)
     judged, power = _with_power(judged, estimate, misfits, joints)
     return Checks(judged, tests, agreements, power)
+
+
+def _aside(
+    estimate: Estimate, validations: Sequence[Validation], before: Iterable[Diagnostic]
+) -> tuple[list[Diagnostic], list[Diagnostic], list[Diagnostic]]:
+    """What the tests for the motion need not wait for: what was found before and is still so, what held-out data say of
+    the torque, and :func:`of_any_output`."""
+    held = [v for v in validations if v.role == "validation"]
+    held_out = held_out_diagnostics(
+        estimate.model, estimate.covariance, Residual.of(estimate.measured, estimate.simulated),
+        {v.label: Residual.of(v.measured, v.simulated) for v in held if not v.failure},
+        {v.label: v.failure for v in validations if v.failure}, estimate.colours,
+    )  # fmt: skip
+    return confirmed(judged_model(estimate), before), held_out, of_any_output(estimate)
+
+
+def _workers(estimate: Estimate) -> int:
+    """How many processes may judge an estimate at once."""
+    return 1 if estimate.fit is None else estimate.fit.model.allowed_workers(estimate.fit.values)
 
 
 def judged_model(estimate: Estimate) -> LoopModel:

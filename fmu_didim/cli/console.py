@@ -10,6 +10,7 @@ import time
 from typing import TYPE_CHECKING, Any, TextIO
 
 from fmu_didim.base.terminal import harmless
+from fmu_didim.base.ticking import Ticking
 
 if TYPE_CHECKING:
     from rich.console import Console, RenderableType
@@ -33,6 +34,8 @@ _STYLES = (
     (r"\[[a-z]+(-[a-z]+)*\]$", "dim"),
     (r"(?m)^\s+(where|got|valid|next|code):", "cyan"),
 )
+TICK_S = 0.2
+"""[s] After which the clock on a terminal is drawn again."""
 ROWS = 12
 """Iterations that the live table shows."""
 
@@ -86,6 +89,7 @@ class Display:
     def __init__(self, *, quiet: bool = False, console: Console | None = None) -> None:
         self._quiet, self._console = quiet, console
         self._live: Live | None = None
+        self._clock: Ticking | None = None
         self._iterations: list[tuple[float, Iteration]] = []
         self._now = ""
         self._begun = 0.0
@@ -98,10 +102,12 @@ class Display:
 
         self._console = self._console or Console(file=raw(sys.stdout))
         self._live = Live(
-            console=self._console, get_renderable=self._shown, refresh_per_second=5, redirect_stdout=False,
+            console=self._console, get_renderable=self._shown, auto_refresh=False, redirect_stdout=False,
             vertical_overflow="visible", transient=True,
         )  # fmt: skip
         self._live.start()
+        self._clock = Ticking(self._live.refresh, TICK_S)
+        self._clock.start()
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -112,6 +118,8 @@ class Display:
         if self._live is None or self._console is None:
             return
         live, self._live = self._live, None
+        if self._clock is not None:
+            self._clock.stop()
         live.stop()
         if self._iterations:
             self._console.print(self._table(self._iterations))

@@ -13,10 +13,11 @@ from fmu_didim.export import build_fmu
 def with_compiled_twin(component: ModelComponent) -> ModelComponent:
     """The model with its equations compiled to C (by the code of its FMU), which the compiled loop then runs.
 
-    The compiled code is kept by its content. Where there is no C compiler the model stays as it is.
+    The compiled code is kept by its content; it gives no derivatives, which are those of the equations. Where there is
+    no C compiler the model stays as it is.
     """
     try:
-        twin = load_fmu(build_fmu(component.block))
+        twin = load_fmu(build_fmu(component.block, directional=False))
     except BuildError:
         return component
     twin = twin.built_from(component.block)

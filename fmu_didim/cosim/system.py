@@ -8,8 +8,11 @@ from copy import copy
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
+import numpy as np
+
 from fmu_didim.base.errors import InputError, UnknownNameError
 from fmu_didim.components import Component
+from fmu_didim.data.signals import Array
 
 REFERENCE = "reference"
 OF_INPUTS = (
@@ -41,6 +44,65 @@ class Connection:
     source: str
     target: str
     gain: float = 1.0
+
+
+_WIRE = np.dtype([("input", np.int64), ("signal", np.int64), ("gain", np.float64)])
+"""As in loop.c."""
+
+
+class Wiring:
+    """Inputs of one component from the signals: only those that are connected, so that 0 * inf spoils no other.
+
+    Attributes:
+        table: (wires,) of the compiled loop: places of input and signal among all values, and the gain.
+    """
+
+    def __init__(self, entries: list[tuple[int, int, float]], first: int) -> None:
+        self.table = np.array([(first + target, source, gain) for target, source, gain in entries], dtype=_WIRE)
+        self.targets = np.array([e[0] for e in entries], dtype=np.int64)
+        self.sources = np.array([e[1] for e in entries], dtype=np.int64)
+        self.gains = np.array([e[2] for e in entries], dtype=float)
+        self.single = len({e[0] for e in entries}) == len(entries)
+
+    def gather(self, signals: Array, inputs: Array) -> None:
+        """Fill the connected inputs."""
+        values = self.gains * signals[self.sources]
+        if self.single:
+            inputs[self.targets] = values
+        else:
+            inputs[self.targets] = 0.0
+            np.add.at(inputs, self.targets, values)
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where the values of one component lie.
+
+    Attributes:
+        outputs, inputs: places among all values; starts: (nu,) start values of the inputs.
+        wiring: where its inputs come from.
+        ramps: (input, column of the reference, gain) of inputs that go straight from tick to tick.
+    """
+
+    outputs: slice
+    inputs: slice
+    starts: Array
+    wiring: Wiring
+    ramps: tuple[tuple[int, int, float], ...]
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Where the values of a system lie in the memory of a run: the signals, then the inputs of all components.
+
+    Attributes:
+        signals: names of the signals, the columns of the reference first; values: of all values.
+        places: of each component, by name.
+    """
+
+    signals: tuple[str, ...]
+    values: tuple[str, ...]
+    places: Mapping[str, Place]
 
 
 @dataclass(frozen=True)
@@ -121,6 +183,18 @@ class System:
         }
         for connection in self.connections:
             self._check(connection, names)
+        object.__setattr__(self, "_layouts", {})
+
+    def layout(self, columns: tuple[str, ...]) -> Layout:
+        """Where its values lie in a run along a reference with these columns.
+
+        Raises:
+            UnknownNameError: the reference lacks a column that is connected.
+        """
+        found: dict[tuple[str, ...], Layout] = self.__dict__["_layouts"]  # systems of other values share it
+        if columns not in found:
+            found[columns] = _layout(self, columns)
+        return found[columns]
 
     def _check(self, connection: Connection, names: Mapping[str, tuple[dict[str, None], dict[str, None]]]) -> None:
         both = f"{connection.source} -> {connection.target}"
@@ -149,7 +223,8 @@ class System:
         """The same system with another component of that name; all else untouched."""
         self._check_name(name, "System.replace")
         components, present = {**self.components, name: component}, self.components[name]
-        if (component.inputs, component.outputs) != (present.inputs, present.outputs):
+        same = component.inputs is present.inputs and component.outputs is present.outputs
+        if not same and (component.inputs, component.outputs) != (present.inputs, present.outputs):
             return replace(self, components=components)
         changed = copy(self)  # wired as the system that was checked
         changed.__dict__["components"] = components
@@ -175,6 +250,31 @@ class System:
             "components": {name: c.describe() for name, c in self.components.items()},
             "connections": [f"{c.target} <- {c.gain:g} * {c.source}" for c in self.connections],
         }
+
+
+def _layout(system: System, columns: tuple[str, ...]) -> Layout:
+    names = [f"{REFERENCE}.{column}" for column in columns]
+    outputs: dict[str, slice] = {}
+    for name in system.order:
+        first = len(names)
+        names += [f"{name}.{v.name}" for v in system.components[name].outputs]
+        outputs[name] = slice(first, len(names))
+    index = {name: i for i, name in enumerate(names)}
+    for connection in system.connections:
+        if connection.source not in index:
+            raise UnknownNameError("signal", connection.source, names, where=f"source of {connection.target}")
+    values, places = list(names), {}
+    for name in system.order:
+        variables, first = system.components[name].inputs, len(values)
+        rows = {f"{name}.{v.name}": i for i, v in enumerate(variables)}
+        wires = [c for c in system.connections if c.target in rows]
+        entries = [(rows[c.target], index[c.source], c.gain) for c in wires]
+        straight = {f"{REFERENCE}.{column}" for column in columns if column in system.ramps}
+        ramps = tuple((rows[c.target], index[c.source], c.gain) for c in wires if c.source in straight)
+        values += rows
+        starts = np.array([v.start for v in variables], dtype=float)
+        places[name] = Place(outputs[name], slice(first, len(values)), starts, Wiring(entries, first), ramps)
+    return Layout(tuple(names), tuple(values), places)
 
 
 _TERM = re.compile(

@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from copy import copy
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 
@@ -47,7 +48,9 @@ class Variable:
         """The same variable with another start value."""
         if start == self.start:
             return self
-        return replace(self, start=start)
+        changed = copy(self)
+        changed.__dict__["start"] = start
+        return changed
 
 
 @dataclass(frozen=True)

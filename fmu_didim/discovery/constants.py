@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from fmu_didim.discovery import base_model, form, judge, localise, run
+from fmu_didim.discovery import base_model, judge, localise, run
 from fmu_didim.discovery.external_torques import search
+from fmu_didim.discovery.form import curve
+from fmu_didim.discovery.form import names as form
 from fmu_didim.discovery.ladder import evidence, facts, motions
 from fmu_didim.discovery.screening import catalogue
 from fmu_didim.discovery.selection import competition, decide, gears, held_out, plausible, pre_check, rounds
@@ -40,9 +42,10 @@ DECIDING = (
     ),
     (decide, ("ROUNDS", "BIC", "SMALLEST_SIZE", "SMALLEST_GAIN", "SMALLEST_SHARE", "SMALLEST_PART", "NEAR")),
     (gears, ("STIFFNESSES", "EVERY", "FAR", "STARTS")),
-    (form, ("LEAD", "OWN", "TURNS")),
+    (curve, ("OWN", "PENALTIES", "PER_PARAMETER", "TURNS")),
+    (form, ("LEAD", "LEAD_ALONE", "LEAD_SURE")),
     (held_out, ("HELD_OUT", "WORSE_JOINT", "NEARER", "OWN_SIZE", "FEWEST_BLOCKS", "EACH_OF", "GLITCH")),
-    (plausible, ("ZERO", "UNTOLD", "LONGEST", "STILL", "MOSTLY_STILL")),
+    (plausible, ("ZERO", "UNTOLD", "LONGEST", "FEWEST_REPEATS", "STILL", "MOSTLY_STILL")),
     (pre_check, ("FITTED", "PROMISING", "WORSE")),
     (rounds, ("KEPT_GAIN", "PAIRED")),
     (search, ("STEP_COST", "WEAKEST", "SMALLEST_GAIN", "LEAST")),

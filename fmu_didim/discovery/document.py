@@ -11,7 +11,7 @@ from fmu_didim.checks.judgement import Judgement
 from fmu_didim.checks.power.moves import with_power
 from fmu_didim.data.signals import Array
 from fmu_didim.discovery.augmentation.builder import LoopModelBuilder
-from fmu_didim.discovery.form import FoundCurve
+from fmu_didim.discovery.form.curve import FoundCurve
 from fmu_didim.discovery.friction import friction_curves
 from fmu_didim.discovery.judge import answer_of, judged
 from fmu_didim.discovery.localise import force_windows

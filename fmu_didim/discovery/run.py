@@ -19,7 +19,8 @@ from fmu_didim.discovery.document import findings_document
 from fmu_didim.discovery.external_torques.findings import external_torque_finding, external_torque_windows
 from fmu_didim.discovery.external_torques.fit import FittedExternalTorques, find_external_torques
 from fmu_didim.discovery.external_torques.rivals import rivalled
-from fmu_didim.discovery.form import FoundCurve, instead_of_torques, with_curves
+from fmu_didim.discovery.form.curve import FoundCurve
+from fmu_didim.discovery.form.names import Forms, instead_of_torques, with_curves
 from fmu_didim.discovery.judge import has_external_torques
 from fmu_didim.discovery.ladder.ladders import contradictions, ladders_of, of_event, of_other_size
 from fmu_didim.discovery.localise import regions_of_fit
@@ -155,9 +156,9 @@ class _Search:
         if torques is not None and rivalled(torques, alone, builder, forbid=request.options.forbid, progress=progress):
             torques = None
         if torques is not None:
-            of_noise, joint = replace(alone, noise=torques.fit.noise), torques.external_torques[0].joint
+            of_noise = replace(alone, noise=torques.fit.noise)
             only_imitate, doubt = instead_of_torques(
-                builder, of_noise, joint, torques.delta_bic, seed=request.options.seed
+                builder, of_noise, torques.joint, torques.delta_bic, seed=request.options.seed
             )
             torques = None if only_imitate else torques
             request = request if doubt is None else replace(request, doubts=(*request.doubts, doubt))
@@ -182,10 +183,10 @@ class _Search:
         tested = discovery.steps and self.torques is None and not any(step.untested for step in discovery.steps)
         if tested and (why := unconfirmed(base, discovery.final, seed=options.seed)):
             discovery, ratio = _withdrawn(discovery, why), None
-        curves, of_curves = tuple[FoundCurve, ...](), list[str]()
+        forms = Forms(discovery)
         if self.torques is None and discovery.ending is Ending.COMPLETE:
-            named = discovery.steps
-            discovery, curves, of_curves = with_curves(discovery, builder, options, self.request.progress)
+            named, forms = discovery.steps, with_curves(discovery, builder, options, self.request.progress)
+            discovery = forms.discovery
             if discovery.steps != named:
                 ratio = held_out_ratio(base, discovery.final, seed=options.seed) if discovery.steps else None
         if discovery.steps or self.torques is not None or self.request.progress.is_time_up:
@@ -199,8 +200,9 @@ class _Search:
         is_virtual = base.model.loop.is_virtual  # there another way of sampling and a torque held longer look alike
         way = None if is_virtual else other_sampling(of_torque, unshifted, saved=saved, threshold=options.threshold)
         note = [way.text(1 / base.model.experiments[base.model.first].rate_hz)] if way is not None else []
-        notes = [*note, *notes, *of_curves]
-        return Found(self.written(discovery, ratio, free, *notes, curves=curves), discovery, builder, curves)
+        notes = [*note, *notes, *forms.notes]
+        document = self.written(discovery, ratio, free, *notes, curves=forms.curves, doubts=forms.doubts)
+        return Found(document, discovery, builder, forms.curves)
 
     def with_stated(
         self, discovery: Discovery, refitted: tuple[Refitted, ...]
@@ -246,11 +248,13 @@ class _Search:
         free: Fit | None,
         *notes: str,
         curves: Sequence[FoundCurve] = (),
+        doubts: Sequence[Diagnostic] = (),
     ) -> FindingsDocument:
         """The document of a discovery.
 
         Args:
-            free: the final model with the torques from outside as parameters; curves: of what has no name.
+            free: the final model with the torques from outside as parameters; curves: of what has no name; doubts: that
+                they raise.
         """
         request, outside, windows = self.request, list[FindingResult](), list[WindowResult]()
         if request.external is not None and self.torques is not None and free is not None:
@@ -262,9 +266,9 @@ class _Search:
         all_notes = [*request.notes, *self.prepared.notes, *looked_at, *motion_notes(self.builder), *held_out, *notes]
         ladders = ladders_of(discovery, self.builder, request)
         doubts = [
-            *self.torn(discovery.final), *untried_effects(self.builder, discovery.final),
+            *doubts, *self.torn(discovery.final), *untried_effects(self.builder, discovery.final),
             *contradictions(discovery, ladders), *of_other_size(discovery, ladders),
-            *unusual_values(discovery.final, self.builder), *(c.doubted for c in curves if c.doubted is not None),
+            *unusual_values(discovery.final, self.builder),
         ]  # fmt: skip
         document = findings_document(
             replace(request, doubts=(*request.doubts, *doubts)), discovery, self.builder, ratio=ratio,

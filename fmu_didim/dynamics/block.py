@@ -23,6 +23,7 @@ import casadi as ca
 import numpy as np
 
 from fmu_didim.base.errors import InputError, UnknownNameError
+from fmu_didim.base.symbolic import serialised
 from fmu_didim.data.signals import Array, Variable
 from fmu_didim.dynamics.linearly_implicit import LinearlyImplicit
 
@@ -176,7 +177,7 @@ class Block:
         implicit = () if self.implicit is None else (self.implicit.solution, self.implicit.following)
         for function in (self.update, self.output, self.start, self.rates, *implicit):
             if function is not None:
-                state.update(function.serialize().encode())
+                state.update(serialised(function))
         return state.hexdigest()
 
 

@@ -39,9 +39,10 @@ class LinearlyImplicit:
     m (nm,) is what a step remembers of the one before, zero at the start of a run.
 
     Attributes:
-        residual: -> (na,), linear in a with a symmetric matrix; solution: -> (na,); following: -> (nx,), (nm,).
+        residual: -> (na,), linear in a, but for friction by the load; solution: -> (na,); following: -> (nx,), (nm,).
         rate: (x, p) -> 1/s, from which the number of substeps follows as from the rate bound of a block.
         resolution: (x, p) -> 1/s, likewise, of what must be resolved however little accuracy is asked for.
+        symmetric: whether d residual / d a is symmetric.
     """
 
     residual: ca.Function
@@ -49,6 +50,7 @@ class LinearlyImplicit:
     following: ca.Function
     rate: ca.Function
     resolution: ca.Function
+    symmetric: bool = True
 
     @property
     def hidden(self) -> int:

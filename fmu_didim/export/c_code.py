@@ -99,7 +99,7 @@ def _check_texts(block: Block) -> None:
         )  # fmt: skip
 
 
-def generate_c(block: Block) -> str:
+def generate_c(block: Block, *, directional: bool = True) -> str:
     """C source of the equations of a block, without main and without a header.
 
     The functions, with dense column vectors, CasADi's calling convention, in double precision:
@@ -117,6 +117,9 @@ def generate_c(block: Block) -> str:
 
     where J d is the Jacobian with respect to all arguments times the seed, in CasADi's forward mode.
 
+    Args:
+        directional: whether the last two, two fifths of the code of a robot, are among them.
+
     Raises:
         InputError: a name or a start value cannot be exported.
 
@@ -125,12 +128,12 @@ def generate_c(block: Block) -> str:
     """
     check_exportable(block)
     generator = ca.CodeGenerator(EQUATIONS_FILE, {"with_header": False, "main": False, "mex": False})
-    for function in _exported_functions(block):
+    for function in _exported_functions(block, directional=directional):
         generator.add(function)
     return str(generator.dump())
 
 
-def generate_config(block: Block, *, guid: str) -> str:
+def generate_config(block: Block, *, guid: str, directional: bool = True) -> str:
     """The header ``block_config.h``: sizes, value references, start values and names of a block."""
     check_exportable(block)
     refs, variables = layout(block), list(exported_variables(block))
@@ -153,6 +156,7 @@ def generate_config(block: Block, *, guid: str) -> str:
         f"#define BLOCK_REFINEMENT_EXPLICIT {REFINEMENT_EXPLICIT}",
         f"#define BLOCK_REFINEMENT_IMPLICIT {REFINEMENT_IMPLICIT}",
         f"#define READY_COUNT {ready_count(block)}",
+        f"#define BLOCK_DIRECTIONAL {int(directional)}",
         f"#define BLOCK_IMPLICIT {int(implicit is not None)}",
         f"#define MEMORY_COUNT {implicit.memory if implicit is not None else 0}",
         f"#define INPUT_COUNT {len(refs.inputs)}",
@@ -177,7 +181,7 @@ def generate_config(block: Block, *, guid: str) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _exported_functions(block: Block) -> list[ca.Function]:
+def _exported_functions(block: Block, *, directional: bool) -> list[ca.Function]:
     nx, nu, p = len(block.states), len(block.inputs), len(block.parameters)
     functions = [f for f in (block.update, block.output, block.start, block.rates) if f is not None]
     # Scalar expressions give straight-line code; matrix expressions are kept where they are needed.
@@ -192,17 +196,22 @@ def _exported_functions(block: Block) -> list[ca.Function]:
     output = column(block.output(x, u, q), len(block.outputs))
     start = column(block.start(u, q), nx)
     rate = column(block.rates(x, q), block.rates.numel_out(0)) if block.rates is not None else kind(ca.DM(0.0))
-    # One forward sweep for both results, so that they share what they have in common.
-    dots = [ca.densify(dot) for dot in forward([update, output], [x, u, q], [[dx, du, dq]])[0]]
-    start_dot = ca.densify(forward([start], [u, q], [[du, dq]])[0][0])
+    derivatives = list[ca.Function]()
+    if directional:
+        # One forward sweep for both results, so that they share what they have in common.
+        dots = [ca.densify(dot) for dot in forward([update, output], [x, u, q], [[dx, du, dq]])[0]]
+        start_dot = ca.densify(forward([start], [u, q], [[du, dq]])[0][0])
+        derivatives = [
+            _function("block_directional", [x, u, q, dx, du, dq], dots),
+            _function("block_start_directional", [u, q, du, dq], [start_dot]),
+        ]
     ready, still = ready_count(block), column(block.output(x, kind.zeros(nu), q), len(block.outputs))
     return [
         _function("block_update", [x, u, q], [update]),
         _function("block_output", [x, u, q], [output]),
         _function("block_start", [u, q], [start]),
         _function("block_rate", [x, q], [rate]),
-        _function("block_directional", [x, u, q, dx, du, dq], dots),
-        _function("block_start_directional", [u, q, du, dq], [start_dot]),
+        *derivatives,
         *([_function("block_ready", [x, q], [still[:ready]])] if ready else []),
         *([block.implicit.step("block_step")] if block.implicit is not None else []),
     ]

@@ -33,6 +33,7 @@ def build_fmu(
     directory: Path | None = None,
     fmi_version: str = DEFAULT_VERSION,
     platforms: Sequence[str] | None = None,
+    directional: bool = True,
 ) -> Path:
     """An FMU of a block, for co-simulation and model exchange, with binaries and sources.
 
@@ -56,6 +57,8 @@ def build_fmu(
         platforms: the machines it is for, names in :data:`fmu_didim.export.platforms.PLATFORMS`; default:
             this one. This machine's binary is built by the compiler CC if that is set, those of the others
             always by ``ziglang``.
+        directional: whether it gives directional derivatives, two fifths of the code of a robot; one that is only run
+            compiles faster without.
 
     Returns:
         The file: the copy if ``directory`` is given, else the one in the cache.
@@ -70,12 +73,12 @@ def build_fmu(
     fmi = written_version(fmi_version)
     check_exportable(block, own_names=fmi.own_names)
     compilers = {platform: find_compiler(platform) for platform in select_platforms(platforms)}
-    content = _content_digest(block, fmi)
+    content = _content_digest(block, fmi, directional=directional)
     name = f"{file_name(block.name)}.fmu"
     folder = cached_folder(
         "exported",
         _key(content, compilers),
-        lambda new: _build(block, fmi, content, compilers, new / name),
+        lambda new: _build(block, fmi, content, compilers, new / name, directional=directional),
     )
     path = folder / name
     return path if directory is None else copied(path, directory)
@@ -90,7 +93,7 @@ def copied(path: Path, directory: Path) -> Path:
     return copy
 
 
-def _content_digest(block: Block, fmi: WrittenVersion) -> str:
+def _content_digest(block: Block, fmi: WrittenVersion, *, directional: bool) -> str:
     """SHA-256 of everything that decides what the FMU computes, the compiler aside.
 
     The source of the exporter itself is part of it, so that a changed exporter takes no file of the old one.
@@ -98,7 +101,8 @@ def _content_digest(block: Block, fmi: WrittenVersion) -> str:
     state = hashlib.sha256(f"{__version__} casadi {release_of('casadi')} FMI {fmi.name}".encode())
     state.update(block.digest().encode())
     state.update(block.description.encode())
-    state.update(generate_config(block, guid="").encode())  # holds the constants of the substep rule
+    # Holds the constants of the substep rule, and what it is built with.
+    state.update(generate_config(block, guid="", directional=directional).encode())
     state.update(_exporter_digest(fmi.main).encode())
     return state.hexdigest()
 
@@ -123,12 +127,20 @@ def _key(content: str, compilers: dict[Platform, Compiler]) -> str:
     return hashlib.sha256("\n".join(parts).encode()).hexdigest()[:32]
 
 
-def _build(block: Block, fmi: WrittenVersion, content: str, compilers: dict[Platform, Compiler], path: Path) -> None:
+def _build(
+    block: Block,
+    fmi: WrittenVersion,
+    content: str,
+    compilers: dict[Platform, Compiler],
+    path: Path,
+    *,
+    directional: bool,
+) -> None:
     guid = f"{{{uuid.UUID(content[:32])}}}"
     tool = f"fmu_didim {__version__}"
     sources = {name: wrapper_source(name) for name in (*_WRAPPER, fmi.main)}
-    sources[CONFIG_FILE] = generate_config(block, guid=guid)
-    sources[EQUATIONS_FILE] = generate_c(block)
+    sources[CONFIG_FILE] = generate_config(block, guid=guid, directional=directional)
+    sources[EQUATIONS_FILE] = generate_c(block, directional=directional)
     sources.update(fmi.sources(block))
     with tempfile.TemporaryDirectory(prefix="sources-", dir=path.parent) as name:  # gone with it, if this is killed
         source_dir = Path(name)
@@ -144,7 +156,7 @@ def _build(block: Block, fmi: WrittenVersion, content: str, compilers: dict[Plat
         with ThreadPoolExecutor(os.cpu_count()) as workers:
             libraries = dict(zip(compilers, workers.map(compiled, compilers), strict=True))
         with zipfile.ZipFile(path, "w", compression=zipfile.ZIP_DEFLATED) as archive:
-            add_member(archive, "modelDescription.xml", fmi.describe(block, guid, tool).encode())
+            add_member(archive, "modelDescription.xml", fmi.describe(block, guid, tool, directional).encode())
             for folder, platform in sorted(fmi.folders(list(compilers), host_platform()).items()):
                 library = libraries[platform]
                 add_member(archive, f"binaries/{folder}/{library.name}", library.read_bytes())

@@ -15,14 +15,16 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Sequence
-from dataclasses import dataclass, field
-from functools import lru_cache
+from dataclasses import dataclass, field, fields, is_dataclass
+from functools import cache, lru_cache
+from importlib.resources import files
 from pathlib import Path
+from typing import Any
 
 import casadi as ca
 
 from fmu_didim.base.cache import cached_folder
-from fmu_didim.base.symbolic import jacobian, reverse
+from fmu_didim.base.symbolic import jacobian, reverse, serialised
 from fmu_didim.dynamics.block import FEWEST_EXPLICIT, FEWEST_IMPLICIT, MAXIMUM_SUBSTEPS, SUBSTEP_RATE, Balance, Block
 from fmu_didim.dynamics.linearly_implicit import LinearlyImplicit
 from fmu_didim.export.build import compile_shared_library, compiler_for_here, find_compiler, wrapper_source
@@ -44,7 +46,8 @@ def variational_library(
 ) -> Path:
     """The library of a block and its derivatives; ``wrapper/variational.c`` says what it offers.
 
-    It is kept in the cache under the digest of its sources and the compiler.
+    It is kept in the cache under the digest of all that it follows from, and the compiler: to write its sources only to
+    find them there would take a robot of six joints longer than to simulate it.
 
     Args:
         block: the equations, of scalar expressions.
@@ -71,15 +74,46 @@ class _Request:
     lanes: int
     outputs: tuple[int, ...]
 
+    def digest(self) -> str:
+        """SHA-256 of all this, of the code that writes the sources, and of CasADi."""
+        return hashlib.sha256(_packed((ca.__version__, _digest_of_writer(), self))).hexdigest()
+
+
+def _packed(value: Any) -> bytes:
+    """A request or a part of it as bytes, other ones for another request; raises TypeError for what none can hold."""
+    if isinstance(value, ca.Function):
+        packed = serialised(value)
+    elif is_dataclass(value):
+        packed = _packed(tuple(getattr(value, entry.name) for entry in fields(value)))
+    elif isinstance(value, tuple):
+        packed = b"".join(map(_packed, value))
+    elif value is None or isinstance(value, bool | int | str):
+        packed = repr(value).encode()
+    else:
+        raise TypeError(f"a request for a library holds no {type(value).__name__}")
+    return b"%s %d %s" % (type(value).__name__.encode(), len(packed), packed)
+
+
+WRITERS = ("export.variational", "base.symbolic", "dynamics.block", "dynamics.linearly_implicit")
+"""The modules that write the sources of a library: what another state of them has written is not taken."""
+
+
+@cache
+def _digest_of_writer() -> str:
+    """SHA-256 of the code that writes the sources, and of what it writes as it stands."""
+    package = files("fmu_didim")
+    texts = [package.joinpath(f"{name.replace('.', '/')}.py").read_bytes() for name in WRITERS]
+    texts.append(wrapper_source(MAIN).encode())
+    return hashlib.sha256(repr(texts).encode()).hexdigest()
+
 
 @lru_cache(maxsize=64)
 def _library(request: _Request) -> Path:
-    sources = _Writer(request).sources()
     compiler = compiler_for_here() if request.lanes >= MANY_LANES else find_compiler()
-    key = hashlib.sha256(repr((sorted(sources.items()), compiler.flags, compiler.version)).encode()).hexdigest()[:32]
+    key = hashlib.sha256(repr((request.digest(), compiler.flags, compiler.version)).encode()).hexdigest()[:32]
 
     def fill(folder: Path) -> None:
-        for name, text in sources.items():
+        for name, text in _Writer(request).sources().items():
             (folder / name).write_text(text, encoding="utf-8")
         compile_shared_library(folder, folder / "variational.library", main=MAIN, compiler=compiler)
 
@@ -244,7 +278,7 @@ class _Writer:
         product, given = _Product(own_lanes=self.own_lanes), {"dx": x, "dm": m, "du": u}
         residual, count = implicit.residual(x, m, a, u, p, h), implicit.hidden
         product.add(residual, given, self.chosen)
-        product.add_solution(_inverse(jacobian(residual, a), symmetric=True), "rest")
+        product.add_solution(_inverse(jacobian(residual, a), symmetric=implicit.symmetric), "rest")
         lines = [*product.code("rest", 0, count), *product.code("hidden", count, count)]
         after, memory = (_column(part) for part in implicit.following(x, m, a, u, p, h))
         product.add(ca.vertcat(after, memory), {**given, "hidden": a}, self.chosen)

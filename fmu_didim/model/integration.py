@@ -54,12 +54,13 @@ def refined(plant: Component, chosen: int | None, factor: int, step: float) -> C
         chosen: substeps by the rule for its fastest rate; None where they are unknown or left to the plant.
         step: communication step, s.
     """
-    stated, known = plant.stated_substeps, plant.equations()
     if chosen is None:
         return plant
+    stated = plant.stated_substeps
     if stated is None:
         count = chosen
     else:
+        known = plant.equations()
         is_known = known is not None and known[0].rate_bound is not None
         count = max(stated, stable_substeps(known[0], step) if known is not None and is_known else chosen // STABLE)
     return plant if factor * count == stated else plant.with_substeps(factor * count) or plant
@@ -73,8 +74,8 @@ def searched(plant: Component, wanted: int, factor: int, step: float, joints: in
     Args:
         step: communication step, s; joints: n, of a plant with 2 n states.
     """
-    known = plant.equations()
-    if known is None or known[0].rate_bound is None or plant.stated_substeps is not None:
+    known = None if plant.stated_substeps is not None else plant.equations()
+    if known is None or known[0].rate_bound is None:
         return plant
     block = known[0]
     own = block.implicit is None and len(block.states) > 2 * joints

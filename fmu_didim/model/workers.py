@@ -8,17 +8,17 @@ import multiprocessing
 import os
 import pickle
 import sys
-import threading
 import warnings
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import wraps
 from multiprocessing.connection import Connection
-from typing import Any, ParamSpec, TypeVar
+from typing import Any, Generic, ParamSpec, TypeVar
 
 from threadpoolctl import threadpool_limits
 
 from fmu_didim.base.errors import InputError
+from fmu_didim.base.ticking import is_alone
 from fmu_didim.components import FmuComponent
 from fmu_didim.cosim import System
 
@@ -27,6 +27,8 @@ MOST_WORKERS = 4
 VARIABLE = "FMU_DIDIM_WORKERS"
 """Environment variable with the number of threads."""
 
+_is_copy = False
+"""Whether this process is a copy of another one, made here."""
 _Result = TypeVar("_Result")
 _Arguments = ParamSpec("_Arguments")
 
@@ -96,9 +98,9 @@ def apart(tasks: Sequence[Callable[[], _Result]], workers: int) -> list[_Result]
     Args:
         workers: processes at the same time, this one among them; 1 runs all in this one.
     """
-    count = min(workers, len(tasks))
+    count = 1 if _is_copy else min(workers, len(tasks))  # a copy has one core to itself
     if count < 2 or not can_copy_process():
-        return side_by_side(tasks, workers)
+        return side_by_side(tasks, count)
     copies = [_Copy(tasks[first::count]) for first in range(1, count)]
     found: list[Any] = list(tasks)
     found[::count] = [_tried(task) for task in tasks[::count]]
@@ -111,10 +113,36 @@ def apart(tasks: Sequence[Callable[[], _Result]], workers: int) -> list[_Result]
     return found
 
 
+class Beside(Generic[_Result]):
+    """A task that a copy of this process works on while this one goes on; where there can be none, it is done at once.
+
+    Args:
+        workers: processes at the same time, this one among them; 1: none beside it.
+    """
+
+    def __init__(self, task: Callable[[], _Result], workers: int) -> None:
+        self._task = task
+        self._copy = _Copy([task]) if workers > 1 and can_copy_process() else None
+        self._found: list[_Result | Exception] = [] if self._copy is not None else [_tried(task)]
+
+    @property
+    def is_done(self) -> bool:
+        """Whether the result can be had without waiting."""
+        return bool(self._found) or self._copy is None or self._copy.has_answered
+
+    def result(self) -> _Result:
+        """The result; raises the error of the task."""
+        if not self._found and self._copy is not None:
+            self._found = self._copy.answers() or [_tried(self._task)]
+        (found,) = self._found
+        if isinstance(found, Exception):
+            raise found
+        return found
+
+
 def can_copy_process() -> bool:
     """Whether a copy of this process can go on with its work: on Linux, where it has no other thread, in no copy."""
-    alone = threading.active_count() == 1 and multiprocessing.parent_process() is None
-    return sys.platform == "linux" and alone
+    return sys.platform == "linux" and is_alone() and multiprocessing.parent_process() is None
 
 
 def _tried(task: Callable[[], _Result]) -> _Result | Exception:
@@ -137,6 +165,11 @@ class _Copy:
             self._process.start()
         theirs.close()
 
+    @property
+    def has_answered(self) -> bool:
+        """Whether an answer is there, or none will come."""
+        return self._ours.poll()
+
     def answers(self) -> list[Any]:
         """The results in the order of the tasks, up to the first that could not be handed back."""
         found = []
@@ -150,6 +183,8 @@ class _Copy:
 
 def _answer(tasks: Sequence[Callable[[], Any]], to: Connection) -> None:
     """Send the results, and nothing from the first on that cannot be packed; end without a word where the user does."""
+    global _is_copy
+    _is_copy = True
     with contextlib.suppress(OSError, TypeError, AttributeError, pickle.PicklingError, KeyboardInterrupt):
         for task in tasks:
             to.send_bytes(pickle.dumps(_tried(task)))

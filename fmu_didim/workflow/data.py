@@ -2,16 +2,26 @@
 
 from __future__ import annotations
 
-from fmu_didim.base.diagnostics import DiagnosedError, Diagnostic, by_weight
+from collections.abc import Callable
+from functools import cached_property, partial
+from typing import TypeVar
+
+from fmu_didim.base.diagnostics import DiagnosedError, Diagnostic, by_weight, refuse_problems
+from fmu_didim.base.errors import SimulationError
 from fmu_didim.case import Case
-from fmu_didim.checks.data.checks import data_diagnostics
+from fmu_didim.checks.data.checks import data_diagnostics, without_outliers
 from fmu_didim.checks.outputs.data import model_data_diagnostics
 from fmu_didim.checks.outputs.words import of_a_model
 from fmu_didim.checks.plant.consistency import Consistency, check_consistency, plant_diagnostics
 from fmu_didim.checks.plant.influence import check_parameter_influence
 from fmu_didim.checks.plant.reading import reading_diagnostics
 from fmu_didim.checks.plant.start import start_diagnostics
+from fmu_didim.estimators import Progress
+from fmu_didim.fit.iteration import Iteration
 from fmu_didim.model.loop_model import LoopModel
+from fmu_didim.model.workers import Beside
+
+_Result = TypeVar("_Result")
 
 
 def case_diagnostics(case: Case, model: LoopModel | None = None, *, causes: bool = True) -> list[Diagnostic]:
@@ -50,3 +60,66 @@ def _of_influence(model: LoopModel) -> list[Diagnostic]:
     except DiagnosedError as error:
         return error.found
     return []
+
+
+class DataBeside:
+    """The checks of the data of a case, beside its estimation where a copy of this process can make them.
+
+    What comes of it is as if they had been made before: no iteration is told until the data are found to be right;
+    where they are not, the estimation ends with its next iteration, and whatever it came to is left.
+
+    Args:
+        part: of the model of the case, with the stretches of long logs that are judged; None: all samples.
+        progress: is called with each iteration.
+    """
+
+    def __init__(self, case: Case, part: LoopModel | None, progress: Progress) -> None:
+        self._model, self._progress, self._held = case.model, progress, list[Iteration]()
+        self._beside = Beside(partial(case_diagnostics, case, part), 1 if part is not None else _workers(case))
+
+    @cached_property
+    def _cleaned(self) -> tuple[LoopModel, list[Diagnostic]]:
+        return without_outliers(self._model, refuse_problems(self._beside.result()))
+
+    @property
+    def model(self) -> LoopModel:
+        """The model that is fitted: without the outliers that the case leaves out, for which the checks are waited."""
+        return self._cleaned[0] if self._beside.is_done else self._model
+
+    def found(self) -> list[Diagnostic]:
+        """What is found, the most important first; raises DiagnosedError where a problem is."""
+        return self._cleaned[1]
+
+    def ahead(self, work: Callable[[], _Result]) -> _Result:
+        """What comes of work that does not wait for the checks; a problem of the data comes before all that it
+        raises."""
+        try:
+            return work()
+        except Exception:
+            self.found()
+            raise
+
+    def progress(self, iteration: Iteration) -> None:
+        """Tell an iteration once the data are known to be right; raises DiagnosedError where they are not."""
+        self._held.append(iteration)
+        if self._beside.is_done:
+            self.tell()
+
+    def tell(self) -> None:
+        """Tell the iterations that were held back; raises DiagnosedError where the data are not right."""
+        self.found()
+        held, self._held = self._held, []
+        for iteration in held:
+            self._progress(iteration)
+
+
+def _workers(case: Case) -> int:
+    """How many processes may look at a case at once: one where the estimation needs to know what is found, or makes
+    processes of its own."""
+    model = case.model
+    if case.document.search is not None or any(e.leaves_out_outliers for e in model.experiments.values()):
+        return 1
+    try:
+        return model.allowed_workers(model.start)
+    except SimulationError:  # which the checks deal with by themselves
+        return 1

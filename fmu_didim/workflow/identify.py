@@ -5,25 +5,27 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Any, Unpack
 
 from fmu_didim.base.diagnostics import REMARK, DiagnosedError, Diagnostic, by_weight, refuse_problems
 from fmu_didim.base.errors import FmuDidimError, IdentificationError, InputError, SimulationError
 from fmu_didim.case import Case, CaseObjects, with_objects
-from fmu_didim.checks.data.checks import without_outliers
 from fmu_didim.checks.identification import acknowledging, checked
 from fmu_didim.checks.validation import validated
 from fmu_didim.estimators import Progress, no_progress
 from fmu_didim.estimators.search import check_reducible
 from fmu_didim.fit.estimate import Estimate, RefusedError
+from fmu_didim.model.loop_model import LoopModel
+from fmu_didim.model.stretches import PartOfLogs
 from fmu_didim.model.workers import one_blas_thread
 from fmu_didim.results.document import consistency_result, refused_document, result_document
 from fmu_didim.results.provenance import provenance
 from fmu_didim.results.result import save_result
 from fmu_didim.workflow.acknowledged import acknowledged
 from fmu_didim.workflow.case_files import case_files, repeating
-from fmu_didim.workflow.data import case_diagnostics, check_plant
+from fmu_didim.workflow.data import DataBeside, case_diagnostics, check_plant
 from fmu_didim.workflow.output.loop import described_estimator, described_loop
 from fmu_didim.workflow.output.result import Result, result_folder
 from fmu_didim.workflow.output.result_folder import ResultFolder, checked_case
@@ -97,29 +99,14 @@ def identify(
     part = judged_part(case, names, essential=essential)
     judged = None if part is None else part.model
     try:
-        model, of_data = without_outliers(model, refuse_problems(case_diagnostics(case, judged)))
-        consistency, of_plant = check_plant(case, judged or model)
-        of_plant = refuse_problems(of_plant)
-    except DiagnosedError as error:
-        refusal.save(error, error.found)
-        raise
-    before = by_weight([*of_data, *of_plant])
-    if consistency is not None:
-        refusal.known["consistency"] = consistency_result(consistency)
-    model.pool.failure = None  # what was tried before may have gone beyond what the components stand
-    try:
-        estimate = None if part is None else estimated_by_part(case, part, progress or no_progress)
-        if estimate is None:
-            before = before if part is None else _of_all(case, of_plant)
-            estimate = estimated(case, model, names, progress or no_progress, essential=essential)
-    except (RefusedError, SimulationError) as caught:
-        refused = _refused(caught).because_of(model.pool.failure)  # the first one of a component, if there was one
-        refusal.save(refused, before)
-        raise _with_known(refused, before) from caught
-    except IdentificationError as error:
-        refusal.save(error, before)
-        raise
-    try:
+        data = DataBeside(case, judged, progress or no_progress)
+        model = data.model
+        consistency, of_plant = data.ahead(partial(check_plant, case, judged or model))
+        of_plant = data.ahead(partial(refuse_problems, of_plant))
+        if consistency is not None:
+            refusal.known["consistency"] = consistency_result(consistency)
+        model.pool.failure = None  # what was tried before may have gone beyond what the components stand
+        estimate, before = _estimated(case, model, data, of_plant, part, names, refusal, essential=essential)
         result = _judged(case, replace(estimate, provenance=record), before, refusal.known, sentences)
     except DiagnosedError as error:
         refusal.save(error, error.found)
@@ -143,9 +130,42 @@ def _record(case: Case, out: Path | str | None, choices: Mapping[str, Any]) -> d
     return record
 
 
-def _of_all(case: Case, of_plant: Sequence[Diagnostic]) -> list[Diagnostic]:
-    """What is found of all data where those of a part have led to no estimate, and of the plant."""
-    return by_weight([*refuse_problems(case_diagnostics(case)), *of_plant])
+def _estimated(
+    case: Case,
+    model: LoopModel,
+    data: DataBeside,
+    of_plant: Sequence[Diagnostic],
+    part: PartOfLogs | None,
+    names: tuple[str, ...] | None,
+    refusal: _Refusal,
+    *,
+    essential: bool,
+) -> tuple[Estimate, list[Diagnostic]]:
+    """The estimate, and what was found before it of data and plant; of all data where those of a part have led to no
+    estimate. Raises what :func:`identify` raises."""
+    of_all: list[Diagnostic] | None = None
+
+    def before() -> list[Diagnostic]:
+        return by_weight([*(data.found() if of_all is None else of_all), *of_plant])
+
+    try:
+        estimate = None if part is None else estimated_by_part(case, part, data.progress)
+        if estimate is None:
+            of_all = None if part is None else refuse_problems(case_diagnostics(case))
+            estimate = estimated(case, model, names, data.progress, essential=essential)
+        data.tell()
+        return estimate, before()
+    except (RefusedError, SimulationError) as caught:
+        known = before()
+        refused = _refused(caught).because_of(model.pool.failure)  # the first one of a component, if there was one
+        refusal.save(refused, known)
+        raise _with_known(refused, known) from caught
+    except IdentificationError as error:
+        refusal.save(error, before())
+        raise
+    except Exception:
+        before()  # a problem of the data comes first
+        raise
 
 
 def _refused(caught: RefusedError | SimulationError) -> RefusedError:

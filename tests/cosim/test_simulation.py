@@ -544,6 +544,24 @@ def test_replacing_a_component_leaves_the_rest_alone() -> None:
     assert system.with_delay("plant", 2.5).delays == {"plant": 2.5}
 
 
+def test_values_lie_where_they_lay_unless_the_variables_are_others() -> None:
+    system, columns = wired(), ("q1", "q2", "dq1", "dq2", "ddq1", "ddq2")
+    layout = system.layout(columns)
+    assert layout.values[: len(layout.signals)] == layout.signals
+    controller = system.components["controller"]
+    assert layout.values[layout.places["controller"].inputs] == tuple(f"controller.{v.name}" for v in controller.inputs)
+    plant = ModelComponent(scara().block({"ZZ1": 5.0}))
+    assert system.replace("plant", plant).layout(columns) is layout  # only values are others
+    moved = controller.with_names(
+        tuple(dataclasses.replace(v, start=1.5) for v in controller.inputs), controller.outputs
+    )
+    other = system.replace("controller", moved).layout(columns)
+    assert (other.places["controller"].starts == 1.5).all()
+    assert (layout.places["controller"].starts == 0.0).all()
+    assert system.with_delay("plant", 1.0).layout(columns) is not layout
+    assert system.layout((*columns, "further")).signals[6] == "reference.further"
+
+
 def test_description_tells_order_delay_and_hold() -> None:
     text = wired(delay_samples=1.5).describe()
     assert text["order"] == ["controller", "plant"]

@@ -295,13 +295,14 @@ def blind_case(
     clutter: bool = False,
     held_out: bool = True,
     robots: str = "development",
+    one_joint: bool = False,
 ) -> Path:
     """Case made by the independent simulator and translated; what it hides is deleted, so that nothing can read it.
 
     Returns:
         The case file. What was hidden stands beside the folder, in ``<folder>.truth.yaml``.
     """
-    make_order(Order(tuple(effects), seed, clutter, ((folder, rate_hz),), level, robots))
+    make_order(Order(tuple(effects), seed, clutter, ((folder, rate_hz),), level, robots, one_joint))
     (folder / "truth.yaml").rename(folder.with_suffix(".truth.yaml"))
     if not held_out:
         (folder / "test_torque.csv").unlink()

@@ -21,6 +21,7 @@ from scipy.integrate import solve_ivp
 
 from fmu_didim.base.cache import COMPILER, own_folder
 from fmu_didim.base.errors import BuildError, InputError
+from fmu_didim.components import load_fmu
 from fmu_didim.data.signals import Variable
 from fmu_didim.data.units import parse_unit
 from fmu_didim.dynamics.block import MAXIMUM_SUBSTEPS, choose_substeps
@@ -424,6 +425,27 @@ def _jacobian(function: ca.Function, *arguments: Any) -> np.ndarray:
     symbols = [ca.SX.sym("s", function.numel_in(i)) for i in range(3)]
     jacobian = ca.Function("j", symbols, [ca.jacobian(function(*symbols), ca.vertcat(*symbols))])
     return np.array(jacobian(*arguments))
+
+
+@pytest.mark.parametrize("version", ["2.0", "3.0"])
+def test_an_fmu_without_directional_derivatives_computes_the_same(version: str) -> None:
+    """It says that it gives none, so that nobody asks for them."""
+    whole, lean = (load_fmu(build_fmu(pendulum(), fmi_version=version, directional=d)) for d in (True, False))
+    assert whole.interface.has_derivatives and not lean.interface.has_derivatives
+    found = []
+    for component in (whole, lean):
+        running = component.instantiate()
+        running.begin_initialisation(0.0)
+        running.set()
+        running.end_initialisation()
+        for tick in range(20):
+            running.set()
+            running.step(tick * 0.005, 0.005)
+        running.get()
+        found.append(running.outputs.copy())
+        running.close()
+    np.testing.assert_array_equal(found[0], found[1])
+    assert "directional" not in generate_c(pendulum(), directional=False)
 
 
 def test_directional_derivative_while_initializing(run_plant: Callable[..., Runner]) -> None:

@@ -187,3 +187,36 @@ def test_a_step_out_of_the_machines_is_seen_where_it_leads() -> None:
     equations = LinearProblem.of(table[:, None, :], (table @ change)[:, None])
     step = equations.step(truth, region, 0.0)[0]
     assert mass_matrix_problem(model, truth + step) == ""
+
+
+@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize("target", [-0.1, 0.001, 0.01, 0.3, 1.0], ids=lambda part: f"{part} of an inertia")
+def test_inertia_matrices_are_looked_at_where_they_decide(name: str, target: float) -> None:
+    """Solved without them first, where they hold by themselves: never a worse answer than with all of them at once,
+    and never one that they forbid; with them where they do not."""
+    model = loop(name)
+    truth, region = model.start, Region.of(model).of_start()
+    wanted = truth.copy()
+    wanted[model.names.index("ZZ2")] *= target
+    table = 1e3 * drawn(truth.size, 3) / np.abs(truth)
+    found, at_once = region.least_squares(table, table @ wanted), region._solved(table, table @ wanted)
+    machine = region.machines[0]
+    anywhere = Region(region.low, region.high, (machine.anywhere(),), region.base).least_squares(table, table @ wanted)
+    assert machine.inertia_holds(found.values, 0.999 * SMALLEST_OF_START)
+    assert found.squares <= at_once.squares * (1 + 1e-4) + 1e-4
+    if machine.inertia_holds(anywhere.values, SMALLEST_OF_START):
+        assert (found.values == anywhere.values).all()
+    else:
+        assert (found.values == at_once.values).all()
+        assert anywhere.squares < found.squares
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_the_solver_goes_far_below_a_standard_deviation(name: str) -> None:
+    """Of data that are twenty thousand deviations large, as those of a TX40 are."""
+    model = loop(name)
+    truth, region = model.start, Region.of(model)
+    table = drawn(truth.size, 3) / np.abs(truth)
+    table *= 2e4 / np.linalg.norm(table @ truth)
+    found = region.least_squares(table, table @ truth).values
+    assert np.linalg.norm(table @ (found - truth)) < 3e-6

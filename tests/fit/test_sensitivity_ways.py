@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fmu_didim.base.errors import SimulationError
+from fmu_didim.base.errors import DivergedError, SimulationError
 from fmu_didim.components.derivatives import derivative_name
 from fmu_didim.data.signals import Array
 from fmu_didim.fit.derivatives import repetition as periods
@@ -178,10 +178,13 @@ class Varied:
     """A loop with derivatives, and what it was asked for.
 
     Args:
-        compiled: whether it ran as compiled code; absent: whether nothing could be differentiated.
+        compiled: whether it ran as compiled code; absent: whether nothing could be differentiated; diverges: whether
+            the derivatives grow beyond all bounds, while the loop itself does not.
     """
 
-    def __init__(self, monkeypatch: pytest.MonkeyPatch, *, compiled: bool = True, absent: bool = False) -> None:
+    def __init__(
+        self, monkeypatch: pytest.MonkeyPatch, *, compiled: bool = True, absent: bool = False, diverges: bool = False
+    ) -> None:
         self.places: list[Any] = []
 
         def with_derivatives(system: Any, places: list[Any], observed: list[str]) -> Any:
@@ -189,6 +192,8 @@ class Varied:
             return None if absent else "varied"
 
         def record(run: Any, *, system: Any, ticks: Any, signals: Any) -> Any:
+            if diverges:
+                raise DivergedError("The closed loop diverged.", time=0.5, next_step="Lower the gains.")
             lanes = range(len(self.places))
             inputs = {
                 derivative_name(n, k): np.full(7, 10.0 * k + j)
@@ -244,7 +249,7 @@ def test_a_long_search_asks_for_derivatives(monkeypatch: pytest.MonkeyPatch, ste
     assert bool(varied.places) == is_asked
 
 
-@pytest.mark.parametrize("how", [{"compiled": False}, {"absent": True}])
+@pytest.mark.parametrize("how", [{"compiled": False}, {"absent": True}, {"diverges": True}])
 def test_loops_that_cannot_be_differentiated_are_moved(monkeypatch: pytest.MonkeyPatch, how: dict[str, bool]) -> None:
     Varied(monkeypatch, **how)
     one = model()

@@ -74,3 +74,51 @@ def test_one_worker_does_all_in_this_process() -> None:
 
     with pytest.raises(SimulationError, match="broken"):
         apart([lambda: 1, refused], 1)
+
+
+BESIDE = """
+import os, sys, time
+from fmu_didim.base.errors import SimulationError
+from fmu_didim.model.workers import Beside, apart
+
+here = os.getpid()
+
+def refused():
+    raise SimulationError("broken", where="plant", next_step="Change it.")
+
+def killed():
+    if os.getpid() != here:
+        os.kill(os.getpid(), 9)
+    return os.getpid()
+
+def in_turn():
+    return set(apart([os.getpid] * 3, 2)) == {os.getpid()}
+
+linux = sys.platform == "linux"
+task = Beside(lambda: (time.sleep(0.3), os.getpid())[1], 2)
+assert task.is_done != linux
+assert (task.result() != here) == linux and task.result() == task.result() and task.is_done
+assert Beside(os.getpid, 1).result() == here
+assert Beside(lambda: b"0" * 10_000_000, 2).result() == b"0" * 10_000_000  # more than a pipe holds
+assert Beside(lambda: (lambda: 3), 2).result()() == 3  # cannot be handed back
+assert Beside(killed, 2).result() == here
+assert Beside(in_turn, 2).result()
+for workers in (1, 2):
+    failing = Beside(refused, workers)  # told when it is asked for
+    for _ in range(2):
+        try:
+            failing.result()
+        except SimulationError as error:
+            assert (error.what, error.where) == ("broken", "plant")
+        else:
+            raise AssertionError
+ended = Beside(killed, 2)
+while not ended.is_done:  # a copy that has died has nothing more to say
+    time.sleep(0.01)
+print("as it should be")
+"""
+
+
+def test_a_copy_works_beside_this_process() -> None:
+    done = subprocess.run([sys.executable, "-W", "error", "-c", BESIDE], capture_output=True, text=True)
+    assert (done.stdout, done.returncode) == ("as it should be\n", 0), done.stderr

@@ -66,6 +66,8 @@ QUANTITIES: tuple[Quantity, ...] = get_args(Quantity)
 """Near one value of which something may act; of a neighbour the first two."""
 AT_ONCE = 500_000
 """[values] Of a table of loads: 4 MB, and what becomes of them not much more than the caches hold."""
+SHOWN_AT_ONCE = 4_000_000
+"""[values] Of a table of what the log shows, of all experiments together: 32 MB, and some tables of that size."""
 DEPENDENT = 1e-9
 """[1] Singular value, of the largest one, below which one of these functions is the other one."""
 
@@ -262,7 +264,8 @@ def _tables(
     motions: FittedMotions, j: int, rows: dict[str, Indices], tried: Sequence[Local]
 ) -> Iterator[tuple[Sequence[Local], Array]]:
     """Some of those that are tried at a time, with what the log shows (N, f, FUNCTIONS) of their loads on a joint."""
-    count = max(AT_ONCE // (FUNCTIONS * max(len(m.q) for m in motions.motions.values())), 1)
+    longest, rest = max(len(m.q) for m in motions.motions.values()), sum(own.size for own in rows.values())
+    count = max(min(AT_ONCE // longest, SHOWN_AT_ONCE // rest) // FUNCTIONS, 1)
     for first in range(0, len(tried), count):
         some, parts = tried[first : first + count], list[Array]()
         for label, own in rows.items():

@@ -16,7 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -28,6 +28,7 @@ from fmu_didim.checks.motion.colour import orthonormal, rest_of
 from fmu_didim.checks.motion.dependence import (
     DEPENDS_ON_MOTION,
     MOTION_CHANCE,
+    OWN_PART,
     independent,
     residuals_of_fit,
     tested_rows,
@@ -120,6 +121,48 @@ class Tried:
         return self.explained > 0 and abs(self.amount) > SURE * self.deviation
 
 
+@dataclass(frozen=True)
+class ByValues:
+    """What one linear step of the values of a fit leaves, beyond the limits of machines, too: what each suspect is held
+    against."""
+
+    fit: Fit
+
+    @cached_property
+    def basis(self) -> Array:
+        """(N n, r) orthonormal, of all that the values change, over the deviations of the residual."""
+        return orthonormal(independent(whitened(self.fit.jacobian, self.fit.deviation)))
+
+    @cached_property
+    def left(self) -> float:
+        """Sum of squares."""
+        return _sum_of_squares(rest_of(_flat(self.fit.residual, self.fit), self.basis))
+
+    def left_with(self, suspect: Suspect) -> float:
+        """Sum of squares after one linear step of the values and a suspect; infinite where it cannot be simulated."""
+        try:
+            slope, residual = _slope(suspect, self.fit.values, suspect.first)
+        except FmuDidimError:
+            return np.inf
+        rest = rest_of(_flat(residual, self.fit), self.basis)
+        if slope is not None:
+            column = _flat(slope, self.fit)
+            own = rest_of(column, self.basis)
+            size = _sum_of_squares(own)
+            if size > OWN_PART**2 * _sum_of_squares(column):
+                rest = rest - own * (float(own @ rest) / size)
+        return _sum_of_squares(rest)
+
+
+def _slope(suspect: Suspect, values: Array, amount: float) -> tuple[Array | None, Array]:
+    """By how much the residual falls with the amount of a suspect, as (N, n), none where it is there or not; and the
+    residual (N, n)."""
+    if suspect.step is None:
+        return None, suspect.left(values, 1.0)
+    residual = suspect.left(values, amount)
+    return (residual - suspect.left(values, amount + suspect.step)) / suspect.step, residual
+
+
 def with_suspects(fit: Fit, misfits: Misfits, found: Sequence[Diagnostic]) -> list[Diagnostic]:
     """The diagnostics of a fit that is doubted, with those suspects that explain most of what it leaves in the place of
     those from before the fit; as they are where nothing explains most of it.
@@ -128,12 +171,13 @@ def with_suspects(fit: Fit, misfits: Misfits, found: Sequence[Diagnostic]) -> li
         misfits: of the fit.
     """
     fit = fit.torque_alone
+    values = ByValues(fit)
     clocks = [d.value / 1000 for d in found if d.code in (CLOCK_LATE, CLOCK_EARLY) and d.value is not None]
-    best = likely(fit, [*of_log(fit, clocks), *of_misfits(fit, misfits)])
+    best = likely(values, [*of_log(fit, clocks), *of_misfits(fit, misfits)])
     if not best:
         return list(found)
     left = [d for d in found if d.code not in OF_CASE or not _is_of(d, fit.model.estimation_labels)]
-    told = said(best, _left_by_values(fit))
+    told = said(best, values.left)
     if told:
         return left + told
     follows = min((d for d in left if d.code is DEPENDS_ON_MOTION), key=lambda d: d.value or 0.0, default=None)
@@ -147,10 +191,10 @@ def _is_of(found: Diagnostic, labels: Sequence[str]) -> bool:
     return first in labels or first.startswith(("joint", "robot")) or not first
 
 
-def likely(fit: Fit, suspects: Sequence[Suspect]) -> list[Tried]:
+def likely(values: ByValues, suspects: Sequence[Suspect]) -> list[Tried]:
     """The suspects that explain most, the best first; none where no one explains most of what follows the motion."""
-    before = _left_by_values(fit)
-    promising = sorted(suspects, key=lambda one: -_promise(fit, one))[:TRIED]
+    fit, before = values.fit, values.left
+    promising = sorted(suspects, key=values.left_with)[:TRIED]
     promising += [one for one in suspects if one.first and one not in promising]
     found = side_by_side([partial(tried, fit, one, before) for one in promising], fit.model.threads)
     return chosen([one for one in found if one is not None], partial(_still_follows, fit))
@@ -168,13 +212,6 @@ def chosen(found: Sequence[Tried], follows: Callable[[Tried], float]) -> list[Tr
     return [one for one in best if one.explained > AS_WELL * best[0].explained]
 
 
-def _left_by_values(fit: Fit) -> float:
-    """Sum of squares that the values would leave by one linear step, beyond the limits of machines, too."""
-    return float(
-        np.sum(rest_of(_flat(fit.residual, fit), orthonormal(independent(whitened(fit.jacobian, fit.deviation)))) ** 2)
-    )
-
-
 def said(best: Sequence[Tried], before: float) -> list[Diagnostic]:
     """What is said of those that explain most; nothing where the best one is no error of the case. ``before``: sum of
     squares without them."""
@@ -190,17 +227,6 @@ def said(best: Sequence[Tried], before: float) -> list[Diagnostic]:
         text += f"; {' and '.join(as_well)} would explain it as well." if as_well else "."
         found.append(replace(diagnostic, text=text, weight=one.explained))
     return found
-
-
-def _promise(fit: Fit, suspect: Suspect) -> float:
-    """The sum of squares after one linear step, less than nothing."""
-    try:
-        columns, residual = _linear(fit, suspect, fit.values, suspect.first)
-    except FmuDidimError:
-        return -np.inf
-    basis = orthonormal(independent(whitened(columns, fit.deviation)))
-    rest = rest_of(_flat(residual, fit), basis)
-    return -float(rest @ rest)
 
 
 def tried(fit: Fit, suspect: Suspect, before: float) -> Tried | None:
@@ -233,10 +259,9 @@ def tried(fit: Fit, suspect: Suspect, before: float) -> Tried | None:
 
 def _linear(fit: Fit, suspect: Suspect, values: Array, amount: float) -> tuple[Array, Array]:
     """Columns (N, n, p + 1) of the values and of a suspect, or of the values alone, and the residual (N, n)."""
-    if suspect.step is None:
-        return fit.jacobian, suspect.left(values, 1.0)
-    residual = suspect.left(values, amount)
-    slope = (residual - suspect.left(values, amount + suspect.step)) / suspect.step
+    slope, residual = _slope(suspect, values, amount)
+    if slope is None:
+        return fit.jacobian, residual
     return np.concatenate([fit.jacobian, slope[:, :, None]], axis=2), residual
 
 
@@ -288,7 +313,11 @@ def _flat(residual: Array, fit: Fit) -> Array:
 
 
 def _squares(residual: Array, fit: Fit) -> float:
-    return float(np.sum(_flat(residual, fit) ** 2))
+    return _sum_of_squares(_flat(residual, fit))
+
+
+def _sum_of_squares(column: Array) -> float:
+    return float(column @ column)
 
 
 def _still_follows(fit: Fit, one: Tried) -> float:

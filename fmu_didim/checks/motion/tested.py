@@ -23,6 +23,7 @@ from fmu_didim.checks.motion.dependence import (
 from fmu_didim.checks.motion.misfits import Misfits
 from fmu_didim.checks.motion.searched import searched_of_fit
 from fmu_didim.fit.fit import Fit
+from fmu_didim.model.workers import Beside
 
 
 @dataclass(frozen=True)
@@ -47,9 +48,11 @@ class MotionTests:
         rows = tested_rows(fit)
         is_short = sum(own.size for own in rows.values()) <= ROWS
         joints = residuals_of_fit(fit, rows) if is_short else None
-        if found := motion_diagnostics(dependence_of_fit(fit, joints=joints)):
-            return cls(found, Misfits())
-        misfits = Misfits.of(fit)
+        first = Beside(lambda: motion_diagnostics(dependence_of_fit(fit, joints=joints)), fit.model.threads)
+        misfits = Misfits() if first.is_done else Misfits.of(fit)  # which are wanted with any answer
+        if found := first.result():
+            return cls(found, replace(misfits, motions=None))
+        misfits = misfits if misfits.stated else Misfits.of(fit)
         without = replace(misfits, motions=None)  # of a long log, large
         beside = None if joints is None else with_misfits(joints, misfits, samples_of(fit, rows))
         if found := motion_diagnostics(dependence_of_fit(fit, misfits, beside)):

@@ -10,6 +10,7 @@ import ctypes
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from itertools import repeat
 from typing import Any
 
@@ -30,7 +31,12 @@ _DOUBLES = ctypes.POINTER(ctypes.c_double)
 
 
 def references(numbers: Sequence[int]) -> ctypes.Array[ctypes.c_uint]:
-    """Value references as a C array."""
+    """Value references as a C array, which FMUs only read: the same one for the same numbers."""
+    return _references(tuple(numbers))
+
+
+@lru_cache(maxsize=256)
+def _references(numbers: tuple[int, ...]) -> ctypes.Array[ctypes.c_uint]:
     return (ctypes.c_uint * len(numbers))(*numbers)
 
 
@@ -40,8 +46,8 @@ def pointer(values: Array) -> Any:
 
 
 def address(function: Any) -> int:
-    """Address of a C function or of what a ``c_void_p`` points to."""
-    return int(ctypes.cast(function, ctypes.c_void_p).value or 0)
+    """Address of a C function."""
+    return ctypes.c_void_p.from_buffer(function).value or 0
 
 
 class Messages:

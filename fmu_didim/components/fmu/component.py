@@ -40,10 +40,10 @@ class FmuComponent(FmuSettings):
 
     def with_substeps(self, count: int) -> FmuComponent | None:
         if self.interface.kind == MODEL_EXCHANGE:
-            return replace(self, substeps=count) if self.solver == "rk4" else None
+            return self.of_other_values(substeps=count) if self.solver == "rk4" else None
         if SUBSTEPS_NAME not in self.option_types:
             return None
-        return replace(self, options={**self.options, SUBSTEPS_NAME: count})
+        return self.of_other_values(options={**self.options, SUBSTEPS_NAME: count})
 
     @property
     def stated_substeps(self) -> int | None:
@@ -140,24 +140,6 @@ class FmuComponent(FmuSettings):
     @property
     def start_candidates(self) -> tuple[str, ...]:
         return self.start_parameters if self.is_own else (*(v.name for v in self.parameters), *self.start_values)
-
-    def feedthrough(self) -> frozenset[tuple[str, str]] | None:
-        stated = self.fmu.dependencies
-        if not self.reads_between:
-            return frozenset()
-        if stated is None:
-            return None
-        own_inputs = [v.name for v in self.fmu.of_causality("input") for _ in range(v.size)]
-        own_outputs = [v.name for v in self.fmu.of_causality("output") for _ in range(v.size)]
-        pairs = []
-        for output, own in zip(self.outputs, own_outputs, strict=True):
-            known = stated.get(own)  # an output that is not listed may depend on all inputs
-            pairs += [
-                (output.name, shown.name)
-                for shown, name in zip(self.inputs, own_inputs, strict=True)
-                if known is None or name in known
-            ]
-        return frozenset(pairs)
 
     def describe(self) -> dict[str, Any]:
         rerun = known_rerun(self) or Rerun(AUTO, "not found out yet: that is done before the first run again")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import product
@@ -107,6 +107,10 @@ def _is_number(text: str) -> bool:
     except ValueError:
         return False
     return True
+
+
+def _are_plain(variables: Iterable[FmuVariable]) -> bool:
+    return all(v.type in REAL_TYPES and not v.clocks for v in variables)
 
 
 @dataclass(frozen=True)
@@ -214,6 +218,31 @@ class FmuDescription:
         return {}
 
     @cached_property
+    def has_plain_inputs(self) -> bool:
+        """Whether one C call on the loop's own memory passes all inputs."""
+        return _are_plain(self.of_causality("input"))
+
+    @cached_property
+    def has_plain_outputs(self) -> bool:
+        """Whether one C call on the loop's own memory passes all outputs."""
+        return _are_plain(self.of_causality("output"))
+
+    @cached_property
+    def input_types(self) -> tuple[str, ...]:
+        """Type of each input, one entry for each element of an array."""
+        return tuple(v.type for v in self.of_causality("input") for _ in range(v.size))
+
+    @cached_property
+    def output_types(self) -> tuple[str, ...]:
+        """Type of each output, one entry for each element of an array."""
+        return tuple(v.type for v in self.of_causality("output") for _ in range(v.size))
+
+    @cached_property
     def resources(self) -> Path:
         """The folder ``resources`` as a whole path; not all FMUs have one."""
         return (self.folder / "resources").resolve()
+
+    @cached_property
+    def resources_uri(self) -> bytes:
+        """The same as URI, as instances of FMI 2.0 are told it."""
+        return self.resources.as_uri().encode()

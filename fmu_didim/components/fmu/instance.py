@@ -14,7 +14,7 @@ from fmu_didim.components.base import DIFFERENCE_STEP, Component
 from fmu_didim.components.fmu.binding import MAXIMUM_ITERATIONS, Call, EndedError, address, references
 from fmu_didim.components.fmu.description import FLOAT_TYPES, REAL_TYPES, FmuVariable
 from fmu_didim.components.fmu.library import load_library
-from fmu_didim.components.fmu.ports import MixedCall, are_plain
+from fmu_didim.components.fmu.ports import MixedCall
 from fmu_didim.components.fmu.settings import RESET, STATE, FmuSettings, RestartableInstance
 from fmu_didim.components.fmu.units import Conversion
 from fmu_didim.components.native import ExchangeEquations, Native, NativeFmu
@@ -84,7 +84,7 @@ class FmuInstance(RestartableInstance):
         self._component = component
         self._derivatives_asked = 0
         self._input_types = component.input_types
-        self._output_types = tuple(v.type for v in component.fmu.of_causality("output") for _ in range(v.size))
+        self._output_types = component.fmu.output_types
         self.take_variables(component.inputs, component.outputs)
 
     def _connect(self) -> None:
@@ -92,13 +92,18 @@ class FmuInstance(RestartableInstance):
         component = self._component
         self._in = _Port(component.input_conversions, self.inputs)
         self._out = _Port(component.output_conversions, self.outputs)
-        self._set, self._set_arguments = self._port_call("Set", component.fmu.of_causality("input"), self._in.own)
-        self._get, self._get_arguments = self._port_call("Get", component.fmu.of_causality("output"), self._out.own)
+        fmu = component.fmu
+        self._set, self._set_arguments = self._port_call(
+            "Set", fmu.of_causality("input"), self._in.own, plain=fmu.has_plain_inputs
+        )
+        self._get, self._get_arguments = self._port_call(
+            "Get", fmu.of_causality("output"), self._out.own, plain=fmu.has_plain_outputs
+        )
 
-    def _port_call(self, verb: str, variables: Sequence[FmuVariable], values: Array) -> Call:
+    def _port_call(self, verb: str, variables: Sequence[FmuVariable], values: Array, *, plain: bool) -> Call:
         if not variables:
             return _nothing, ()
-        if are_plain(variables):
+        if plain:
             return self._binding.real_call(verb, [v.reference for v in variables], values)
         return MixedCall(self._binding, verb, variables, values, self._ticks), ()
 
@@ -172,7 +177,8 @@ class FmuInstance(RestartableInstance):
     def _check_taken(self, values: Mapping[str, float]) -> None:
         component = self._component
         at_first = component.changed - component.state_starts.keys()
-        wanted = self._own_values({name: values[name] for name in values if name in at_first})
+        given = {name: values[name] for name in values if name in at_first}
+        wanted = self._last_set[1] if given == self._last_set[0] else self._own_values(given)
         numbers = np.array([x for group in wanted.values() for x in group])
         found = self._binding.read_back(self._binding.real_type, list(wanted), numbers.size) if wanted else None
         if found is None or np.array_equal(found, numbers):
@@ -215,6 +221,7 @@ class FmuInstance(RestartableInstance):
 
     def _set_own(self, values: Mapping[str, float]) -> None:
         wanted = self._own_values(values)
+        self._last_set = dict(values), wanted
         if wanted:
             numbers = np.array([x for group in wanted.values() for x in group])
             function, arguments = self._binding.real_call("Set", list(wanted), numbers)
@@ -305,7 +312,7 @@ class FmuInstance(RestartableInstance):
     def _has_plain_ports(self) -> bool:
         """Whether one C call passes all inputs, and one all outputs."""
         fmu = self._component.fmu
-        return are_plain((*fmu.of_causality("input"), *fmu.of_causality("output")))
+        return fmu.has_plain_inputs and fmu.has_plain_outputs
 
     def _native(
         self, kind: int, steps_by: str, *, step: Any, exchange: ExchangeEquations | None = None
@@ -315,7 +322,7 @@ class FmuInstance(RestartableInstance):
         return NativeFmu(
             kind=kind,
             calls=(self._real_function("Set"), self._real_function("Get"), steps_by),
-            self_address=address(self._binding.c),
+            self_address=self._binding.c.value,
             set_address=address(self._set) if component.input_references else 0,
             get_address=address(self._get) if component.output_references else 0,
             step_address=0 if step is None else address(step),

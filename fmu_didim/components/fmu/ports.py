@@ -10,16 +10,11 @@ import numpy as np
 
 from fmu_didim.base.errors import SimulationError
 from fmu_didim.components.fmu.binding import Binding
-from fmu_didim.components.fmu.description import FLOAT_TYPES, REAL_TYPES, FmuVariable
+from fmu_didim.components.fmu.description import FLOAT_TYPES, FmuVariable
 from fmu_didim.data.signals import Array
 
 INTEGER_TOLERANCE = 1e-9
 """[1] A number farther than this from an integer is not an integer."""
-
-
-def are_plain(variables: Sequence[FmuVariable]) -> bool:
-    """Whether one C call on the loop's own memory passes all of them."""
-    return all(v.type in REAL_TYPES and not v.clocks for v in variables)
 
 
 @dataclass(frozen=True)

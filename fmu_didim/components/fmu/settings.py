@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 from abc import abstractmethod
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from copy import copy
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Self
@@ -120,7 +121,30 @@ class FmuSettings(Component):
     @property
     def input_types(self) -> tuple[str, ...]:
         """Type of each input, one entry for each element of an array."""
-        return tuple(v.type for v in self.fmu.of_causality("input") for _ in range(v.size))
+        return self.fmu.input_types
+
+    @cached_property
+    def _follows_at_once(self) -> frozenset[tuple[str, str]] | None:
+        """Pairs of an output and an input that it follows at once, by their names; None where that is not known."""
+        stated = self.fmu.dependencies
+        if not self.reads_between:
+            return frozenset()
+        if stated is None:
+            return None
+        own_inputs = [v.name for v in self.fmu.of_causality("input") for _ in range(v.size)]
+        own_outputs = [v.name for v in self.fmu.of_causality("output") for _ in range(v.size)]
+        pairs = []
+        for output, own in zip(self.outputs, own_outputs, strict=True):
+            known = stated.get(own)  # an output that is not listed may depend on all inputs
+            pairs += [
+                (output.name, shown.name)
+                for shown, name in zip(self.inputs, own_inputs, strict=True)
+                if known is None or name in known
+            ]
+        return frozenset(pairs)
+
+    def feedthrough(self) -> frozenset[tuple[str, str]] | None:
+        return self._follows_at_once
 
     def reference(self, name: str) -> int:
         """Value reference of a parameter or start value."""
@@ -142,8 +166,18 @@ class FmuSettings(Component):
         check_names("parameter", values, (*self.parameters, *self._option_variables, *starts), where=str(self.path))
         parameters = tuple(v.starting_at(float(values.get(v.name, v.start))) for v in self.parameters)
         start_values = {name: float(values.get(name, start)) for name, start in self.start_values.items()}
-        changed = replace(self, parameters=parameters, start_values=start_values, changed=self.changed | set(values))
+        changed = self.of_other_values(
+            parameters=parameters, start_values=start_values, changed=self.changed.union(values)
+        )
         return changed.with_options(options) if options else changed
+
+    def of_other_values(self, **values: Any) -> Self:
+        """The same FMU, of the same variables, with other values in these attributes: what follows from the variables
+        alone is known of it, too, however often values change."""
+        self._follows_at_once  # noqa: B018 - known from now on, of this one and of all that are made from it
+        changed = copy(self)
+        changed.__dict__.update(values)
+        return changed
 
     def with_options(self, values: Mapping[str, Option]) -> Self:
         """Other values of Integer, Enumeration, Boolean and String parameters.
@@ -154,7 +188,7 @@ class FmuSettings(Component):
         """
         check_names("option", values, self._option_variables, where=str(self.path))
         new = {name: _checked_option(name, self.option_types[name], v, self.path) for name, v in values.items()}
-        return replace(self, options={**self.options, **new})
+        return self.of_other_values(options={**self.options, **new})
 
     @cached_property
     def _option_variables(self) -> tuple[Variable, ...]:

@@ -79,7 +79,6 @@ class _Loop(ctypes.Structure):
     )  # fmt: skip
 
 
-_WIRE = np.dtype([("input", np.uintp), ("signal", np.uintp), ("gain", np.float64)])
 _RAMP = np.dtype([("input", np.int64), ("column", np.int64), ("gain", np.float64)])
 _SOURCES = ("loop.c", "exchange.h")
 
@@ -184,14 +183,14 @@ def _part(run: LoopRun, index: int, native: Native, keep: list[Any]) -> _Part:
     result = _Part(
         after_step=part.after_step, input_count=part.inputs.size, output_count=outputs.size,
         inputs=_address(part.inputs, keep), outputs=_address(outputs, keep), wire_count=wiring.targets.size,
-        wires=_address(_wires(run, part), keep), single=wiring.single, every=part.every, substeps=part.substeps,
+        wires=_address(wiring.table, keep), single=wiring.single, every=part.every, substeps=part.substeps,
         whole=part.whole, part=part.part, line_capacity=capacity, first_input=part.given.start,
         line=_address(np.zeros((capacity, max(part.inputs.size, 1))), keep) if part.delayed else None,
         first_output=part.place.start, read_before=read_before, read_between=read_between,
         read_after=read_after, instants=_address(part.instants, keep), longest=part.longest,
     )  # fmt: skip
     if part.ramps:
-        ramps = np.array(part.ramps, dtype=_RAMP)
+        ramps = np.array(list(part.ramps), dtype=_RAMP)
         result.ramps, result.ramp_count = _address(ramps, keep), ramps.size
     if isinstance(native, NativeLinear):
         linear = _linear(native, part, keep)
@@ -235,15 +234,6 @@ def _exchange(native: NativeFmu, equations: ExchangeEquations, part: Part, keep:
         for name, address in solver.addresses.items():
             setattr(result, name, address)
     return result
-
-
-def _wires(run: LoopRun, part: Part) -> Any:
-    """The wiring of a part as the loop follows it: addresses and gain."""
-    wires = np.empty(part.wiring.targets.size, dtype=_WIRE)
-    wires["input"] = part.inputs.ctypes.data + 8 * part.wiring.targets
-    wires["signal"] = run.values.ctypes.data + 8 * part.wiring.sources
-    wires["gain"] = part.wiring.gains
-    return wires
 
 
 def _reads(run: LoopRun, index: int) -> tuple[int, int, int]:

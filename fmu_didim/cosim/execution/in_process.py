@@ -30,7 +30,8 @@ def run_in_process(order: Order, pool: InstancePool | None = None, beat: Beat | 
     check_reference(order)
     observe, python = order.observe, order.compiled is False or order.observe is not None
     if not python and loop_library() is not None:
-        order = replace(order, system=compiled_components(order.system))
+        system = compiled_components(order.system)
+        order = order if system is order.system else replace(order, system=system)
     try:
         with _running(order, pool, beat) as run:
             solver = _loop_solver(run)
@@ -142,7 +143,9 @@ def check_reference(order: Order) -> None:
             got=f"instants up to {worst:.3g} s away from t0 + k * {h:g} s",
             next_step="Resample it to the control rate, or correct the rate of the loop.",
         )
-    if ticks is not None and (ticks.size == 0 or ticks[0] < 0 or ticks[-1] >= time.size or (np.diff(ticks) <= 0).any()):
+    if ticks is not None and (
+        ticks.size == 0 or ticks[0] < 0 or ticks[-1] >= time.size or (ticks[1:] <= ticks[:-1]).any()
+    ):
         raise InputError(
             "The ticks to record lie outside the reference.",
             where=reference.source or "reference",

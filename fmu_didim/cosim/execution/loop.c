@@ -32,10 +32,9 @@ typedef struct {
     int32_t live, padding;
 } Linear;
 
-/* *input = gain * *signal, or += where several wires end at one input. */
+/* values[input] = gain * values[signal], or += where several wires end at one input. */
 typedef struct {
-    double *input;
-    const double *signal;
+    int64_t input, signal;
     double gain;
 } Wire;
 
@@ -225,14 +224,14 @@ static inline int step_part(Part *p, double time, double size) {
     return 0;
 }
 
-static inline void gather(const Part *p) {
+static inline void gather(const Part *p, double *values) {
     const Wire *wire = p->wires, *end = wire + p->wire_count;
     if (p->single) {
-        for (; wire < end; wire++) *wire->input = wire->gain * *wire->signal;
+        for (; wire < end; wire++) values[wire->input] = wire->gain * values[wire->signal];
         return;
     }
-    for (; wire < end; wire++) *wire->input = 0.0;
-    for (wire = p->wires; wire < end; wire++) *wire->input += wire->gain * *wire->signal;
+    for (; wire < end; wire++) values[wire->input] = 0.0;
+    for (wire = p->wires; wire < end; wire++) values[wire->input] += wire->gain * values[wire->signal];
 }
 
 static double *line_at(Part *p, int64_t back) {
@@ -385,10 +384,10 @@ static void look_at_rows(Loop *l, int64_t end) {
 
 static int apply_all(Loop *l, int64_t row, int64_t tick) {
     for (int64_t i = 0; l->jacobi && i < l->part_count; i++)
-        if (is_own_tick(&l->parts[i], tick)) gather(&l->parts[i]);
+        if (is_own_tick(&l->parts[i], tick)) gather(&l->parts[i], l->values);
     for (int64_t i = 0; i < l->part_count; i++) {
         if (!is_own_tick(&l->parts[i], tick)) continue;
-        if (!l->jacobi) gather(&l->parts[i]);
+        if (!l->jacobi) gather(&l->parts[i], l->values);
         int result = apply_part(l, i, row, tick);
         if (result) return result;
     }
@@ -463,7 +462,7 @@ static int run_plain(Loop *l, int64_t first, int64_t last) {
         copy(values, given, columns);
         for (index = 0; index < count; index++) {
             const Plain *p = &plain[index];
-            for (const Wire *w = p->wires; w < p->wires_end; w++) *w->input = w->gain * *w->signal;
+            for (const Wire *w = p->wires; w < p->wires_end; w++) values[w->input] = w->gain * values[w->signal];
             const size_t read = all ? p->read_between : p->read_before;
             if (p->set) TRY(p->set(p->self, p->input_references, p->input_count, p->inputs), CALL_SET);
             if (read) TRY(p->get(p->self, p->output_references, read, p->outputs), CALL_GET);

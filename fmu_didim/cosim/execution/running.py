@@ -15,7 +15,7 @@ from fmu_didim.components import Component, Instance
 from fmu_didim.components.fmu.component import foreign_co_simulation
 from fmu_didim.cosim.execution.buffers import recording_buffer
 from fmu_didim.cosim.execution.instance_pool import InstancePool
-from fmu_didim.cosim.system import OF_INPUTS, REFERENCE, System, split_delay
+from fmu_didim.cosim.system import OF_INPUTS, Layout, Place, System, split_delay
 from fmu_didim.data.signals import Array, Trajectory
 
 CHECK_INTERVAL = 32
@@ -41,25 +41,6 @@ class Order:
     observe: Observer | None = None
     compiled: bool | None = None
     signals: tuple[str, ...] | None = None
-
-
-class Wiring:
-    """Inputs of one component from the signals: only those that are connected, so that 0 * inf spoils no other."""
-
-    def __init__(self, entries: list[tuple[int, int, float]]) -> None:
-        self.targets = np.array([e[0] for e in entries], dtype=np.int64)
-        self.sources = np.array([e[1] for e in entries], dtype=np.int64)
-        self.gains = np.array([e[2] for e in entries], dtype=float)
-        self.single = len({e[0] for e in entries}) == len(entries)
-
-    def gather(self, signals: Array, inputs: Array) -> None:
-        """Fill the connected inputs."""
-        values = self.gains * signals[self.sources]
-        if self.single:
-            inputs[self.targets] = values
-        else:
-            inputs[self.targets] = 0.0
-            np.add.at(inputs, self.targets, values)
 
 
 def reads_between(component: Component) -> bool | None:
@@ -97,27 +78,27 @@ class Part:
     instants: Array | None
     longest: float
 
-    def __init__(
-        self, name: str, system: System, instance: Instance, wiring: Wiring, values: Array, place: slice, given: slice
-    ) -> None:
-        self.name, self.instance, self.wiring, self.place, self.given = name, instance, wiring, place, given
-        self.inputs = values[given]
+    def __init__(self, name: str, system: System, instance: Instance, place: Place, values: Array) -> None:
+        self.name, self.instance, self.wiring = name, instance, place.wiring
+        self.place, self.given = place.outputs, place.inputs
+        self.inputs = values[self.given]
+        self._component = component = system.components[name]
         self.every = system.every.get(name, 1)
         self.substeps = system.substeps.get(name, 1)
         self.after_step = name in system.after_step
-        self.between = reads_between(system.components[name])
-        self.divides = _has_substeps(system.components[name])
+        self.between = reads_between(component)
         self.whole, self.part = split_delay(system.delays.get(name, 0.0) / self.every)
         self.step_size = system.step_size
         self.line: list[Array] = []
-        self.ramps: list[tuple[int, int, float]] = []
-        self.follows_ramps = False
+        sees_all = component.sample_time is None and not self.delayed and self.every == 1
+        self.ramps = place.ramps if sees_all else ()
+        self.follows_ramps = bool(self.ramps) and component.follows_ramps
         self.start, self.instants, self.longest = 0.0, None, np.inf
 
     def follow(self, start: float, instants: Array | None) -> None:
         """Take the time of tick 0 (s), and the instants of all ticks where these are not equally spaced."""
         self.start, self.instants = start, instants
-        if instants is not None and self.divides:
+        if instants is not None and _has_substeps(self._component):
             self.longest = (1 + LONGER) * (1 - self.part) * self.step_size * self.every
 
     @property
@@ -219,9 +200,10 @@ class LoopRun:
     """A system and the memory of one run of it.
 
     Attributes:
-        names: of the signals, the columns of the reference first.
+        layout: where the values lie.
         values: present values of the signals, then of the inputs of all parts; signals: the first of them.
         parts: in the order of evaluation.
+        names, recorded: of the signals, and of all values.
         table: (T, c) reference; rows: tick -> row of the recording, -1 where nothing is recorded.
         record: (K, values), the signals and inputs when these begin to act; applied: its signals.
         sampled: (K, signals) at the instant of the tick; the same as ``applied`` where nothing is delayed.
@@ -234,7 +216,7 @@ class LoopRun:
 
     system: System
     reference: Trajectory
-    names: list[str]
+    layout: Layout
     values: Array
     parts: list[Part]
     ticks: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
@@ -244,6 +226,7 @@ class LoopRun:
     beat: Beat | None = None
 
     def __post_init__(self) -> None:
+        self.names, self.recorded = self.layout.signals, self.layout.values
         self.signals = self.values[: len(self.names)]
 
     @property
@@ -298,16 +281,6 @@ class LoopRun:
         self.record = recording_buffer(self.ticks.size, self.values.size)
         self.applied = self.record[:, : len(self.names)]
         self.sampled = recording_buffer(self.ticks.size, len(self.names)) if self.delayed else self.applied
-
-    @cached_property
-    def recorded(self) -> list[str]:
-        """Names of all values: those of the signals, then the inputs of the parts."""
-        inputs = {
-            part.given.start + i: f"{part.name}.{variable.name}"
-            for part in self.parts
-            for i, variable in enumerate(self.system.components[part.name].inputs)
-        }
-        return [*self.names, *(inputs[i] for i in range(len(self.names), self.values.size))]
 
     def take(self, rows: Array, first: int) -> None:
         """Take what is recorded of all values (K, v), at the rows of the recording from a first one on."""
@@ -391,39 +364,16 @@ class LoopRun:
 
 def assemble(system: System, reference: Trajectory, pool: InstancePool | None, beat: Beat | None = None) -> LoopRun:
     """Instances of all components, wired; raises UnknownNameError for a column that the reference lacks."""
-    names = [f"{REFERENCE}.{name}" for name in reference.names]
-    places: dict[str, slice] = {}
-    for name in system.order:
-        first = len(names)
-        names += [f"{name}.{v.name}" for v in system.components[name].outputs]
-        places[name] = slice(first, len(names))
-    index = {name: i for i, name in enumerate(names)}
-    for connection in system.connections:
-        if connection.source not in index:
-            raise UnknownNameError("signal", connection.source, names, where=f"source of {connection.target}")
-    end, size = len(names), len(names) + sum(len(c.inputs) for c in system.components.values())
-    run = LoopRun(system, reference, names, np.zeros(size), [], beat=beat)
+    layout = system.layout(reference.names)
+    run = LoopRun(system, reference, layout, np.zeros(len(layout.values)), [], beat=beat)
     try:
         for name in system.order:
-            component = system.components[name]
+            component, place = system.components[name], layout.places[name]
             instance = pool.take(component) if pool is not None else component.instantiate()
-            rows = {f"{name}.{v.name}": i for i, v in enumerate(component.inputs)}
-            entries = [(rows[c.target], index[c.source], c.gain) for c in system.connections if c.target in rows]
-            given = slice(end, end := end + len(component.inputs))
-            # An input that nothing is connected to keeps its start value.
-            run.values[given] = [v.start for v in component.inputs]
-            part = Part(name, system, instance, Wiring(entries), run.values, places[name], given)
-            part.follows_ramps = component.follows_ramps
-            if system.ramps and component.sample_time is None and not part.delayed and part.every == 1:
-                columns = {f"{REFERENCE}.{column}": i for i, column in enumerate(reference.names)}
-                part.ramps = [
-                    (rows[c.target], columns[c.source], c.gain)
-                    for c in system.connections
-                    if c.target in rows and c.source.partition(".")[2] in system.ramps and c.source in columns
-                ]
+            run.values[place.inputs] = place.starts  # where nothing is connected, it stays
+            run.parts.append(Part(name, system, instance, place, run.values))
             instance.slopes = None
-            run.parts.append(part)
-            instance.bind(run.values[given], run.values[places[name]])
+            instance.bind(run.values[place.inputs], run.values[place.outputs])
             if beat is not None:
                 beat()
     except BaseException:

@@ -89,6 +89,11 @@ class FittedExternalTorques:
         """In the order of time."""
         return self.fit.model.experiments[self.label].external_torques
 
+    @property
+    def joint(self) -> int:
+        """On which they act, all of them: that where they explain most, counted from 1."""
+        return self.external_torques[0].joint
+
     def refitted(self, final: Fit) -> tuple[Fit, Fit]:
         """A final model with the external torques fitted again, and the same with them as its last parameters."""
         model, label = final.model, self.label

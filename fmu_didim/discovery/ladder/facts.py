@@ -81,13 +81,21 @@ def facts_of(fit: Fit) -> dict[str, RunFacts]:
         others = [other for other in fitted if other != label]
         found[label] = RunFacts(
             role=one.role, seconds=float(np.ptp(one.time)),
-            new=min((new_part(logged[label], logged[other], n) for other in others), default=1.0),
+            new=new_in(model, label),
             is_copied=any(copied(one.torque, experiments[other].torque) > COPIED for other in others),
             injected=tuple(name for name in _injected(one) if name not in extra),
             speed=_speed(logged[label], n) / np.where(at_home > 0, at_home, np.nan),
             load=loads[label], gains=_gains(model, fit.values, label, fitted[0]), unit=one.unit, day=one.day,
         )  # fmt: skip
     return found
+
+
+def new_in(model: LoopModel, label: str) -> float:
+    """The part of the motion of a run that no fitted run but itself holds."""
+    experiments = model.experiments
+    own, others = experiments[label], (experiments[one] for one in experiments.estimation_labels if one != label)
+    parts = (new_part(during_log(own), during_log(other), model.joint_count) for other in others)
+    return min(parts, default=1.0)
 
 
 def _speed(motion: Trajectory, n: int) -> Array:

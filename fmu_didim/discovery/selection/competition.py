@@ -15,6 +15,7 @@ import time as clock
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
+from itertools import chain
 
 import numpy as np
 
@@ -23,7 +24,7 @@ from fmu_didim.data.signals import Array
 from fmu_didim.discovery.augmentation.builder import LoopModelBuilder
 from fmu_didim.discovery.augmentation.places import Proposal
 from fmu_didim.discovery.progress import Progress, Say
-from fmu_didim.discovery.screening.catalogue import SignatureCatalogue
+from fmu_didim.discovery.screening.catalogue import Signature, SignatureCatalogue
 from fmu_didim.discovery.selection.candidates import (
     Comparison,
     FittedCandidate,
@@ -33,7 +34,7 @@ from fmu_didim.discovery.selection.candidates import (
 )
 from fmu_didim.discovery.selection.plausible import implausible, unusual
 from fmu_didim.dynamics.effects import Search
-from fmu_didim.fit.base_projection import BaseProjection
+from fmu_didim.fit.base_projection import BLOCK, BaseProjection
 from fmu_didim.fit.derivatives.sensitivity import sensitivity
 from fmu_didim.fit.fit import Fit
 from fmu_didim.fit.gap import bic_difference, bic_gain, explained_gap, joint_gaps
@@ -125,22 +126,34 @@ class Competition:
         residual = base.rest_of(base.weighted(fit.residual))
         blocks = [own for _, own in fit.model.experiments.blocks(fit.residual)]
         count = sum(float(np.sum(effective_fraction(own)) * own.shape[0]) for own in blocks)
-        found: dict[EffectAtJoint, list[ScreenedCandidate]] = {}
         # A class is named once on a joint: a second member would only correct the form of the first.
         named = {(builder.effect(a).class_name, a.joint) for a in fit.model.added_effects}
         asked = [s for s in catalogue if (builder.effect(s.effect_at).class_name, s.effect_at.joint) not in named]
-        for signature, (table, rest) in zip(asked, base.rests_of(s.columns for s in asked), strict=True):
-            effect_at = signature.effect_at
+        parts = [asked[first : first + BLOCK] for first in range(0, len(asked), BLOCK)]
+        screened = side_by_side([partial(self._screened, p, residual, count) for p in parts], fit.model.workers)
+        found: dict[EffectAtJoint, list[ScreenedCandidate]] = {}
+        for candidate in chain.from_iterable(screened):
+            found.setdefault(candidate.effect_at, []).append(candidate)
+        best = [self._best(shapes) for shapes in found.values()]
+        predicted = side_by_side([partial(self._predicted, s) for s in best], fit.model.workers)
+        found_best = (replace(s, predicted=value) for s, value in zip(best, predicted, strict=True))
+        return sorted(found_best, key=lambda s: -s.gain)
+
+    def _screened(self, signatures: Sequence[Signature], residual: Array, count: float) -> list[ScreenedCandidate]:
+        """Signatures that survive the projection, with what they explain of a weighted residual (N n,) of which so many
+        samples count."""
+        found = []
+        rests = self.base.rests_of(signature.columns for signature in signatures)
+        for signature, (table, rest) in zip(signatures, rests, strict=True):
             size = float(np.linalg.norm(table))
             surviving = float(np.linalg.norm(rest)) / size if size > 0 else 0.0
             if surviving < SURVIVING:
                 continue
             coefficients = _coefficients(rest, residual)
-            cost = builder.at(effect_at).cost - _idle(table)
+            cost = self.builder.at(signature.effect_at).cost - _idle(table)
             gain = float(np.sum((rest @ coefficients) ** 2)) - cost * np.log(count)
-            found.setdefault(effect_at, []).append(ScreenedCandidate(signature, coefficients, gain, surviving))
-        best = (self._best(shapes) for shapes in found.values())
-        return sorted((replace(s, predicted=self._predicted(s)) for s in best), key=lambda s: -s.gain)
+            found.append(ScreenedCandidate(signature, coefficients, gain, surviving))
+        return found
 
     def _predicted(self, candidate: ScreenedCandidate) -> float:
         """BIC difference of the fit to first order, with the base refitted."""

@@ -139,7 +139,7 @@ def decide(
     for first in ranking:
         candidate, reason = judged(first)
         if not reason:
-            least = candidate.delta_bic - nearness(candidate, options)
+            least = candidate.delta_bic - nearness(candidate.delta_bic, options)
             others = [judged(c) for c in ranking if c is not first and c.delta_bic > least]
             near = [candidate, *(c for c, objected in others if not objected and c.delta_bic > least)]
             if is_confirmed_by_size_alone(fit, candidate.fit, seed=options.seed):
@@ -194,10 +194,10 @@ def _simplest(near: Sequence[FittedCandidate], options: Options) -> FittedCandid
     return preferred[0] if preferred else min(near, key=lambda c: (bool(c.unusual), c.cost, -c.delta_bic))
 
 
-def nearness(winner: FittedCandidate, options: Options) -> float:
-    """BIC difference within which candidates are ambiguous: no form is exact, so a small part of a large gain decides
-    nothing."""
-    return max(options.threshold, NEAR * winner.delta_bic)
+def nearness(gain: float, options: Options) -> float:
+    """BIC difference within which explanations are ambiguous, of the gain in BIC of one: no form is exact, so a small
+    part of a large gain decides nothing."""
+    return max(options.threshold, NEAR * gain)
 
 
 def step_of(
@@ -209,7 +209,7 @@ def step_of(
     near = [
         (c.effect_at, best - c.delta_bic)
         for c in ranking
-        if c.effect_at != accepted.effect_at and c.delta_bic > accepted.delta_bic - nearness(ranking[0], options)
+        if c.effect_at != accepted.effect_at and c.delta_bic > accepted.delta_bic - nearness(best, options)
     ]
     named = {a for a, _ in near} | {accepted.effect_at}
     fitted = [accepted, *(c for c in ranking if c.effect_at in named and c.effect_at != accepted.effect_at)]

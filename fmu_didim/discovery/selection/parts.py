@@ -45,7 +45,7 @@ def parts_instead(
         return (), ""
     whole, last = parts[-1].candidate.fit, parts[-1]
     gain = bic_gain(competition.fit, whole, sum(p.candidate.cost for p in parts), competition.fit.noise)
-    ahead, near = gain - accepted.delta_bic, nearness(accepted, options)
+    ahead, near = gain - accepted.delta_bic, nearness(accepted.delta_bic, options)
     if ahead < -near or _objected(competition, [p.candidate.effect_at for p in parts], whole, options):
         return (), ""
     of_any_share = replace(options, smallest_share=0.0, smallest_part=0.0)  # what counts is what they explain together

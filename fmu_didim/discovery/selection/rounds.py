@@ -165,7 +165,7 @@ def _round(
     if not isinstance(accepted, FittedCandidate):
         return ranking, tried, accepted
     first = base_before(
-        competition, ranking, accepted, nearness(accepted, options),
+        competition, ranking, accepted, nearness(accepted.delta_bic, options),
         lambda candidate: isinstance(judge((candidate,)), FittedCandidate),
     )  # fmt: skip
     if first is not accepted:

@@ -18,7 +18,7 @@ from fmu_didim.data.signals import Array
 from fmu_didim.discovery.progress import Progress
 from fmu_didim.discovery.selection.candidates import Outcome
 from fmu_didim.discovery.selection.competition import SURVIVING
-from fmu_didim.discovery.selection.decide import NEAR, Options
+from fmu_didim.discovery.selection.decide import Options, nearness
 from fmu_didim.discovery.selection.held_out import held_out_objection
 from fmu_didim.discovery.selection.plausible import ZERO, chance_of_none
 from fmu_didim.discovery.signals.candidates import Candidate, candidates
@@ -267,11 +267,6 @@ class SignalSearch:
                 steps = tuple(s for s in found.steps if s is not step)
                 found = replace(found, final=other, steps=steps)
         return found
-
-
-def nearness(gain: float, options: Options) -> float:
-    """BIC difference within which candidates are as good: no form is exact."""
-    return max(options.threshold, NEAR * gain)
 
 
 def preferred(best: FittedSignal, rivals: Sequence[FittedSignal]) -> tuple[FittedSignal, list[FittedSignal]]:

@@ -250,12 +250,10 @@ class TorqueEffect(Effect):
 
     @property
     def is_steep(self) -> bool:
-        """Whether it says how steep it is, and its torque follows from motion and states: then it is integrated
-        implicitly, with the slopes of its columns."""
-        says = any(
+        """Whether it says how steep it is: then it is integrated implicitly, with the slopes of its columns."""
+        return any(
             getattr(type(self), method) is not getattr(TorqueEffect, method) for method in ("damping", "stiffness")
         )
-        return says and not self.needs & {"load"}
 
     def states(self, joint_type: JointType) -> tuple[Variable, ...]:
         """Own continuous states; ``start`` is their initial value."""

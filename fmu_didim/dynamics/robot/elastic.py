@@ -31,8 +31,8 @@ from fmu_didim.data.signals import Variable
 from fmu_didim.dynamics.effects import NOMINAL_SPEED, UNITS
 from fmu_didim.dynamics.robot.description import RobotDescription
 from fmu_didim.dynamics.robot.dynamics import add_effect, link_columns, own_parameters
-from fmu_didim.dynamics.robot.equations import NEWTON_STEPS, EquationsOfMotion
-from fmu_didim.dynamics.robot.implicit import StiffBalance
+from fmu_didim.dynamics.robot.equations import EquationsOfMotion
+from fmu_didim.dynamics.robot.implicit import NEWTON_STEPS, StiffBalance
 from fmu_didim.dynamics.robot.rate import EXPLICIT, Method, fastest_rate
 
 ROUNDING = 0.05
@@ -102,8 +102,8 @@ class ElasticEquations(EquationsOfMotion):
                 targets = [loaded_drive if on_motor else loaded_carried]
                 if "load" not in placed.effect.needs:
                     targets.append(drive if on_motor else carried)
-                if placed.effect.is_steep:
-                    targets.append(steep_drive if on_motor else steep_carried)
+                    if placed.effect.is_steep:
+                        targets.append(steep_drive if on_motor else steep_carried)
                 for target in targets:
                     target[row] = target[row] + value
             rates += placed.effect.rates(at, shapes)

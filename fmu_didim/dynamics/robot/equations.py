@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from functools import cached_property
 
 import casadi as ca
@@ -19,12 +18,9 @@ from fmu_didim.dynamics.robot.dynamics import (
     placed_effects,
     rigid_body_torque,
 )
-from fmu_didim.dynamics.robot.implicit import StiffBalance
+from fmu_didim.dynamics.robot.implicit import Loads, StiffBalance, with_loads
 from fmu_didim.dynamics.robot.rate import EXPLICIT, Method, fastest_rate
 from fmu_didim.dynamics.robot.tilt import gravity_vector
-
-NEWTON_STEPS = 3
-"""Enough for |load| and the like: once no load changes its sign, one step is exact."""
 
 
 class EquationsOfMotion:
@@ -119,12 +115,11 @@ class EquationsOfMotion:
 
     @property
     def stiff_balance(self) -> StiffBalance | None:
-        """The parts of a linearly implicit step; None where friction depends on the load: Newton's method, which
-        solves for it, would still be needed."""
-        if self.loaded:
+        """The parts of a linearly implicit step; None where what depends on the load also depends on accelerations."""
+        if ca.depends_on(self._by_load, self.ddq):
             return None
         return StiffBalance(
-            rows=self._plain - self.tau,
+            rows=self.torque - self.tau,
             unknown=self.ddq,
             v=self.dq,
             w=ca.vertcat(self.q, self.z),
@@ -133,7 +128,16 @@ class EquationsOfMotion:
             friction=self._steep,
             gears=ca.SX(self.ddq.numel(), 1),
             clock=self.clock,
+            loads=self._loads if self.loaded else None,
         )
+
+    @cached_property
+    def _loads(self) -> Loads:
+        """The loads, and the accelerations that torques depend on beside them."""
+        used = [i for i in range(self.ddq.numel()) if ca.depends_on(self._by_load, self.ddq[i])]
+        own = [self.ddq[i] for i in used]
+        symbols = ca.vertcat(*(self.load[j] for j in self.loaded), *own)
+        return Loads(symbols, ca.vertcat(*(self.rigid[j] for j in self.loaded), *own))
 
     @cached_property
     def mass(self) -> ca.SX:
@@ -154,29 +158,8 @@ class EquationsOfMotion:
         """ddq = M^-1 (tau - N) by LDL^T; Newton's steps from there where effects depend on the load."""
         factors = ca.ldl(self.mass)
         free = ca.ldl_solve(self.tau - self.at_rest(self._plain), *factors)
-        return self._with_loads(free, factors) if self.loaded else free
+        return with_loads(free, factors, self._by_load, self._loads, self.ddq) if self.loaded else free
 
     def transmitted(self, acceleration: ca.SX) -> ca.SX:
         """The load (n,) for an acceleration."""
         return jacobian(self.rigid, self.ddq) @ acceleration + self.at_rest(self.rigid)
-
-    def _with_loads(self, free: ca.SX, factors: Sequence[ca.SX]) -> ca.SX:
-        """Solve M a + N + E(y) = tau for a, given free = M^-1 (tau - N), by Newton's method in y.
-
-        y = C a + d holds only what E depends on, mostly the load of a single joint, so that M is factored once:
-        y + C M^-1 E(y) = C free + d,  a = free - M^-1 E(y).
-        """
-        used = [i for i in range(self.ddq.numel()) if ca.depends_on(self._by_load, self.ddq[i])]
-        unknown = ca.vertcat(*(self.load[j] for j in self.loaded), *(self.ddq[i] for i in used))
-        meant = ca.vertcat(*(self.rigid[j] for j in self.loaded), *(self.ddq[i] for i in used))
-        rows = [i for i in range(self.ddq.numel()) if not self._by_load[i].is_zero()]
-        extra = ca.vertcat(*(self._by_load[i] for i in rows))
-        slope = jacobian(extra, unknown)
-        yielding = ca.ldl_solve(ca.SX.eye(self.ddq.numel())[:, rows], *factors)
-        coupling = jacobian(meant, self.ddq)
-        target, mobility = coupling @ free + self.at_rest(meant), coupling @ yielding
-        y = target
-        for _ in range(NEWTON_STEPS):
-            force, gradient = ca.substitute([extra, slope], [unknown], [y])
-            y = y - ca.solve(ca.SX.eye(y.numel()) + mobility @ gradient, y + mobility @ force - target)
-        return free - yielding @ ca.substitute(extra, unknown, y)

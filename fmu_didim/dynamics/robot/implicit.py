@@ -11,18 +11,57 @@ where D are the slopes of the steep torques by v and S by w, and df_w has the di
     k_w = P (f_w - h/2 O c + h/2 F (a - b)),    P = (1 - h Theta_w O)^-1
 
 which is linear in a. Slopes below zero (Stribeck friction) are left to the explicit part, so that the matrix stays
-positive definite; the order holds for any slopes (:mod:`fmu_didim.dynamics.linearly_implicit`).
+positive definite; the order holds for any slopes (:mod:`fmu_didim.dynamics.linearly_implicit`). Friction that depends
+on the load has the slopes that it would have with the load of the accelerations b of the step before; its torque in r
+is that of a itself, for which the loads are solved by Newton's method (:func:`with_loads`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import casadi as ca
 
 from fmu_didim.base.symbolic import jacobian
 from fmu_didim.dynamics.linearly_implicit import LinearlyImplicit
+
+
+@dataclass(frozen=True)
+class Loads:
+    """What torques depend on beside the motion, mostly the load of a single joint: y = meant, linear in the
+    accelerations.
+
+    Attributes:
+        symbols: (ny,) y; meant: (ny,) what they stand for.
+    """
+
+    symbols: ca.SX
+    meant: ca.SX
+
+
+def with_loads(free: ca.SX, factors: Sequence[ca.SX], extra: ca.SX, loads: Loads, unknown: ca.SX) -> ca.SX:
+    """Solve M a + N + E(y) = tau for a (na,), given free = M^-1 (tau - N), by Newton's method in y.
+
+    y = C a + d holds only what E depends on, so that M is factored once:
+    y + C M^-1 E(y) = C free + d,  a = free - M^-1 E(y).
+
+    Args:
+        factors: of M by LDL^T; extra: (na,) E by the symbols of the loads; unknown: a in what these stand for.
+    """
+    count, symbols = free.numel(), loads.symbols
+    rows = [i for i in range(count) if not extra[i].is_zero()]
+    force = ca.vertcat(*(extra[i] for i in rows))
+    slope = jacobian(force, symbols)
+    yielding = ca.ldl_solve(ca.SX.eye(count)[:, rows], *factors)
+    coupling = jacobian(loads.meant, unknown)
+    offset = ca.substitute(loads.meant, unknown, ca.SX.zeros(count))
+    target, mobility = coupling @ free + offset, coupling @ yielding
+    y = target
+    for _ in range(NEWTON_STEPS):
+        here, gradient = ca.substitute([force, slope], [symbols], [y])
+        y = y - ca.solve(ca.SX.eye(y.numel()) + mobility @ gradient, y + mobility @ here - target)
+    return free - yielding @ ca.substitute(force, symbols, y)
 
 
 @dataclass(frozen=True)
@@ -34,6 +73,7 @@ class StiffBalance:
         states: places in w of the states of effects; the others are positions.
         friction: (na,) torques of the effects in the rows; gears: (na,) those of springs and dampers.
         clock: symbol for the time.
+        loads: that rows and friction depend on by their symbols; None where they depend on none.
     """
 
     rows: ca.SX
@@ -45,6 +85,7 @@ class StiffBalance:
     friction: ca.SX
     gears: ca.SX
     clock: ca.SX
+    loads: Loads | None = None
 
 
 @dataclass(frozen=True)
@@ -107,12 +148,13 @@ def implicit_step(
     if not ca.depends_on(steep, ca.vertcat(moving, balance.clock)):
         return None
     motion = _Motion.of(balance)
-    rows, slopes = _rows(balance, motion)
+    rows, slopes, loads = _rows(balance, motion)
     count, h = balance.v.numel(), motion.h
     following = [ca.vertcat(motion.v, motion.w) + h * slopes, motion.clock + h]
     memory = ca.vertcat(balance.unknown, *(slopes[count + place] for place in balance.states))
-    matrix, rest = jacobian(rows, balance.unknown), ca.substitute(rows, balance.unknown, ca.SX.zeros(count))
-    solution = ca.ldl_solve(-rest, *ca.ldl(matrix))
+    solution = _solution(rows, balance.unknown, loads)
+    if loads is not None:
+        rows = ca.substitute(rows, loads.symbols, loads.meant)
     after = ca.vertcat(*(following[0][target] if target >= 0 else following[1] for target in order))
     places = {target: place for place, target in enumerate(order)}
     begin = ca.vertcat(*(x[places[target]] for target in range(count + balance.w.numel())))
@@ -127,13 +169,31 @@ def implicit_step(
         following=ca.Function("following", arguments, [ca.densify(after), ca.densify(memory)]),
         rate=ca.Function("rate", [x, p], [ca.densify(rates[0])]),
         resolution=ca.Function("resolution", [x, p], [ca.densify(rates[1])]),
+        symmetric=loads is None,
     )
 
 
-def _rows(balance: StiffBalance, motion: _Motion) -> tuple[ca.SX, ca.SX]:
-    """The rows (na,) that a step solves, and the slopes (na + nw,) of v and w in it."""
+def _solution(rows: ca.SX, unknown: ca.SX, loads: Loads | None) -> ca.SX:
+    """The unknowns (na,) for which the rows are zero; with the loads by their symbols in these."""
+    count = unknown.numel()
+    factors, rest = ca.ldl(jacobian(rows, unknown)), ca.substitute(rows, unknown, ca.SX.zeros(count))
+    if loads is None:
+        return ca.ldl_solve(-rest, *factors)
+    by_load = [ca.depends_on(rest[i], loads.symbols) for i in range(count)]
+    extra = ca.vertcat(*(rest[i] if by_load[i] else ca.SX(0) for i in range(count)))
+    plain = ca.vertcat(*(ca.SX(0) if by_load[i] else rest[i] for i in range(count)))
+    return with_loads(ca.ldl_solve(-plain, *factors), factors, extra, loads, unknown)
+
+
+def _rows(balance: StiffBalance, motion: _Motion) -> tuple[ca.SX, ca.SX, Loads | None]:
+    """The rows (na,) that a step solves, the slopes (na + nw,) of v and w in it, and what the loads in the rows are."""
     v, w, a, b, h = balance.v, balance.w, balance.unknown, motion.b, motion.h
-    bristles, springs = jacobian(balance.friction, w), jacobian(balance.gears, w)
+    symbols, there = motion.midpoint(balance)
+    steep, held = balance.friction, ca.SX(0, 1)
+    if balance.loads is not None:
+        held = ca.SX.sym("held", balance.loads.symbols.numel())
+        steep = ca.substitute(steep, balance.loads.symbols, held)
+    bristles, springs = jacobian(steep, w), jacobian(balance.gears, w)
     own, moved = ca.diag(jacobian(balance.rate, w)), jacobian(balance.rate, v)
     c = motion.remembered(balance)
     weights = _weights(-h * own)
@@ -141,25 +201,31 @@ def _rows(balance: StiffBalance, motion: _Motion) -> tuple[ca.SX, ca.SX]:
     known = share * (balance.rate - h / 2 * own * c)
     by_states = h / 2 * ca.diag(weights * share) @ moved
     bent = _stabilising(bristles @ by_states) + _symmetric(springs @ by_states)
-    rows = balance.rows + _damped(balance, motion) + h * bent @ (a - b)
+    rows = balance.rows + _damped(balance, steep, motion) + h * bent @ (a - b)
     rows = rows + (bristles + springs) @ (h * weights * known - h / 2 * c)
     slopes = ca.vertcat(a, known + h / 2 * share * (moved @ (a - b)))
-    symbols, there = motion.midpoint(balance)
-    found = ca.substitute([rows, slopes], [symbols], [there])
-    return found[0], found[1]
+    meant = ca.SX(0, 1) if balance.loads is None else balance.loads.meant
+    rows, slopes, meant = ca.substitute([rows, slopes, meant], [symbols], [there])
+    if balance.loads is None:
+        return rows, slopes, None
+    rows = ca.substitute(rows, held, ca.substitute(meant, a, b))
+    return rows, slopes, replace(balance.loads, meant=meant)
 
 
-def _damped(balance: StiffBalance, motion: _Motion) -> ca.SX:
+def _damped(balance: StiffBalance, steep: ca.SX, motion: _Motion) -> ca.SX:
     """h D (Theta a - b/2), with Theta for each row; where the step does not resolve a reversal, friction is that of the
     beginning of the step with its chord, F(v) + h C a.
 
     There the tangent is zero and the joint would be thrown to the other side, again and again; with the chord it comes
     to rest.
+
+    Args:
+        steep: the friction with loads of the step before, from which the slopes are.
     """
     a, b, h, mass = balance.unknown, motion.b, motion.h, ca.diag(jacobian(balance.rows, balance.unknown))
-    tangents = jacobian(balance.friction, balance.v)
-    begun = ca.substitute(balance.friction, balance.v, motion.v)
-    carried = h * ca.fmax(_chords(begun, motion.v), 0)
+    tangents = jacobian(steep, balance.v)
+    begun, before = ca.substitute([balance.friction, steep], [balance.v], [motion.v])
+    carried = h * ca.fmax(_chords(before, motion.v), 0)
     relaxed = h * ca.fmax(ca.substitute(ca.diag(tangents), balance.v, ca.SX.zeros(mass.numel())), 0)
     unresolved = _unresolved(motion.v, motion.v - h * b, carried, relaxed, mass)
     tangents, dampers = _stabilising(tangents), _symmetric(jacobian(balance.gears, balance.v))
@@ -220,6 +286,8 @@ def _chords(friction: ca.SX, v: ca.SX) -> ca.SX:
     return result
 
 
+NEWTON_STEPS = 3
+"""Enough for |load| and the like: once no load changes its sign, one step is exact."""
 STANDSTILL = 1e-9
 """Speed in rad/s (m/s) that replaces zero, where a chord would be 0/0."""
 RELAXED = 30.0

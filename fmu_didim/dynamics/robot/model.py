@@ -311,8 +311,8 @@ class RobotModel:
         )
 
     def _implicit(self, x: ca.SX, p: ca.SX, chi: ca.SX, shapes: ca.SX) -> LinearlyImplicit | None:
-        """The linearly implicit step; None where the equations are solved by Newton's method, and where nothing is
-        steep: what damps and springs by constants, RK4 integrates better."""
+        """The linearly implicit step; None where nothing is steep (what damps and springs by constants, RK4 integrates
+        better), and where accelerations are solved for in a way that the step does not know."""
         equations = self._equations
         balance = equations.stiff_balance
         if balance is None:

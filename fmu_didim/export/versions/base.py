@@ -20,8 +20,9 @@ class WrittenVersion:
     Attributes:
         name: what ``fmiVersion`` of its descriptions says.
         main: the file in ``wrapper/`` that is compiled; it includes the others.
-        describe: (block, GUID or token compiled into the binary, name and version of the exporter) -> the text of
-            ``modelDescription.xml``, for co-simulation and model exchange. Value references are those of
+        describe: (block, GUID or token compiled into the binary, name and version of the exporter, whether it gives
+            directional derivatives) -> the text of ``modelDescription.xml``, for co-simulation and model exchange.
+            Value references are those of
             :func:`fmu_didim.export.c_code.layout`.
         folders: (platforms, this machine) -> folders in ``binaries/`` and what is in them.
         sources: further files of ``sources/``: name -> text.
@@ -30,7 +31,7 @@ class WrittenVersion:
 
     name: str
     main: str
-    describe: Callable[[Block, str, str], str]
+    describe: Callable[[Block, str, str, bool], str]
     folders: Callable[[Sequence[Platform], Platform], Mapping[str, Platform]]
     sources: Callable[[Block], Mapping[str, str]] = _no_sources
     own_names: tuple[str, ...] = ()

@@ -20,7 +20,7 @@ from fmu_didim.export.xml_file import add_defaults, document, stated
 _MAIN = "fmi2.c"
 
 
-def _model_description(block: Block, guid: str, tool: str) -> str:
+def _model_description(block: Block, guid: str, tool: str, directional: bool) -> str:
     """The variables stand in the order of their value references."""
     about = stated(modelName=block.name, guid=guid, description=block.description, generationTool=tool)
     fixed = {"variableNamingConvention": "flat", "numberOfEventIndicators": "0"}
@@ -30,7 +30,7 @@ def _model_description(block: Block, guid: str, tool: str) -> str:
         "canNotUseMemoryManagementFunctions": "true",
         "canGetAndSetFMUstate": "true",
         "canSerializeFMUstate": "true",
-        "providesDirectionalDerivative": "true",
+        "providesDirectionalDerivative": str(directional).lower(),
         "canBeInstantiatedOnlyOncePerProcess": "false",
     }
     exchange = ET.SubElement(root, "ModelExchange", {**common, "completedIntegratorStepNotNeeded": "true"})

@@ -20,7 +20,7 @@ from fmu_didim.export.xml_file import add_defaults, document, stated
 _MAIN, _TIME = "fmi3.c", "time"
 
 
-def _model_description(block: Block, token: str, tool: str) -> str:
+def _model_description(block: Block, token: str, tool: str, directional: bool) -> str:
     """The variables stand in the order of their value references; the independent one, ``time``, is the last."""
     about = stated(modelName=block.name, instantiationToken=token, description=block.description, generationTool=tool)
     root = ET.Element("fmiModelDescription", {"fmiVersion": "3.0"} | about, variableNamingConvention="flat")
@@ -29,7 +29,7 @@ def _model_description(block: Block, token: str, tool: str) -> str:
         "canBeInstantiatedOnlyOncePerProcess": "false",
         "canGetAndSetFMUState": "true",
         "canSerializeFMUState": "true",
-        "providesDirectionalDerivatives": "true",
+        "providesDirectionalDerivatives": str(directional).lower(),
         "providesAdjointDerivatives": "false",
     }
     ET.SubElement(root, "ModelExchange", common | {"needsCompletedIntegratorStep": "false"})

@@ -41,8 +41,10 @@ static Core *core_create(void) {
     grow(size, block_output_work);
     grow(size, block_start_work);
     grow(size, block_rate_work);
+#if BLOCK_DIRECTIONAL
     grow(size, block_directional_work);
     grow(size, block_start_directional_work);
+#endif
 #if READY_COUNT
     grow(size, block_ready_work);
 #endif
@@ -482,6 +484,7 @@ static int core_set_states(Core *core, const double states[]) {
 
 /* ---- directional derivatives --------------------------------------------------------------- */
 
+#if BLOCK_DIRECTIONAL
 /* Knowns are inputs, parameters and states; before the end of the initialization the states are
  * not known but follow from inputs and parameters. Unknowns are outputs and derivatives (for a
  * sampled block: outputs and next states), before the end of the initialization the states too. */
@@ -534,6 +537,15 @@ static int core_directional(Core *core, const unsigned int unknowns[], size_t un
     for (size_t i = 0; i < unknown_count; ++i) unknown_sensitivities[i] = sensitivity[unknowns[i]];
     return CORE_OK;
 }
+#else
+static int core_directional(Core *core, const unsigned int unknowns[], size_t unknown_count,
+                            const unsigned int knowns[], size_t known_count, const double known_seeds[],
+                            double unknown_sensitivities[]) {
+    (void)unknowns, (void)unknown_count, (void)knowns, (void)known_count, (void)known_seeds;
+    (void)unknown_sensitivities;
+    return core_fail(core, "this FMU was built without directional derivatives");
+}
+#endif
 
 /* ---- saved states -------------------------------------------------------------------------- */
 

@@ -22,6 +22,7 @@ from scipy import fft, sparse
 
 from fmu_didim.base.errors import SimulationError
 from fmu_didim.base.tall import in_blocks, with_rows
+from fmu_didim.components import SameObject
 from fmu_didim.cosim import SampleOperator
 from fmu_didim.data.signals import Array
 from fmu_didim.model.external_torque import ExternalTorque
@@ -47,25 +48,30 @@ SIZE = 0.02
 DWELL_S = (0.01, 0.2)
 """[s] Range of the times between its changes."""
 
+NO_COURSE = SameObject(None)
+
 
 @dataclass(frozen=True)
 class LoadInTime(ExternalTorque):
     """A torque that changes with time.
 
     Attributes:
-        course: (K,) its mean over each control period.
+        course: (K,) its mean over each control period; the very same one, as a key: to compare a hundred thousand
+            values each time would take as long as a simulation with them.
     """
 
-    course: tuple[float, ...] = ()
+    course: SameObject = NO_COURSE
 
     @classmethod
     def of(cls, joint: int, time: Array, course: Array) -> LoadInTime:
         """On a joint, from 1, its mean (K,) over the control periods that begin at these instants (K,)."""
-        return cls(joint, float(time[0]), float(time[-1]), 1.0, course=tuple(course.tolist()))
+        kept = course.copy()
+        kept.flags.writeable = False
+        return cls(joint, float(time[0]), float(time[-1]), 1.0, course=SameObject(kept))
 
     def along(self, time: Array) -> Array:
         """(K,) it, over all control periods."""
-        return np.array(self.course)
+        return np.asarray(self.course.value)
 
 
 @dataclass(frozen=True)

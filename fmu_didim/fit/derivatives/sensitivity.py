@@ -20,7 +20,7 @@ from functools import partial
 
 import numpy as np
 
-from fmu_didim.base.errors import SimulationError
+from fmu_didim.base.errors import DivergedError, SimulationError
 from fmu_didim.components.derivatives import derivative_name
 from fmu_didim.cosim import System
 from fmu_didim.cosim.derivatives import with_derivatives
@@ -197,8 +197,8 @@ def _groups(places: list[tuple[str, str]], workers: int) -> list[list[tuple[str,
 
 
 def _followed_all(run: Simulation, systems: Sequence[tuple[System, int]]) -> Array | None:
-    """(M, m, p) derivatives of the outputs from systems with their counts, side by side; None where Python would
-    run the loop."""
+    """(M, m, p) derivatives of the outputs from systems with their counts, side by side; None where one of them gives
+    none."""
     tables = side_by_side([partial(_followed, run, *system) for system in systems], run.model.threads)
     found = [table for table in tables if table is not None]
     if len(found) < len(systems):
@@ -207,10 +207,15 @@ def _followed_all(run: Simulation, systems: Sequence[tuple[System, int]]) -> Arr
 
 
 def _followed(run: Simulation, varied: System, count: int) -> Array | None:
-    """(M, m, count) derivatives of the outputs at the samples; None where Python would run the loop."""
+    """(M, m, count) derivatives of the outputs at the samples; None where Python would run the loop, and where they
+    grow beyond all bounds though the loop does not: of a motion that is chaotic, as one with play and a stiff gear may
+    be, differences over steps that show in it say more."""
     names = [*run.model.loop.logged, *(run.signal_of(channel) for channel in run.experiment.channels)]
     lanes = [derivative_name(name, lane) for name in names for lane in range(count)]
-    recording = run.record(system=varied, ticks=run.output_ticks, signals=lanes)
+    try:
+        recording = run.record(system=varied, ticks=run.output_ticks, signals=lanes)
+    except DivergedError:
+        return None
     if not recording.compiled:
         return None
 

@@ -128,9 +128,9 @@ class Termination:
         """Whether a step that was made shows that the next one is negligible."""
         floor = np.maximum(np.maximum(np.abs(found.values), step.scale), TORQUE_FLOOR * step.size)
         # A step that was damped or shortened is small for that: what it should have been counts.
-        whole = not found.note or step.is_far_below_sigma
-        small = bool((np.abs(found.values - at.values) <= tolerance * floor).all()) and (at.fresh or not stale)
-        if whole and (small or (at.fresh and self._next_is_nothing(size, at.last))):
+        whole, serves = not found.note or step.is_far_below_sigma, at.fresh or not stale
+        small = bool((np.abs(found.values - at.values) <= tolerance * floor).all())
+        if whole and serves and (small or self._next_is_nothing(size, at.last)):
             return True
         return at.fresh and step.promised <= self._promise_of_jitter(step)
 

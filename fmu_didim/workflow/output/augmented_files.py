@@ -19,7 +19,7 @@ from fmu_didim.components import load_fmu
 from fmu_didim.data.signals import Array, trajectory, write_csv
 from fmu_didim.discovery.augmentation.builder import LoopModelBuilder
 from fmu_didim.discovery.augmentation.places import InWiring
-from fmu_didim.discovery.form import FoundCurve
+from fmu_didim.discovery.form.curve import FoundCurve
 from fmu_didim.discovery.run import Found
 from fmu_didim.discovery.signals.run import FoundOnSignals
 from fmu_didim.dynamics.robot import RobotDescription, RobotModel, write_robot

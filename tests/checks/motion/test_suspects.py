@@ -4,16 +4,20 @@ data."""
 from __future__ import annotations
 
 from functools import cache
+from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pytest
 
 from fmu_didim.base.diagnostics import DOUBT, REMARK, Code, Diagnostic
+from fmu_didim.base.errors import SimulationError
 from fmu_didim.checks.data.checks import data_diagnostics
 from fmu_didim.checks.identification import checked
-from fmu_didim.checks.motion.suspects import Suspect, Tried, chosen, said
+from fmu_didim.checks.motion.suspects import ByValues, Suspect, Tried, chosen, said
 from fmu_didim.checks.validation import validate_on
 from fmu_didim.estimators import Didim
+from fmu_didim.fit.fit import Fit
 from tests.tools.verdict.catalogue import CATALOGUE
 
 NOTHING = np.zeros((0, 1))
@@ -135,3 +139,39 @@ def test_an_effect_is_named_where_it_explains_most(name: str, robot: str, words:
     assert first.code.name == "residual-depends-on-motion"
     assert words in first.text
     assert not [d for d in found if d.weight]
+
+
+def suspect_of(slope: np.ndarray | None, residual: np.ndarray) -> Suspect:
+    """One that changes a residual (N, n) along a slope, or gives it as it is."""
+    if slope is None:
+        return Suspect("way", lambda values, amount: residual, lambda amount, deviation: None, None)
+    return Suspect("slope", lambda values, amount: residual - amount * slope, lambda amount, deviation: None, 0.5)
+
+
+@pytest.mark.parametrize("kind", ["of its own", "made by the values", "nothing", "a way"])
+def test_what_a_suspect_would_leave_is_that_of_least_squares(kind: str) -> None:
+    rng = np.random.default_rng(3)
+    jacobian, residual = rng.normal(size=(40, 2, 5)), rng.normal(size=(40, 2))
+    jacobian[:, :, 4] = jacobian[:, :, 0] - 2 * jacobian[:, :, 1]
+    deviation = np.array([1.0, 0.05])
+    slope = {
+        "of its own": rng.normal(size=(40, 2)), "made by the values": jacobian @ np.arange(5.0),
+        "nothing": np.zeros((40, 2)), "a way": None,
+    }[kind]  # fmt: skip
+    fit = SimpleNamespace(jacobian=jacobian, residual=residual, deviation=deviation, values=np.zeros(5))
+    columns = jacobian if slope is None else np.concatenate([jacobian, slope[:, :, None]], axis=2)
+    table = (columns / deviation[None, :, None]).reshape(80, -1)
+    target = (residual / deviation).reshape(-1)
+    rest = target - table @ np.linalg.lstsq(table, target, rcond=1e-9)[0]
+    assert ByValues(cast(Fit, fit)).left_with(suspect_of(slope, residual)) == pytest.approx(rest @ rest, rel=1e-9)
+
+
+def test_what_cannot_be_simulated_promises_nothing() -> None:
+    def fails(values: np.ndarray, amount: float) -> np.ndarray:
+        raise SimulationError("The loop diverged.", next_step="Lower the gains.")
+
+    fit = SimpleNamespace(
+        jacobian=np.ones((4, 1, 1)), residual=np.ones((4, 1)), deviation=np.ones(1), values=np.ones(1)
+    )
+    one = Suspect("one", fails, lambda amount, deviation: None, 1.0)
+    assert ByValues(cast(Fit, fit)).left_with(one) == np.inf

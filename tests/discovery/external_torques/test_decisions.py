@@ -139,10 +139,12 @@ def is_refused(
 
 def test_the_joint_where_most_is_explained_is_fitted(monkeypatch: pytest.MonkeyPatch) -> None:
     shares = {("x", 1, False): 0.6, ("y", 2, True): 0.9, ("y", 2, False): 0.8}
-    found, search, said = find(monkeypatch, shares)
-    assert found is FITTED and said == ["1 torques from outside on joint 2"]
+    found, search, said = find(monkeypatch, shares, torques=[torque(1, 2), torque(3, 4)])
+    assert found is FITTED and said == ["2 torques from outside on joint 2"]
     ((_, label, torques),) = search.fitted
-    assert label == "y" and torques[0].joint == 2
+    assert label == "y" and {one.joint for one in torques} == {2}  # on none of another joint
+    held: Any = SimpleNamespace(model=SimpleNamespace(experiments={"y": SimpleNamespace(external_torques=torques)}))
+    assert FittedExternalTorques(held, held, "y", 1.0, 0.9).joint == 2
     # Where the log shows it, the torque itself is in the answer.
     assert search.answers[:2] == [("x", 1, False, 0.25), ("x", 1, True, 1.25)] and len(search.answers) == 8
 

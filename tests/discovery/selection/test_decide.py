@@ -189,8 +189,8 @@ def test_all_held_out_experiments_count() -> None:
     ("gain", "wanted"), [(10.0, 10.0), (499.0, 10.0), (501.0, 10.02), (1000.0, 20.0), (-2000.0, 10.0)]
 )
 def test_nearness_is_ten_or_two_percent_of_a_large_gain(gain: float, wanted: float) -> None:
-    assert nearness(candidate_of(bic=gain), Options()) == pytest.approx(wanted, rel=1e-12)
-    assert nearness(candidate_of(bic=gain), Options(threshold=30.0)) == 30.0
+    assert nearness(gain, Options()) == pytest.approx(wanted, rel=1e-12)
+    assert nearness(gain, Options(threshold=30.0)) == 30.0
 
 
 def test_the_simplest_has_the_fewest_parameters_and_then_the_best_fit() -> None:

@@ -10,10 +10,9 @@ import numpy as np
 import pytest
 
 from fmu_didim.case import load_case
-from fmu_didim.discovery.selection.decide import Options
 from fmu_didim.discovery.signals.candidates import Candidate, candidates
 from fmu_didim.discovery.signals.kinds import KINDS, PARAMETER, Measures
-from fmu_didim.discovery.signals.search import FittedSignal, fitted, nearness, preferred, quick_noise, simulated_outputs
+from fmu_didim.discovery.signals.search import FittedSignal, fitted, preferred, quick_noise, simulated_outputs
 from fmu_didim.fit.fit import Fit
 from fmu_didim.model.free_parameter import PLANT, FreeParameter
 from tests.discovery.signals.hidden import crane, room
@@ -53,11 +52,6 @@ def test_what_is_added_and_what_it_is_not_told_from(
 ) -> None:
     found, others = preferred(gaining(*best), [gaining(*rival) for rival in rivals])
     assert (found.candidate.name, [f.candidate.name for f in others]) == (chosen, left)
-
-
-@pytest.mark.parametrize(("gain", "wanted"), [(20.0, 10.0), (500.0, 10.0), (5000.0, 100.0)])
-def test_candidates_are_as_good_within_ten_or_a_part_of_a_large_gain(gain: float, wanted: float) -> None:
-    assert nearness(gain, Options()) == pytest.approx(wanted)
 
 
 @dataclass(frozen=True)

@@ -35,6 +35,8 @@ STEEP: Mapping[str, tuple[tuple[str, ...], dict[str, float]]] = {
     "stribeck": (("coulomb", "stribeck"), {"Fc": 1.5, "Fs": 0.8, "v0": 0.05, "vs": 0.2}),
     "presliding": (("coulomb", "presliding"), {"Fc": 1.5, "Fd": 1.0, "v0": 0.05, "zs": 0.02}),
     "lugre": (("viscous", "lugre"), {"Fv": 1.0, "Fz": 1.5, "Fzs": 0.5, "zs": 0.02}),
+    "load": (("coulomb", "load_dependent_friction"), {"Fc": 1.5, "Fl": 0.2, "v0": 0.05}),
+    "efficiency": (("coulomb", "directional_efficiency"), {"Fc": 1.5, "Fldrive": 0.3, "Flback": 0.1, "v0": 0.05}),
     "elastic": (
         ("coulomb", "motor_inertia", "joint_elasticity"),
         {"Fc": 1.5, "v0": 0.05, "Ia": 0.5, "K": 2e3, "D": 5.0},
@@ -161,8 +163,9 @@ def stepped(running: Instance, ticks: range) -> np.ndarray:
 
 
 @pytest.mark.parametrize("version", ["2.0", "3.0"])
-def test_every_kind_of_component_makes_the_same_step(version: str) -> None:
-    block = robot(*STEEP["presliding"]).with_parameters({"dq_start1": 0.4})
+@pytest.mark.parametrize("name", ["presliding", "load"])
+def test_every_kind_of_component_makes_the_same_step(version: str, name: str) -> None:
+    block = robot(*STEEP[name]).with_parameters({"dq_start1": 0.4})
     found = []
     for component in kinds(block, version):
         running = started(component)
@@ -202,5 +205,5 @@ def test_what_is_not_steep_is_left_to_runge_kutta() -> None:
         robot(("viscous", "motor_inertia", "joint_elasticity"), {"Fv": 2.0, "Ia": 0.5, "K": 2e3, "D": 5.0}).implicit
         is None
     )
-    loaded = robot(("coulomb", "load_dependent_friction"), {"Fc": 1.0, "Fl": 0.1})
-    assert loaded.implicit is None  # solved by Newton's method
+    loaded = robot(("viscous", "curve_of_load"), {"Fv": 2.0})  # solved by Newton's method, but not steep
+    assert loaded.implicit is None

@@ -14,6 +14,7 @@ from pathlib import Path
 
 from tests.tools.benchmarks import (
     calibration,
+    campaign_start,
     campaigns,
     command_start,
     discovery,
@@ -41,6 +42,7 @@ BENCHMARKS: Mapping[str, Callable[[Settings], list[Figure]]] = {
     "calibration": calibration.run,
     "processes": processes.run,
     "campaigns": campaigns.run,
+    "campaign_start": campaign_start.run,
     "reruns": reruns.run,
     "command_start": command_start.run,
     "whole_commands": whole_commands.run,

@@ -43,7 +43,8 @@ def drawn_together(count: int, number: int, *, first_seed: int) -> list[tuple[st
 
 @dataclass(frozen=True)
 class Order:
-    """One plant to make: its effects (none: clean), its seed, and a folder and a torque rate for each log."""
+    """One plant to make: its effects (none: clean), its seed, a folder and a torque rate for each log, and whether all
+    effects act on one joint."""
 
     effects: tuple[str, ...]
     seed: int
@@ -51,13 +52,14 @@ class Order:
     folders: tuple[tuple[Path, int], ...]
     level: float
     robots: str
+    one_joint: bool = False
 
 
 def make_order(order: Order) -> None:
     """Make the folders of one plant; the same order gives the same files."""
     rng = np.random.default_rng([order.seed, zlib.crc32("+".join(order.effects).encode())])
     plant, motion, deviation = make_plant(
-        order.effects, rng, level=order.level, robots=order.robots, clutter=order.clutter
+        order.effects, rng, level=order.level, robots=order.robots, clutter=order.clutter, one_joint=order.one_joint
     )  # fmt: skip
     write_cases(order.folders, plant, motion, deviation, rng)
 
@@ -72,6 +74,7 @@ def make_campaign(
     clean: int = 0,
     triples: int = 0,
     robots: str = "varied",
+    one_joint: bool = False,
     jobs: int = 1,
 ) -> int:
     """Make all cases below ``folder``; returns how many.
@@ -80,6 +83,7 @@ def make_campaign(
         effects: names, or several joined by ``+``. seeds: of each effect; clean plants and triples count on from the
             first one, even where the range is empty. level: gap in noise deviations.
         clean: plants that hide nothing. triples: plants that hide three effects, drawn from all of the catalogue.
+        one_joint: whether the effects of a plant act on one joint.
     """
     first = seeds.start
     kinds = [(tuple(name.split("+")), seed, True) for name in effects for seed in seeds]
@@ -88,7 +92,15 @@ def make_campaign(
     # Shuffled, so that the number of a case says nothing about what it hides.
     numbers = np.random.default_rng(first).permutation(len(kinds)) + 1
     orders = [
-        Order(what, seed, clutter, tuple((folder / f"b{number:04d}_{rate}hz", rate) for rate in rates), level, robots)
+        Order(
+            what,
+            seed,
+            clutter,
+            tuple((folder / f"b{number:04d}_{rate}hz", rate) for rate in rates),
+            level,
+            robots,
+            one_joint,
+        )
         for (what, seed, clutter), number in zip(kinds, numbers, strict=True)
     ]
     if jobs == 1:

@@ -1,6 +1,9 @@
-"""Curves of what has no name against the function that a case hides.
+"""Curves of what has no name against the function that a case hides, and against effects that are there.
 
-python -m tests.tools.blind.curves FOLDER LINES [--figures JSON]    FOLDER of cases, LINES that discovery wrote of them
+python -m tests.tools.blind.curves FOLDER LINES [FOLDER LINES ...] [--pairs FOLDER LINES] [--figures JSON]
+
+FOLDER of cases, LINES that discovery wrote of them. Pairs: cases that hide several effects of the catalogue on one
+joint, which must keep their names.
 """
 
 from __future__ import annotations
@@ -19,7 +22,7 @@ import yaml
 
 from tests.figures import command_of, write_figures
 from tests.tools.blind.harness import read_lines
-from tests.tools.blind.score import same_class
+from tests.tools.blind.score import matches, read_truth, same_class
 
 Array = np.ndarray
 VARIABLES = {
@@ -155,16 +158,35 @@ def figures(found: list[Compared]) -> dict[str, str]:
     return shown
 
 
+def pair_figures(folder: Path, lines: Sequence[Mapping[str, Any]]) -> dict[str, str]:
+    """Cases of several effects on one joint, by rate: all named by their class, and a curve in the place of names."""
+    named, taken = defaultdict[float, list[bool]](list), defaultdict[float, list[bool]](list)
+    for line in lines:
+        truth = read_truth(folder / line["case"])
+        found, joint = line["findings"], truth.effects[0][1]
+        named[truth.rate_hz].append(all(any(matches(f, e, j) for f in found) for e, j in truth.effects))
+        drawn = any(curve["joint"] == joint for curve in line["curves"])
+        taken[truth.rate_hz].append(drawn and not any(f["joint"] == joint for f in found))
+    shown = {}
+    for rate, own in sorted(named.items()):
+        shown[f"pairs_{rate:g}hz_named"] = f"{sum(own)} of {len(own)}"
+        shown[f"pairs_{rate:g}hz_curve"] = f"{sum(taken[rate])} of {len(own)}"
+    return shown
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """0: compared."""
     given = list(sys.argv[1:] if arguments is None else arguments)
     parser = argparse.ArgumentParser(prog="python -m tests.tools.blind.curves", description="Curves against the truth.")
-    parser.add_argument("folder", type=Path)
-    parser.add_argument("lines", type=Path)
+    parser.add_argument("cases", type=Path, nargs="+", metavar="FOLDER LINES")
+    parser.add_argument("--pairs", type=Path, nargs=2, metavar=("FOLDER", "LINES"))
     parser.add_argument("--figures", type=Path)
     options = parser.parse_args(given)
-    found = [compared(options.folder, line) for line in read_lines(options.lines)]
-    shown = figures(found)
+    if len(options.cases) % 2:
+        parser.error("every folder of cases needs its file of lines")
+    both = zip(options.cases[::2], options.cases[1::2], strict=True)
+    found = [compared(folder, line) for folder, lines in both for line in read_lines(lines)]
+    shown = figures(found) | (pair_figures(options.pairs[0], read_lines(options.pairs[1])) if options.pairs else {})
     for one in found:
         text = f"{one.hidden:20s} {one.rate_hz:4g} Hz  {one.answer:22s} {one.judged:10s}"
         print(text, f"variable {one.is_found!s:5s} in band {one.within:.2f}", "; ".join(one.named))

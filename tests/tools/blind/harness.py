@@ -150,7 +150,7 @@ def by_campaign(
     for row in results.to_frame(parameters=False).to_dict("records"):
         line: dict[str, Any] = {"case": row["label.case"], "seconds": round(row["seconds"], 3)}
         if isinstance(row["findings"], str):
-            line |= reduced(_line(json.loads(row["findings"])))
+            line |= reduced(_line({**json.loads(row["findings"]), "verdict": row["verdict"]}))
         else:
             line |= {"verdict": "error", "findings": [], "gap": {}, "error": row["message"]}
         lines.append(line)

@@ -9,18 +9,21 @@ import json
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
 import yaml
 from scipy.integrate import solve_ivp
 
 from fmu_didim import simulate
 from fmu_didim.base.errors import InputError
+from tests.tools.blind import harness
 from tests.tools.blind.__main__ import main
 from tests.tools.blind.campaign import PAIRS, drawn_together, make_campaign
-from tests.tools.blind.harness import case_folders, evaluate, read_lines, reduced
+from tests.tools.blind.harness import by_campaign, case_folders, evaluate, read_lines, reduced
 from tests.tools.blind.publish import read_rows, write_rows
 from tests.tools.blind.score import CLASSES, SHRINKS_SURELY, Truth, read_truth, same_class, score, text
 from tests.tools.blind.simulator.design import Design, development_design, random_motion, varied_design
@@ -278,6 +281,15 @@ def test_a_harmonic_drive_has_all_its_parts_on_one_joint() -> None:
     assert [h.effect for h in plant.hidden] == list(HARMONIC_DRIVE)
     assert len({h.joint for h in plant.hidden}) == 1
     assert gap(plant, path, deviation).refitted.max() > 1.0
+
+
+def test_two_effects_act_on_one_joint_where_that_is_asked_for(tmp_path: Path) -> None:
+    for one_joint, count in ((True, 1), (False, 2)):
+        folder = tmp_path / str(one_joint)
+        make_campaign(folder, ["spring+torque_offset"], seeds=range(3, 4), rates=[20], level=1.5, one_joint=one_joint)
+        truth = read_truth(folder / "b0001_20hz")
+        assert [effect for effect, _ in truth.effects] == ["spring", "torque_offset"]
+        assert len({joint for _, joint in truth.effects}) == count
 
 
 def test_of_three_effects_each_must_show(tmp_path: Path) -> None:
@@ -745,3 +757,24 @@ def test_command_line_scores_lines(tmp_path: Path, capsys: pytest.CaptureFixture
     assert main(command[:-1]) == 0
     with pytest.raises(SystemExit):
         main(["make", str(tmp_path), "--effects", "gremlins"])
+
+
+def test_lines_of_a_campaign_are_those_of_single_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What a campaign keeps of a discovery holds its answer; the verdict stands beside it."""
+    gap = {label: {"before": 2.0, "after": 0.5} for label in ("estimation", "validation")}
+    item = {"effect": "backlash", "class": "backlash", "joint": 2, "ambiguous": [{"effect": "joint_elasticity"}]}
+    kept = json.dumps({"answer": "named", "findings": [item], "gap": gap, "ratio_interval": [0.4, 0.6], "curves": []})
+    frame = pd.DataFrame({
+        "label.case": ["b2", "b1"], "seconds": [1.0, 2.0], "findings": [kept, None], "verdict": ["doubtful", None],
+        "message": [None, "The loop diverged."],
+    })  # fmt: skip
+    results = SimpleNamespace(to_frame=lambda **_: frame)
+    monkeypatch.setattr(harness, "translate", lambda folder, work, plant: work)
+    monkeypatch.setattr(harness, "campaign", lambda *_: SimpleNamespace(run=lambda **_: results))
+    lines = by_campaign(
+        [tmp_path / "b1", tmp_path / "b2"], tmp_path / "out", tmp_path, jobs=1, plant="model", files=False
+    )
+    assert [line["case"] for line in lines] == ["b1", "b2"] and lines == read_lines(tmp_path / "out")
+    assert lines[0]["verdict"] == "error" and lines[0]["error"] == "The loop diverged."
+    assert (lines[1]["verdict"], lines[1]["judged"]) == ("named", "doubtful")
+    assert lines[1]["findings"][0]["ambiguous"] == ["joint_elasticity"]

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 import yaml
 
-from tests.tools.blind.curves import VARIABLES, Compared, figures, planted_function, within_band
+from tests.tools.blind.curves import VARIABLES, Compared, figures, pair_figures, planted_function, within_band
 
 AT = np.linspace(-1.0, 1.0, 61)
 
@@ -63,3 +65,26 @@ def test_figures_of_cases() -> None:
         "refused": "1 of 5", "outside": "1", "named_valid": "2", "variable": "2 of 5", "within": "1 of 2",
     }  # fmt: skip
     assert (told["swell_100hz_outside"], told["notch_100hz_outside"]) == ("1", "0")
+
+
+def test_figures_of_effects_that_are_there(tmp_path: Path) -> None:
+    """A class counts as its member; a curve beside names takes the place of none."""
+    effects = [{"effect": "spring", "joint": 2}, {"effect": "torque_ripple", "joint": 2}]
+    truth = {"truth": effects, "gap_sigma_rms_per_joint": {"train": [0.1, 1.5]}}
+
+    def line(name: str, *named: tuple[str, int], curves: Sequence[int] = ()) -> dict[str, Any]:
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "truth.yaml").write_text(yaml.safe_dump(truth))
+        (tmp_path / name / "case.yaml").write_text(yaml.safe_dump({"measurement": {"rate_hz": 20}}))
+        found = [{"effect": effect, "joint": joint} for effect, joint in named]
+        return {"case": name, "findings": found, "curves": [{"joint": joint} for joint in curves]}
+
+    lines = [
+        line("a", ("gravity_compensator", 2), ("torque_ripple", 2)),
+        line("b", ("spring", 2), ("current_ripple", 2), curves=[2]),
+        line("c", ("torque_ripple", 2)),
+        line("d", ("spring", 1), curves=[2]),
+        line("e", ("spring", 1), ("torque_ripple", 2), curves=[1]),
+        line("f"),
+    ]
+    assert pair_figures(tmp_path, lines) == {"pairs_20hz_named": "2 of 6", "pairs_20hz_curve": "1 of 6"}

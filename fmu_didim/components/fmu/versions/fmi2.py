@@ -38,7 +38,7 @@ class Binding2(Binding):
         d = self.description
         self._callbacks = callbacks("fmi2", self.messages.log)
         name = self.interface.identifier.encode()
-        where = d.resources.as_uri().encode()
+        where = d.resources_uri
         kind = 1 if self.co_simulation else 0
         address: int | None = self.library["fmi2Instantiate"](
             name, kind, d.token.encode(), where, ctypes.byref(self._callbacks), 0, 0

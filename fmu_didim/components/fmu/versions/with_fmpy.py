@@ -185,14 +185,21 @@ def signatures(kind: str, major: int) -> Signatures:
 
 def callbacks(prefix: str, log: Callable[..., None]) -> Any:
     """The structure of callback functions that an instance of FMI 1.0 or 2.0 is given; it must live as long."""
+    structure, logger, allocate, free = _callback_parts(prefix)
+    made = structure()
+    made.logger, made.allocateMemory, made.freeMemory = logger(log), allocate, free
+    return made
+
+
+@cache
+def _callback_parts(prefix: str) -> tuple[Any, Any, Any, Any]:
+    """The type of the structure, that of a logger, and the functions for memory, which all instances share."""
     from fmpy import calloc, free
 
     module = import_module(f"fmpy.{prefix}")
-    made = getattr(module, f"{prefix}CallbackFunctions")()
-    made.logger = getattr(module, f"{prefix}CallbackLoggerTYPE")(log)
-    made.allocateMemory = getattr(module, f"{prefix}CallbackAllocateMemoryTYPE")(calloc)
-    made.freeMemory = getattr(module, f"{prefix}CallbackFreeMemoryTYPE")(free)
-    return made
+    types = (getattr(module, f"{prefix}Callback{what}TYPE") for what in ("Logger", "AllocateMemory", "FreeMemory"))
+    logger, allocate, free_type = types
+    return getattr(module, f"{prefix}CallbackFunctions"), logger, allocate(calloc), free_type(free)
 
 
 def bits_or_tuple() -> tuple[str, ...]:

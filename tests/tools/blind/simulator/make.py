@@ -171,19 +171,25 @@ def _surroundings(plant: Plant, motion: Motion, joint: int, rng: np.random.Gener
 
 
 def make_plant(
-    effects: Sequence[str], rng: np.random.Generator, *, level: float, robots: str = "varied", clutter: bool = True
-) -> tuple[Plant, Motion, Array]:
-    """A plant that hides these effects at a gap, its training motion, and the noise's standard deviation (n,)."""
+    effects: Sequence[str], rng: np.random.Generator, *, level: float, robots: str = "varied", clutter: bool = True,
+    one_joint: bool = False,
+) -> tuple[Plant, Motion, Array]:  # fmt: skip
+    """A plant that hides these effects at a gap, its training motion, and the noise's standard deviation (n,).
+
+    Args:
+        one_joint: whether all act on one joint, as those of a harmonic drive do; the gap of each is then that beside
+            those before it. Else they go to one joint after the other.
+    """
     plant, motion = _steady(rng, effects, robots, clutter)
     design = plant.design
     deviation = NOISE * root_mean_square(plant.simulate(motion)[1])
     makers = {**EFFECTS, **UNKNOWN, **CURVES, **GEARS}
-    order, one_gear = rng.permutation(design.count), tuple(effects) == HARMONIC_DRIVE
+    order, one_joint = rng.permutation(design.count), one_joint or tuple(effects) == HARMONIC_DRIVE
     items: list[Hidden] = []
     for i, effect in enumerate(effects):
-        joint = int(order[0 if one_gear else i % design.count])
+        joint = int(order[0 if one_joint else i % design.count])
         form = makers[effect](rng, _surroundings(plant, motion, joint, rng))
-        present = replace(plant, hidden=tuple(items) if one_gear else ())
+        present = replace(plant, hidden=tuple(items) if one_joint else ())
         items.append(tuned(present, Hidden(effect, joint, form, form.start), motion, deviation, level))
     return replace(plant, hidden=tuple(items)), motion, deviation
 

@@ -17,9 +17,7 @@ with the mean square g of what remains beside the curve on its joint, in units o
 part f of its samples that counts, by its colour. This covariance is that of a curve whose roughness is as likely as the
 penalty says: averaged over the range its interval holds what was smoothed away as well as noise.
 
-Names are taken back where such a curve explains far more than all effects that were named on its joint: they only
-imitated it. A single effect that leaves little keeps its name, and several that it leaves a little behind keep theirs,
-with the doubt that their form is another one.
+What it makes of the names on its joint stands in :mod:`fmu_didim.discovery.form.names`.
 
 Sources: de Boor, A practical guide to splines, 1978; truncated singular values: Hansen, Rank-deficient and discrete
 ill-posed problems, SIAM 1998; the penalty: Eilers and Marx, Statistical Science 11 (1996); the interval: Nychka,
@@ -28,23 +26,16 @@ Journal of the American Statistical Association 83 (1988).
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from fmu_didim.base.diagnostics import CATALOGUE, DOUBT, Diagnostic
 from fmu_didim.base.distributions import normal_isf
-from fmu_didim.base.errors import SimulationError
 from fmu_didim.data.signals import Array
 from fmu_didim.discovery.augmentation.builder import LoopModelBuilder
 from fmu_didim.discovery.augmentation.places import Proposal
-from fmu_didim.discovery.judge import REMAINDER
-from fmu_didim.discovery.progress import Progress
-from fmu_didim.discovery.selection.decide import Options
-from fmu_didim.discovery.selection.held_out import unconfirmed
-from fmu_didim.discovery.selection.rounds import Discovery, beside_others
 from fmu_didim.dynamics.effects import Curve, JointType, Surroundings
 from fmu_didim.dynamics.robot import RobotModel
 from fmu_didim.fit.base_projection import BaseProjection
@@ -52,7 +43,7 @@ from fmu_didim.fit.derivatives.load_response import LoadResponse, load_response
 from fmu_didim.fit.derivatives.sensitivity import sensitivity
 from fmu_didim.fit.derivatives.torque_signature import TorqueSignature
 from fmu_didim.fit.fit import Fit
-from fmu_didim.fit.gap import bic_gain, delta_bic, joint_gaps
+from fmu_didim.fit.gap import bic_gain, delta_bic
 from fmu_didim.fit.noise.noise import TINY, effective_fraction
 from fmu_didim.fit.solver.least_squares import minimise
 from fmu_didim.fit.solver.termination import Stopping
@@ -60,23 +51,6 @@ from fmu_didim.fit.statistics import CONFIDENCE
 from fmu_didim.model.loop_model import EffectAtJoint, LoopModel
 from fmu_didim.model.motion import Motion, simulated_motion
 
-FORM_DIFFERS = CATALOGUE(
-    "form-differs", DOUBT, rank=56,
-    meaning="A curve of one variable explains far more than the effect that was named on its joint, though that leaves "
-    "little, or more than several together: an effect has another form than that of the catalogue, or something else "
-    "looks like it.",
-    next_step="Look at the curve in the report; its robot description has it in the place of the effect.",
-)  # fmt: skip
-LEAD = 1.2
-"""[1] Gain in BIC of a curve over that of several effects named on its joint, from which it explains far more: one
-cause in the place of several. On blind cases a spring that hardens, named as its parts, is left behind by 1.10 times,
-what imitates effects of no catalogue by 1.29 to 2.5 times."""
-LEAD_ALONE = 1.3
-"""[1] The same over that of a single effect: a curve follows what else depends on its variable, too. Hidden effects, in
-forms of their own and beside clutter, are left behind by 0.01 to 1.23 times, a swell in time by 1.5 to 2.1 times."""
-LEAD_SURE = 1.5
-"""[1] The same from which a single effect of the machine that leaves much is none: a torque ripple beside another one
-is left behind by 1.42 times, a hump or a notch called something else by 2.3 to 11 times."""
 OWN = 0.05
 """[1] Of the largest singular value of the splines beside the model: what shows less, the model makes itself."""
 PENALTIES = (1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 1e-1, 1.0, 10.0)
@@ -91,7 +65,7 @@ POINTS = 61
 
 
 @dataclass(frozen=True)
-class _Tried:
+class TriedCurve:
     """A curve to first order.
 
     Attributes:
@@ -120,17 +94,16 @@ class FoundCurve:
     Attributes:
         fit: of the model with it, ``before`` without it and without what was named on its joint.
         covariance: (m, m) of its amplitudes; rivals: the other variables, with the BIC by which each is behind.
-        instead_of: effects that had been named on its joint; doubted: the one that keeps its name there.
+        instead_of: effects that had been named, and have no place beside it.
     """
 
-    tried: _Tried
+    tried: TriedCurve
     before: Fit
     fit: Fit
     delta_bic: float
     covariance: Array
     rivals: tuple[tuple[str, float], ...]
     instead_of: tuple[EffectAtJoint, ...] = ()
-    doubted: Diagnostic | None = None
 
     def drawn(self) -> tuple[Array, Array, Array]:
         """(K,) values of the variable over its range, the torque there and the half of its 95 % interval."""
@@ -141,148 +114,7 @@ class FoundCurve:
         return at, np.asarray(basis @ self.tried.sizes), np.asarray(half)
 
 
-def with_curves(
-    discovery: Discovery, builder: LoopModelBuilder, options: Options, progress: Progress
-) -> tuple[Discovery, tuple[FoundCurve, ...], list[str]]:
-    """The discovery without the names that a curve takes back, the curves, and notes where there is none.
-
-    Looked at is each joint on which an effect was named, and that with the largest remaining gap.
-    """
-    found, notes = list[FoundCurve](), list[str]()
-    for joint in _joints(discovery, builder):
-        if progress.is_time_up:
-            break
-        progress.say(f"the form of what is missing on joint {joint}")
-        try:
-            discovery, curve, note = _on_joint(discovery, builder, options, joint)
-        except SimulationError:
-            continue
-        found += [curve] if curve is not None else []
-        notes += [note] if note else []
-    return discovery, tuple(found), notes
-
-
-def instead_of_torques(
-    builder: LoopModelBuilder, fit: Fit, joint: int, gain: float, *, seed: int
-) -> tuple[bool, Diagnostic | None]:
-    """Whether torques from outside on a joint, from 1, only imitate a curve, and the doubt that their form is another
-    one, if they do not.
-
-    A curve that holds on what was held out, too, is no event of one log: torques from outside have no beginning and no
-    end then, which is all that would be said of them. Where it holds in the fitted log alone, they act once, as they
-    are named, but their form is another one.
-
-    Args:
-        fit: without the torques; gain: theirs in BIC.
-    """
-    try:
-        ranked = sorted(_tried(builder, fit, joint), key=lambda one: -one.delta_bic)
-        if not ranked or ranked[0].delta_bic <= LEAD_ALONE * gain:
-            return False, None
-        curve = _fitted(builder, fit, ranked)
-        if curve is None or curve.delta_bic <= LEAD_ALONE * gain:
-            return False, None
-        is_held_out = bool(fit.model.experiments.validation_labels)
-        if is_held_out and not unconfirmed(fit, curve.fit, seed=seed):
-            return True, None
-    except SimulationError:
-        return False, None
-    text = (
-        f"On the torques from outside a curve of {curve.tried.effect.variable} explains far more: BIC "
-        f"{curve.delta_bic:.0f} against {gain:.0f}; {'what' if is_held_out else 'nothing'} was held out "
-        f"{'does not' if is_held_out else 'that could'} have it."
-    )
-    return False, Diagnostic(FORM_DIFFERS, text, f"joint {joint}")
-
-
-def _joints(discovery: Discovery, builder: LoopModelBuilder) -> list[int]:
-    gap = joint_gaps(discovery.final.torque_alone.residual, discovery.final.torque_alone.noise)
-    named = {step.effect_at.joint for step in discovery.steps if _of_machine(builder, step.effect_at)}
-    left = {int(np.argmax(gap)) + 1} if gap.max() > REMAINDER else set()
-    return sorted(named | left)
-
-
-def _of_machine(builder: LoopModelBuilder, effect_at: EffectAtJoint) -> bool:
-    return not builder.effect(effect_at).is_of_log
-
-
-def _on_joint(
-    discovery: Discovery, builder: LoopModelBuilder, options: Options, joint: int
-) -> tuple[Discovery, FoundCurve | None, str]:
-    final = discovery.final.torque_alone
-    own = [s.effect_at for s in discovery.steps if s.effect_at.joint == joint and _of_machine(builder, s.effect_at)]
-    gap = joint_gaps(final.residual, final.noise)[joint - 1]
-    before, named = final, 0.0
-    if own:
-        before = _without(builder, final, own)
-        named = bic_gain(before, final, sum(builder.at(a).cost for a in own), final.noise)
-    ranked = sorted(_tried(builder, before, joint), key=lambda one: -one.delta_bic)
-    least = max(options.threshold, named if len(own) > 1 else LEAD_ALONE * named)
-    if not ranked or ranked[0].delta_bic < least:
-        note = "" if own or not ranked else (
-            f"Joint {joint}: no curve of {_listed([t.effect.variable for t in ranked])} alone explains what remains."
-        )  # fmt: skip
-        return discovery, None, note if gap > REMAINDER else ""
-    curve = _fitted(builder, before, ranked)
-    if curve is None or curve.delta_bic < least:
-        return discovery, None, ""
-    if why := unconfirmed(before, curve.fit, seed=options.seed):
-        best = curve.tried.effect
-        return discovery, None, (
-            f"Joint {joint}: a curve of {best.variable} explains most of what was fitted, but not what was held out "
-            f"({why}): it is not shown."
-        )  # fmt: skip
-    is_far = curve.delta_bic > LEAD * named
-    told = (
-        f"a curve of {curve.tried.effect.variable} explains {'far ' if is_far else ''}more: BIC {curve.delta_bic:.0f} "
-        f"against {named:.0f}"
-    )
-    lead = curve.delta_bic / named if named > 0 else np.inf
-    if own and not imitates([builder.effect(a).is_external for a in own], gap, lead):
-        text = f"On {' and '.join(a.text for a in own)} {told}."
-        return discovery, replace(curve, doubted=Diagnostic(FORM_DIFFERS, text, own[0].text)), ""
-    # What was found beside it, on other joints, may have filled the gaps that it leaves.
-    left = [step for step in discovery.steps if step.effect_at not in own]
-    filled = [s.effect_at for s in left if beside_others(builder, curve.fit, s.effect_at, options)[1]]
-    final = _without(builder, before, filled) if filled else before
-    beside = f"beside a curve of {curve.tried.effect.variable} on joint {joint} it explains nothing"
-    taken = {**dict.fromkeys(own, told), **dict.fromkeys(filled, beside)}
-    kept = tuple(step for step in left if step.effect_at in final.model.added_effects)
-    refused = (*taken.items(), *discovery.refused)
-    return (
-        replace(discovery, final=final if taken else discovery.final, steps=kept, refused=refused),
-        replace(curve, instead_of=tuple(taken)), "",
-    )  # fmt: skip
-
-
-def _without(builder: LoopModelBuilder, fit: Fit, effects: list[EffectAtJoint]) -> Fit:
-    """The fit anew without some of its effects, and without what has no place beside the others."""
-    model = fit.model
-    for effect_at in effects:
-        if effect_at in model.added_effects:
-            model = builder.without(model, model.added_effects.index(effect_at))
-    return minimise(model, fit.noise, stopping=Stopping(updates=1))
-
-
-def imitates(are_external: Sequence[bool], gap: float, lead: float) -> bool:
-    """Whether effects on a joint that a curve leaves behind only imitate it, by how far: several of them, a torque from
-    outside, of which its beginning and its end are all that it says, and a single effect of the machine that leaves
-    much.
-
-    Args:
-        are_external: of each effect, whether it stands for a torque from outside; gap: in units of the noise, that they
-            leave; lead: gain in BIC of the curve over theirs.
-    """
-    if len(are_external) > 1:
-        return lead > LEAD
-    return any(are_external) or (gap > REMAINDER and lead > LEAD_SURE)
-
-
-def _listed(words: list[str]) -> str:
-    return " or ".join([", ".join(words[:-1]), words[-1]]) if len(words) > 1 else words[0]
-
-
-def _tried(builder: LoopModelBuilder, fit: Fit, joint: int) -> Iterator[_Tried]:
+def tried_curves(builder: LoopModelBuilder, fit: Fit, joint: int) -> Iterator[TriedCurve]:
     """The curves at a joint, to first order beside a fit."""
     robot = None if builder.description is None else RobotModel(builder.description)
     parts = list[tuple[LoadResponse, Motion]]()
@@ -310,7 +142,7 @@ def _tried(builder: LoopModelBuilder, fit: Fit, joint: int) -> Iterator[_Tried]:
         before, after = (beside.rest(residual) for residual in (fit.residual, fit.residual - table @ sizes))
         gain = delta_bic(before, after, count, fit.noise)
         unit = effect.shapes(kinds[joint - 1])[0].unit
-        yield _Tried(effect_at, effect, unit, (low, high), sizes, count, gain)
+        yield TriedCurve(effect_at, effect, unit, (low, high), sizes, count, gain)
 
 
 def _along(effect: Curve, motion: Motion, joint: int, kinds: tuple[JointType, ...]) -> Array:
@@ -363,7 +195,7 @@ class _Beside:
         return v @ z, v @ inverse @ v.T, count
 
 
-def _fitted(builder: LoopModelBuilder, fit: Fit, ranked: list[_Tried]) -> FoundCurve | None:
+def fitted_curve(builder: LoopModelBuilder, fit: Fit, ranked: list[TriedCurve]) -> FoundCurve | None:
     """The first of the curves, fitted in the loop: the model beside the curve, and the curve beside the model."""
     best, best_fit = ranked[0], None
     names = [v.name for v in best.effect.parameters(builder.at(best.effect_at).joint_type)]
