@@ -29,6 +29,7 @@ TABLES = {
     "discovery": "discovery_matrix.csv",
     "discovery_triples": "discovery_triples.csv",
     "discovery_harmonic": "discovery_harmonic.csv",
+    "discovery_fresh": "discovery_fresh.csv",
 }
 """Figures of blind cases -> the table from which they follow."""
 
