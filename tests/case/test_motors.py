@@ -79,17 +79,21 @@ WRONG = {
 }
 
 
+def verdict_of(content: dict[str, Any]) -> str:
+    """Of its identification; "refused" where nothing is identified, as where no machine gives such a torque."""
+    try:
+        return str(identify(load_case(content)).document.verdict)
+    except (DiagnosedError, RefusedError):
+        return "refused"
+
+
 @pytest.mark.parametrize("wrong", WRONG)
 def test_a_matrix_that_is_wrong_everywhere_is_told(tmp_path: Path, wrong: str) -> None:
     content = scara(tmp_path)
     for key, part in itertools.product(("train", "validation"), ("torque", "reference")):
         content[key][part]["motors"] = WRONG[wrong]
     assert check(load_case(content)).diagnostics
-    try:
-        verdict = identify(load_case(content)).document.verdict
-    except (DiagnosedError, RefusedError):
-        verdict = "refused"
-    assert verdict != "valid"
+    assert verdict_of(content) != "valid"
 
 
 @pytest.mark.gate
@@ -99,7 +103,7 @@ def test_a_matrix_that_is_wrong_for_the_torque_alone_is_not_called_valid(tmp_pat
     content = of_draw(tmp_path, 3)
     assert identify(load_case(content)).document.verdict == "valid"
     content["train"]["torque"]["motors"] = WRONG[wrong]
-    assert identify(load_case(content)).document.verdict != "valid"
+    assert verdict_of(content) != "valid"
 
 
 def motors(**columns: list[float]) -> Trajectory:

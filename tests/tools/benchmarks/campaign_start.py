@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import signal
 import statistics
 import subprocess
 import tempfile
@@ -58,8 +59,8 @@ def _started(folder: Path, place: int, count: int) -> tuple[float, float]:
             if found and int(found[1]) > 0:
                 return first, time.perf_counter() - begin
     finally:
-        process.terminate()
-        process.wait(timeout=60)
+        process.send_signal(signal.SIGINT)  # by which it ends its workers, too
+        process.communicate(timeout=60)
     raise RuntimeError("The campaign ended without a run.")
 
 
