@@ -266,7 +266,9 @@ def run_all(
     spent = [0.0]
 
     def size() -> int:
-        each = spent[0] / progress.done if progress.done else CHUNK_S / 8
+        if not progress.done:
+            return 1  # nobody knows how long a run takes, and the user waits for a first word of them
+        each = spent[0] / progress.done
         most = max(1, len(todo) // (4 * workers))
         return max(1, min(int(CHUNK_S / max(each, 1e-3)), CHUNK_RUNS, most))
 
