@@ -148,6 +148,7 @@ class System:
     algebraic_loops: LoopTreatment = "refuse"
     at_instants: bool = False
     ramps: frozenset[str] = frozenset()
+    _layouts: dict[tuple[str, ...], Layout] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         if not self.step_size > 0:
@@ -183,7 +184,6 @@ class System:
         }
         for connection in self.connections:
             self._check(connection, names)
-        object.__setattr__(self, "_layouts", {})
 
     def layout(self, columns: tuple[str, ...]) -> Layout:
         """Where its values lie in a run along a reference with these columns.
@@ -191,10 +191,9 @@ class System:
         Raises:
             UnknownNameError: the reference lacks a column that is connected.
         """
-        found: dict[tuple[str, ...], Layout] = self.__dict__["_layouts"]  # systems of other values share it
-        if columns not in found:
-            found[columns] = _layout(self, columns)
-        return found[columns]
+        if columns not in self._layouts:  # which systems of other values share
+            self._layouts[columns] = _layout(self, columns)
+        return self._layouts[columns]
 
     def _check(self, connection: Connection, names: Mapping[str, tuple[dict[str, None], dict[str, None]]]) -> None:
         both = f"{connection.source} -> {connection.target}"
@@ -263,13 +262,13 @@ def _layout(system: System, columns: tuple[str, ...]) -> Layout:
     for connection in system.connections:
         if connection.source not in index:
             raise UnknownNameError("signal", connection.source, names, where=f"source of {connection.target}")
+    straight = {f"{REFERENCE}.{column}" for column in columns if column in system.ramps}
     values, places = list(names), {}
     for name in system.order:
         variables, first = system.components[name].inputs, len(values)
         rows = {f"{name}.{v.name}": i for i, v in enumerate(variables)}
         wires = [c for c in system.connections if c.target in rows]
         entries = [(rows[c.target], index[c.source], c.gain) for c in wires]
-        straight = {f"{REFERENCE}.{column}" for column in columns if column in system.ramps}
         ramps = tuple((rows[c.target], index[c.source], c.gain) for c in wires if c.source in straight)
         values += rows
         starts = np.array([v.start for v in variables], dtype=float)

@@ -37,7 +37,7 @@ from fmu_didim.checks.motion.misfits import Misfit, Misfits
 from fmu_didim.checks.sampling_kind import other_ways, way_text
 from fmu_didim.cosim import SampleOperator
 from fmu_didim.data.signals import Array
-from fmu_didim.fit.fit import Fit
+from fmu_didim.fit.fit import Fit, sum_of_squares
 from fmu_didim.fit.noise.noise import TINY
 from fmu_didim.fit.noise.weighting import whitened
 from fmu_didim.fit.solver.admissible import mass_matrix_problem
@@ -136,31 +136,32 @@ class ByValues:
     @cached_property
     def left(self) -> float:
         """Sum of squares."""
-        return _sum_of_squares(rest_of(_flat(self.fit.residual, self.fit), self.basis))
+        rest = rest_of(_flat(self.fit.residual, self.fit), self.basis)
+        return float(rest @ rest)
 
     def left_with(self, suspect: Suspect) -> float:
         """Sum of squares after one linear step of the values and a suspect; infinite where it cannot be simulated."""
         try:
-            slope, residual = _slope(suspect, self.fit.values, suspect.first)
+            slope, residual = _slope(self.fit, suspect)
         except FmuDidimError:
             return np.inf
         rest = rest_of(_flat(residual, self.fit), self.basis)
         if slope is not None:
             column = _flat(slope, self.fit)
             own = rest_of(column, self.basis)
-            size = _sum_of_squares(own)
-            if size > OWN_PART**2 * _sum_of_squares(column):
+            size = float(own @ own)
+            if size > OWN_PART**2 * float(column @ column):
                 rest = rest - own * (float(own @ rest) / size)
-        return _sum_of_squares(rest)
+        return float(rest @ rest)
 
 
-def _slope(suspect: Suspect, values: Array, amount: float) -> tuple[Array | None, Array]:
+def _slope(fit: Fit, suspect: Suspect) -> tuple[Array | None, Array]:
     """By how much the residual falls with the amount of a suspect, as (N, n), none where it is there or not; and the
-    residual (N, n)."""
+    residual (N, n) with its first amount."""
     if suspect.step is None:
-        return None, suspect.left(values, 1.0)
-    residual = suspect.left(values, amount)
-    return (residual - suspect.left(values, amount + suspect.step)) / suspect.step, residual
+        return None, suspect.left(fit.values, 1.0)
+    residual = suspect.left(fit.values, suspect.first)
+    return (residual - suspect.left(fit.values, suspect.first + suspect.step)) / suspect.step, residual
 
 
 def with_suspects(fit: Fit, misfits: Misfits, found: Sequence[Diagnostic]) -> list[Diagnostic]:
@@ -234,7 +235,7 @@ def tried(fit: Fit, suspect: Suspect, before: float) -> Tried | None:
     amounts = [] if suspect.step is None else [suspect.first]
     at = np.append(fit.values, amounts)
     try:
-        columns, residual = _linear(fit, suspect, fit.values, suspect.first)
+        columns, residual = _linear(fit, suspect)
         if suspect.is_linear:
             step = _step(fit, columns, residual)
             at, residual = at + step, residual - columns @ step
@@ -257,9 +258,9 @@ def tried(fit: Fit, suspect: Suspect, before: float) -> Tried | None:
     return Tried(suspect, float(at[-1]), deviation, residual, columns, before - left)
 
 
-def _linear(fit: Fit, suspect: Suspect, values: Array, amount: float) -> tuple[Array, Array]:
+def _linear(fit: Fit, suspect: Suspect) -> tuple[Array, Array]:
     """Columns (N, n, p + 1) of the values and of a suspect, or of the values alone, and the residual (N, n)."""
-    slope, residual = _slope(suspect, values, amount)
+    slope, residual = _slope(fit, suspect)
     if slope is None:
         return fit.jacobian, residual
     return np.concatenate([fit.jacobian, slope[:, :, None]], axis=2), residual
@@ -313,11 +314,7 @@ def _flat(residual: Array, fit: Fit) -> Array:
 
 
 def _squares(residual: Array, fit: Fit) -> float:
-    return _sum_of_squares(_flat(residual, fit))
-
-
-def _sum_of_squares(column: Array) -> float:
-    return float(column @ column)
+    return sum_of_squares(residual, fit.deviation)
 
 
 def _still_follows(fit: Fit, one: Tried) -> float:

@@ -49,10 +49,10 @@ class MotionTests:
         is_short = sum(own.size for own in rows.values()) <= ROWS
         joints = residuals_of_fit(fit, rows) if is_short else None
         first = Beside(lambda: motion_diagnostics(dependence_of_fit(fit, joints=joints)), fit.model.threads)
-        misfits = Misfits() if first.is_done else Misfits.of(fit)  # which are wanted with any answer
+        misfits = None if first.is_done else Misfits.of(fit)  # which are wanted with any answer
         if found := first.result():
-            return cls(found, replace(misfits, motions=None))
-        misfits = misfits if misfits.stated else Misfits.of(fit)
+            return cls(found, Misfits() if misfits is None else replace(misfits, motions=None))
+        misfits = misfits or Misfits.of(fit)
         without = replace(misfits, motions=None)  # of a long log, large
         beside = None if joints is None else with_misfits(joints, misfits, samples_of(fit, rows))
         if found := motion_diagnostics(dependence_of_fit(fit, misfits, beside)):
