@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from decimal import Decimal
 
 import numpy as np
 
@@ -18,6 +19,10 @@ ROUNDED = 12
 ROUNDING = 1e-12
 """[1] Of the size of what a link weighs, below which an entry is what rounded sines leave of zero: the angles of files
 have about so many digits, and no torque shows it."""
+
+QUARTER = math.pi / 2
+DIGITS_OF_ANGLE = 2
+"""[decimals] With which an angle counts as a rounded multiple of pi/2: 1.6 may be what it says, 1.57 hardly."""
 
 
 @dataclass(frozen=True)
@@ -99,6 +104,22 @@ def body_of(parameters: Mapping[str, float]) -> Body:
 def rounded(value: float) -> float:
     """A length or an angle without what is left of products, and without a negative zero."""
     return round(float(value), ROUNDED) + 0.0
+
+
+def right_angle(value: float) -> float:
+    """An angle in rad with the digits of a multiple of pi/2, rounded or cut off (1.57, -1.5708, 3.1415), as exactly
+    that multiple; any other one as it is.
+
+    No machine is built 4e-6 rad off a right angle on purpose, and parameters that act alike where axes cross at one
+    seem to act each in its own way where they do not: no data tell them apart.
+    """
+    decimals = -int(Decimal(repr(float(value))).normalize().as_tuple().exponent)
+    quarters = round(value / QUARTER)
+    exact = quarters * QUARTER
+    if quarters == 0 or decimals < DIGITS_OF_ANGLE:
+        return value
+    cut = math.trunc(exact * 10.0**decimals) / 10.0**decimals
+    return exact if value in (round(exact, decimals), cut) else value
 
 
 def text_of(*values: float) -> str:

@@ -23,7 +23,7 @@ from fmu_didim.dynamics.effects import (
     effect_name,
     find_effect,
 )
-from fmu_didim.dynamics.robot.body import body_of, inverse, parameters_of, turn
+from fmu_didim.dynamics.robot.body import body_of, inverse, parameters_of, right_angle, turn
 
 Frames = Literal["modified", "standard"]
 
@@ -37,7 +37,8 @@ class Joint(Strict):
     Attributes:
         name: for reading only.
         type: ``revolute`` or ``prismatic``.
-        alpha, theta: angles in rad; a fraction of pi such as ``-pi/2`` may stand for a number.
+        alpha, theta: angles in rad; a fraction of pi such as ``-pi/2`` may stand for a number, and 1.5708 is read as
+            pi/2.
         a, d: lengths in m.
         limits: range of the position of the joint, where it is known.
         effects: names of the effects at this joint, or ``module:Name`` (``path/to/file.py:Name``) of further ones,
@@ -55,6 +56,11 @@ class Joint(Strict):
     limits: tuple[Angle, Angle] | None = None
     effects: tuple[str, ...] = DEFAULT_EFFECTS
     parameters: Mapping[str, float] = Field(default_factory=dict)
+
+    @field_validator("alpha", "theta")
+    @classmethod
+    def _exact(cls, value: float) -> float:
+        return right_angle(value)
 
     @field_validator("effects", mode="before")
     @classmethod

@@ -10,7 +10,9 @@ import pytest
 from fmu_didim import identify, load_case
 from fmu_didim.base.errors import InputError
 from fmu_didim.cli.main import main
+from fmu_didim.dynamics.base_parameters import base_parameters
 from fmu_didim.dynamics.robot import RobotDescription, RobotModel, read_robot
+from fmu_didim.dynamics.robot.body import right_angle
 from fmu_didim.dynamics.robot.formats.urdf import read_urdf
 from tests.helpers import ROOT
 
@@ -201,3 +203,29 @@ def test_what_rounded_angles_leave_is_no_value(tmp_path: Path) -> None:
     for link_ in read_urdf(path).joints:
         held = {name for name in link_.parameters if name not in ("M", "Fv", "Fc")}
         assert len(held & {"MX", "MY", "MZ"}) == 1 and held - {"MX", "MY", "MZ"} == {"XX", "YY", "ZZ"}
+
+
+@pytest.mark.parametrize(
+    ("written", "read"),
+    [
+        (1.57, np.pi / 2), (-1.5708, -np.pi / 2), (1.5707, np.pi / 2), (1.570796327, np.pi / 2), (np.pi / 2, np.pi / 2),
+        (3.14, np.pi), (3.1416, np.pi), (-3.1415, -np.pi), (4.712, 3 * np.pi / 2),
+        (1.6, 1.6), (1.58, 1.58), (3.15, 3.15), (1.5705, 1.5705), (1.570792, 1.570792), (0.7854, 0.7854), (0.0, 0.0),
+        (0.003, 0.003),
+    ],
+)  # fmt: skip
+def test_rounded_right_angles_are_exact(written: float, read: float) -> None:
+    assert right_angle(written) == read
+
+
+def test_rounded_angles_leave_no_parameters_that_no_data_tell_apart(tmp_path: Path) -> None:
+    """A motor across the axis before it acts like the inertia of its link, whatever digits the file has."""
+    names = []
+    for quarter in ("1.5707963267948966", "1.5708", "1.57"):
+        parts = ['<robot name="arm"><link name="l0"/>', *(link(f"l{j}", np.random.default_rng(j)) for j in (1, 2, 3))]
+        parts += [joint("j1", "revolute", "l0", "l1"), joint("j2", "revolute", "l1", "l2", rpy=f"{quarter} 0 0")]
+        parts += [joint("j3", "revolute", "l2", "l3", xyz="0.4 0 0", rpy=f"-{quarter} -{quarter} 0"), "</robot>"]
+        (path := tmp_path / "arm.urdf").write_text("".join(parts), encoding="utf-8")
+        names.append(base_parameters(RobotModel(read_urdf(path))).names)
+    assert names[0] == names[1] == names[2]
+    assert "Ia2" not in names[0]

@@ -24,7 +24,7 @@ import numpy as np
 
 from fmu_didim.base.errors import InputError
 from fmu_didim.data.signals import Array
-from fmu_didim.dynamics.robot.body import Body, inverse, parameters_of, rounded, turn
+from fmu_didim.dynamics.robot.body import Body, inverse, parameters_of, right_angle, rounded, turn
 from fmu_didim.dynamics.robot.description import Joint, RobotDescription
 
 SUFFIX = ".urdf"
@@ -215,10 +215,10 @@ def _number(element: ET.Element, key: str, where: str) -> float:
 
 
 def pose_of(element: ET.Element | None, where: str) -> Array:
-    """(4, 4) of an ``origin``: fixed axes roll, pitch, yaw, then the shift."""
+    """(4, 4) of an ``origin``: fixed axes roll, pitch, yaw, then the shift. 1.5708 is read as pi/2."""
     pose = np.eye(4)
     pose[:3, 3] = numbers_of(element, "xyz", [0.0] * 3, where)
-    roll, pitch, yaw = numbers_of(element, "rpy", [0.0] * 3, where)
+    roll, pitch, yaw = map(right_angle, numbers_of(element, "rpy", [0.0] * 3, where))
     pose[:3, :3] = turn(2, yaw) @ turn(1, pitch) @ turn(0, roll)
     return pose
 
