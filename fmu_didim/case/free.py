@@ -37,7 +37,7 @@ from fmu_didim.model.free_parameter import (
 )
 from fmu_didim.model.parameters import Parameters, RobotParameters
 
-SAME_GEOMETRY = ("type", "alpha", "a", "theta", "d")
+SAME_GEOMETRY = ("type", "alpha", "a", "theta", "d", "beta")
 """What two descriptions of one robot have in common at each joint, so that their values mean the same."""
 
 
@@ -229,7 +229,7 @@ def _of_earlier(path: Path, document: CaseDocument, folder: Path, parameters: Ro
             next_step="Give result.json of fmu-didim identify, or its folder.",
         ) from error  # fmt: skip
     own = [{key: getattr(joint, key) for key in SAME_GEOMETRY} for joint in parameters.model.description.joints]
-    theirs = [{key: link[key] for key in SAME_GEOMETRY} for link in links]
+    theirs = [{key: {"beta": 0.0, **link}[key] for key in SAME_GEOMETRY} for link in links]
     absent = [name for name in names if name not in values]
     if not values or own != theirs or absent or covariance.shape != (len(order), len(order)):
         raise InputError(

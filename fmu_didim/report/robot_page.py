@@ -21,9 +21,9 @@ class RobotPage:
     Attributes:
         name: of the robot; lines: below it.
         gravity: (3,) m/s2 in the frame of the base, against which is upwards.
-        joints: of each joint ``name``, ``type``, ``alpha``, ``a``, ``theta``, ``d`` (modified Denavit-Hartenberg, rad
-            and m), ``low`` and ``high`` of its slider, whether these are its ``limits``, and the ``ellipsoid`` of its
-            link: ``centre``, ``axes`` and ``radii`` in m in its frame, or None.
+        joints: of each joint ``name``, ``type``, ``alpha``, ``a``, ``theta``, ``d``, ``beta`` (modified Denavit-
+            Hartenberg, rad and m), ``low`` and ``high`` of its slider, whether these are its ``limits``, and the
+            ``ellipsoid`` of its link: ``centre``, ``axes`` and ``radii`` in m in its frame, or None.
         tables: heading -> table; remarks: sentences.
     """
 

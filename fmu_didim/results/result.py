@@ -308,6 +308,7 @@ class LinkResult(Saved):
     a: float = Field(description="m")
     theta: float = Field(description="rad")
     d: float = Field(description="m")
+    beta: float = Field(0.0, description="rad, of axes that are nearly parallel")
 
 
 class GeometryResult(Saved):

@@ -77,7 +77,8 @@ def write_picture(robot: RobotDescription, path: Path) -> Path:
         joints.append(
             {
                 "name": joint.name, "type": joint.type, "alpha": joint.alpha, "a": joint.a, "theta": joint.theta,
-                "d": joint.d, "low": low, "high": high, "limits": joint.limits is not None, "ellipsoid": drawn,
+                "d": joint.d, "beta": joint.beta, "low": low, "high": high, "limits": joint.limits is not None,
+                "ellipsoid": drawn,
             }
         )  # fmt: skip
     made_of = dict(relation.split(" = ", 1) for relation in base.relations())
@@ -138,11 +139,12 @@ def reach(robot: RobotDescription, *, seed: int = 0) -> float:
 
 
 def _frames(robot: RobotDescription) -> Table:
-    joints = robot.joints
+    joints, has_beta = robot.joints, any(joint.beta for joint in robot.joints)
     return Table([
         Column("joint", [str(j) for j in range(1, len(joints) + 1)]),
         Column("type", [joint.type for joint in joints], is_text=True),
         Column("alpha [deg]", [f"{math.degrees(joint.alpha):.6g}" for joint in joints]),
+        *([Column("beta [deg]", [f"{math.degrees(joint.beta):.6g}" for joint in joints])] if has_beta else []),
         Column("a [m]", [f"{joint.a:.6g}" for joint in joints]),
         Column("theta [deg]", [f"{math.degrees(joint.theta):.6g}" for joint in joints]),
         Column("d [m]", [f"{joint.d:.6g}" for joint in joints]),

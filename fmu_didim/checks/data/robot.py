@@ -29,7 +29,7 @@ from fmu_didim.checks.data.timing import SHIFT_SIGMAS
 from fmu_didim.checks.data.torque_channel import EXPLAINS
 from fmu_didim.dynamics.base_parameters import all_parameters, base_parameters
 from fmu_didim.dynamics.robot import RobotDescription, RobotModel
-from fmu_didim.dynamics.robot.description import modified_joints
+from fmu_didim.dynamics.robot.description import before_axis, modified_joints
 from fmu_didim.estimators.starts.reference_start import whole_reference
 from fmu_didim.model.loop_model import LoopModel, Simulation
 from fmu_didim.model.parameters import RobotParameters
@@ -223,7 +223,7 @@ def _misread(model: LoopModel) -> Iterator[tuple[RobotDescription, RobotParamete
             others.append(robot.model_copy(update={"gravity": gravity, "identified": "computed"}))
     turned = modified_joints(robot.joints)
     if robot.original_frames == "modified" and any(
-        (one.alpha, one.a) != (other.alpha, other.a) for one, other in zip(robot.joints, turned, strict=True)
+        before_axis(one) != before_axis(other) for one, other in zip(robot.joints, turned, strict=True)
     ):
         others.append(
             robot.model_copy(update={"joints": turned, "original_frames": "standard", "identified": "computed"})

@@ -11,7 +11,7 @@ from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from fmu_didim.base.documents import FOLDER, Angle, Strict
 from fmu_didim.base.errors import InputError, UnknownNameError
-from fmu_didim.data.signals import Variable
+from fmu_didim.data.signals import Array, Variable
 from fmu_didim.dynamics.effects import (
     DEFAULT_EFFECTS,
     EFFECTS,
@@ -31,14 +31,17 @@ Frames = Literal["modified", "standard"]
 class Joint(Strict):
     """One joint and its link, in modified Denavit-Hartenberg convention (Khalil and Kleinfinger 1986).
 
-    The frame of link j follows from that of link j-1 by Rx(alpha) Tx(a) Rz(theta) Tz(d), with ``frames: standard`` by
-    Rz(theta) Tz(d) Tx(a) Rx(alpha); the joint's position adds to theta (revolute) or d (prismatic).
+    The frame of link j follows from that of link j-1 by Tx(a) Rx(alpha) Ry(beta) Rz(theta) Tz(d), with ``frames:
+    standard`` by Rz(theta) Tz(d) Tx(a) Rx(alpha) Ry(beta); the joint's position adds to theta (revolute) or d
+    (prismatic).
 
     Attributes:
         name: for reading only.
         type: ``revolute`` or ``prismatic``.
         alpha, theta: angles in rad; a fraction of pi such as ``-pi/2`` may stand for a number, and 1.5708 is read as
             pi/2.
+        beta: a further angle in rad, for axes that are parallel but for what a calibration found: their common normal
+            lies metres or kilometres away (Hayati and Mirmirani 1985).
         a, d: lengths in m.
         limits: range of the position of the joint, where it is known.
         effects: names of the effects at this joint, or ``module:Name`` (``path/to/file.py:Name``) of further ones,
@@ -53,11 +56,12 @@ class Joint(Strict):
     a: float = 0.0
     theta: Angle = 0.0
     d: float = 0.0
+    beta: Angle = 0.0
     limits: tuple[Angle, Angle] | None = None
     effects: tuple[str, ...] = DEFAULT_EFFECTS
     parameters: Mapping[str, float] = Field(default_factory=dict)
 
-    @field_validator("alpha", "theta")
+    @field_validator("alpha", "theta", "beta")
     @classmethod
     def _exact(cls, value: float) -> float:
         return right_angle(value)
@@ -120,6 +124,13 @@ class Joint(Strict):
         if value is not None and not value[0] < value[1]:
             raise ValueError("the first limit must be less than the second")
         return value
+
+    @property
+    def before(self) -> Array:
+        """(4, 4) Tx(a) Rx(alpha) Ry(beta): what of the way from one frame to the next lies before the axis."""
+        pose = np.eye(4)
+        pose[:3, :3], pose[0, 3] = turn(0, self.alpha) @ turn(1, self.beta), self.a
+        return pose
 
     def all_effects(self) -> tuple[Effect, ...]:
         """The effects of this joint, wherever they act."""
@@ -198,7 +209,7 @@ class RobotDescription(Strict):
             return self
         named = {*self.known, *(() if isinstance(self.identified, str) else self.identified.values())}
         turned = {
-            f"{v.name}{j}" for j, joint in enumerate(self.joints, start=1) if joint.a or joint.alpha
+            f"{v.name}{j}" for j, joint in enumerate(self.joints, start=1) if joint.a or joint.alpha or joint.beta
             for v in LINK_PARAMETERS if v.name != "M"
         }  # fmt: skip
         if named & turned:
@@ -289,30 +300,34 @@ class RobotDescription(Strict):
 def modified_joints(joints: tuple[Joint, ...]) -> tuple[Joint, ...]:
     """Joints of a description in the classical convention, in the modified one.
 
-    Classical frame j follows from frame j-1 by Rz(theta_j) Tz(d_j) Tx(a_j) Rx(alpha_j), and joint j moves about z_j-1.
-    Modified frame j lies after the first two of these movements, so that the other two belong to the row of joint j+1:
+    Classical frame j follows from frame j-1 by Rz(theta_j) Tz(d_j) Tx(a_j) Rx(alpha_j) Ry(beta_j), and joint j moves
+    about z_j-1. Modified frame j lies after the first two of these movements, so that the others belong to the row of
+    joint j+1:
 
-        modified frame j = classical frame j * (Tx(a_j) Rx(alpha_j))^-1
+        modified frame j = classical frame j * (Tx(a_j) Rx(alpha_j) Ry(beta_j))^-1
 
-    Both have the same base. Of the last row a and alpha place a frame behind which nothing moves; what its link weighs
+    Both have the same base. Of the last row these place a frame behind which nothing moves; what its link weighs
     is brought to the modified frame, like that of all others.
     """
-    before = [(0.0, 0.0), *((joint.alpha, joint.a) for joint in joints[:-1])]
+    before = [{"alpha": 0.0, "a": 0.0, "beta": 0.0}, *(before_axis(joint) for joint in joints[:-1])]
     return tuple(
-        joint.model_copy(update={"alpha": alpha, "a": a, "parameters": _in_modified_frame(joint)})
-        for joint, (alpha, a) in zip(joints, before, strict=True)
+        joint.model_copy(update={**placed, "parameters": _in_modified_frame(joint)})
+        for joint, placed in zip(joints, before, strict=True)
     )
+
+
+def before_axis(joint: Joint) -> dict[str, float]:
+    """What of a joint places its axis in a frame, by name."""
+    return {"alpha": joint.alpha, "a": joint.a, "beta": joint.beta}
 
 
 def _in_modified_frame(joint: Joint) -> dict[str, float]:
     """The parameters of a joint and its link that are stated in the classical frame, in the modified one."""
-    pose = np.eye(4)  # of the classical frame in the modified one
-    pose[:3, :3], pose[0, 3] = turn(0, joint.alpha), joint.a
     own = [{v.name: v.name for v in LINK_PARAMETERS}, *(effect.added_to_link for effect in joint.effect_objects())]
     found = dict(joint.parameters)
     for names in own:
         stated = {of_link: found.pop(name) for name, of_link in names.items() if name in found}
-        there = parameters_of(body_of(stated).seen_from(inverse(pose)))
+        there = parameters_of(body_of(stated).seen_from(inverse(joint.before)))
         found |= {name: there[of_link] for name, of_link in names.items() if of_link in there}
     return found
 

@@ -68,11 +68,12 @@ def link_geometry(robot: RobotDescription, q: ca.SX) -> tuple[list[ca.SX], list[
         theta = joint.theta + q[j] if joint.type == "revolute" else ca.SX(joint.theta)
         d = joint.d + q[j] if joint.type == "prismatic" else ca.SX(joint.d)
         ct, st = (_exact(ca.cos(theta)), _exact(ca.sin(theta)))
-        ca_, sa = _exact(ca.SX(np.cos(joint.alpha))), _exact(ca.SX(np.sin(joint.alpha)))
-        rotations.append(
-            ca.vertcat(ca.horzcat(ct, -st, 0), ca.horzcat(ca_ * st, ca_ * ct, -sa), ca.horzcat(sa * st, sa * ct, ca_))
-        )
-        offsets.append(ca.vertcat(joint.a, -d * sa, d * ca_))
+        before = ca.SX(*joint.before.shape)
+        for row, column in np.ndindex(*before.shape):
+            before[row, column] = _exact(ca.SX(joint.before[row, column]))
+        spin = ca.vertcat(ca.horzcat(ct, -st, 0), ca.horzcat(st, ct, 0), ca.horzcat(0, 0, 1))
+        rotations.append(before[:3, :3] @ spin)
+        offsets.append(before[:3, 3] + d * before[:3, 2])
     return rotations, offsets
 
 

@@ -1,8 +1,8 @@
 """The robot as a moving drawing: its joints along the simulated motion, and the residual over its posture.
 
-Frame j follows from frame j-1 by Rx(alpha) Tx(a) Rz(theta) Tz(d), as in the robot description (Khalil and Kleinfinger
-1986); a point of the drawing is the origin of each frame. The last link has no length there: it is drawn along the x
-axis of its frame, as long as the others on average.
+Frame j follows from frame j-1 by Tx(a) Rx(alpha) Ry(beta) Rz(theta) Tz(d), as in the robot description (Khalil and
+Kleinfinger 1986); a point of the drawing is the origin of each frame. The last link has no length there: it is drawn
+along the x axis of its frame, as long as the others on average.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ import numpy as np
 from markupsafe import Markup
 
 from fmu_didim.data.signals import Array
+from fmu_didim.dynamics.robot.body import turn
 from fmu_didim.report.drawing.charts import in_script
 from fmu_didim.results.result import LinkResult
 
@@ -45,6 +46,8 @@ class Link(Protocol):
     def theta(self) -> float: ...
     @property
     def d(self) -> float: ...
+    @property
+    def beta(self) -> float: ...
 
 
 @dataclass(frozen=True)
@@ -108,12 +111,11 @@ def joint_points(links: Sequence[Link], q: Array) -> Array:
     for link, position in zip(links, q.T, strict=True):
         theta = link.theta + (position if link.type == "revolute" else np.zeros(count))
         d = link.d + (position if link.type == "prismatic" else np.zeros(count))
-        ca, sa = np.cos(link.alpha), np.sin(link.alpha)
-        cosine, sine, zero = np.cos(theta), np.sin(theta), np.zeros(count)
-        offset = np.stack([np.full(count, link.a), -d * sa, d * ca], axis=1)
-        at = at + np.einsum("nij,nj->ni", turned, offset)
-        rows = [[cosine, -sine, zero], [ca * sine, ca * cosine, zero - sa], [sa * sine, sa * cosine, zero + ca]]
-        turned = turned @ np.moveaxis(np.array(rows), 2, 0)
+        before = turn(0, link.alpha) @ turn(1, link.beta)
+        cosine, sine, zero, one = np.cos(theta), np.sin(theta), np.zeros(count), np.ones(count)
+        at = at + turned @ np.array([link.a, 0, 0]) + d[:, None] * (turned @ before[:, 2])
+        spin = [[cosine, -sine, zero], [sine, cosine, zero], [zero, zero, one]]
+        turned = turned @ before @ np.moveaxis(np.array(spin), 2, 0)
         found.append(at)
     lengths = np.linalg.norm(np.diff(np.stack(found, axis=1)[0], axis=0), axis=1)
     there = lengths[lengths > 0]

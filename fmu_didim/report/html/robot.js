@@ -1,6 +1,6 @@
 "use strict";
 (() => {
-/* Draws a robot whose frame j follows from frame j-1 by Rx(alpha) Tx(a) Rz(theta) Tz(d), seen from far away. */
+/* Draws a robot whose frame j follows from frame j-1 by Tx(a) Rx(alpha) Ry(beta) Rz(theta) Tz(d), seen from far away. */
 const robot = JSON.parse(document.getElementById("robot-data").textContent), place = document.getElementById("robot");
 const canvas = place.querySelector("canvas"), pen = canvas.getContext("2d");
 const shown = { frames: true, axes: true, ellipsoids: true, labels: true };
@@ -17,9 +17,9 @@ function frames(position) {
   const found = [{ turn, origin }];
   robot.joints.forEach((j, k) => {
     const turns = j.type === "revolute", theta = j.theta + (turns ? position[k] : 0), d = j.d + (turns ? 0 : position[k]);
-    const ca = Math.cos(j.alpha), sa = Math.sin(j.alpha), ct = Math.cos(theta), st = Math.sin(theta);
-    origin = add(origin, times(turn, [j.a, -d * sa, d * ca]));
-    turn = product(turn, [[ct, -st, 0], [ca * st, ca * ct, -sa], [sa * st, sa * ct, ca]]);
+    const ca = Math.cos(j.alpha), sa = Math.sin(j.alpha), cb = Math.cos(j.beta), sb = Math.sin(j.beta), ct = Math.cos(theta), st = Math.sin(theta);
+    origin = add(origin, times(turn, [j.a + d * sb, -d * sa * cb, d * ca * cb]));
+    turn = product(turn, product([[cb, 0, sb], [sa * sb, ca, -sa * cb], [-ca * sb, sa, ca * cb]], [[ct, -st, 0], [st, ct, 0], [0, 0, 1]]));
     found.push({ turn, origin });
   });
   return found;

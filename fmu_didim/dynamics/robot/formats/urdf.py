@@ -7,8 +7,11 @@ base is that of link 1 at zero. Then
     alpha_j = angle from z_j-1 to z_j about x_j-1       a_j = distance of both along x_j-1
     theta_j = angle from x_j-1 to x_j about z_j         d_j = distance of the feet of both normals along z_j
 
-Links behind fixed joints belong to the link before them; what the root carries does not move. Sources: W. Khalil, J.
-Kleinfinger, "A new geometric notation for open and closed-loop robots", ICRA 1986; the URDF specification of ROS.
+Axes that are parallel but for the errors that a calibration finds have their common normal metres or kilometres away:
+there x_j points across z_j, from where the joint is, to z_j+1, and beta_j+1 is the angle about the y axis that is left
+(S. Hayati, M. Mirmirani, "Improving the absolute positioning accuracy of robot manipulators", 1985). Links behind fixed
+joints belong to the link before them; what the root carries does not move. Sources: W. Khalil, J. Kleinfinger, "A new
+geometric notation for open and closed-loop robots", ICRA 1986; the URDF specification of ROS.
 """
 
 from __future__ import annotations
@@ -32,8 +35,9 @@ MAXIMUM_BYTES = 16 * 2**20
 """[bytes] Of a file that is read: a description with names of meshes has some hundred thousand."""
 GRAVITY = (0.0, 0.0, -9.81)
 """[m/s2] In the frame of the root, whose z axis points upwards by the convention of ROS (REP 103)."""
-PARALLEL = 1e-9
-"""[1] Sine of the angle of two axes below which they are parallel: files have six digits and more of pi/2."""
+PARALLEL = 0.02
+"""[1] Sine of the angle of two axes below which they are parallel but for errors: calibrations find some 1e-3, and no
+arm has axes that are meant to stand at one degree."""
 SAME_AXIS = 1e-9
 """[m] Distance of two parallel axes below which they are one."""
 CUT = "End the robot before it (fmu-didim robot FILE --tip LINK --out robot.yaml)"
@@ -413,12 +417,13 @@ def _frames(poses: Sequence[Array], axes: Sequence[Array]) -> list[Array]:
 def _normal(p: Array, z: Array, q: Array, w: Array, spare: Array) -> tuple[Array, Array]:
     """Direction of the common normal of the axes (p, z) and (q, w), and its foot on the first.
 
-    Of parallel axes it is taken through p; of one axis and the other on it, along one of the columns of ``spare``.
+    Of parallel axes, or nearly parallel ones, it is taken through p; of one axis and the other on it, along one of the
+    columns of ``spare``.
     """
     cross, between = np.cross(z, w), q - p
     sine = float(np.linalg.norm(cross))
     if sine < PARALLEL:
-        across = between - (between @ z) * z
+        across = between - (between @ z) / (w @ z) * w  # to where the second axis meets the plane through p across z
         distance = float(np.linalg.norm(across))
         return (across / distance if distance > SAME_AXIS else _across(z, spare)), p
     x = cross / sine
@@ -434,13 +439,14 @@ def _across(z: Array, spare: Array) -> Array:
 
 
 def _denavit_hartenberg(before: Array, frame: Array) -> dict[str, float]:
-    """alpha, a, theta and d from one frame to the next, whose axis crosses the x axis of the first at a right angle."""
-    x, z, there = before[:3, 0], before[:3, 2], frame[:3, 2]
-    alpha = math.atan2(float(np.cross(z, there) @ x), float(z @ there))
-    theta = math.atan2(float(np.cross(x, frame[:3, 0]) @ there), float(x @ frame[:3, 0]))
-    between = frame[:3, 3] - before[:3, 3]
-    found = {"alpha": alpha, "a": float(between @ x), "theta": theta, "d": float((between - (between @ x) * x) @ there)}
-    return {name: rounded(value) for name, value in found.items()}
+    """alpha, a, theta, d and beta from one frame to the next, whose axis crosses the x axis of the first."""
+    step = inverse(before) @ frame
+    across, along, rest = step[:3, 2]
+    alpha, beta = math.atan2(-along, rest), math.asin(min(max(across, -1.0), 1.0))
+    spin = (turn(0, alpha) @ turn(1, beta)).T @ step[:3, :3]
+    d = float(step[1:3, 3] @ step[1:3, 2]) / (along**2 + rest**2)
+    found = {"alpha": alpha, "a": step[0, 3] - d * across, "theta": math.atan2(spin[1, 0], spin[0, 0]), "d": d}
+    return {name: rounded(value) for name, value in (found | {"beta": beta}).items()}
 
 
 def _identifier(name: str) -> str:

@@ -1,8 +1,8 @@
 """URDF, written: a robot by itself, or the values of a robot in the file that it was read from.
 
-Joint j has its frame where frame j of the robot is at q = 0 (see :mod:`.urdf`), Rx(alpha) Tx(a) Rz(theta) Tz(d) in the
-frame of link j-1, and the z axis for its axis. The root stands so that gravity points downwards, as ROS has it. Source:
-the URDF specification of ROS.
+Joint j has its frame where frame j of the robot is at q = 0 (see :mod:`.urdf`), Tx(a) Rx(alpha) Ry(beta) Rz(theta)
+Tz(d) in the frame of link j-1, and the z axis for its axis. The root stands so that gravity points downwards, as ROS
+has it. Source: the URDF specification of ROS.
 """
 
 from __future__ import annotations
@@ -89,10 +89,9 @@ def joint_names(robot: RobotDescription) -> list[str]:
 
 def pose_of(joint: Joint) -> Array:
     """(4, 4) of the frame of a joint at zero in that of the link before it."""
-    pose = np.eye(4)
-    pose[:3, :3] = turn(0, joint.alpha) @ turn(2, joint.theta)
-    along = turn(0, joint.alpha)[:, 2]
-    pose[:3, 3] = joint.a * np.eye(3)[0] + joint.d * along
+    pose = joint.before
+    pose[:3, 3] += joint.d * pose[:3, 2]
+    pose[:3, :3] = pose[:3, :3] @ turn(2, joint.theta)
     return pose
 
 
