@@ -180,14 +180,14 @@ def bandwidth_of(runs: Sequence[Positions], stated: float | None, log_rate_hz: f
     if stated is None:
         bandwidth = min(clean, max(shown, FOLLOWS * motion))
     if bandwidth < FOLLOWS * motion:
-        needed = FOLLOWS * motion
+        needed = _upwards(FOLLOWS * motion)
         raise InputError(
             "The measured positions cannot be followed: the motion reaches too close to the bandwidth.",
             where="controller.bandwidth_hz",
             got=f"bandwidth {bandwidth:.3g} Hz of positions at {rate:.4g} Hz, motion up to {motion:.3g} Hz",
-            valid=f"bandwidth of {needed:.3g} Hz and more",
-            next_step=f"Log positions at {needed / HIGHEST:.3g} Hz or more, less noisy ones, or move slower."
-            if stated is None else f"Give {needed:.3g} Hz or more, or leave bandwidth_hz out.",
+            valid=f"bandwidth of {needed:g} Hz and more",
+            next_step=_way_out(runs, clean, needed, rate, log_rate_hz) if stated is None
+            else f"Give {needed:g} Hz or more, or leave bandwidth_hz out.",
         )  # fmt: skip
     if stated is not None:
         reason = "as the case states" + (f", of which the torque log shows {shown:.3g} Hz" if stated > shown else "")
@@ -196,3 +196,24 @@ def bandwidth_of(runs: Sequence[Positions], stated: float | None, log_rate_hz: f
     else:
         reason = "set by the rate of the positions" if clean == tried[0] else "set by the noise of the positions"
     return Bandwidth(float(bandwidth), reason)
+
+
+def _way_out(runs: Sequence[Positions], clean: float, needed: float, rate: float, log_rate_hz: float) -> str:
+    """What to do where no bandwidth that is chosen reaches as high as the motion."""
+    if clean >= HIGHEST * rate:  # nothing but the rate is in the way
+        return f"Log positions at {needed / HIGHEST:.3g} Hz or more, or move slower."
+    slower = "Log less noisy positions, or move slower"
+    if needed > HIGHEST_STATED * rate:
+        return f"{slower}, and log them at {needed / HIGHEST:.3g} Hz or more."
+    share = max(run.noise_share(compared_hz(needed, log_rate_hz) or needed) for run in runs)
+    return (
+        f"{slower}. Or state bandwidth_hz: {needed:g}: noise then is {100 * share:.2g} % of the acceleration of a "
+        "joint where torques are compared, which draws inertias towards zero by its square and more; the answer says "
+        "what half of that bandwidth would do to each value."
+    )
+
+
+def _upwards(value: float) -> float:
+    """Rounded up to three digits."""
+    unit = 10.0 ** (np.floor(np.log10(value)) - 2)
+    return float(np.ceil(value / unit) * unit)

@@ -55,6 +55,9 @@ DECIDING = (
     (answers, ("SAME_ROWS", "SAME_VALUE", "FOLLOWS")),
 )
 """Constants on which a comparison depends, by module."""
+LARGE_PART = 0.8
+"""[1] Of a change whose cause is unknown, from which a single cause that explains so much of it is told: what something
+else does is a quarter of it at most."""
 MOST_NAMED = 6
 """[parameters] Whose visible change is stated in one sentence."""
 WITHOUT_ROBOT = (
@@ -162,11 +165,24 @@ def _text(answer: Change, found: Difference, result: Contest) -> str:
     if answer == "unchanged":
         return f"{which} ({chance})"
     if answer == "unknown":
-        return f"{which} ({chance}); no cause that was tried explains that, alone or with a second one"
+        return (
+            f"{which} ({chance}); no cause that was tried explains that, alone or with a second one"
+            f"{_largest_part(result)}"
+        )
     causes = "; or ".join(cause_text(e) for e in result.named)
     if answer == "named":
         return f"{causes}; {which} ({chance})"
     return f"one of {len(result.named)}: {causes}; {which} ({chance})"
+
+
+def _largest_part(result: Contest) -> str:
+    """What a single cause does of a change that none explains: machines differ by more than what was done to them."""
+    alone = [e for e in result.others if len(e.forms) == 1]
+    most = min(alone, key=lambda e: e.bic, default=None)
+    if most is None or most.share < LARGE_PART:
+        return ""
+    share = f"{100 * most.share:.0f} %"
+    return f"; {cause_text(most)} explains {share} of it, and what that leaves of the values is more than noise"
 
 
 def _beside(result: Contest, residual: Sequence[ResidualChange]) -> str:

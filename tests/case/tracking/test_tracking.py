@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -159,8 +160,12 @@ def test_positions_that_are_too_slow_say_which_rate_is_needed() -> None:
 
 
 def test_positions_that_are_too_noisy_cannot_be_followed() -> None:
-    with pytest.raises(InputError, match="cannot be followed"):
+    """What is proposed, a bandwidth of the user's own, is one with which the case is read."""
+    with pytest.raises(InputError, match="cannot be followed") as caught:
         case_of(0, position_std=0.02)
+    proposed = re.search(r"Or state bandwidth_hz: ([0-9.]+): noise then is [0-9.]+ %", caught.value.next_step)
+    assert proposed is not None
+    case_of(0, position_std=0.02, controller={"kind": "tracking", "bandwidth_hz": float(proposed[1])})
 
 
 @pytest.mark.parametrize(

@@ -237,3 +237,18 @@ def test_a_residual_that_is_not_as_large_is_told_beside_unchanged(*, changed: bo
     assert document._beside(Contest(), [residual]) == text
     assert document._rest(Contest()) == []
     assert document._beside(Contest(is_changed=True), [residual]) == ""
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        ((60, 12, -12, 12), "; a alone (a +62 ± 1 N.m) explains 92 % of it, and what that leaves"),
+        ((30, 20, -20, 20), ""),
+    ],
+)
+def test_a_cause_that_explains_most_but_not_all_is_told_behind_unknown(change: tuple[float, ...], told: str) -> None:
+    """Machines differ from day to day by more than what was done to them: payload and nothing else is rare."""
+    found = answer(World(difference(*change)))
+    assert (found.is_changed, found.named) == (True, ())
+    assert document._largest_part(found)[: len(told)] == told
+    assert bool(document._largest_part(found)) == bool(told)
