@@ -35,7 +35,7 @@ from fmu_didim.fit.solver.accuracy import (
 )
 from fmu_didim.fit.solver.least_squares import minimise
 from fmu_didim.fit.solver.numerical_noise import Roughness, roughness, smoother_advice
-from fmu_didim.fit.solver.search import FAILED, NO_STEP
+from fmu_didim.fit.solver.search import BEYOND_EDGE, FAILED, NO_STEP
 from fmu_didim.fit.solver.termination import Stopping
 from fmu_didim.fit.statistics import covariance_white
 from fmu_didim.fit.uncertainty import Uncertainty
@@ -385,7 +385,15 @@ def remarks_of_limits(model: LoopModel, values: Array, deviation: Array, unlimit
 def unsettled_advice(model: LoopModel, iterations: Sequence[Iteration]) -> str:
     """Advice for a fit that has not settled; empty where the status gives it."""
     begin = "The iterations did not settle: the values are those of the last one. "
-    if iterations and iterations[-1].note == NO_STEP:
+    note = iterations[-1].note if iterations else ""
+    if note.startswith(BEYOND_EDGE):
+        return (
+            f"{begin}Where the data lead, the loop cannot be simulated ({note.removeprefix(BEYOND_EDGE).rstrip('.')}): "
+            "they do not hold some values to what a machine may have. Give a longer motion in which the joints move "
+            "each for itself, leave out what it does not show (known: in the robot description), or give a prior "
+            "(prior:)."
+        )
+    if note == NO_STEP:
         if not model.loop.shows_torque:
             start = "Start nearer to the truth (identify: {name: {start: ...}})."
         else:

@@ -19,7 +19,7 @@ from fmu_didim.estimators import Clie, Didim
 from fmu_didim.estimators.finish import unsettled_advice
 from fmu_didim.fit.estimate import RefusedError, Status
 from fmu_didim.fit.iteration import Iteration
-from fmu_didim.fit.solver.search import NO_STEP
+from fmu_didim.fit.solver.search import BEYOND_EDGE, NO_STEP
 from tests.cases import ENTRIES, TRUTH, plant_case
 from tests.helpers import NEAR, model_of
 
@@ -100,6 +100,7 @@ ITERATION = Iteration("clie", 40, np.zeros(1), 1.0)
         (False, True, "", r"Increase maximum_iterations, start nearer to the truth(?!.*reference)"),
         (False, False, NO_STEP, r"No step lowers the error.*Start nearer(?!.*maximum_iterations)"),
         (True, True, NO_STEP, r"No step lowers the error.*more substeps"),
+        (True, True, f"{BEYOND_EDGE}It diverged.", r"cannot be simulated \(It diverged\).*prior:(?!.*substeps)"),
     ],
 )
 def test_the_advice_fits_the_plant(regressor: bool, refine: bool, note: str, told: str | None) -> None:

@@ -461,6 +461,19 @@ def test_the_first_step_that_runs_is_kept_where_the_next_one_is_worse() -> None:
     assert found.values.tolist() == [pytest.approx(0.5)] and found.cost == pytest.approx(21 / 4)
 
 
+def test_a_step_beyond_what_can_be_simulated_says_so_where_none_lowers_the_error() -> None:
+    """The data ask for values that no loop has: another thing than a torque that jitters."""
+
+    def change(a: float) -> float:
+        if a > 0.3:
+            raise SimulationError("It diverges.", next_step="Change it.")
+        return -9.0 * (a > 0)
+
+    found = search(bent(change))
+    assert (found.outputs, found.at_edge) == (None, True)
+    assert found.note == "no step lowers the error: where the data lead, It diverges."
+
+
 def test_what_the_guard_refuses_is_not_simulated() -> None:
     one = bent(lambda a: a, logs=GUARDED, refuse=lambda values: "too light" if values["a"] > 0.6 else "")
     found = search(one)

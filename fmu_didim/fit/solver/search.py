@@ -35,7 +35,9 @@ SHORTEST = 0.1
 """[1] Of a step, from which on a parabola says how far to go: the misfit of a model that explodes at its end, as one
 with a resistance below zero does, would leave nothing of it."""
 NO_STEP = "no step lowers the error"
-"""The note of an iteration after which the steps have ended."""
+"""The note of an iteration after which the steps have ended,"""
+BEYOND_EDGE = f"{NO_STEP}: where the data lead, "
+"""and its begin where that is because what the whole step led to cannot be simulated."""
 FAILED = "the simulation failed at "
 """How the note of an iteration says that a step led to values with which a model cannot be simulated."""
 
@@ -90,7 +92,7 @@ class Search:
         because at the edge of what can be simulated a loop hardly damps itself any more."""
         model, settles = self.model, self.settles
         measured, others = model.measured_outputs, model.experiments.validation_labels if self.check_all else ()
-        tried, edge, best, note = 0, False, None, ""
+        tried, edge, best, note, beyond = 0, False, None, "", ""
         for damping in DAMPINGS:
             change, promised = step.change, step.promised  # of the undamped one, which may have been a cone program
             if damping > 0:
@@ -110,6 +112,7 @@ class Search:
                         model.torque(trial, label)
             except SimulationError as error:
                 edge, note = True, f"step damped: {failed_at(model, trial, error)}"
+                beyond = beyond or failed_at(model, trial, error)
                 if damping == 0 and not model.loop.shows_torque:
                     halved = self._halved(at, step, trial, promised, note.replace("damped", "shortened"), tried)
                     tried = halved.tried
@@ -132,7 +135,8 @@ class Search:
                 best = found
             else:
                 note = "step damped: the error grew"
-        return best or Trial(at.values, None, step.cost, 0.0, tried, edge, NO_STEP)
+        ended = f"{BEYOND_EDGE}{beyond}" if beyond and model.loop.shows_torque else NO_STEP
+        return best or Trial(at.values, None, step.cost, 0.0, tried, edge, ended)
 
     def _halved(self, at: State, step: LinearStep, end: Array, promised: float, note: str, tried: int) -> Trial:
         """The longest of halves, quarters, ... of a step that can be simulated and lowers the cost."""
