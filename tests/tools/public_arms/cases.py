@@ -3,6 +3,7 @@
 shamilmamedov/dynamic_calibration        UR10e: URDF, logs of positions and currents at some 95 Hz, two with a load
 marcocognetti/FrankaEmikaPandaDynModel   Panda: geometry, one log of positions and torques, read at its own pace
 thanhndv212/figaroh-examples             TX40: URDF, logs of motor positions and torques at 5 kHz, coupled wrist
+liuyurong129/figaroh_kinova              AIRBOT Play: URDF, logs of positions and torques at 100 Hz, two with a load
 """
 
 from __future__ import annotations
@@ -19,7 +20,15 @@ from fmu_didim import read_robot, write_robot
 from fmu_didim.data.signals import Array
 
 UR10E, PANDA, TX40 = "dynamic_calibration", "FrankaEmikaPandaDynModel", "figaroh-examples"
+AIRBOT = "figaroh_kinova"
 """Folders of the repositories."""
+AIRBOT_FOLDER = "examples/airbot_play/data"
+AIRBOT_HZ = 100.0
+AIRBOT_LOAD = 0.48
+"""[kg] Of the loaded run, by config/airbot_play_config.yaml."""
+AIRBOT_BANDWIDTH_HZ = 20.4
+"""[Hz] That the case states, as the error of one that leaves it open proposes: the loaded arm swings at 4 Hz, and the
+noise of its positions would set a lower one."""
 LOAD = 2.805
 """[kg] Of the loaded runs, by the scripts of the repository."""
 UR10E_LOGS = "dataset_ur10e/identification_data/ur-20_"
@@ -182,3 +191,22 @@ def _tx40(
         turns = {"motors": motors.tolist()}
         case[run] = {"torque": {"file": log, **turns}, "positions": {"file": positions, **turns}}
     return write(case, out / "case.yaml")
+
+
+def airbot(folder: Path, out: Path) -> tuple[Path, Path, Path]:
+    """One motion without a load and with one: a case of each, and one of both, in which the load is identified."""
+    root = (folder / AIRBOT / AIRBOT_FOLDER).resolve()
+    runs: dict[str, Content] = {}
+    for label, ending in (("empty", ""), ("loaded", "_loaded")):
+        q, tau = (
+            _read(root / f"identification/chirp_motion/identification_{kind}_real{ending}.csv") for kind in ("q", "tau")
+        )
+        log = table(out / f"{label}.csv", {"t": np.arange(len(q)) / AIRBOT_HZ, **named("q", q), **named("tau", tau)})
+        runs[label] = {"torque": {"file": log}, "positions": {"file": log}}
+    head: Content = {
+        "schema": 1, "robot": str(root / "urdf/airbot_play_v3_0_gripper.urdf"),
+        "controller": {"kind": "tracking", "bandwidth_hz": AIRBOT_BANDWIDTH_HZ},
+    }  # fmt: skip
+    single = (write({**head, "name": label, "train": run}, out / f"{label}.yaml") for label, run in runs.items())
+    both = {"empty": runs["empty"], "loaded": {**runs["loaded"], "load": {}}}
+    return *single, write({**head, "name": "load", "experiments": both}, out / "load.yaml")  # type: ignore[return-value]
