@@ -59,11 +59,16 @@ def _lines(folders: Sequence[Path], work: Path, method: str, jobs: int) -> Itera
 def one(
     folder: Path, work: Path, method: str, methods: Mapping[str, Callable[[Path], Answer]] = METHODS
 ) -> dict[str, Any]:
-    """The line of a method for a case; a failure is a line with ``error``, so that it counts."""
+    """The line of a method for a case that was made."""
+    return line_of(folder.name, lambda: methods[method](translate(folder, work / folder.name)))
+
+
+def line_of(case: str, answer: Callable[[], Answer]) -> dict[str, Any]:
+    """The line of an answer to a case of this name; a failure is a line with ``error``, so that it counts."""
     begin = _processor_s()
-    line: dict[str, Any] = {"case": folder.name}
+    line: dict[str, Any] = {"case": case}
     try:
-        line |= methods[method](translate(folder, work / folder.name)).line()
+        line |= answer().line()
     except Exception as error:  # noqa: BLE001 - one bad case must not end the run; it is counted as failed
         line |= {"verdict": "error", "findings": [], "parameters": {}, "error": f"{type(error).__name__}: {error}"}
     line["seconds"] = round(_processor_s() - begin, 2)

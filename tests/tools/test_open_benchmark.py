@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from examples.benchmark import __main__ as command
+from examples.benchmark import real
 from examples.benchmark import run as running
 from examples.benchmark.answer import Answer, Name, named
 from examples.benchmark.cases import KINDS, ORDER, Order, made
@@ -239,3 +240,36 @@ def test_a_few_cases_from_end_to_end(tmp_path: Path, capsys: pytest.CaptureFixtu
     again = capsys.readouterr()
     assert again.out == told.out
     assert "of 3 cases" not in again.err
+
+
+ASYMMETRY, PULSES = real.LOGS
+
+
+@pytest.mark.parametrize(
+    ("log", "names", "expected"),
+    [
+        (ASYMMETRY, ["asymmetric_viscous", "presliding"], "right: asymmetric viscous, presliding"),
+        (
+            ASYMMETRY,
+            ["stribeck", "asymmetric_viscous"],
+            "right: stribeck, asymmetric viscous",
+        ),  # nobody knows the first
+        (ASYMMETRY, ["stribeck"], "missed: stribeck"),
+        (ASYMMETRY, ["torque_ripple", "asymmetric_viscous"], "wrong name: torque ripple, asymmetric viscous"),
+        (PULSES, ["asymmetric_viscous", "external_force"], "right: asymmetric viscous, external force"),
+        (PULSES, ["asymmetric_viscous"], "missed: asymmetric viscous"),
+        (PULSES, [], "missed: nothing"),
+    ],
+)
+def test_what_an_answer_to_a_real_log_is_worth(log: real.Log, names: list[str], expected: str) -> None:
+    answer = named([Name(name, 1) for name in names])
+    assert real.cell(log, {"case": "real", **answer.line()}) == expected
+
+
+def test_a_real_log_that_is_not_there_is_told(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("FMU_DIDIM_DATA", str(tmp_path))
+    with pytest.raises(SystemExit):
+        real.main([])
+    assert "nonlinearbenchmark.org" in capsys.readouterr().err
