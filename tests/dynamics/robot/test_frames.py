@@ -13,6 +13,7 @@ from pydantic import ValidationError
 from fmu_didim.base.errors import InputError
 from fmu_didim.data.signals import Array
 from fmu_didim.dynamics.robot import RobotDescription, RobotModel, read_robot, write_robot
+from fmu_didim.dynamics.robot.description import Joint, modified_joints
 from fmu_didim.dynamics.robot.formats.write_urdf import pose_of
 from fmu_didim.workflow.robot_file import robot_lines, write_picture
 from tests.dynamics.robot.test_urdf import bare
@@ -262,3 +263,16 @@ def test_another_word_for_the_convention_is_refused(tmp_path: Path) -> None:
     (path := tmp_path / "r.yaml").write_text("{name: r, frames: classical, joints: [{type: revolute}]}")
     with pytest.raises(InputError, match="'modified' or 'standard'"):
         read_robot(path)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_angle_of_nearly_parallel_axes_moves_with_alpha_to_the_next_row(seed: int) -> None:
+    """Rz(theta) Tz(d) Tx(a) Rx(alpha) Ry(beta), row by row, ends where the modified frames and the last row end."""
+    rng, rows, place = np.random.default_rng(seed), [], np.eye(4)
+    for alpha, a, theta, d, beta in rng.uniform(-0.5, 0.5, (4, 5)):
+        rows.append(Joint(type="revolute", alpha=alpha, a=a, theta=theta, d=d, beta=beta))
+        place = place @ rotation(2, theta) @ shift(2, d) @ shift(0, a) @ rotation(0, alpha) @ rotation(1, beta)
+    found = np.eye(4)
+    for joint in modified_joints(tuple(rows)):
+        found = found @ pose_of(joint)
+    np.testing.assert_allclose(found @ rows[-1].before, place, atol=1e-12)
