@@ -39,6 +39,9 @@ ALIKE = 1e-6
 1e-5 rad in it."""
 EVEN = 0.01
 """[1] Of a period, up to which instants may lie off an even grid and still be one, as those of a reference may."""
+HIGHEST_HZ, OF_RATE = 100.0, 0.2
+"""[Hz], and [1] of the rate of the positions: the cut-off that is chosen is the lower one. 100 Hz is that of the
+publications, of positions at 1 kHz and more; of slower ones five samples go to its period."""
 GAP = 0.5
 """[periods of the cut-off] Longest gap between rows that a spline fills with what the filter lets through."""
 BESIDE = 1.0
@@ -76,7 +79,8 @@ class IdimLs(Estimator):
     """The estimator ``idim_ls``.
 
     Attributes:
-        cutoff_hz: cut-off of the Butterworth filter of the positions, applied forward and backward.
+        cutoff_hz: cut-off of the Butterworth filter of the positions, applied forward and backward. None: 100 Hz, or a
+            fifth of the rate of the positions where that is less.
         order: its order.
         decimation: one of this many filtered samples is used; 1 uses all and filters nothing.
         sharp_coulomb: take sign(dq) for the smoothed step tanh(dq/v0) of the description, as publications do.
@@ -88,7 +92,7 @@ class IdimLs(Estimator):
     name = "idim_ls"
     needs_positions = True
 
-    cutoff_hz: Positive = 100.0
+    cutoff_hz: Positive | None = None
     order: Count = 4
     decimation: Count = 10
     skip: NotNegative = 50
@@ -168,10 +172,21 @@ class IdimLs(Estimator):
             unlimited=unlimited,
             remarks=(
                 "The fit is that of the inverse model on measured motion, not of a simulation.",
+                *self._chosen(model),
                 *remarks_of_limits(model, found.value, found.known.deviation, unlimited),
             ),
             advice=advice,
         )
+
+    def _chosen(self, model: LoopModel) -> list[str]:
+        """What the filter of the positions is, where the case does not say it: inertias hang on it."""
+        slowest = min(self.cutoff_of(model.experiments[label].time) for label in model.estimation_labels)
+        if self.cutoff_hz is not None or slowest == HIGHEST_HZ:
+            return []
+        return [
+            f"Positions are low-passed at {slowest:.3g} Hz, a fifth of their rate (estimator: cutoff_hz states another "
+            "frequency, above the motion and below the noise)."
+        ]
 
     @staticmethod
     def _paper(columns: Array, residual: Array, deviation: Array) -> Array:
@@ -184,7 +199,7 @@ class IdimLs(Estimator):
         experiment = model.experiments[label]
         even, q = self._positions(model, label)
         rate = (even.size - 1) / (even[-1] - even[0])
-        q = LowPass(self.cutoff_hz, self.order).apply(q, rate)
+        q = LowPass(self.cutoff_of(even), self.order).apply(q, rate)
         dq = np.gradient(q, 1 / rate, axis=0)
         time, motion = experiment.time, (q, dq, np.gradient(dq, 1 / rate, axis=0))
         if self.held or not np.array_equal(even, time):
@@ -217,23 +232,30 @@ class IdimLs(Estimator):
                 got=f"torque {_instants(time)}, positions {_instants(positions.time)}",
                 next_step="Give both at the full rate of the positions.",
             )  # fmt: skip
-        rate = (time.size - 1) / (time[-1] - time[0])
-        if not 0 < self.cutoff_hz < rate / 2:
+        rate, cutoff = (time.size - 1) / (time[-1] - time[0]), self.cutoff_of(time)
+        if not 0 < cutoff < rate / 2:
             raise InputError(
                 "The cut-off frequency must lie below half the rate of the positions.", where="estimator: cutoff_hz",
-                got=f"{self.cutoff_hz:g} Hz at {rate:.4g} Hz", valid=f"above 0, below {rate / 2:.4g} Hz",
+                got=f"{cutoff:g} Hz at {rate:.4g} Hz", valid=f"above 0, below {rate / 2:.4g} Hz",
                 next_step="State one above the motion and below the noise, such as ten times the highest frequency of "
                 "the motion.",
             )  # fmt: skip
         return on_even_grid(time, positions.select([f"q{j}" for j in range(1, model.joint_count + 1)])[rows])
+
+    def cutoff_of(self, time: Array) -> float:
+        """[Hz] The cut-off for positions at instants (K,), s."""
+        if self.cutoff_hz is not None:
+            return self.cutoff_hz
+        return min(HIGHEST_HZ, OF_RATE * (time.size - 1) / float(time[-1] - time[0]))
 
     def inner(self, time: Array) -> NDArray[np.intp]:
         """The samples of a log (N,) that are not dropped: those at its ends are, and those beside a gap in which the
         filter would see more than a spline knows."""
         kept = np.ones(time.size, dtype=bool)
         kept[: self.skip] = kept[time.size - self.skip :] = False
-        for i in np.flatnonzero(np.diff(time) > GAP / self.cutoff_hz):
-            kept &= (time < time[i] - BESIDE / self.cutoff_hz) | (time > time[i + 1] + BESIDE / self.cutoff_hz)
+        cutoff = self.cutoff_of(time)
+        for i in np.flatnonzero(np.diff(time) > GAP / cutoff):
+            kept &= (time < time[i] - BESIDE / cutoff) | (time > time[i + 1] + BESIDE / cutoff)
         return np.flatnonzero(kept)
 
     def decimated(self, values: Array) -> Array:

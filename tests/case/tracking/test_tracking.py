@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fmu_didim import Case, Result, discover, identify, load_case, simulate, trajectory
+from fmu_didim import Case, IdimLs, Result, discover, identify, load_case, simulate, trajectory
 from fmu_didim.base.errors import InputError
 from fmu_didim.case.tracking.law import LIGHTER
 from fmu_didim.checks.data.linear_fit import motion_with_regressor
@@ -242,6 +242,22 @@ def test_the_classical_method_takes_positions_without_a_controller() -> None:
     assert found.estimate.choices is None
     assert found.verdict != "valid" or "held for one control period" in " ".join(found.document.conditions)
     assert np.abs(errors_of(found)).max() < 8  # noise of positions biases it
+
+
+def test_the_classical_method_chooses_a_filter_that_its_positions_have_room_for() -> None:
+    """And says which: 100 Hz, as in publications, is the half of the rate of these positions."""
+    found = identify(case_of(0, estimator={"kind": "idim_ls", "decimation": 4}))
+    stated = identify(case_of(0, estimator={"kind": "idim_ls", "decimation": 4, "cutoff_hz": 40}))
+    assert {name: p.value for name, p in found.parameters.items()} == {n: p.value for n, p in stated.parameters.items()}
+    told = [remark for remark in found.document.remarks if "low-passed at 40 Hz" in remark]
+    assert len(told) == 1 and not any("low-passed" in remark for remark in stated.document.remarks)
+
+
+@pytest.mark.parametrize(
+    ("stated", "rate", "cutoff"), [(None, 1000, 100.0), (None, 500, 100.0), (None, 100, 20.0), (35.0, 100, 35.0)]
+)
+def test_the_cut_off_of_the_classical_method(stated: float | None, rate: int, cutoff: float) -> None:
+    assert IdimLs(cutoff_hz=stated).cutoff_of(np.arange(400) / rate) == pytest.approx(cutoff)
 
 
 def test_the_classical_method_takes_uneven_rows_to_their_end() -> None:
