@@ -21,10 +21,12 @@ from fmu_didim.fit.noise.noise import LEAST_NOISE, Noise, pooled
 from fmu_didim.fit.solver.accuracy import integrated, with_fitting_substeps
 from fmu_didim.fit.solver.least_squares import minimise
 from fmu_didim.fit.solver.termination import Stopping
+from fmu_didim.fit.statistics import relative_error_percent
 from fmu_didim.model.experiments import OutputBlock
 from fmu_didim.model.free_parameter import PLANT, FreeParameter
 from fmu_didim.model.loop_model import LoopModel
 from fmu_didim.model.motion import joint_reference
+from fmu_didim.model.parameters import RobotParameters
 
 SMOOTHING = (0.003, 0.05)
 """[1] Range of the smoothing velocity of Coulomb friction, as fractions of the largest speed of the joint; the value
@@ -33,6 +35,9 @@ SMOOTHING_SCALE = 0.5
 """[1] Noticeable change of it, as a fraction of its value."""
 FEWEST_SAMPLES = 5
 """[samples] For each parameter of the base model; with fewer nothing more can be found."""
+ASTRAY = 200.0
+"""[%] Error of the torque of the base model from which it is none to begin from: no model at all, with no torque, is
+100 % off. What a loop that swings of itself does is not what the machine lacks."""
 FIRST_NOISE = 1e-9
 """[N.m or N] Smallest deviation of a torque with which the first fit weights a joint."""
 
@@ -197,18 +202,58 @@ def _size(model: LoopModel) -> Array:
 
 
 def _of_torque(model: LoopModel) -> Prepared:
-    """Noise and base fit by the torque alone."""
+    """Noise and base fit by the torque alone, from other starts where the first leads astray or the loop fails."""
+    first: Prepared | SimulationError
     try:
-        return _from_start(model)
-    except SimulationError as failed:
-        for kind in start_sequence(model, "description")[1:]:
-            try:
-                found = _from_start(model.with_values(start_values(model, kind)))
-            except (SimulationError, IdentificationError):
-                continue
-            note = f"The search starts from {start_text(kind)}: with the values of the description the loop fails."
+        first = _from_start(model)
+        why = f"from the values of the description the fit goes astray ({_error(first.fit):.0f} % of the torque)"
+        if _error(first.fit) < ASTRAY:
+            return first
+    except SimulationError as error:
+        first, why = error, "with the values of the description the loop fails"
+    for kind in start_sequence(model, "description")[1:]:
+        try:
+            found = _from_start(model.with_values(start_values(model, kind)))
+        except (SimulationError, IdentificationError):
+            continue
+        if _error(found.fit) < ASTRAY:
+            note = f"The search starts from {start_text(kind)}: {why}."
             return replace(found, notes=(note, *found.notes))
-        raise failed
+    if isinstance(first, SimulationError):
+        raise first
+    if not may_lack_friction(model):
+        raise IdentificationError(
+            "The base model explains nothing of the torque.", where=", ".join(model.estimation_labels),
+            got=f"an error of {_error(first.fit):.0f} % at the best fit, from all starts", valid=f"below {ASTRAY:g} %",
+            next_step="Run fmu-didim identify, whose verdict says more: signs, units, clock, gains, or a motion that "
+            "does not hold the values to what a machine may have. What is missing is looked for near the data.",
+        )  # fmt: skip
+    return first
+
+
+def _error(fit: Fit) -> float:
+    """[%] Error of the torque of a fit."""
+    return relative_error_percent(fit.model.measured, fit.torque)[0]
+
+
+def may_lack_friction(model: LoopModel) -> bool:
+    """Whether friction may be what leads a fit astray: of a plant that is not built from a description with it."""
+    if not isinstance(model.parameters, RobotParameters):
+        return True
+    joints = model.parameters.model.description.joints
+    return not all({"coulomb", "viscous"} & set(joint.effects) for joint in joints)
+
+
+def _longer(model: LoopModel) -> str:
+    """How to come to more samples: beside a virtual controller the rate of the log hardly matters."""
+    if not model.loop.is_virtual:
+        return "Record longer, or log at a higher rate."
+    rate = min(experiment.rate_hz for experiment in model.experiments.values())
+    return (
+        f"Record longer, or log positions at a higher rate and with less noise: so many samples, {rate:.3g} a second, "
+        "are left of a log that is compared up to two fifths of the bandwidth of the virtual controller (controller: "
+        "{kind: tracking, bandwidth_hz: ...} states another one)."
+    )
 
 
 def _from_start(model: LoopModel) -> Prepared:
@@ -216,8 +261,8 @@ def _from_start(model: LoopModel) -> Prepared:
     if samples < FEWEST_SAMPLES * count:
         raise InputError(
             "The torque log is too short to look for more than the base parameters.",
-            where=", ".join(model.estimation_labels), got=f"{samples} samples for {count} parameters",
-            next_step="Record longer, or log at a higher rate.",
+            where=", ".join(model.estimation_labels), got=f"{samples} samples of each joint for {count} parameters",
+            valid=f"{FEWEST_SAMPLES * count} and more", next_step=_longer(model),
         )  # fmt: skip
     model = with_nuisances(model)
     repeated, notes = repeated_noise(model)
