@@ -251,8 +251,8 @@ def test_fallback_leaves_slow_model_error_out(rate_hz: float) -> None:
 
 @pytest.mark.parametrize("cutoff_hz", [20.0, 40.0])
 def test_noise_behind_the_filter_of_a_log_is_that_before_it(cutoff_hz: float) -> None:
-    """White noise at 1 kHz behind the filter, seen at 100 Hz: as much as the same density would be at that rate. Without
-    the cut-off it would be a fraction."""
+    """White noise at 1 kHz behind the filter, seen at 100 Hz: as much as the same density would be at that rate.
+    Without the cut-off it would be a fraction."""
     for seed in range(5):
         white = np.random.default_rng(seed).normal(0.0, SIGMA * np.sqrt(10), size=(20000, 2))
         behind = LowPass(cutoff_hz).apply(white, 1000.0)[::10]

@@ -158,8 +158,9 @@ def test_a_filtered_log_that_is_stated_as_instants_is_told_with_its_cutoff() -> 
     filtered = case_of(0).with_(train={"torque": FILTERED})
     experiment = filtered.model.experiments["estimation"]
     signals = {"log": trajectory(experiment.time, {f"tau{j + 1}": c for j, c in enumerate(experiment.torque.T)})}
-    told = [d for d in check(filtered.with_signals(signals).with_(train={"torque": {
-        "rate_hz": None, "sampling": "point", "cutoff_hz": None}})).diagnostics if d.code.name == "log-filtered"]  # fmt: skip
+    stated = {"rate_hz": None, "sampling": "point", "cutoff_hz": None}
+    found = check(filtered.with_signals(signals).with_(train={"torque": stated}))
+    told = [d for d in found.diagnostics if d.code.name == "log-filtered"]
     assert len(told) == 1
     cutoff = re.search(r"cutoff_hz: (\S+)}", told[0].next_step)
     assert cutoff is not None and float(cutoff[1]) == pytest.approx(12, rel=0.25)
