@@ -45,6 +45,8 @@ WINDOW_GRID = 800
 NEAR = 2
 """[windows] On either side of a window, from where on what the model leaves may be larger than elsewhere: its error
 comes and goes with the motion."""
+VALUE_AND_HALF = 1 + 1 / 4
+"""[1] Variance of a value less half of the largest, over that of a value."""
 SMOOTHED = 0.25
 """[1] Part of a window over which an output is smoothed before its begin and end are read: noise moves a mean less than
 a sample, and half of the height of a pulse of any form stays where it is."""
@@ -224,7 +226,7 @@ class _Pulse:
         near = np.zeros_like(free)
         near[max(self.reach.start - room, 0) : self.reach.stop + room] = True
         sizes = [float(left[own].mean()) for own in (free, free & near) if own.any()]
-        off = float(normal_isf((1 - CONFIDENCE) / 2)) * np.sqrt(1.25 * max(sizes, default=0.0))
+        off = float(normal_isf((1 - CONFIDENCE) / 2)) * np.sqrt(VALUE_AND_HALF * max(sizes, default=0.0))
         half, most = self.height[self.top] / 2, self.height[self.top]
         wide, narrow = (_around(self.height >= level, self.top) for level in (half - off, min(half + off, most)))
         begin, end = ((float(time[i]), float(time[k])) for i, k in zip(wide, narrow, strict=True))

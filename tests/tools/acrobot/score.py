@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -35,8 +35,9 @@ class Scored:
         pulses: each with the errors of begin and end in s, None where it was not found.
         beyond: windows as large and long as a pulse that are none; windows: all that are told.
         names: what was named beside; verdict: of the answer.
-        edges: of each begin and end of a pulse that was found, whether its 95 % interval holds it, and how wide that is
-            in s; known: by how much each pulse is off in s that is told in form and place, put through the drive.
+        edges: of each begin and end of a pulse that was found, whether its 95 % interval holds it, and how wide that
+            is in s; lags: of the drives of the joints, s, by the answer.
+        known: by how much each pulse is off, s, that is told in form and place and put through the drive.
     """
 
     run: str
@@ -47,6 +48,7 @@ class Scored:
     verdict: str
     edges: tuple[tuple[bool, float], ...] = ()
     known: tuple[float, ...] = ()
+    lags: Mapping[int, float] = field(default_factory=dict)
 
     @property
     def found(self) -> int:
@@ -57,6 +59,14 @@ class Scored:
     def sharp(self) -> int:
         """Pulses whose begin and end are right."""
         return sum(errors is not None and max(map(abs, errors)) <= EDGE_S for _, errors in self.pulses)
+
+    @property
+    def sharp_at_the_drive(self) -> int:
+        """The same of windows that begin and end earlier by the lag of the drive."""
+        return sum(
+            errors is not None and max(abs(one - self.lags.get(pulse.joint, 0.0)) for one in errors) <= EDGE_S
+            for pulse, errors in self.pulses
+        )
 
 
 def scored(
@@ -86,7 +96,8 @@ def scored(
     beyond = tuple(w for i, w in enumerate(windows) if i not in taken and _as_a_pulse(w, PART * least))
     names = tuple(f["title"] for f in document["findings"])
     known = () if log is None else tuple(known_pulse(log, pulse, values) for pulse in pulses)
-    return Scored(run, tuple(pairs), beyond, len(windows), names, document["verdict"], tuple(edges), known)
+    lags = {j: values[f"lag{j}"] for j in (1, 2) if f"lag{j}" in values}
+    return Scored(run, tuple(pairs), beyond, len(windows), names, document["verdict"], tuple(edges), known, lags)
 
 
 def _edges(window: Mapping[str, Any], pulse: Pulse, lag_s: float) -> Iterator[tuple[bool, float]]:
@@ -144,6 +155,7 @@ def figures_of(runs: Sequence[Scored]) -> dict[str, str]:
         "pulses": str(count),
         "found": f"{sum(r.found for r in disturbed)} of {count}",
         "sharp": f"{sum(r.sharp for r in disturbed)} of {count}",
+        "sharp_at_the_drive": f"{sum(r.sharp_at_the_drive for r in disturbed)} of {count}",
         "intervals": f"{sum(holds for holds, _ in edges)} of {len(edges)}",
         "wide": f"{500 * float(np.median([width for _, width in edges])):.0f}" if edges else "",
         "told": f"{sum(width <= 2 * EDGE_S for _, width in edges)} of {len(edges)}",

@@ -89,6 +89,10 @@ def test_intervals_of_edges_are_held_against_the_log() -> None:
     assert [holds for holds, _ in late.edges] == [True, False]
     figures = figures_of([late])
     assert (figures["intervals"], figures["wide"], figures["told"]) == ("1 of 2", "29", "1 of 2")
+    near = [found | {"begin_s": 1.022, "end_s": 1.322}]  # 2 ms too late, and less than that by the lag of the drive
+    both = scored("disturbed01", {**document, "windows": near, "base_parameters": [{"name": "lag1", "value": 0.005}]},
+                  asked, least=0.5)  # fmt: skip
+    assert (both.sharp, both.sharp_at_the_drive) == (0, 1)
 
 
 def test_a_pulse_that_is_told_is_late_by_what_the_drive_adds(leaderboard: Path) -> None:
