@@ -48,8 +48,7 @@ def read_experiment(
     assert source.torque is not None
     operator = sample_operator(
         log.times, start=float(reference.time[0]), step=step, tick_count=reference.time.size,
-        kind=source.torque.sampling, window=source.torque.window, window_s=source.torque.window_s,
-        instants=instants,
+        instants=instants, **source.torque.sampled,
     ).stamped_later(source.torque.log_shift_s / step, reference.time.size)  # fmt: skip
     told, positions = [*motion.told, *log.told], None
     if source.positions is not None:

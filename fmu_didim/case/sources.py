@@ -283,7 +283,9 @@ class TorqueFile(SignalFile):
     Attributes:
         quantity: ``torque`` (N.m, N), or ``command``: what the controller gives, times the drive gains.
         rate_hz, phase_s: use only the samples phase + i / rate of the log (made by ``sampling``).
-        sampling: ``point`` samples, or the ``average`` over a window.
+        sampling: ``point`` samples, the ``average`` over a window, or ``filtered``: behind a low-pass without phase, as
+            of a log that was brought to fewer samples, or is by ``rate_hz``. What is simulated goes through the same.
+        cutoff_hz: where the filter of samples that are ``filtered`` leaves half of the amplitude.
         window, window_s: where the window of an average lies, and its length (one period by default).
         offset_s: added to the time of the log, to bring it on the clock of the reference.
         log_shift_s: how late the log is stamped, at most a second either way: the samples at t show the torque at
@@ -300,10 +302,27 @@ class TorqueFile(SignalFile):
     sampling: Kind = "point"
     window: Window = "preceding"
     window_s: Positive | None = None
+    cutoff_hz: Positive | None = None
     offset_s: float = 0.0
     log_shift_s: Annotated[float, Field(ge=-1.0, le=1.0)] = 0.0
     outliers: Literal["keep", "leave_out"] = "keep"
     unsigned: bool = False
+
+    @model_validator(mode="after")
+    def _has_cutoff(self) -> TorqueFile:
+        if (self.sampling == "filtered") is (self.cutoff_hz is None):
+            raise ValueError(
+                "sampling: filtered and cutoff_hz belong together: write both, such as {sampling: filtered, cutoff_hz: "
+                "40}, or none of them"
+            )
+        return self
+
+    @property
+    def sampled(self) -> dict[str, Any]:
+        """How a sample follows from the torque, as :func:`~fmu_didim.cosim.sample_operator` takes it."""
+        return {
+            "kind": self.sampling, "window": self.window, "window_s": self.window_s, "cutoff_hz": self.cutoff_hz,
+        }  # fmt: skip
 
     @model_validator(mode="after")
     def _torques_of_motors(self) -> TorqueFile:

@@ -131,8 +131,8 @@ def _torque_at(log: Trajectory, torque: Array, source: TorqueFile, *, changes: b
     instants = Instants(np.interp(np.arange(len(whole)), places, log.time), step) if changes else None
     times = decimated_times(log.time, source.rate_hz, source.phase_s)
     operator = sample_operator(
-        times, start=float(log.time[0]), step=step, tick_count=len(whole), kind=source.sampling,
-        window=source.window, window_s=source.window_s, instants=instants,
+        times, start=float(log.time[0]), step=step, tick_count=len(whole), instants=instants,
+        **source.sampled,
     )  # fmt: skip
     sampled = operator.apply(whole[operator.ticks])
     known = np.isfinite(sampled).all(axis=1)

@@ -1,8 +1,15 @@
 """Torque at a low rate: how a logged sample follows from the held command of the loop.
 
 The command is constant over each period of the control, tau(t) = tau_k on [t_k, t_k + h). So every
-logged sample, a point of it or an average, is a linear combination of the tau_k; the same combination
-of the rows of the regressor belongs to it.
+logged sample, a point of it, an average or what a filter leaves, is a linear combination of the tau_k;
+the same combination of the rows of the regressor belongs to it.
+
+A low-pass without phase, a Butterworth filter of the order n run forward and backward, has the response
+1 / (1 + (f/c)^2n). With its poles z_k = exp(i pi (2k + 1) / 2n), k < n, what it makes of a step at zero is
+
+    C(t) = 1/2 + sign(t)/2 (1 - 1/n sum_k Re exp(2 pi i c |t| z_k)),
+
+and the weight of tau_k in a sample at t is C(t - t_k) - C(t - t_k - h).
 """
 
 from __future__ import annotations
@@ -20,7 +27,7 @@ from fmu_didim.cosim.instants import Instants
 from fmu_didim.data.signals import Array
 
 Indices = NDArray[np.signedinteger[Any]]
-Kind = Literal["point", "average"]
+Kind = Literal["point", "average", "filtered"]
 Window = Literal["preceding", "centred", "following"]
 JITTER = 0.01
 """[1] Fraction of a control period by which the stamp of an instant may lie before its tick: clocks are rounded."""
@@ -30,6 +37,10 @@ ROUNDING = 1e-9
 """[1] Of the ends of a window, in control periods: a period of which so little lies inside is not in it."""
 MOST_SAMPLES = 5_000_000
 """[1] Samples of a log at another rate at most: an hour at 1 kHz, which fits into memory."""
+FILTER_ORDER = 4
+"""[1] Of the filter of a log, run forward and backward: that of a low-pass of the case."""
+FILTER_ENDS = 1e-4
+"""[1] Of the weights of a filtered sample, what lies outside its kernel: below the resolution of torque logs."""
 _SHIFT = {"preceding": -1.0, "centred": -0.5, "following": 0.0}
 
 
@@ -44,6 +55,7 @@ class SampleOperator:
         lag: control periods by which :meth:`stamped_later` has moved the stamps.
         origin: the operator without that; None for one that was not moved.
         instants: of the ticks, where the control period changes: a shift is then a time, so many nominal periods.
+        cutoff_hz: of the filter that the samples are behind; None without one.
     """
 
     ticks: NDArray[np.int64]
@@ -52,6 +64,7 @@ class SampleOperator:
     lag: float = 0.0
     origin: SampleOperator | None = None
     instants: Instants | None = None
+    cutoff_hz: float | None = None
 
     @property
     def count(self) -> int:
@@ -153,7 +166,7 @@ class SampleOperator:
         else:
             ticks, lines = _lines(self._earlier(origin.ticks.astype(np.float64), lag), tick_count)
             matrix = sparse.csr_array(origin.matrix @ lines)
-        return SampleOperator(ticks, matrix, None, lag, origin, self.instants)
+        return SampleOperator(ticks, matrix, None, lag, origin, self.instants, self.cutoff_hz)
 
     def _earlier(self, positions: Array, lag: float) -> Array:
         return positions - lag if self.instants is None else self.instants.earlier(positions, lag)
@@ -181,6 +194,7 @@ def sample_operator(
     kind: Kind = "point",
     window: Window = "preceding",
     window_s: float | None = None,
+    cutoff_hz: float | None = None,
     instants: Instants | None = None,
 ) -> SampleOperator:
     """The operator for samples logged at ``times``.
@@ -189,13 +203,15 @@ def sample_operator(
         times: (N,) instants of the log in s.
         start, step: instant of tick 0 and control period, s.
         tick_count: number of ticks of the reference.
-        kind: ``point``: the command that acts at the instant; ``average``: its mean over a window.
+        kind: ``point``: the command that acts at the instant; ``average``: its mean over a window; ``filtered``: what
+            a low-pass without phase leaves there.
         window: where the window lies: it ends, is centred or starts at the instant.
         window_s: its length in s; by default the usual spacing of ``times``.
+        cutoff_hz: of the filter, where it leaves half of the amplitude.
         instants: of the ticks, where the control period changes; ``start`` and ``step`` do not count then.
 
     Raises:
-        InputError: an instant lies outside the reference.
+        InputError: an instant lies outside the reference, or a filter has no cut-off.
     """
     position = (times - start) / step if instants is None else instants.position(times)
     last = tick_count
@@ -227,12 +243,19 @@ def sample_operator(
                     next_step="Shorten the window, or give a longer reference.",
                 )  # fmt: skip
             rows, columns, weights = _average(position, last, window, length, instants)
+        case "filtered":
+            if cutoff_hz is None:
+                raise InputError(
+                    "The filter of the log has no cut-off.", where="torque.cutoff_hz", got="none", valid="Hz > 0",
+                    next_step="Give the frequency at which the filter of the log leaves half of the amplitude.",
+                )  # fmt: skip
+            rows, columns, weights = _filtered(position, last, cutoff_hz * step)
         case _:
             assert_never(kind)
     support, place = np.unique(columns, return_inverse=True)
     matrix = sparse.csr_array((weights, (rows, place)), shape=(times.size, support.size))
     positions = position if kind == "point" else None
-    return SampleOperator(support.astype(np.int64), matrix, positions, instants=instants)
+    return SampleOperator(support.astype(np.int64), matrix, positions, instants=instants, cutoff_hz=cutoff_hz)
 
 
 def _length(times: Array, window_s: float | None) -> float:
@@ -261,6 +284,29 @@ def _average(
     overlap = np.minimum(columns + 1.0, high[rows]) - np.maximum(columns, low[rows])
     overlap = overlap if instants is None else overlap * instants.periods[columns]
     return rows, columns, overlap / np.add.reduceat(overlap, before)[rows]
+
+
+def filter_response(frequency: Array, cutoff_hz: float) -> Array:
+    """(K,) part of an amplitude that the filter of a log leaves at frequencies (K,), Hz."""
+    return np.asarray(1 / (1 + (frequency / cutoff_hz) ** (2 * FILTER_ORDER)))
+
+
+def _filtered(position: Array, last: int, cutoff: float) -> tuple[Indices, Indices, Array]:
+    """What a low-pass of so many oscillations in a control period makes of each of these, cut where the data begin or
+    end."""
+    poles = np.exp(1j * np.pi * (2 * np.arange(FILTER_ORDER) + 1) / (2 * FILTER_ORDER))
+    reach = -np.log(FILTER_ENDS) / (2 * np.pi * cutoff * poles.imag.min())
+    first = np.floor(np.clip(position - reach, 0.0, last - 1.0)).astype(np.int64)
+    counts = np.ceil(np.clip(position + reach, first + 1.0, float(last))).astype(np.int64) - first
+    rows, before = np.repeat(np.arange(position.size), counts), np.cumsum(counts) - counts
+    columns = np.arange(rows.size) - before[rows] + first[rows]
+
+    def after_step(since: Array) -> Array:
+        rings = sum(np.exp(2j * np.pi * cutoff * np.abs(since) * pole).real for pole in poles) / FILTER_ORDER
+        return np.asarray(0.5 + np.sign(since) / 2 * (1 - rings))
+
+    weights = after_step(position[rows] - columns) - after_step(position[rows] - columns - 1.0)
+    return rows, columns, weights / np.add.reduceat(weights, before)[rows]
 
 
 def grid_places(times: Array) -> Indices:

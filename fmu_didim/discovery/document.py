@@ -26,7 +26,9 @@ from fmu_didim.fit.fit import Fit
 from fmu_didim.fit.gap import Ratio, channel_gaps, explained_gap, gaps, held_out_ratio, joint_gaps, total_gap
 from fmu_didim.fit.noise.noise import Noise
 from fmu_didim.fit.statistics import confidence_interval, relative_error_percent
+from fmu_didim.model.experiment import Experiment
 from fmu_didim.model.free_parameter import FreeParameter
+from fmu_didim.model.loop_model import LoopModel
 from fmu_didim.results.findings import (
     ANSWER_TEXT,
     UNTRIED_TEXT,
@@ -91,7 +93,7 @@ def findings_document(
         findings=[*outside, *_with_ladders(discovery, builder, ladders)],
         roles={label: e.role for label, e in base.model.experiments.items()},
         gap={label: gap_pair(before, after, noise) for label, (before, after) in residuals.items()},
-        error_percent=_errors(discovery, residuals),
+        error_percent=_errors(discovery, residuals, request.whole),
         ratio_interval=(ratio.low, ratio.high) if ratio is not None else None,
         noise=_noise(noise),
         channels=_channels(discovery),
@@ -299,13 +301,34 @@ def residuals_of(base: Fit, final: Fit) -> Residuals:
     return result
 
 
-def _errors(discovery: Discovery, residuals: Residuals) -> dict[str, tuple[float | None, float | None]]:
+def _errors(
+    discovery: Discovery, residuals: Residuals, whole: Mapping[str, Experiment]
+) -> dict[str, tuple[float | None, float | None]]:
+    """Label -> torque errors of the base and of the final model, by all samples of an experiment where these are known,
+    else by those of its residuals."""
     result = {}
-    for label, pair in residuals.items():
-        measured = discovery.base.model.experiments.measured_in(label)
+    for label, residual_pair in residuals.items():
+        model, pair = discovery.base.model, residual_pair
+        if label in whole:
+            model = _on_whole(model, label, whole[label])
+            pair = (_residual(discovery.base, label, whole[label]), _residual(discovery.final, label, whole[label]))
+        measured = model.experiments.measured_in(label)
         percent = [relative_error_percent(measured, measured - r)[0] if np.isfinite(r).all() else None for r in pair]
         result[label] = (percent[0], percent[1])
     return result
+
+
+def _on_whole(model: LoopModel, label: str, whole: Experiment) -> LoopModel:
+    return model.with_experiment(label, model.experiments[label].with_samples_of(whole))
+
+
+def _residual(fit: Fit, label: str, whole: Experiment) -> Array:
+    """(N, n) of all samples of an experiment; infinite where the model cannot be run on it."""
+    model = _on_whole(fit.model, label, whole)
+    try:
+        return model.residual(fit.values, label)
+    except SimulationError:
+        return np.full(whole.torque.shape, np.inf)
 
 
 def _windows(discovery: Discovery, residuals: Residuals) -> list[WindowResult]:

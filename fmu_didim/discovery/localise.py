@@ -8,6 +8,7 @@ which an output of a model alone is off, are found one by one.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +18,7 @@ from fmu_didim.data.signals import Array
 from fmu_didim.dynamics.robot import RobotDescription, RobotModel
 from fmu_didim.fit.fit import Fit
 from fmu_didim.fit.noise.noise import TINY, Noise, effective_fraction
+from fmu_didim.fit.statistics import CONFIDENCE
 from fmu_didim.model.motion import Motion, simulated_motion
 from fmu_didim.results.findings import RegionResult, WindowResult
 
@@ -40,6 +42,11 @@ SHORTEST_WINDOW = 3
 WINDOW_GRID = 800
 """[instants] At the edges of windows in the first search; then they are polished."""
 
+NEAR = 2
+"""[windows] On either side of a window, from where on what the model leaves may be larger than elsewhere: its error
+comes and goes with the motion."""
+VALUE_AND_HALF = 1 + 1 / 4
+"""[1] Variance of a value less half of the largest, over that of a value."""
 SMOOTHED = 0.25
 """[1] Part of a window over which an output is smoothed before its begin and end are read: noise moves a mean less than
 a sample, and half of the height of a pulse of any form stays where it is."""
@@ -164,34 +171,66 @@ def output_windows(residual: Array, time: Array, noise: float, name: str, label:
     a quarter of it, passes half of its largest value there, whatever the form of the pulse. How many samples count as
     independent is that of the residual outside, up to where that changes its sign: a pulse itself has a colour.
 
+    What the model leaves outside all windows, smoothed alike, moves a value h(t) and half of the largest, H/2, by
+
+        q = 1.96 s sqrt(1 + 1/4),
+
+    s its root mean square, everywhere or near the window, whichever is larger. An edge lies between where h passes
+    H/2 - q and H/2 + q.
+
     Args:
         residual: (N,) measured less simulated, in the unit of the output. time: (N,) s, s[k] < s[k + 1].
         noise: standard deviation of the output, at least as large as which the spread is taken.
         name: of the output. label: of the experiment.
     """
-    found: list[WindowResult] = []
+    found: list[tuple[WindowResult, _Pulse]] = []
     rest = residual - np.median(residual)
     spread = max(float(np.median(np.abs(rest)) / normal_isf(QUARTER)), noise, TINY)
     for _ in range(MAXIMUM_WINDOWS):
         a, b = _best_window(rest)
         mean = float(rest[a:b].mean())
-        height = np.sign(mean) * _smoothed(rest, max(round(SMOOTHED * (b - a)), 1))
+        count = max(round(SMOOTHED * (b - a)), 1)
+        height = np.sign(mean) * _smoothed(rest, count)
         top = a + int(np.argmax(height[a:b]))
         first, last = _around(height > 0, top)
-        outside = rest.copy()
-        outside[min(a, first) : max(b, last + 1)] = 0.0
+        outside, reach = rest.copy(), slice(min(a, first), max(b, last + 1))
+        outside[reach] = 0.0
         score = abs(mean) / spread * np.sqrt((b - a) * float(effective_fraction(outside[:, None])[0]))
         if score < WINDOW_SCORE or b - a > LONGEST_WINDOW * rest.size or abs(mean) < spread:
             break
         first, last = _around(height >= height[top] / 2, top)
-        found.append(
-            WindowResult(
-                joint=0, signal=name, begin_s=float(time[first]), end_s=float(time[last]), score=float(score),
-                torque=float(np.sign(mean) * height[top]), experiment=label,
-            )
+        window = WindowResult(
+            joint=0, signal=name, begin_s=float(time[first]), end_s=float(time[last]), score=float(score),
+            torque=float(np.sign(mean) * height[top]), experiment=label,
         )  # fmt: skip
+        found.append((window, _Pulse(height, top, count, reach)))
         rest = outside
-    return sorted(found, key=lambda w: -w.score)
+    with_intervals = [w.model_copy(update=pulse.intervals(rest, time)) for w, pulse in found]
+    return sorted(with_intervals, key=lambda w: -w.score)
+
+
+@dataclass(frozen=True)
+class _Pulse:
+    """What is measured beyond a model in a window: smoothed over ``count`` samples (N,), the place of its largest
+    value, and where it is not zero."""
+
+    height: Array
+    top: int
+    count: int
+    reach: slice
+
+    def intervals(self, rest: Array, time: Array) -> dict[str, tuple[float, float]]:
+        """95 % intervals of begin and end, by what is left (N,) outside all windows, zero within."""
+        left, free = _smoothed(rest, self.count) ** 2, rest != 0.0
+        room = NEAR * (self.reach.stop - self.reach.start)
+        near = np.zeros_like(free)
+        near[max(self.reach.start - room, 0) : self.reach.stop + room] = True
+        sizes = [float(left[own].mean()) for own in (free, free & near) if own.any()]
+        off = float(normal_isf((1 - CONFIDENCE) / 2)) * np.sqrt(VALUE_AND_HALF * max(sizes, default=0.0))
+        half, most = self.height[self.top] / 2, self.height[self.top]
+        wide, narrow = (_around(self.height >= level, self.top) for level in (half - off, min(half + off, most)))
+        begin, end = ((float(time[i]), float(time[k])) for i, k in zip(wide, narrow, strict=True))
+        return {"begin_interval": begin, "end_interval": (end[1], end[0])}
 
 
 def _smoothed(values: Array, count: int) -> Array:

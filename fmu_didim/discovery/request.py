@@ -13,6 +13,7 @@ from fmu_didim.discovery.progress import Progress
 from fmu_didim.discovery.selection.decide import Options
 from fmu_didim.dynamics.effects import EFFECTS, Effect
 from fmu_didim.dynamics.robot import RobotDescription
+from fmu_didim.model.experiment import Experiment
 from fmu_didim.results.findings import FindingsDocument
 
 OF_THE_WIRING = ("drive", "sensor", "measurement")
@@ -46,6 +47,8 @@ class Request:
         acknowledged: code -> sentence of the doubts that the user has checked.
         provenance: recorded in the document.
         doubts: errors of the data, which hold whatever the model is; notes: further remarks on the data.
+        whole: label -> all samples of an experiment, by which the torque errors of the answer are, as everywhere else;
+            the search leaves out the beginning. Those that are not there: the samples of the search.
     """
 
     name: str
@@ -59,6 +62,7 @@ class Request:
     provenance: Mapping[str, Any] = field(default_factory=dict)
     doubts: Sequence[Diagnostic] = ()
     notes: Sequence[str] = ()
+    whole: Mapping[str, Experiment] = field(default_factory=dict)
 
     @property
     def external(self) -> Effect | None:

@@ -110,7 +110,7 @@ def discover(model: LoopModel, request: Request) -> Found:
         request = replace(request, notes=[*request.notes, told])
     if model.prior is not None:
         model, request = replace(model, prior=None), replace(request, notes=[*request.notes, WITHOUT_PRIOR])
-    later = model
+    request, later = replace(request, whole=dict(model.experiments)), model
     for label, experiment in model.experiments.items():
         later = later.with_experiment(label, experiment.after(FIRST_S))
     request.progress.say("base model")

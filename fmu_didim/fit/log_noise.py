@@ -167,7 +167,9 @@ def _residual_noise(fit: Fit, label: str) -> Noise:
     experiment = fit.model.experiments[label]
     frequency = motion_frequency(experiment.reference, fit.model.joint_count)
     residual = fit.residual[fit.model.experiments.rows[label]]
-    return noise_from_residual(residual, rate_hz=experiment.rate_hz, motion_hz=frequency)
+    return noise_from_residual(
+        residual, rate_hz=experiment.rate_hz, motion_hz=frequency, cutoff_hz=experiment.operator.cutoff_hz
+    )
 
 
 def _whole(samples: float) -> int | None:

@@ -137,6 +137,13 @@ class Experiment:
             channels=tuple(channel.after(begin) for channel in self.channels), **self._tables(slice(first, None)),
         )  # fmt: skip
 
+    def with_samples_of(self, other: Experiment) -> Experiment:
+        """The same, what acts in it and where it starts, with the samples of another part of its log."""
+        return replace(
+            self, time=other.time, torque=other.torque, operator=other.operator, channels=other.channels,
+            scale=other.scale, recorded=other.recorded,
+        )  # fmt: skip
+
     def at(self, rows: Indices) -> Experiment:
         """The same with these samples of the torque alone."""
         tables = self._tables(rows)

@@ -266,7 +266,7 @@ def _moved(operator: SampleOperator, rows: Indices, shifts: NDArray[np.int64], c
     ticks, places = np.unique(own, return_inverse=True)
     positions = None if operator.positions is None else operator.positions[rows] + shifts
     weights = sparse.csr_array((matrix.data, places, matrix.indptr), shape=(rows.size, ticks.size))
-    return SampleOperator(ticks.astype(np.int64), weights, positions)
+    return SampleOperator(ticks.astype(np.int64), weights, positions, cutoff_hz=operator.cutoff_hz)
 
 
 def whole_logs(model: LoopModel, whole: LoopModel) -> LoopModel:

@@ -208,6 +208,7 @@ class WindowResult(_Document):
     Attributes:
         joint: from 1, 0 of an output; signal: the output, empty of a joint.
         begin_s, end_s: on the clock of the reference; of an output, where half of the largest value is passed.
+        begin_interval, end_interval: 95 % intervals of these, s, by what the model leaves elsewhere; None of a joint.
         score: mean of the residual there, in its standard deviations.
         experiment: label of the experiment.
     """
@@ -216,6 +217,8 @@ class WindowResult(_Document):
     signal: str = ""
     begin_s: float
     end_s: float
+    begin_interval: tuple[float, float] | None = None
+    end_interval: tuple[float, float] | None = None
     torque: float = Field(
         description="on the joint, positive along it; the drive must make up for it. Of an output: the most that is "
         "measured beyond the model, in its unit"

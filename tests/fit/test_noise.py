@@ -11,6 +11,7 @@ import pytest
 from fmu_didim.base.errors import InputError
 from fmu_didim.checks.data.checks import data_diagnostics
 from fmu_didim.cosim import sample_operator
+from fmu_didim.data.filters import LowPass
 from fmu_didim.data.signals import Trajectory, trajectory, write_csv
 from fmu_didim.data.tables import read_trajectory
 from fmu_didim.discovery.base_model import prepare
@@ -246,6 +247,19 @@ def test_fallback_leaves_slow_model_error_out(rate_hz: float) -> None:
         noise = noise_from_residual(residual, rate_hz=rate_hz, motion_hz=1.0)
         assert (noise.deviation > 0.5 * SIGMA).all()
         assert (noise.deviation < 2.0 * SIGMA).all()
+
+
+@pytest.mark.parametrize("cutoff_hz", [20.0, 40.0])
+def test_noise_behind_the_filter_of_a_log_is_that_before_it(cutoff_hz: float) -> None:
+    """White noise at 1 kHz behind the filter, seen at 100 Hz: as much as the same density would be at that rate.
+    Without the cut-off it would be a fraction."""
+    for seed in range(5):
+        white = np.random.default_rng(seed).normal(0.0, SIGMA * np.sqrt(10), size=(20000, 2))
+        behind = LowPass(cutoff_hz).apply(white, 1000.0)[::10]
+        found = noise_from_residual(behind, rate_hz=100.0, motion_hz=8.0, cutoff_hz=cutoff_hz)
+        assert found.deviation == pytest.approx(SIGMA, rel=0.2)
+        assert found.correlation == pytest.approx(0.0, abs=0.2)
+        assert (noise_from_residual(behind, rate_hz=100.0, motion_hz=8.0).deviation < 0.7 * SIGMA).all()
 
 
 def test_a_sweep_is_no_noise_at_a_low_rate() -> None:

@@ -28,6 +28,7 @@ from fmu_didim import (
 from fmu_didim.base.constants import recorded
 from fmu_didim.base.errors import InputError, UnknownNameError
 from fmu_didim.discovery.constants import DECIDING
+from fmu_didim.fit.statistics import relative_error_percent
 from fmu_didim.report import result_table
 from fmu_didim.report.discovery.sections import discovery_table
 from tests.report.drawn import plotted
@@ -292,6 +293,21 @@ def test_loaded_discovery_is_saved_again(found: tuple[Discovered, Path], tmp_pat
     with pytest.raises(InputError, match="A file of the discovery is missing"):
         Discovered.load(copy).save(tmp_path / "third")
     assert not (tmp_path / "third" / "findings.json").exists()
+
+
+def test_torque_errors_of_a_discovery_are_by_all_samples_as_those_of_an_identification(
+    found: tuple[Discovered, Path],
+) -> None:
+    """The search leaves out the first quarter of a second."""
+    discovered, _ = found
+    assert discovered.case is not None
+    steps = discovered.found.discovery
+    for label, whole in discovered.case.model.experiments.items():
+        own = steps.final.model.experiments[label]
+        assert own.time[0] > whole.time[0] and own.time[-1] == whole.time[-1]
+        for fit, told in zip((steps.base, steps.final), discovered.error_percent[label], strict=True):
+            model = fit.model.with_experiment(label, whole)
+            assert told == pytest.approx(relative_error_percent(whole.torque, model.torque(fit.values, label))[0])
 
 
 def test_discoveries_that_differ_are_not_equal(found: tuple[Discovered, Path]) -> None:

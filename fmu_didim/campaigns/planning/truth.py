@@ -132,8 +132,7 @@ def _experiment(case: Case, label: str) -> Experiment:
             )  # fmt: skip
         times = decimated_times(times, source.rate_hz, source.phase_s)
     operator = sample_operator(
-        times, start=start, step=step, tick_count=reference.time.size, kind=source.sampling,
-        window=source.window, window_s=source.window_s,
+        times, start=start, step=step, tick_count=reference.time.size, **source.sampled,
         instants=None if case.document.runs[label].instants is None else Instants(reference.time, step),
     ).stamped_later(source.log_shift_s / step, reference.time.size)  # fmt: skip
     nothing = np.zeros((times.size, case.parameters.joint_count))
@@ -241,7 +240,7 @@ def with_simulated_logs(
     return {**result, "experiments": runs} if runs else result
 
 
-_ASSUMED = ("sampling", "window", "window_s", "offset_s", "log_shift_s")
+_ASSUMED = ("sampling", "window", "window_s", "cutoff_hz", "offset_s", "log_shift_s")
 
 
 def hidden_effects(truth: RobotDescription | None, model: RobotDescription | None) -> str:

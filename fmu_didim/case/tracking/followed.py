@@ -25,10 +25,10 @@ from fmu_didim.case.tracking.law import (
 from fmu_didim.case.tracking.positions import (
     HIGHEST,
     HIGHEST_STATED,
+    LogBand,
     Positions,
     Smooth,
     bandwidth_of,
-    compared_hz,
     read_positions,
 )
 from fmu_didim.checks.data.log import REFERENCE_STEP
@@ -82,7 +82,7 @@ class Tracking:
         """The virtual controller for measured positions and torques."""
         logs = {label: replace(log, motion=runs[label].smooth(bandwidth_hz)) for label, log in logs.items()}
         law = virtual_law(parameters, logs, bandwidth_hz, step, loads)
-        compared = compared_hz(max(bandwidth_hz, border_hz), min(log.rate_hz for log in logs.values()))
+        compared = _band(logs).compared_hz(max(bandwidth_hz, border_hz))
         return cls(law, law.component(), bandwidth_hz, runs, logs, border_hz, states_rate, compared, loads, reason)
 
     @property
@@ -194,15 +194,21 @@ def tracking_of(
             signals=signals,
         )  # fmt: skip
         time = log.times - (0.0 if source.torque is None else source.torque.log_shift_s)
-        measured[label] = Measured(time, log.torque, positions.smooth(HIGHEST * positions.rate_hz))
-    followed, slowest = [runs[label] for label in fitted], min(log.rate_hz for log in measured.values())
-    bandwidth = bandwidth_of(followed, document.controller.bandwidth_hz, slowest)
+        cutoff_hz = None if source.torque is None else source.torque.cutoff_hz
+        measured[label] = Measured(time, log.torque, positions.smooth(HIGHEST * positions.rate_hz), cutoff_hz)
+    bandwidth = bandwidth_of([runs[label] for label in fitted], document.controller.bandwidth_hz, _band(measured))
     measured = {label: log.inside(*_borders(runs[label], bandwidth.hz)) for label, log in measured.items()}
     return Tracking.of(
         parameters, runs, measured, bandwidth_hz=bandwidth.hz, step=step, border_hz=bandwidth.hz,
         states_rate=document.loop.rate_hz is not None, reason=bandwidth.reason,
         loads=_loads(document),
     )  # fmt: skip
+
+
+def _band(logs: Mapping[str, Measured]) -> LogBand:
+    """What all of these logs show."""
+    cutoffs = [log.cutoff_hz for log in logs.values() if log.cutoff_hz is not None]
+    return LogBand(min(log.rate_hz for log in logs.values()), min(cutoffs, default=None))
 
 
 def planned_tracking(document: CaseDocument, model: RobotModel | None) -> Tracking:

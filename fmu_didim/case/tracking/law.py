@@ -51,11 +51,16 @@ FED_FORWARD = "tracking_torque"
 
 @dataclass(frozen=True)
 class Measured:
-    """Torque (N, n) of a run at instants (N,), s, and the motion that was measured."""
+    """Torque (N, n) of a run at instants (N,), s, and the motion that was measured.
+
+    Attributes:
+        cutoff_hz: of the filter that the torque is behind; None without one.
+    """
 
     time: Array
     torque: Array
     motion: Smooth
+    cutoff_hz: float | None = None
 
     @property
     def rate_hz(self) -> float:

@@ -136,17 +136,43 @@ def read_positions(
     return Positions(label, table.time, table.values, source.positions.file, tuple(told))
 
 
-def compared_hz(bandwidth_hz: float, log_rate_hz: float) -> float | None:
-    """Cut-off to which both torques are filtered before they are compared; None where the log is too slow for that."""
-    return COMPARED * bandwidth_hz if bandwidth_hz <= OF_THE_LOG * log_rate_hz else None
+@dataclass(frozen=True)
+class LogBand:
+    """What torque logs show: their rate, Hz, and the cut-off of a filter that they are behind, Hz; None without one."""
+
+    rate_hz: float
+    cutoff_hz: float | None = None
+
+    @property
+    def shown_hz(self) -> float:
+        """The highest bandwidth that is chosen."""
+        return SHOWN * self.rate_hz if self.cutoff_hz is None else self.cutoff_hz / COMPARED
+
+    def compared_hz(self, bandwidth_hz: float) -> float | None:
+        """Cut-off to which both torques are filtered before they are compared; None where the log is too slow for that,
+        or behind a lower filter, through which what is simulated goes as well."""
+        wanted = COMPARED * bandwidth_hz
+        if self.cutoff_hz is not None:
+            return wanted if wanted < min(self.cutoff_hz, OF_THE_LOG * self.rate_hz) else None
+        return wanted if bandwidth_hz <= OF_THE_LOG * self.rate_hz else None
+
+    def noise_share(self, run: Positions, bandwidth_hz: float) -> tuple[float, float]:
+        """The noise in the accelerations that are compared, and what it may be."""
+        cutoff = self.compared_hz(bandwidth_hz) or self.cutoff_hz
+        if cutoff is None:
+            return run.noise_share(bandwidth_hz), NOISE_UNFILTERED
+        return run.noise_share(cutoff), NOISE
+
+    def __str__(self) -> str:
+        if self.cutoff_hz is None:
+            return f"a torque log at {self.rate_hz:.4g} Hz"
+        return f"a torque log behind a filter of {self.cutoff_hz:.4g} Hz"
 
 
-def _is_clean(run: Positions, bandwidth_hz: float, log_rate_hz: float) -> bool:
+def _is_clean(run: Positions, bandwidth_hz: float, log: LogBand) -> bool:
     """Whether noise hardly shows in the accelerations that are compared."""
-    cutoff = compared_hz(bandwidth_hz, log_rate_hz)
-    if cutoff is None:
-        return run.noise_share(bandwidth_hz) <= NOISE_UNFILTERED
-    return run.noise_share(cutoff) <= NOISE
+    share, most = log.noise_share(run, bandwidth_hz)
+    return share <= most
 
 
 @dataclass(frozen=True)
@@ -157,10 +183,10 @@ class Bandwidth:
     reason: str
 
 
-def bandwidth_of(runs: Sequence[Positions], stated: float | None, log_rate_hz: float) -> Bandwidth:
+def bandwidth_of(runs: Sequence[Positions], stated: float | None, log: LogBand) -> Bandwidth:
     """The bandwidth up to which positions are followed: the stated one, else the highest at which noise hardly shows in
     the accelerations that are compared, and no higher than a torque log shows: above ``SHOWN`` of its rate the low-pass
-    takes off nothing below half of it.
+    takes off nothing below half of it, above the cut-off over ``COMPARED`` nothing that the filter of a log leaves.
 
     Raises:
         InputError: the motion reaches as high, so that positions at this rate, or with this noise, cannot be followed.
@@ -173,10 +199,10 @@ def bandwidth_of(runs: Sequence[Positions], stated: float | None, log_rate_hz: f
             next_step="Leave bandwidth_hz out, or give positions at a higher rate.",
         )  # fmt: skip
     tried = HIGHEST * rate * 2.0 ** (-np.arange(STEPS) / 4)
-    clean = next((b for b in tried if all(_is_clean(run, b, log_rate_hz) for run in runs)), float(tried[-1]))
+    clean = next((b for b in tried if all(_is_clean(run, b, log) for run in runs)), float(tried[-1]))
     bandwidth = clean if stated is None else stated
     motion = max(run.motion_hz(min(clean, bandwidth)) for run in runs)  # above, noise would look like motion
-    shown = SHOWN * log_rate_hz
+    shown = log.shown_hz
     if stated is None:
         bandwidth = min(clean, max(shown, FOLLOWS * motion))
     if bandwidth < FOLLOWS * motion:
@@ -186,26 +212,26 @@ def bandwidth_of(runs: Sequence[Positions], stated: float | None, log_rate_hz: f
             where="controller.bandwidth_hz",
             got=f"bandwidth {bandwidth:.3g} Hz of positions at {rate:.4g} Hz, motion up to {motion:.3g} Hz",
             valid=f"bandwidth of {needed:g} Hz and more",
-            next_step=_way_out(runs, clean, needed, rate, log_rate_hz) if stated is None
+            next_step=_way_out(runs, clean, needed, rate, log) if stated is None
             else f"Give {needed:g} Hz or more, or leave bandwidth_hz out.",
         )  # fmt: skip
     if stated is not None:
         reason = "as the case states" + (f", of which the torque log shows {shown:.3g} Hz" if stated > shown else "")
     elif bandwidth < clean:
-        reason = f"all that a torque log at {log_rate_hz:.4g} Hz shows"
+        reason = f"all that {log} shows"
     else:
         reason = "set by the rate of the positions" if clean == tried[0] else "set by the noise of the positions"
     return Bandwidth(float(bandwidth), reason)
 
 
-def _way_out(runs: Sequence[Positions], clean: float, needed: float, rate: float, log_rate_hz: float) -> str:
+def _way_out(runs: Sequence[Positions], clean: float, needed: float, rate: float, log: LogBand) -> str:
     """What to do where no bandwidth that is chosen reaches as high as the motion."""
     if clean >= HIGHEST * rate:  # nothing but the rate is in the way
         return f"Log positions at {needed / HIGHEST:.3g} Hz or more, or move slower."
     slower = "Log less noisy positions, or move slower"
     if needed > HIGHEST_STATED * rate:
         return f"{slower}, and log them at {needed / HIGHEST:.3g} Hz or more."
-    share = max(run.noise_share(compared_hz(needed, log_rate_hz) or needed) for run in runs)
+    share = max(log.noise_share(run, needed)[0] for run in runs)
     return (
         f"{slower}. Or state bandwidth_hz: {needed:g}: noise then is {100 * share:.2g} % of the acceleration of a "
         "joint where torques are compared, which draws inertias towards zero by its square and more; the answer says "

@@ -36,7 +36,15 @@ from fmu_didim.checks.data.robot import (
     misread_diagnostics,
 )
 from fmu_didim.checks.data.runs import run_diagnostics
-from fmu_didim.checks.data.timing import CLOCK_EARLY, CLOCK_LATE, COMMAND_DELAY, SAMPLING_KIND, kind_is_clear, timings
+from fmu_didim.checks.data.timing import (
+    CLOCK_EARLY,
+    CLOCK_LATE,
+    COMMAND_DELAY,
+    SAMPLING_KIND,
+    filtered_diagnostics,
+    kind_is_clear,
+    timings,
+)
 from fmu_didim.checks.data.torque_channel import torque_channel_diagnostics
 from fmu_didim.checks.data.units import position_diagnostics, unit_diagnostics
 from fmu_didim.checks.data.unsigned import unsigned_diagnostics
@@ -60,6 +68,7 @@ LOG_CHECKS: tuple[LogCheck, ...] = (
     lambda run, _: run.experiment.told,
     reference_diagnostics,
     lambda run, given: log_diagnostics(run.experiment, run.label, given, 1 / run.step_size),
+    lambda run, _: filtered_diagnostics(run.experiment, run.label),
 )
 """The checks of each experiment, whatever else is found. Those of units, channels and causes, of which one makes the
 next needless, are called in turn below."""

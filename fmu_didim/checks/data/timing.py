@@ -30,6 +30,9 @@ from fmu_didim.checks.judgement import MATTERS
 from fmu_didim.checks.sampling_kind import other_ways, way_text
 from fmu_didim.cosim import SampleOperator
 from fmu_didim.cosim.sampling import Kind, Window
+from fmu_didim.data.spectrum import power_density
+from fmu_didim.fit.noise.noise import SEGMENT, SEGMENTS, TINY
+from fmu_didim.model.experiment import Experiment
 
 SHIFTS_S = (0.002, 0.006, 0.018, 0.054, 0.16, 0.5)
 """[s] Shifts of a log that are tried, late and early, before the least misfit is searched near the best one."""
@@ -39,6 +42,8 @@ SHIFT_ACCURACY = 0.02
 """[control periods] To which the least misfit is searched."""
 IN_A_WINDOW = 10
 """[ticks] Of a window over which a log may be an average, at which the torque is taken to see whether it is."""
+HALF_AN_AMPLITUDE = 0.25
+"""[1] Of the power of a log lower down, at the cut-off of its filter."""
 CURVATURE = 0.5
 """[control periods] Beside the least misfit at which its curvature is taken."""
 SHIFT_SIGMAS = 4.0
@@ -77,6 +82,48 @@ SAMPLING_KIND = CATALOGUE(
     meaning="The log seems to show averages where the case says points, or vice versa.",
     next_step="Find out how the logger samples; give torque: {sampling: ..., window: ...}.",
 )  # fmt: skip
+
+LOG_FILTERED = CATALOGUE(
+    "log-filtered", REMARK, rank=21,
+    meaning="The log shows next to nothing below half of its rate, as behind a filter against aliasing, while the case "
+    "takes its samples for those of instants: what is simulated is not filtered, and what it has higher up, such as "
+    "noise of the positions that a virtual controller follows, folds into what is compared.",
+    next_step="Give torque: {sampling: filtered, cutoff_hz: ...}; or the log as it was recorded, with rate_hz beside.",
+)  # fmt: skip
+FILTERED = 1e-3
+"""[1] Power of a log next to half of its rate over that lower down, below which it is behind a filter: friction's steps
+leave a tenth, white noise all of it."""
+NEXT_TO_HALF = 0.92
+"""[1] Of half of the rate, from where on that power is taken,"""
+LOWER_DOWN = (0.25, 0.5)
+"""[1] and between which that lower down is."""
+FEWEST_FILTERED = 192
+"""[samples] With fewer of which a spectrum does not tell."""
+
+
+def filtered_diagnostics(experiment: Experiment, label: str) -> list[Diagnostic]:
+    """Whether a log of instants is behind a filter that the case does not state."""
+    count, rate = experiment.time.size, experiment.rate_hz
+    if experiment.operator.positions is None or count < FEWEST_FILTERED or experiment.is_unsigned:
+        return []
+    segment = int(np.clip(count // SEGMENTS, *SEGMENT))
+    lines = [power_density(column, rate, segment, median=True) for column in experiment.torque.T if np.ptp(column) > 0]
+    if not lines:
+        return []
+    share = 2 * lines[0][0] / rate
+    level = [np.median(power[(share > LOWER_DOWN[0]) & (share < LOWER_DOWN[1])]) for _, power in lines]
+    powers = np.array([power / max(float(low), TINY) for (_, power), low in zip(lines, level, strict=True)])
+    top = float(np.median(powers[:, (share >= NEXT_TO_HALF) & (share < 1.0)], axis=1).max())
+    if top >= FILTERED:
+        return []
+    passed = share[np.exp(np.mean(np.log(np.maximum(powers, TINY)), axis=0)) >= HALF_AN_AMPLITUDE]
+    cutoff = float(passed.max(initial=0.0)) * rate / 2
+    text = (
+        f"Next to half of its rate, {rate / 2:.3g} Hz, the log has {top:.1g} of the power that it has lower down; it "
+        f"falls to a quarter at about {cutoff:.2g} Hz."
+    )
+    advice = f"If so: torque: {{sampling: filtered, cutoff_hz: {cutoff:.2g}}}; better the log as it was recorded, with "
+    return [Diagnostic(LOG_FILTERED, text, label, top, FILTERED, "1", f"{advice}rate_hz: {rate:.4g} beside.")]
 
 
 def timings(fitted: FittedMotion, *, clock_alone: bool = False) -> list[Callable[[], Iterator[Explanation]]]:

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from fmu_didim.cosim.sampling import filter_response
 from fmu_didim.data.signals import Array, Trajectory
 from fmu_didim.data.spectrum import lagged_products, power_density
 
@@ -215,25 +216,30 @@ def pooled(noises: Sequence[Noise]) -> Noise:
     )
 
 
-def noise_from_residual(residual: Array, *, rate_hz: float, motion_hz: float) -> Noise:
+def noise_from_residual(residual: Array, *, rate_hz: float, motion_hz: float, cutoff_hz: float | None = None) -> Noise:
     """Noise of a log without repetition, from what a residual (N, n) holds above the frequencies of the motion.
 
     The spectrum above four times the highest frequency of the motion is taken for white noise through a first-order
-    filter; friction's steps reach up there too, so that the result is an upper bound.
+    filter; friction's steps reach up there too, so that the result is an upper bound. Behind a filter of the log it is
+    taken up to the cut-off, by what the filter leaves there, and is that of the log without it.
 
     Args:
-        motion_hz: highest frequency of the motion.
+        motion_hz: highest frequency of the motion; cutoff_hz: of the filter of the log.
     """
     n = residual.shape[1]
-    cut = min(ABOVE_MOTION * motion_hz, HIGHEST_CUT * rate_hz)
+    highest = rate_hz / 2 if cutoff_hz is None else min(cutoff_hz, rate_hz / 2)
+    cut = min(ABOVE_MOTION * motion_hz, 2 * HIGHEST_CUT * highest)
     # The median of many short segments leaves out what visits a frequency only now and then, such as a sweep.
     segment = min(int(np.clip(residual.shape[0] // SEGMENTS, *SEGMENT)), residual.shape[0])
     deviation, correlation = np.zeros(n), np.zeros(n)
     for j in range(n):
         frequency, power = power_density(residual[:, j], rate_hz, segment, median=True)
-        upper = frequency >= cut
+        if cutoff_hz is not None:
+            power = power / filter_response(frequency, cutoff_hz) ** 2
+        shown = (frequency <= highest) | (cutoff_hz is None)
+        upper = (frequency >= cut) & shown
         if upper.sum() < FEWEST_FREQUENCIES:
-            upper = frequency >= UPPER_HALF * frequency[-1]
+            upper = (frequency >= UPPER_HALF * min(highest, frequency[-1])) & shown
         trials = np.linspace(*CORRELATIONS, CORRELATION_COUNT)
         fits = [_misfit(power[upper], rho, frequency[upper] / rate_hz) for rho in trials]
         misfits = np.array([misfit for misfit, _ in fits])

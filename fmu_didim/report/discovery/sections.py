@@ -293,7 +293,8 @@ def _windows(document: FindingsDocument) -> Section:
     units = {**{name: joint_unit(document.torque_unit, j) for j, name in enumerate(document.outputs)},
              **{name: pretty_unit(channel.unit) for name, channel in document.channels.items()}}  # fmt: skip
     windows = [
-        f"{w.signal or f'joint {w.joint}'}: {w.begin_s:.6g} s to {w.end_s:.6g} s, {significant(w.torque, 2)} "
+        f"{w.signal or f'joint {w.joint}'}: {texts.edge(w.begin_s, w.begin_interval)} to "
+        f"{texts.edge(w.end_s, w.end_interval)}, {significant(w.torque, 2)} "
         f"{units[w.signal] if w.signal else joint_unit(document.torque_unit, w.joint - 1)} "
         f"({significant(w.score, 2)} standard deviations), {w.experiment}"
         for w in document.windows

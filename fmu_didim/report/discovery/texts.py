@@ -30,13 +30,21 @@ control period."""
 
 OUTPUT_WINDOWS = (
     " What is measured beyond it may have acted on the machine or on the sensor, or the model is wrong there: what "
-    "comes back at the same place of the same motion is the model's. Begin and end: half of the largest value."
+    "comes back at the same place of the same motion is the model's. Begin and end: half of the largest value, with "
+    "95 % intervals by what the model leaves elsewhere."
 )
 
 
 def experiment_name(document: FindingsDocument, label: str) -> str:
     """An experiment with its role, if its label does not say it."""
     return with_role(label, document.roles.get(label))
+
+
+def edge(at_s: float, interval: tuple[float, float] | None) -> str:
+    """When a window begins or ends, with its interval where it has one."""
+    if interval is None:
+        return f"{at_s:.6g} s"
+    return f"{at_s:.6g} s ({interval[0]:.6g} to {interval[1]:.6g})"
 
 
 def gap_text(gap: float | None) -> str:

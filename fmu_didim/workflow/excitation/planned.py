@@ -83,12 +83,10 @@ class Plan:
         """One of the experiments, whose log is empty."""
         source, step = self.case.document.runs[label], self.case.step_size
         times = self.times(reference)
-        sampled = {} if source.torque is None else {
-            "kind": source.torque.sampling, "window": source.torque.window, "window_s": source.torque.window_s
-        }  # fmt: skip
+        sampled = {} if source.torque is None else source.torque.sampled
         late = 0.0 if source.torque is None else source.torque.log_shift_s
         count = reference.time.size
-        operator = sample_operator(times, start=float(reference.time[0]), step=step, tick_count=count, **sampled)  # type: ignore[arg-type]
+        operator = sample_operator(times, start=float(reference.time[0]), step=step, tick_count=count, **sampled)
         operator = operator.stamped_later(late / step, count)
         nothing = np.zeros((times.size, self.case.parameters.joint_count))
         begin = InitialState("reference")

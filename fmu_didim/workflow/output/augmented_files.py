@@ -34,6 +34,11 @@ from fmu_didim.ssp import read_ssp, write_ssp
 ROBOT_FILE = "robot_augmented.yaml"
 CASE_FILE = "case_augmented.yaml"
 SYSTEM_FILE = "loop_augmented.ssp"
+VIRTUAL_RERUN = (
+    "The loop that was fitted, run with the FMU as its plant, gives the fitted torque to {0:.1e} of its peak. The "
+    "augmented case follows the positions by a virtual controller of its own, planned by what was found, whose torque "
+    "holds the noise of the positions otherwise."
+)
 _PATH_KEYS = ("robot", "source", "file", "system", "towards")
 
 
@@ -233,13 +238,23 @@ def _write_system(name: str, fit: Fit, files: Mapping[str, str], out: Path) -> t
 
 
 def _rerun(case: Case, final: Fit) -> str:
-    """The augmented case run anew from its files, with the plant as an FMU, against the model that was fitted."""
+    """The augmented case run anew from its files, with the plant as an FMU, against the model that was fitted.
+
+    A virtual controller is planned by the robot that it is to move, and so is another one in that case: there the loop
+    that was fitted is run with the FMU as its plant.
+    """
     model = case.model.with_low_pass(None)  # as discovery fits it
     # Torques from outside belong to the experiment, not to the augmented model.
     alone = without_external_torques(final.model)
 
     def difference(label: str) -> float:
-        torque, wanted = model.torque(model.start, label), alone.torque(final.values, label)
+        own = alone.simulation(final.values, label)
+        if alone.loop.is_virtual:
+            plant = model.simulation(model.start, label).system.components[model.loop.plant_name]
+            torque = own.sampled_torque(own.record(system=own.system.replace(alone.loop.plant_name, plant)))
+        else:
+            torque = model.torque(model.start, label)
+        wanted = own.torque()
         compared = torque[-wanted.shape[0] :]  # discovery leaves out the beginning
         return float(np.abs(compared - wanted).max() / np.abs(wanted).max())
 
@@ -248,6 +263,8 @@ def _rerun(case: Case, final: Fit) -> str:
         worst = max(side_by_side(tasks, model.allowed_workers(model.start)))
     except SimulationError as error:
         return f"The augmented FMU could not be run: {error}"
+    if alone.loop.is_virtual:
+        return VIRTUAL_RERUN.format(worst)
     return f"The augmented case, run with its plant as an FMU, gives the fitted torque to {worst:.1e} of its peak."
 
 

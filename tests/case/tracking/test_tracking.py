@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fmu_didim import Case, IdimLs, Result, discover, identify, load_case, simulate, trajectory
+from fmu_didim import Case, IdimLs, Result, check, discover, identify, load_case, simulate, trajectory
 from fmu_didim.base.errors import InputError
 from fmu_didim.case.tracking.law import LIGHTER
 from fmu_didim.checks.data.linear_fit import motion_with_regressor
@@ -134,6 +134,42 @@ def test_a_bandwidth_is_no_higher_than_the_torque_log_shows() -> None:
     assert slow[0] == pytest.approx(25) and "(all that a torque log at 20 Hz shows)" in slow[1]
     stated = bandwidth_at(20, bandwidth_hz=40)
     assert stated[0] == 40 and "as the case states, of which the torque log shows 25 Hz" in stated[1]
+
+
+FILTERED = {"rate_hz": 50, "sampling": "filtered", "cutoff_hz": 12}
+"""A log that is brought to a quarter of its rate, behind a filter."""
+
+
+def test_a_bandwidth_is_no_higher_than_the_filter_of_a_log_leaves() -> None:
+    found = case_of(0, position_std=1e-7).with_(train={"torque": FILTERED})
+    assert found.tracking is not None and found.tracking.bandwidth_hz == pytest.approx(12 / 0.4)
+    assert "(all that a torque log behind a filter of 12 Hz shows)" in found.tracking.chosen
+    assert found.low_pass is None  # both torques are behind the filter of the log
+
+
+@pytest.mark.gate
+def test_values_are_those_of_the_machine_behind_the_filter_of_a_log() -> None:
+    found = identify(case_of(0).with_(train={"torque": FILTERED}))
+    assert found.verdict == "valid"
+    assert np.abs(errors_of(found)).max() < 3
+
+
+def test_a_filtered_log_that_is_stated_as_instants_is_told_with_its_cutoff() -> None:
+    filtered = case_of(0).with_(train={"torque": FILTERED})
+    experiment = filtered.model.experiments["estimation"]
+    signals = {"log": trajectory(experiment.time, {f"tau{j + 1}": c for j, c in enumerate(experiment.torque.T)})}
+    stated = {"rate_hz": None, "sampling": "point", "cutoff_hz": None}
+    found = check(filtered.with_signals(signals).with_(train={"torque": stated}))
+    told = [d for d in found.diagnostics if d.code.name == "log-filtered"]
+    assert len(told) == 1
+    cutoff = re.search(r"cutoff_hz: (\S+)}", told[0].next_step)
+    assert cutoff is not None and float(cutoff[1]) == pytest.approx(12, rel=0.25)
+
+
+@pytest.mark.parametrize("torque", [{"sampling": "filtered"}, {"cutoff_hz": 12}])
+def test_a_filter_and_its_cutoff_belong_together(torque: dict[str, Any]) -> None:
+    with pytest.raises(InputError, match="sampling: filtered and cutoff_hz belong together"):
+        case_of(0).with_(train={"torque": torque})
 
 
 def test_what_sets_the_bandwidth_is_told() -> None:
@@ -294,8 +330,12 @@ def test_an_effect_of_the_machine_is_named_beside_a_virtual_controller(tmp_path:
     write_robot(read_robot(ROBOT).model_copy(update={"joints": tuple(joints)}), tmp_path / "robot.yaml")
     law = {"kind": "model", "source": str(SCARA.parent / "../../controllers/scara_cascade.yaml")}
     run = simulate(load_case(SCARA).with_(robot=str(tmp_path / "robot.yaml"), plant={"kind": "model"}, controller=law))
-    found = discover(case_of(0, run=run)).document
+    found = discover(case_of(0, run=run), tmp_path / "found").document
     assert [(f.effect, f.joint) for f in found.findings] == [("stribeck", 2)]
+    note = next(note for note in found.notes if "run with the FMU as its plant" in note)
+    told = re.search(r"gives the fitted torque to (\S+) of its peak", note)
+    assert told is not None and float(told[1]) < 1e-3  # what the fit leaves of the integration
+    assert "a virtual controller of its own" in note
     size = next(p for p in found.findings[0].parameters if p.name.startswith("Fs"))
     assert size.value == pytest.approx(STRIBECK["Fs"], abs=4 * size.std)
 

@@ -23,6 +23,7 @@ from fmu_didim.checks.judgement import MATTERS
 from fmu_didim.checks.sampling_kind import sampled_as
 from fmu_didim.components import ModelComponent
 from fmu_didim.cosim import SampleOperator
+from fmu_didim.data.filters import LowPass
 from fmu_didim.dynamics.robot import RobotModel
 from fmu_didim.model.loop_model import LoopModel
 from fmu_didim.model.parameters import RobotParameters
@@ -117,6 +118,10 @@ def coarse(torque: Array) -> Array:
     return np.rint(torque / step) * step
 
 
+def behind_a_filter(torque: Array) -> Array:
+    return LowPass(0.3).apply(torque, 1.0)  # of the rate, half of which is the most
+
+
 def held(torque: Array) -> Array:
     return np.repeat(torque[::5], 5, axis=0)[: torque.shape[0]]
 
@@ -190,6 +195,7 @@ WRONG: list[tuple[str, Callable[[LoopModel], LoopModel], str]] = [
     ("12 steps in the range", lambda m: with_log(m, coarse), "log-coarse"),
     ("each sample held five times", lambda m: with_log(m, held), "log-upsampled"),
     ("every fourth sample interpolated", lambda m: with_log(m, interpolated), "log-upsampled"),
+    ("a log behind a filter, stated as instants", lambda m: with_log(m, behind_a_filter), "log-filtered"),
     ("jittered stamps", jittered, "stamps-jitter"),
     ("a loop that slows down", slowing, "period-changes"),
     ("a logger that slows down", slowing_logger, "log-rate-changes"),

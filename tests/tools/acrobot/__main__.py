@@ -51,7 +51,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(f"{write_cases(runs, folder)} cases in {folder}")
         return 0
     found = [
-        scored(name, json.loads(path.read_text("utf-8")), pulses(read(log), options.least), least=options.least)
+        scored(name, json.loads(path.read_text("utf-8")), pulses(read(log), options.least), least=options.least,
+               log=read(log))
         for name, log in runs if (path := folder / name / RESULT / "findings.json").is_file()
     ]  # fmt: skip
     print(text(found))

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
+from fmu_didim.data.signals import Array
 from tests.tools.acrobot.cases import Pulse
 
 EDGE_S = 0.020
@@ -19,6 +20,10 @@ SHORTEST_S = 0.05
 """[s] That such a window lasts: pulses do so by their making."""
 START_S = 0.25
 """[s] Of a run, which does not count: the drives start."""
+ABOUT_S = 0.35
+"""[s] About the middle of a pulse, in which a pulse that is told is moved: it lasts 0.3 s at most from half to half,"""
+SHIFTS_S = [0.001 * k for k in range(-60, 61)]
+"""[s] and by which."""
 Windows = Sequence[Mapping[str, Any]]
 
 
@@ -30,6 +35,9 @@ class Scored:
         pulses: each with the errors of begin and end in s, None where it was not found.
         beyond: windows as large and long as a pulse that are none; windows: all that are told.
         names: what was named beside; verdict: of the answer.
+        edges: of each begin and end of a pulse that was found, whether its 95 % interval holds it, and how wide that
+            is in s; lags: of the drives of the joints, s, by the answer.
+        known: by how much each pulse is off, s, that is told in form and place and put through the drive.
     """
 
     run: str
@@ -38,6 +46,9 @@ class Scored:
     windows: int
     names: tuple[str, ...]
     verdict: str
+    edges: tuple[tuple[bool, float], ...] = ()
+    known: tuple[float, ...] = ()
+    lags: Mapping[int, float] = field(default_factory=dict)
 
     @property
     def found(self) -> int:
@@ -49,10 +60,30 @@ class Scored:
         """Pulses whose begin and end are right."""
         return sum(errors is not None and max(map(abs, errors)) <= EDGE_S for _, errors in self.pulses)
 
+    @property
+    def sharp_at_the_drive(self) -> int:
+        """The same of windows that begin and end earlier by the lag of the drive."""
+        return sum(
+            errors is not None and max(abs(one - self.lags.get(pulse.joint, 0.0)) for one in errors) <= EDGE_S
+            for pulse, errors in self.pulses
+        )
 
-def scored(run: str, document: Mapping[str, Any], pulses: Sequence[Pulse], *, least: float) -> Scored:
-    """The windows of ``findings.json`` against the pulses of at least this size: one window stands for one pulse."""
-    windows, taken = document["windows"], set[int]()
+
+def scored(
+    run: str,
+    document: Mapping[str, Any],
+    pulses: Sequence[Pulse],
+    *,
+    least: float,
+    log: Mapping[str, Array] | None = None,
+) -> Scored:
+    """The windows of ``findings.json`` against the pulses of at least this size: one window stands for one pulse.
+
+    Args:
+        log: of the run, for pulses that are told in form and place.
+    """
+    windows, taken, edges = document["windows"], set[int](), list[tuple[bool, float]]()
+    values = {one["name"]: float(one["value"]) for one in document.get("base_parameters", ())}
     pairs = []
     for pulse in pulses:
         near = [i for i, w in enumerate(windows) if i not in taken and _is_of(w, pulse)]
@@ -60,9 +91,48 @@ def scored(run: str, document: Mapping[str, Any], pulses: Sequence[Pulse], *, le
         best = min(errors, key=lambda i: abs(errors[i][0]) + abs(errors[i][1]), default=None)
         pairs.append((pulse, None if best is None else errors[best]))
         taken |= set() if best is None else {best}
+        if best is not None:
+            edges += _edges(windows[best], pulse, values.get(f"lag{pulse.joint}", 0.0))
     beyond = tuple(w for i, w in enumerate(windows) if i not in taken and _as_a_pulse(w, PART * least))
     names = tuple(f["title"] for f in document["findings"])
-    return Scored(run, tuple(pairs), beyond, len(windows), names, document["verdict"])
+    known = () if log is None else tuple(known_pulse(log, pulse, values) for pulse in pulses)
+    lags = {j: values[f"lag{j}"] for j in (1, 2) if f"lag{j}" in values}
+    return Scored(run, tuple(pairs), beyond, len(windows), names, document["verdict"], tuple(edges), known, lags)
+
+
+def _edges(window: Mapping[str, Any], pulse: Pulse, lag_s: float) -> Iterator[tuple[bool, float]]:
+    """Whether the intervals of a window hold the edges of a pulse, and their widths: what a drive gives is late by its
+    lag at most."""
+    for name, at in (("begin_interval", pulse.begin_s), ("end_interval", pulse.end_s)):
+        if (interval := window.get(name)) is not None:
+            yield interval[0] - lag_s <= at <= interval[1], interval[1] - interval[0]
+
+
+def known_pulse(log: Mapping[str, Array], pulse: Pulse, values: Mapping[str, float]) -> float:
+    """By how much a logged pulse, put through the drive, must be moved in s to explain best what the drive gave beyond
+    its command, whatever its size: what nobody knows better who is told its form and place.
+
+    Args:
+        values: ``gain<j>``, ``lag<j>`` of the drives.
+    """
+    time, j = log["time"], pulse.joint
+    near = np.abs(time - (pulse.begin_s + pulse.end_s) / 2) < ABOUT_S
+    model = [given(time, log[name], values[f"gain{j}"], values[f"lag{j}"]) for name in (f"tau_con{j}", f"tau_pert{j}")]
+    left = (log[f"tau_meas{j}"] - model[0])[near]
+
+    def misfit(late: float) -> float:
+        moved = np.interp(time[near] - late, time, model[1])
+        return float(left @ left - (left @ moved) ** 2 / (moved @ moved))
+
+    return min(SHIFTS_S, key=misfit)
+
+
+def given(time: Array, asked: Array, gain: float, lag: float) -> Array:
+    """(N,) what a drive gives of what it is asked for, which is held from row to row."""
+    result = np.zeros(time.size)
+    for k, decay in enumerate(np.exp(-np.diff(time) / lag)):
+        result[k + 1] = decay * result[k] + (1 - decay) * gain * asked[k]
+    return result
 
 
 def _is_of(window: Mapping[str, Any], pulse: Pulse) -> bool:
@@ -80,10 +150,16 @@ def figures_of(runs: Sequence[Scored]) -> dict[str, str]:
     disturbed = [r for r in runs if r.pulses]
     still = [r for r in runs if not r.pulses]
     count = sum(len(r.pulses) for r in disturbed)
+    edges, known = [edge for r in disturbed for edge in r.edges], [late for r in disturbed for late in r.known]
     return {
         "pulses": str(count),
         "found": f"{sum(r.found for r in disturbed)} of {count}",
         "sharp": f"{sum(r.sharp for r in disturbed)} of {count}",
+        "sharp_at_the_drive": f"{sum(r.sharp_at_the_drive for r in disturbed)} of {count}",
+        "intervals": f"{sum(holds for holds, _ in edges)} of {len(edges)}",
+        "wide": f"{500 * float(np.median([width for _, width in edges])):.0f}" if edges else "",
+        "told": f"{sum(width <= 2 * EDGE_S for _, width in edges)} of {len(edges)}",
+        "known": f"{sum(abs(late) > EDGE_S for late in known)} of {len(known)}",
         "late": " and ".join(f"{late:.0f}" for late in _late(disturbed)),
         "beyond": f"{sum(len(r.beyond) for r in disturbed)} in {len(disturbed)} runs",
         "undisturbed_beyond": f"{sum(bool(r.beyond) for r in still)} of {len(still)} runs",

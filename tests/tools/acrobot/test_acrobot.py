@@ -9,7 +9,7 @@ import pytest
 
 from tests.tools.acrobot.__main__ import main
 from tests.tools.acrobot.cases import CONTROLLER, DISTURBED, UNDISTURBED, Pulse, pulses, read, runs_of, write_cases
-from tests.tools.acrobot.score import figures_of, scored, text
+from tests.tools.acrobot.score import figures_of, known_pulse, scored, text
 
 TIME = np.sort(np.arange(1500) / 500 + np.random.default_rng(0).uniform(0, 5e-4, 1500))
 HALF = np.sqrt(2 * np.log(2))
@@ -76,6 +76,29 @@ def test_the_score_counts_a_window_once_and_names_what_is_beyond() -> None:
     assert figures_of([still])["late"] == ""
     assert figures["undisturbed_beyond"] == "1 of 1 runs"
     assert "missed" in text([one]) and "+10 -10 ms" in text([one])
+
+
+def test_intervals_of_edges_are_held_against_the_log() -> None:
+    """An edge that is late by less than the lag of its drive is one that the interval holds."""
+    found = window("tau1", 1.01, 1.19, 0.6) | {"begin_interval": (1.004, 1.02), "end_interval": (1.15, 1.25)}
+    document = {"windows": [found], "findings": [], "verdict": "doubtful"}
+    asked = [Pulse(1, 1.0, 1.3, 0.6)]
+    without = scored("disturbed01", document, asked, least=0.5)
+    assert without.edges == ((False, pytest.approx(0.016)), (False, pytest.approx(0.1)))
+    late = scored("disturbed01", {**document, "base_parameters": [{"name": "lag1", "value": 0.005}]}, asked, least=0.5)
+    assert [holds for holds, _ in late.edges] == [True, False]
+    figures = figures_of([late])
+    assert (figures["intervals"], figures["wide"], figures["told"]) == ("1 of 2", "29", "1 of 2")
+    near = [found | {"begin_s": 1.022, "end_s": 1.322}]  # 2 ms too late, and less than that by the lag of the drive
+    both = scored("disturbed01", {**document, "windows": near, "base_parameters": [{"name": "lag1", "value": 0.005}]},
+                  asked, least=0.5)  # fmt: skip
+    assert (both.sharp, both.sharp_at_the_drive) == (0, 1)
+
+
+def test_a_pulse_that_is_told_is_late_by_what_the_drive_adds(leaderboard: Path) -> None:
+    disturbed = read(runs_of(leaderboard, "acrobot")[0][1])
+    values = {"gain1": 0.98, "gain2": 0.98, "lag1": 1e-4, "lag2": 1e-4}
+    assert [known_pulse(disturbed, p, values) for p in pulses(disturbed, 0.5)] == pytest.approx([0.005] * 2, abs=0.0025)
 
 
 @pytest.mark.slow

@@ -53,8 +53,13 @@ TX40_ZEROS: Mapping[int, float] = {2: -np.pi / 2, 3: np.pi / 2}
 than that of the URDF. Without them links are in the wrong place: twice the error of joint 3."""
 TX40_RESTS_S = 7.6
 """[s] From which it stands still to the end of the log, held by friction or brakes."""
-TX40_LOG_EVERY, TX40_POSITIONS_EVERY = 50, 5
-"""[rows] Of 5 kHz: torque at 100 Hz behind a filter against aliasing, positions at 1 kHz."""
+TX40_POSITIONS_EVERY = 5
+"""[rows] Of 5 kHz: positions and torque at 1 kHz."""
+TX40_LOG: Mapping[str, Any] = {"rate_hz": 100, "sampling": "filtered", "cutoff_hz": 40}
+"""The torque that is fitted: at 100 Hz behind a filter against aliasing, through which the simulated one goes as
+well."""
+TX40_BORDER = 50
+"""[rows] A multiple of which is where the fitted part of the log ends: a sample of the torque at 100 Hz."""
 
 Content = dict[str, Any]
 
@@ -136,10 +141,10 @@ def _read(path: Path) -> Array:
 
 def tx40(folder: Path, out: Path, *, by_least_squares: bool = False) -> Path:
     """The first six tenths of one log fitted, the others held out; friction and inertia of the coupled wrist."""
-    every, content = TX40_LOG_EVERY, dict[str, Any]()
+    log, content = TX40_LOG, dict[str, Any]()
     if by_least_squares:  # which takes both in the same rows
-        every, content = TX40_POSITIONS_EVERY, {"estimator": {"kind": "idim_ls", "decimation": 1}}
-    return _tx40(folder, out, content, ("wrist_friction", "coupled_inertia"), every=every)
+        log, content = {}, {"estimator": {"kind": "idim_ls", "decimation": 1}}
+    return _tx40(folder, out, content, ("wrist_friction", "coupled_inertia"), log=log)
 
 
 def tx40_without_wrist(folder: Path, out: Path, *, share: float = 0.6, rests: bool = False) -> Path:
@@ -158,7 +163,7 @@ def _tx40(
     content: Content,
     wrist: tuple[str, ...],
     *,
-    every: int = TX40_LOG_EVERY,
+    log: Mapping[str, Any] = TX40_LOG,
     share: float = 0.6,
     until_s: float | None = None,
 ) -> Path:
@@ -178,18 +183,16 @@ def _tx40(
         "schema": 1, "name": "TX40", "robot": "robot.yaml", "controller": {"kind": "tracking"},
         "loop": {"rate_hz": TX40_HZ}, **content,
     }  # fmt: skip
-    border = round((share % 1) * q.shape[0] / TX40_LOG_EVERY) * TX40_LOG_EVERY
+    border = round((share % 1) * q.shape[0] / TX40_BORDER) * TX40_BORDER
     parts = (slice(0, border), slice(border, None))
     for run, rows in zip(("train", "validation"), parts if share > 0 else parts[::-1], strict=True):
         torque = decimate(tau[rows], TX40_POSITIONS_EVERY, axis=0)
-        if every != TX40_POSITIONS_EVERY:
-            torque = decimate(torque, every // TX40_POSITIONS_EVERY, axis=0)
-        time = np.arange(q[rows].shape[0]) / TX40_HZ
-        log = table(out / f"{run}_torque.csv", {"t": time[::every], **named("tau", torque)})
         seen = slice(None, None, TX40_POSITIONS_EVERY)
-        positions = table(out / f"{run}_positions.csv", {"t": time[seen], **named("q", q[rows][seen])})
+        time = np.arange(q[rows].shape[0])[seen] / TX40_HZ
+        file = table(out / f"{run}_torque.csv", {"t": time, **named("tau", torque)})
+        positions = table(out / f"{run}_positions.csv", {"t": time, **named("q", q[rows][seen])})
         turns = {"motors": motors.tolist()}
-        case[run] = {"torque": {"file": log, **turns}, "positions": {"file": positions, **turns}}
+        case[run] = {"torque": {"file": file, **log, **turns}, "positions": {"file": positions, **turns}}
     return write(case, out / "case.yaml")
 
 
