@@ -164,8 +164,7 @@ class Loop:
         for samples in others.get(DELAY, {}).values():
             system = system.with_delay(self.plant_name, max(samples, 0.0))
         wanted = {**self.parameters.values(theta), **start, **others.get(PLANT, {})}
-        offered = {v.name for v in self.plant.parameters}
-        plant = self.plant.with_parameters({name: value for name, value in wanted.items() if name in offered})
+        plant = self.plant.with_parameters({name: value for name, value in wanted.items() if name in self.offered})
         plant = self._integrated(plant, theta, start, system.step_size)
         system = system.replace(self.plant_name, plant)
         for of in (self._given_starts(experiment), self._of_components(others, plant, system)):
@@ -176,6 +175,16 @@ class Loop:
             Connection(f"{REFERENCE}.{EXTERNAL_TORQUE}{j}", f"{self.plant_name}.tau{j}") for j in joints
         )
         return replace(system, connections=(*system.connections, *from_outside)) if from_outside else system
+
+    @cached_property
+    def _outputs(self) -> frozenset[str]:
+        """Names of the outputs of the plant."""
+        return frozenset(v.name for v in self.plant.outputs)
+
+    @cached_property
+    def offered(self) -> frozenset[str]:
+        """Names of the parameters that the plant has."""
+        return frozenset(v.name for v in self.plant.parameters)
 
     def _integrated(self, plant: Component, theta: Array, start: Mapping[str, float], step_size: float) -> Component:
         """The plant with the substeps that the loop asks for."""
@@ -191,7 +200,7 @@ class Loop:
         """Values of the components beside the plant. Effects of a joint share shapes, such as the smoothing of
         friction, wherever they act."""
         found = {owner: dict(own) for owner, own in others.items() if owner not in NO_COMPONENTS}
-        present = {v.name: v.start for v in plant.parameters}
+        present = {v.name: v.start for v in plant.parameters} if self.added_components else {}
         for owner, joint in self.added_components.items():
             for v in system.components[owner].parameters:
                 shared = joint_parameter(v.name, joint, is_shape=True)
@@ -201,9 +210,8 @@ class Loop:
 
     def start_values(self, experiment: Experiment) -> dict[str, float]:
         """Where the plant starts: the first row of the reference, or what is known instead."""
-        reference = experiment.reference
-        first = {**dict(zip(reference.names, reference.values[0], strict=True)), **experiment.initial_state.values}
-        result = {"t_start": float(reference.time[0])}
+        first = experiment.first_row
+        result = {"t_start": float(experiment.reference.time[0])}
         if not self.shows_torque:
             return result
         for j in range(1, self.joint_count + 1):
@@ -318,10 +326,12 @@ class Loop:
         result: dict[str, tuple[float, float]] = {}
         if self.torque_is_given or not self.shows_torque:
             return result
-        given = {v.name for v in self.plant.outputs} & set(reference.names)
-        for name in (f"q{j}" for j in range(1, self.joint_count + 1) if f"q{j}" in given):
-            passed = reference.column(name)
-            extremes = [float(passed.min()), float(passed.max()), *(start[n] for n in (name,) if n in start)]
+        lowest, highest = reference.extremes
+        for name in (f"q{j}" for j in range(1, self.joint_count + 1)):
+            if name not in self._outputs or name not in reference.names:
+                continue
+            place = reference.names.index(name)
+            extremes = [float(lowest[place]), float(highest[place]), *(start[n] for n in (name,) if n in start)]
             low, high = min(extremes), max(extremes)
             room = 10 * max(high - low, STANDS_STILL)
             result[f"{self.plant_name}.{name}"] = (low - room, high + room)

@@ -163,6 +163,10 @@ class Experiment:
     step: float | None = None
 
 
+OWN_TOOL = "fmu_didim "
+"""Start of ``generationTool`` of the FMUs exported by this package; the tests prove that their reset is exact."""
+
+
 @dataclass(frozen=True)
 class FmuDescription:
     """An FMU as its file describes it; made by :func:`fmu_didim.components.fmu.reading.read_description`.
@@ -197,6 +201,11 @@ class FmuDescription:
     clocks: tuple[ClockVariable, ...] = ()
     states: tuple[str, ...] = ()
 
+    @cached_property
+    def is_own(self) -> bool:
+        """Whether this package has exported it."""
+        return self.tool.startswith(OWN_TOOL)
+
     @property
     def major(self) -> int:
         """1, 2 or 3."""
@@ -226,6 +235,16 @@ class FmuDescription:
     def has_plain_outputs(self) -> bool:
         """Whether one C call on the loop's own memory passes all outputs."""
         return _are_plain(self.of_causality("output"))
+
+    @cached_property
+    def input_references(self) -> tuple[int, ...]:
+        """Value references of those inputs that have a value."""
+        return tuple(v.reference for v in self.of_causality("input") if v.size)
+
+    @cached_property
+    def output_references(self) -> tuple[int, ...]:
+        """Value references of those outputs that have a value."""
+        return tuple(v.reference for v in self.of_causality("output") if v.size)
 
     @cached_property
     def input_types(self) -> tuple[str, ...]:

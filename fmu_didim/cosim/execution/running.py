@@ -65,6 +65,7 @@ class Part:
     Attributes:
         instance, wiring: the running component and where its inputs come from.
         place: its outputs among the values of the run; given: its inputs there; inputs: these values.
+        readers: how many of its first outputs others read before its step, and after it.
         every: ticks between its communication points; substeps: its steps in between.
         whole, part: the delay of its inputs in its own periods.
         after_step: its outputs at an instant are those after the step that begins there.
@@ -80,7 +81,7 @@ class Part:
 
     def __init__(self, name: str, system: System, instance: Instance, place: Place, values: Array) -> None:
         self.name, self.instance, self.wiring = name, instance, place.wiring
-        self.place, self.given = place.outputs, place.inputs
+        self.place, self.given, self.readers = place.outputs, place.inputs, place.readers
         self.inputs = values[self.given]
         self._component = component = system.components[name]
         self.every = system.every.get(name, 1)
@@ -202,6 +203,7 @@ class LoopRun:
     Attributes:
         layout: where the values lie.
         values: present values of the signals, then of the inputs of all parts; signals: the first of them.
+        start: time of tick 0, s.
         parts: in the order of evaluation.
         names, recorded: of the signals, and of all values.
         table: (T, c) reference; rows: tick -> row of the recording, -1 where nothing is recorded.
@@ -228,15 +230,11 @@ class LoopRun:
     def __post_init__(self) -> None:
         self.names, self.recorded = self.layout.signals, self.layout.values
         self.signals = self.values[: len(self.names)]
+        self.start = float(self.reference.time[0])
 
     @property
     def table(self) -> Array:
         return self.reference.values
-
-    @cached_property
-    def start(self) -> float:
-        """Time of tick 0, s."""
-        return float(self.reference.time[0])
 
     def time_of(self, tick: int) -> float:
         """Time of a tick, s."""
