@@ -241,7 +241,8 @@ def _reads(run: LoopRun, index: int) -> tuple[int, int, int]:
     for the recording and the bounds, and those that others read between its step and its next inputs.
 
     Unused outputs need not be computed, but for the recording and the bounds: of the plant, which the controller has
-    asked before, at each tick that is not recorded, and its accelerations; of the controller after each step.
+    asked before, at each tick that is not recorded, and its accelerations; of the controller after each step. Where
+    some signals are recorded, outputs behind them are not computed for the recording either.
     """
     part = run.parts[index]
     count = part.place.stop - part.place.start
@@ -257,7 +258,10 @@ def _reads(run: LoopRun, index: int) -> tuple[int, int, int]:
             before = max(before, read)
         else:
             after = max(after, read)
-    return before, count, after
+    if run.columns is None:
+        return before, count, after
+    recorded = max((column - own.start + 1 for column in run.columns if column in own), default=0)
+    return before, max(before, recorded), after
 
 
 def _linear(native: NativeLinear, part: Part, keep: list[Any]) -> _Linear:
