@@ -4,6 +4,7 @@ processes of its own."""
 from __future__ import annotations
 
 import contextlib
+import gc
 import multiprocessing
 import os
 import pickle
@@ -171,7 +172,9 @@ class _Copy:
         with warnings.catch_warnings():
             # Of threads of BLAS, which wait, and which BLAS itself ends before and begins after.
             warnings.simplefilter("ignore", DeprecationWarning)
+            gc.freeze()  # a search for cycles in the copy would write into, and so copy, all that it shares
             self._process.start()
+            gc.unfreeze()
         theirs.close()
 
     @property
