@@ -1,7 +1,8 @@
 """All that is asked of a residual torque and the motion, the cheapest first, up to the first answer.
 
 Functions of the motion, signatures of the catalogue beside them, then ripples, stops and bumps: what the earlier
-ones tell of costs no simulations of the later ones.
+ones tell of costs no simulations of the later ones. Where a copy of this process can look for ripples, stops and bumps,
+it does so while the signatures are made, and is left if they have an answer.
 """
 
 from __future__ import annotations
@@ -49,6 +50,8 @@ class MotionTests:
         rows = tested_rows(fit)
         is_short = sum(own.size for own in rows.values()) <= ROWS
         joints = residuals_of_fit(fit, rows) if is_short else None
+        for left in (one.left for one in joints or () if one.room > 0 and one.left.shows):
+            _ = left.colours  # each of the tests asks for them
         first = Beside(lambda: motion_diagnostics(dependence_of_fit(fit, joints=joints)), fit.model.threads)
         motions = None if first.is_done else fitted_motions(fit)  # which are wanted with any answer
         if found := first.result():
