@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import differential_evolution
 
 from fmu_didim.base.diagnostics import CATALOGUE, DOUBT, Diagnostic
 from fmu_didim.base.distributions import chi2_isf, normal_isf
@@ -166,6 +165,8 @@ class Worst:
 def worst_position(parameters: RobotParameters, theta: Array, low: Array, high: Array) -> Worst:
     """The smallest eigenvalue of the scaled inertia matrix over a range of positions, (n,) each, by differential
     evolution (Storn, Price, Journal of Global Optimization 11, 1997)."""
+    from scipy.optimize import differential_evolution  # slow to import
+
     robot, chi = parameters.model, parameters.base.expand(theta)
     found = differential_evolution(
         lambda positions: robot.inertia_along(positions.T, chi), list(zip(low, high, strict=True)), vectorized=True,

@@ -26,6 +26,7 @@ from fmu_didim.cli.campaign import add_campaign
 from fmu_didim.cli.compare import add_compare, compare_results
 from fmu_didim.cli.console import CurrentStderr, Display, begin, is_terminal, show, since_start
 from fmu_didim.cli.excite import add_excite_options, run_excite
+from fmu_didim.cli.memory import keep_freed_memory
 from fmu_didim.cli.name_controller import add_name_controller_options, run_name_controller
 from fmu_didim.cli.numbers import at_least_one, at_least_two, not_negative, positive
 from fmu_didim.cli.prepare import add_prepare_verbs
@@ -49,6 +50,7 @@ def main(arguments: list[str] | None = None) -> int:
     changed."""
     begin()
     gc.set_threshold(GARBAGE, *gc.get_threshold()[1:])
+    keep_freed_memory()
     with kept_apart() as last_lines, printable():
         typed = sys.argv[1:] if arguments is None else arguments
         return _run(command_parser().parse_args(typed), typed, last_lines)

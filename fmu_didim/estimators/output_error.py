@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import least_squares
 
 from fmu_didim.base.documents import Positive
 from fmu_didim.base.errors import SimulationError
@@ -70,6 +69,8 @@ class OutputError(Estimator):
         if not model.loop.shows_torque:  # the least squares of CLIE, with outputs in the place of the torque
             own = Clie(self.start, self.tolerance or Clie.tolerance, self.maximum_iterations)
             return own.estimate(model, progress=progress)
+        from scipy.optimize import least_squares  # slow to import
+
         self.base_alone(model)
         logs = {label: self.positions(model, label) for label in model.estimation_labels}
         start = start_values(model, self.start)

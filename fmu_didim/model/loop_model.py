@@ -12,9 +12,10 @@ drives and sensors, the delay, the clock of the log, and amplitudes and shapes o
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -455,16 +456,10 @@ class Simulation:
         bounds = model.loop.position_bounds(reference, self.experiment.initial_state.values)
         response, key = response_key(system) if observe is None else None, None
         if response is not None:
-            run = (SameObject(reference), external, subdivision, ticks.tobytes(), tuple(bounds.items()))
-            further = (tuple(driven.items()), None if signals is None else tuple(signals))
-            key = (response, *run, *further)
-            if known := model.recordings.find(key):
+            run = (response, SameObject(reference), external, subdivision, tuple(bounds.items()), tuple(driven.items()))
+            key = (run, ticks.tobytes(), None if signals is None else tuple(signals))
+            if known := self._known(run, ticks, key[-1]):
                 return known
-            everywhere = np.arange(reference.time.size)
-            if ticks.size < everywhere.size and len(model.recordings):
-                run = (SameObject(reference), external, subdivision, everywhere.tobytes(), tuple(bounds.items()))
-                if known := model.recordings.find((response, *run, *further)):
-                    return known.at(ticks)
         reference = with_external_torques(reference, external)
         if subdivision > 1:
             reference = held(reference, subdivision, at_instants=system.at_instants, ramps=system.ramps)
@@ -476,6 +471,17 @@ class Simulation:
         if key is not None:
             model.recordings.keep(key, recording)
         return recording
+
+    def _known(self, run: Hashable, ticks: NDArray[np.int64], signals: tuple[str, ...] | None) -> Recording | None:
+        """What is kept of a run, at these ticks or all, of these signals or all."""
+        kept = self.model.recordings
+        if not len(kept):
+            return None
+        everywhere = np.arange(self.experiment.reference.time.size)
+        for at, asked in product((ticks, everywhere), dict.fromkeys((signals, None))):
+            if known := kept.find((run, at.tobytes(), asked)):
+                return known if at.size == ticks.size else known.at(ticks)
+        return None
 
     def torque(self) -> Array:
         """(N, n) simulated torque at the samples; raises DivergedError, SimulationError."""

@@ -4,6 +4,7 @@ processes of its own."""
 from __future__ import annotations
 
 import contextlib
+import gc
 import multiprocessing
 import os
 import pickle
@@ -114,30 +115,39 @@ def apart(tasks: Sequence[Callable[[], _Result]], workers: int) -> list[_Result]
 
 
 class Beside(Generic[_Result]):
-    """A task that a copy of this process works on while this one goes on; where there can be none, it is done at once.
+    """A task that a copy of this process works on while this one goes on.
 
     Args:
         workers: processes at the same time, this one among them; 1: none beside it.
+        at_once: where there can be no copy, whether it is done at once, or when its result is asked for.
     """
 
-    def __init__(self, task: Callable[[], _Result], workers: int) -> None:
+    def __init__(self, task: Callable[[], _Result], workers: int, *, at_once: bool = True) -> None:
         self._task = task
         self._copy = _Copy([task]) if workers > 1 and can_copy_process() else None
-        self._found: list[_Result | Exception] = [] if self._copy is not None else [_tried(task)]
+        self._found: list[_Result | Exception] = []
+        if self._copy is None and at_once:
+            self._found = [_tried(task)]
 
     @property
     def is_done(self) -> bool:
         """Whether the result can be had without waiting."""
-        return bool(self._found) or self._copy is None or self._copy.has_answered
+        return bool(self._found) or (self._copy is not None and self._copy.has_answered)
 
     def result(self) -> _Result:
         """The result; raises the error of the task."""
-        if not self._found and self._copy is not None:
-            self._found = self._copy.answers() or [_tried(self._task)]
+        if not self._found:
+            answers = [] if self._copy is None else self._copy.answers()
+            self._found = answers or [_tried(self._task)]
         (found,) = self._found
         if isinstance(found, Exception):
             raise found
         return found
+
+    def leave(self) -> None:
+        """End the copy, whose result nobody will ask for."""
+        if not self._found and self._copy is not None:
+            self._copy.end()
 
 
 def can_copy_process() -> bool:
@@ -162,7 +172,9 @@ class _Copy:
         with warnings.catch_warnings():
             # Of threads of BLAS, which wait, and which BLAS itself ends before and begins after.
             warnings.simplefilter("ignore", DeprecationWarning)
+            gc.freeze()  # a search for cycles in the copy would write into, and so copy, all that it shares
             self._process.start()
+            gc.unfreeze()
         theirs.close()
 
     @property
@@ -179,6 +191,12 @@ class _Copy:
         self._ours.close()
         self._process.join()
         return found
+
+    def end(self) -> None:
+        """End it, whatever it is at."""
+        self._process.terminate()
+        self._ours.close()
+        self._process.join()
 
 
 def _answer(tasks: Sequence[Callable[[], Any]], to: Connection) -> None:

@@ -102,6 +102,23 @@ def test_whatever_changes_the_answer_makes_another_run(arm: tuple[LoopModel, lis
         assert np.abs(found - first).max() > 1e-9
 
 
+def test_some_signals_are_found_in_a_recording_of_all(arm: tuple[LoopModel, list[int]]) -> None:
+    """At all its ticks and at some; one of some signals says nothing of the others."""
+    model, runs = arm
+    run, wanted = model.simulation(model.start), list(model.loop.logged)
+    some = run.record(all_ticks=True, signals=wanted)
+    whole = run.record(all_ticks=True)
+    assert runs == [2] and set(some.inputs) == set(wanted) < set(whole.inputs)
+    again = replace(model, recordings=KeptRecordings()).simulation(model.start)
+    whole = again.record(all_ticks=True)
+    for ticks in (None, again.operator.ticks):
+        found = again.record(all_ticks=ticks is None, ticks=ticks, signals=wanted)
+        rows = slice(None) if ticks is None else ticks
+        np.testing.assert_array_equal(again.logged_torque(found), again.logged_torque(whole)[rows])
+        np.testing.assert_array_equal(run.logged_torque(some)[rows], again.logged_torque(whole)[rows])
+    assert runs == [3]
+
+
 def test_every_value_counts(arm: tuple[LoopModel, list[int]]) -> None:
     model, runs = arm
     for i in range(model.start.size):

@@ -77,7 +77,7 @@ def test_one_worker_does_all_in_this_process() -> None:
 
 
 BESIDE = """
-import os, sys, time
+import multiprocessing, os, sys, time
 from fmu_didim.base.errors import SimulationError
 from fmu_didim.model.workers import Beside, apart
 
@@ -112,6 +112,13 @@ for workers in (1, 2):
             assert (error.what, error.where) == ("broken", "plant")
         else:
             raise AssertionError
+done = []
+asked = Beside(lambda: done.append(1) or len(done), 1, at_once=False)  # where there is no copy: when it is asked for
+assert not done and not asked.is_done and asked.result() == asked.result() == 1
+left = Beside(lambda: time.sleep(60), 2, at_once=False)
+begin = time.perf_counter()
+left.leave()
+assert not linux or (time.perf_counter() - begin < 30 and not multiprocessing.active_children())
 ended = Beside(killed, 2)
 while not ended.is_done:  # a copy that has died has nothing more to say
     time.sleep(0.01)

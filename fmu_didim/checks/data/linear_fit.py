@@ -15,7 +15,6 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import minimize_scalar
 
 from fmu_didim.base.diagnostics import Diagnostic
 from fmu_didim.base.errors import FmuDidimError
@@ -191,6 +190,8 @@ class FittedMotion:
         Args:
             misfit: as a function of one quantity, 1 where it is 0.
         """
+        from scipy.optimize import minimize_scalar  # slow to import
+
         below, above = misfit(-step), misfit(step)
         curvature = below + above - 2 * (present := self.misfit())
         best = min(below, above, present - 0.5 * (0.5 * (below - above)) ** 2 / curvature if curvature > 0 else present)

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy.optimize import minimize_scalar
 
 from fmu_didim.base.diagnostics import CATALOGUE, DOUBT, REMARK, Diagnostic
 from fmu_didim.data.signals import Array, Trajectory
@@ -102,6 +101,8 @@ def difference(reference: Trajectory, other: Trajectory) -> tuple[float, float]:
     first row fits as well as any. Infinite where the references cannot be compared: nothing moves, a signal is missing,
     or the other covers too little of the first.
     """
+    from scipy.optimize import minimize_scalar  # slow to import
+
     names = [name for name in reference.names if not name.startswith(("dq", "ddq"))]
     if not any(name.startswith("q") for name in names) or any(name not in other.names for name in names):
         return float("inf"), 0.0

@@ -14,7 +14,6 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
-from scipy.optimize import minimize_scalar
 
 from fmu_didim.base.diagnostics import CATALOGUE, DOUBT, REMARK, Diagnostic
 from fmu_didim.base.errors import SimulationError
@@ -177,6 +176,8 @@ def _of_clock(fitted: FittedMotion, aligned: FittedMotion, late: float, deviatio
 
 def _least_misfit(fitted: FittedMotion) -> tuple[float, float]:
     """The shift in s with the least misfit, and its standard deviation; infinite where the misfit has no minimum."""
+    from scipy.optimize import minimize_scalar  # slow to import
+
     experiment, step = fitted.experiment, fitted.run.step_size
     count = experiment.reference.time.size
 

@@ -16,7 +16,6 @@ import itertools
 from dataclasses import replace
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
 
 from fmu_didim.base.diagnostics import CATALOGUE, DOUBT, PROBLEM, Diagnostic
 from fmu_didim.checks.data.expected import Expected
@@ -127,6 +126,8 @@ def correlations(measured: Array, simulated: Array) -> Array:
 
 def _foreign(given: Expected, label: str) -> list[Diagnostic]:
     """A log that no values of the base parameters explain."""
+    from scipy.optimize import linear_sum_assignment  # slow to import
+
     if given.fitted is None:
         return []
     left = given.error(given.fitted)
@@ -169,6 +170,8 @@ def _exchanged(given: Expected, label: str) -> list[Diagnostic]:
 
 def _order(measured: Array, simulated: Array, label: str) -> list[Diagnostic]:
     """Whether another order of the joints explains the log far better, by size or by shape."""
+    from scipy.optimize import linear_sum_assignment  # slow to import
+
     size = np.maximum(np.mean(measured**2, axis=0), TINY)
     error = np.mean((measured[:, :, None] - simulated[:, None, :]) ** 2, axis=0) / size[:, None]
     rows, best = linear_sum_assignment(error)
@@ -186,6 +189,8 @@ def _order(measured: Array, simulated: Array, label: str) -> list[Diagnostic]:
 
 def _order_by_shape(correlation: Array, label: str) -> list[Diagnostic]:
     """Whether torques follow those of other joints instead of their own."""
+    from scipy.optimize import linear_sum_assignment  # slow to import
+
     rows, best = linear_sum_assignment(-correlation)
     moved = rows[rows != best]
     if moved.size == 0:

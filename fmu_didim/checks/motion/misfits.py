@@ -190,6 +190,14 @@ class FittedMotions:
         return self.description is None and bool(names) and names <= self.values.keys()
 
 
+def fitted_motions(fit: Fit) -> FittedMotions | None:
+    """The motions of a fit; None where the plant does not give them, or the loop cannot be simulated."""
+    try:
+        return FittedMotions.of(fit)
+    except SimulationError:
+        return None
+
+
 @dataclass(frozen=True)
 class Misfits:
     """All misfits of a fit: those whose size is stated, and those that begin at other instants; and the motions along
@@ -202,10 +210,11 @@ class Misfits:
     @classmethod
     def of(cls, fit: Fit) -> Misfits:
         """Those of a fit; none where the plant does not give its motion."""
-        try:
-            motions = FittedMotions.of(fit)
-        except SimulationError:
-            motions = None
+        return cls.along(fitted_motions(fit))
+
+    @classmethod
+    def along(cls, motions: FittedMotions | None) -> Misfits:
+        """Those along the motions of a fit; none where there are none."""
         return cls() if motions is None else cls(tuple(misfits(motions)), tuple(misfits_on_the_way(motions)), motions)
 
     def __iter__(self) -> Iterator[Misfit]:

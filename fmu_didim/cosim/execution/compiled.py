@@ -248,7 +248,8 @@ def _reads(run: LoopRun, index: int) -> tuple[int, int, int]:
     for the recording and the bounds, and those that others read between its step and its next inputs.
 
     Unused outputs need not be computed, but for the recording and the bounds: of the plant, which the controller has
-    asked before, at each tick that is not recorded, and its accelerations; of the controller after each step.
+    asked before, at each tick that is not recorded, and its accelerations; of the controller after each step. Where
+    some signals are recorded, outputs behind them are not computed for the recording either.
     """
     part = run.parts[index]
     count = part.place.stop - part.place.start
@@ -258,7 +259,11 @@ def _reads(run: LoopRun, index: int) -> tuple[int, int, int]:
     if run.delayed or part.after_step or part.every > 1:
         return count, count, count
     before, after = part.readers
-    return before, count, after
+    if run.columns is None:
+        return before, count, after
+    own = range(part.place.start, part.place.stop)
+    recorded = max((column - own.start + 1 for column in run.columns if column in own), default=0)
+    return before, max(before, recorded), after
 
 
 def _linear(native: NativeLinear, part: Part, keep: list[Any]) -> _Linear:

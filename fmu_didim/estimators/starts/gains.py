@@ -19,7 +19,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.optimize import least_squares
 
 from fmu_didim.base.errors import IdentificationError
 from fmu_didim.data.signals import Array
@@ -128,6 +127,8 @@ class _Bilinear:
     def solved(self, start: Array) -> Array:
         """Gains (f,) by the least squares of what is measured, u = (W theta + k) / g, with the theta that is best for
         them; the joints are weighted by what they leave."""
+        from scipy.optimize import least_squares  # slow to import
+
         found = np.log(start)
         deviation = np.ones(len(self.triangles))
         for _ in range(ROUNDS):

@@ -135,8 +135,8 @@ class _Loop:
         operator = self._run.operator
         places = np.asarray(operator.matrix @ operator.ticks.astype(float))
         places, rows = np.unique(places, return_index=True)
-        spline = CubicSpline(places, self._run.experiment.torque[rows])
         ticks = np.arange(self._reference.time.size) / self._loop.subdivision
+        spline = CubicSpline(places, self._run.experiment.torque[rows])
         return np.asarray(spline(np.clip(ticks, places[0], places[-1])))
 
     def response(self, bandwidth: float) -> Array:

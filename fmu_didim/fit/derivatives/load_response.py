@@ -260,11 +260,11 @@ def _answer(run: Simulation, still: Array, switched: Array, every: int, joint: i
 def _signals(run: Simulation, further: Sequence[ExternalTorque]) -> Array:
     """(ticks, m) command at all ticks, without the external torques, and the channels of the experiment."""
     run = run.on(replace(run.experiment, external_torques=(*run.experiment.external_torques, *further)))
-    recording = run.record(all_ticks=True)
+    names = [run.signal_of(channel) for channel in run.experiment.channels]
+    recording = run.record(all_ticks=True, signals=[*run.model.loop.logged, *names])
     torque = run.logged_torque(recording)
     if not run.experiment.channels:
         return torque
-    names = [run.signal_of(channel) for channel in run.experiment.channels]
     return np.concatenate([torque, recording.table(names, sampled=True)], axis=1)
 
 
