@@ -11,13 +11,14 @@ from fmu_didim.cosim.insertion import (
     measured_output,
 )
 from fmu_didim.cosim.instants import Instants, period_change
-from fmu_didim.cosim.recording import Recording
+from fmu_didim.cosim.recording import Columns, Recording
 from fmu_didim.cosim.recording_cache import KeptRecordings, response_key
 from fmu_didim.cosim.sampling import Indices, SampleOperator, decimated_times, grid_places, sample_operator
 from fmu_didim.cosim.simulation import simulate
 from fmu_didim.cosim.system import Connection, System, closed_loop
 
 __all__ = [
+    "Columns",
     "Connection",
     "Indices",
     "InstancePool",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -12,6 +12,27 @@ from numpy.typing import NDArray
 
 from fmu_didim.base.errors import UnknownNameError
 from fmu_didim.data.signals import Array
+
+
+@dataclass(frozen=True)
+class Columns(Mapping[str, Array]):
+    """Columns of a table by name; a view of one is made when it is asked for.
+
+    Attributes:
+        places: name -> place of its column; table: (K, m).
+    """
+
+    places: Mapping[str, int]
+    table: Array
+
+    def __getitem__(self, name: str) -> Array:
+        return self.table[:, self.places[name]]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.places)
+
+    def __len__(self) -> int:
+        return len(self.places)
 
 
 @dataclass(frozen=True)
@@ -31,20 +52,21 @@ class Recording:
     ticks: NDArray[np.int64]
     start: float
     step_size: float
-    applied: Mapping[str, Array]
-    inputs: Mapping[str, Array]
-    sampled: Mapping[str, Array]
+    applied: Columns
+    inputs: Columns
+    sampled: Columns
     compiled: bool = False
     instants: Array | None = None
 
     def at(self, ticks: NDArray[np.int64]) -> Recording:
         """These of its ticks, with the spacing that it has."""
         rows = np.searchsorted(self.ticks, ticks)
+        known = (self.applied, self.inputs, self.sampled)
+        tables = {id(columns.table): columns.table[rows] for columns in known}  # mostly one and the same
+        applied, inputs, sampled = (Columns(columns.places, tables[id(columns.table)]) for columns in known)
         return replace(
             self, ticks=self.ticks[rows], instants=None if self.instants is None else self.instants[rows],
-            applied={name: column[rows] for name, column in self.applied.items()},
-            inputs={name: column[rows] for name, column in self.inputs.items()},
-            sampled={name: column[rows] for name, column in self.sampled.items()},
+            applied=applied, inputs=inputs, sampled=sampled,
         )  # fmt: skip
 
     @property
@@ -69,4 +91,4 @@ class Recording:
         for name in names:
             if name not in source:
                 raise UnknownNameError("recorded signal", name, source)
-        return np.column_stack([source[name] for name in names])
+        return source.table.take([source.places[name] for name in names], axis=1)

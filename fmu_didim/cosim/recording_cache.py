@@ -38,9 +38,8 @@ class KeptRecordings:
 
     def keep(self, key: Hashable, recording: Recording) -> None:
         """Keep a recording, which must not be changed from now on."""
-        for table in (recording.applied, recording.inputs, recording.sampled):
-            for column in table.values():
-                column.flags.writeable = False
+        for columns in (recording.applied, recording.inputs, recording.sampled):
+            columns.table.flags.writeable = False
         with self._lock:
             if key not in self._kept:
                 self._kept[key] = recording

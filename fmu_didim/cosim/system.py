@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from copy import copy
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
@@ -12,7 +11,7 @@ import numpy as np
 
 from fmu_didim.base.errors import InputError, UnknownNameError
 from fmu_didim.components import Component
-from fmu_didim.data.signals import Array
+from fmu_didim.data.signals import Array, altered
 
 REFERENCE = "reference"
 OF_INPUTS = (
@@ -82,6 +81,8 @@ class Place:
         outputs, inputs: places among all values; starts: (nu,) start values of the inputs.
         wiring: where its inputs come from.
         ramps: (input, column of the reference, gain) of inputs that go straight from tick to tick.
+        readers: how many of its first outputs others read between its inputs and its step, and between its step and its
+            next inputs.
     """
 
     outputs: slice
@@ -89,6 +90,7 @@ class Place:
     starts: Array
     wiring: Wiring
     ramps: tuple[tuple[int, int, float], ...]
+    readers: tuple[int, int]
 
 
 @dataclass(frozen=True)
@@ -98,11 +100,14 @@ class Layout:
     Attributes:
         signals: names of the signals, the columns of the reference first; values: of all values.
         places: of each component, by name.
+        signal_places, input_places: name of a signal or an input -> its place among the values.
     """
 
     signals: tuple[str, ...]
     values: tuple[str, ...]
     places: Mapping[str, Place]
+    signal_places: Mapping[str, int]
+    input_places: Mapping[str, int]
 
 
 @dataclass(frozen=True)
@@ -225,9 +230,7 @@ class System:
         same = component.inputs is present.inputs and component.outputs is present.outputs
         if not same and (component.inputs, component.outputs) != (present.inputs, present.outputs):
             return replace(self, components=components)
-        changed = copy(self)  # wired as the system that was checked
-        changed.__dict__["components"] = components
-        return changed
+        return altered(self, components=components)  # wired as the system that was checked
 
     def with_delay(self, name: str, samples: float) -> System:
         """The same system with another delay of the inputs of one component, in samples."""
@@ -264,6 +267,7 @@ def _layout(system: System, columns: tuple[str, ...]) -> Layout:
             raise UnknownNameError("signal", connection.source, names, where=f"source of {connection.target}")
     straight = {f"{REFERENCE}.{column}" for column in columns if column in system.ramps}
     values, places = list(names), {}
+    read = {name: _readers(system, name, outputs[name], index) for name in system.order}
     for name in system.order:
         variables, first = system.components[name].inputs, len(values)
         rows = {f"{name}.{v.name}": i for i, v in enumerate(variables)}
@@ -272,8 +276,25 @@ def _layout(system: System, columns: tuple[str, ...]) -> Layout:
         ramps = tuple((rows[c.target], index[c.source], c.gain) for c in wires if c.source in straight)
         values += rows
         starts = np.array([v.start for v in variables], dtype=float)
-        places[name] = Place(outputs[name], slice(first, len(values)), starts, Wiring(entries, first), ramps)
-    return Layout(tuple(names), tuple(values), places)
+        wiring = Wiring(entries, first)
+        places[name] = Place(outputs[name], slice(first, len(values)), starts, wiring, ramps, read[name])
+    inputs = {name: i for i, name in enumerate(values) if i >= len(names)}
+    return Layout(tuple(names), tuple(values), places, index, inputs)
+
+
+def _readers(system: System, name: str, outputs: slice, index: Mapping[str, int]) -> tuple[int, int]:
+    """How many of the first outputs of a component, at these places, others read before its step and after it."""
+    before, after = 0, 0
+    for connection in system.connections:
+        read = index[connection.source] - outputs.start + 1
+        if not 0 < read <= outputs.stop - outputs.start:
+            continue
+        reader = connection.target.partition(".")[0]
+        if system.order.index(reader) > system.order.index(name) and not system.jacobi:
+            before = max(before, read)
+        else:
+            after = max(after, read)
+    return before, after
 
 
 _TERM = re.compile(

@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Sequence
-from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -24,7 +23,7 @@ import numpy as np
 
 from fmu_didim.base.errors import InputError, UnknownNameError
 from fmu_didim.base.symbolic import serialised
-from fmu_didim.data.signals import Array, Variable
+from fmu_didim.data.signals import Array, Variable, altered
 from fmu_didim.dynamics.linearly_implicit import LinearlyImplicit
 
 
@@ -164,8 +163,9 @@ class Block:
         assert (len(inputs), len(outputs), len(parameters)) == tuple(
             map(len, (self.inputs, self.outputs, self.parameters))
         )
-        changed = copy(self)  # its functions have been checked
-        changed.__dict__.update(inputs=inputs, outputs=outputs, parameters=parameters)
+        changed = altered(
+            self, inputs=inputs, outputs=outputs, parameters=parameters
+        )  # its functions have been checked
         changed._check_names()
         return changed
 

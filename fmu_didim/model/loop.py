@@ -164,8 +164,7 @@ class Loop:
         for samples in others.get(DELAY, {}).values():
             system = system.with_delay(self.plant_name, max(samples, 0.0))
         wanted = {**self.parameters.values(theta), **start, **others.get(PLANT, {})}
-        offered = {v.name for v in self.plant.parameters}
-        plant = self.plant.with_parameters({name: value for name, value in wanted.items() if name in offered})
+        plant = self.plant.with_parameters({name: value for name, value in wanted.items() if name in self.offered})
         plant = self._integrated(plant, theta, start, system.step_size)
         system = system.replace(self.plant_name, plant)
         for of in (self._given_starts(experiment), self._of_components(others, plant, system)):
@@ -176,6 +175,11 @@ class Loop:
             Connection(f"{REFERENCE}.{EXTERNAL_TORQUE}{j}", f"{self.plant_name}.tau{j}") for j in joints
         )
         return replace(system, connections=(*system.connections, *from_outside)) if from_outside else system
+
+    @cached_property
+    def offered(self) -> frozenset[str]:
+        """Names of the parameters that the plant has."""
+        return frozenset(v.name for v in self.plant.parameters)
 
     def _integrated(self, plant: Component, theta: Array, start: Mapping[str, float], step_size: float) -> Component:
         """The plant with the substeps that the loop asks for."""
@@ -191,7 +195,7 @@ class Loop:
         """Values of the components beside the plant. Effects of a joint share shapes, such as the smoothing of
         friction, wherever they act."""
         found = {owner: dict(own) for owner, own in others.items() if owner not in NO_COMPONENTS}
-        present = {v.name: v.start for v in plant.parameters}
+        present = {v.name: v.start for v in plant.parameters} if self.added_components else {}
         for owner, joint in self.added_components.items():
             for v in system.components[owner].parameters:
                 shared = joint_parameter(v.name, joint, is_shape=True)

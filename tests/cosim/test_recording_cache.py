@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fmu_didim.cosim import KeptRecordings, Recording, System
+from fmu_didim.cosim import Columns, KeptRecordings, Recording, System
 from fmu_didim.model import loop_model
 from fmu_didim.model.external_torque import ExternalTorque
 from fmu_didim.model.loop_model import LoopModel
@@ -17,8 +17,9 @@ from tests.helpers import model_of
 
 
 def recording(rows: int, value: float = 0.0) -> Recording:
-    column = np.full(rows, value)
-    return Recording(np.arange(rows), 0.0, 0.1, {"plant.q1": column}, {"plant.tau1": column}, {"plant.q1": column})
+    table = np.full((rows, 2), value)
+    outputs, inputs = Columns({"plant.q1": 0}, table), Columns({"plant.tau1": 1}, table)
+    return Recording(np.arange(rows), 0.0, 0.1, outputs, inputs, outputs)
 
 
 def test_the_recordings_asked_for_longest_ago_leave_first() -> None:

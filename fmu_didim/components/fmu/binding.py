@@ -40,6 +40,13 @@ def _references(numbers: tuple[int, ...]) -> ctypes.Array[ctypes.c_uint]:
     return (ctypes.c_uint * len(numbers))(*numbers)
 
 
+def _in_c(values: Any, pointer_type: Any) -> Any:
+    """An array as the argument of a C function that takes this type of pointer; it keeps the array alive."""
+    if not values.size:
+        return pointer_type()
+    return (pointer_type._type_ * values.size).from_buffer(values)
+
+
 def pointer(values: Array) -> Any:
     """The address of an array for C; the array must live as long."""
     return values.ctypes.data_as(_DOUBLES)
@@ -226,8 +233,7 @@ class Binding(ABC):
                 next_step="Export the FMU again with a complete interface; fmu-didim fmu check FILE tries it.",
             )  # fmt: skip
         count = (values.size,) if self.passes_sizes else ()
-        place = values.ctypes.data_as(function.argtypes[3])
-        return function, (self.c, references(numbers), len(numbers), place, *count)
+        return function, (self.c, references(numbers), len(numbers), _in_c(values, function.argtypes[3]), *count)
 
     def real_call(self, verb: str, numbers: Sequence[int], values: Array) -> Call:
         """The call that sets (``Set``) or gets (``Get``) these real variables from or into the array."""

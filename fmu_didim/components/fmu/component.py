@@ -52,9 +52,9 @@ class FmuComponent(FmuSettings):
         return int(self.options.get(SUBSTEPS_NAME, 0)) or None
 
     def pool_key(self) -> Hashable:
-        names = (*(v.name for v in self.inputs), "", *(v.name for v in self.outputs))
         how = (self.interface.kind, self.solver, self.substeps, self.event_mode, self.rerun)
         where = (self.isolated, self.time_limit_s, self.tolerance)
+        names = (self.ports.inputs, self.ports.outputs)
         return (self.digest, how, where, self.input_references, self.output_references, names)
 
     def response_key(self) -> Hashable | None:

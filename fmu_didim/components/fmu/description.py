@@ -228,6 +228,16 @@ class FmuDescription:
         return _are_plain(self.of_causality("output"))
 
     @cached_property
+    def input_references(self) -> tuple[int, ...]:
+        """Value references of those inputs that have a value."""
+        return tuple(v.reference for v in self.of_causality("input") if v.size)
+
+    @cached_property
+    def output_references(self) -> tuple[int, ...]:
+        """Value references of those outputs that have a value."""
+        return tuple(v.reference for v in self.of_causality("output") if v.size)
+
+    @cached_property
     def input_types(self) -> tuple[str, ...]:
         """Type of each input, one entry for each element of an array."""
         return tuple(v.type for v in self.of_causality("input") for _ in range(v.size))

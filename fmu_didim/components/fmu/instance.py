@@ -37,9 +37,9 @@ class _Port:
         own: the buffer itself where all units agree; scaling: (factor, offset), None there.
     """
 
-    def __init__(self, conversions: Sequence[Conversion], shown: Array) -> None:
+    def __init__(self, conversions: Sequence[Conversion], shown: Array, *, converts: bool) -> None:
         self.own, self.scaling = shown, None
-        if not all(c.is_identity for c in conversions):
+        if converts:
             self.own = np.zeros(len(conversions))
             self.scaling = np.array([c.factor for c in conversions]), np.array([c.offset for c in conversions])
 
@@ -85,14 +85,15 @@ class FmuInstance(RestartableInstance):
         self._derivatives_asked = 0
         self._input_types = component.input_types
         self._output_types = component.fmu.output_types
-        self.take_variables(component.inputs, component.outputs)
+        self.input_names, self.output_names = component.ports.inputs, component.ports.outputs
+        self.bind(component.ports.starts.copy(), np.zeros(len(component.outputs)))
 
     def _connect(self) -> None:
         """Make the calls that pass values from and to the buffers."""
         component = self._component
-        self._in = _Port(component.input_conversions, self.inputs)
-        self._out = _Port(component.output_conversions, self.outputs)
-        fmu = component.fmu
+        fmu, ports = component.fmu, component.ports
+        self._in = _Port(component.input_conversions, self.inputs, converts=ports.converts_inputs)
+        self._out = _Port(component.output_conversions, self.outputs, converts=ports.converts_outputs)
         self._set, self._set_arguments = self._port_call(
             "Set", fmu.of_causality("input"), self._in.own, plain=fmu.has_plain_inputs
         )
@@ -133,9 +134,8 @@ class FmuInstance(RestartableInstance):
         self._connect()
         component = self._component
         self._binding.set_up_experiment(time)
-        values = {**component.start_values, **component.parameter_values()}
-        at_first = component.changed - component.state_starts.keys()
-        self._set_own({name: values[name] for name in values if name in at_first})
+        if component.changed:
+            self._set_own(self._given({**component.start_values, **component.parameter_values()}))
         for name, value in component.options.items():
             self._binding.set_option(component.option_types[name], component.references[name], value)
         self._binding.enter_initialisation(time)
@@ -175,12 +175,11 @@ class FmuInstance(RestartableInstance):
         binding.call("EnterEventMode")
 
     def _check_taken(self, values: Mapping[str, float]) -> None:
-        component = self._component
-        at_first = component.changed - component.state_starts.keys()
-        given = {name: values[name] for name in values if name in at_first}
-        wanted = self._last_set[1] if given == self._last_set[0] else self._own_values(given)
-        numbers = np.array([x for group in wanted.values() for x in group])
-        found = self._binding.read_back(self._binding.real_type, list(wanted), numbers.size) if wanted else None
+        component, given = self._component, self._given(values)
+        if not given:
+            return
+        wanted, numbers = self._last_set[1:] if given == self._last_set[0] else self._own_values(given)
+        found = self._binding.read_back(self._binding.real_type, wanted, numbers.size)
         if found is None or np.array_equal(found, numbers):
             return
         for place in np.flatnonzero(~np.isclose(found, numbers, rtol=READ_BACK, atol=0.0, equal_nan=True)):
@@ -203,28 +202,37 @@ class FmuInstance(RestartableInstance):
     def _real_function(self, verb: str) -> str:
         return f"{self._binding.prefix}{verb}{self._binding.real_type}"
 
-    def _own_values(self, values: Mapping[str, float]) -> dict[int, list[float]]:
-        """Value reference -> the FMU's own values of parameters given in the units shown; an array as a whole."""
+    def _given(self, values: Mapping[str, float]) -> dict[str, float]:
+        """Those of some values that were set before the run, without where continuous states start."""
+        component = self._component
+        at_first = component.changed - component.state_starts.keys() if component.state_starts else component.changed
+        return {name: value for name, value in values.items() if name in at_first}
+
+    def _own_values(self, values: Mapping[str, float]) -> tuple[list[int], Array]:
+        """Value references, and the FMU's own values of parameters given in the units shown; an array as a whole."""
         component = self._component
         wanted: dict[int, list[float]] = {}
         for name, value in values.items():
-            reference, own = component.reference(name), component.parameter_conversion(name).to_own(value)
-            siblings = component.arrays.get(name, (name,))
-            if len(siblings) == 1:
+            own = (
+                component.parameter_conversions[name].to_own(value)
+                if name in component.parameter_conversions
+                else value
+            )
+            reference, siblings = component.reference(name), component.arrays.get(name)
+            if siblings is None or len(siblings) == 1:
                 wanted[reference] = [own]
                 continue
             if reference not in wanted:
                 known = {**component.start_values, **component.parameter_values()}
                 wanted[reference] = [component.parameter_conversion(s).to_own(known.get(s, value)) for s in siblings]
             wanted[reference][siblings.index(name)] = own
-        return wanted
+        return list(wanted), np.array([x for group in wanted.values() for x in group])
 
     def _set_own(self, values: Mapping[str, float]) -> None:
-        wanted = self._own_values(values)
-        self._last_set = dict(values), wanted
+        wanted, numbers = self._own_values(values)
+        self._last_set = dict(values), wanted, numbers
         if wanted:
-            numbers = np.array([x for group in wanted.values() for x in group])
-            function, arguments = self._binding.real_call("Set", list(wanted), numbers)
+            function, arguments = self._binding.real_call("Set", wanted, numbers)
             self._binding.check(f"{self._real_function('Set')} of parameters", function(*arguments))
 
     def set_parameters(self, values: Mapping[str, float]) -> None:
@@ -326,8 +334,8 @@ class FmuInstance(RestartableInstance):
             set_address=address(self._set) if component.input_references else 0,
             get_address=address(self._get) if component.output_references else 0,
             step_address=0 if step is None else address(step),
-            input_references=_references_of(component.fmu.of_causality("input")),
-            output_references=_references_of(component.fmu.of_causality("output")),
+            input_references=references(component.fmu.input_references),
+            output_references=references(component.fmu.output_references),
             own_inputs=self._in.own,
             own_outputs=self._out.own,
             input_scaling=self._in.scaling,
@@ -378,11 +386,6 @@ class CoSimulationInstance(FmuInstance):
         if result.terminate:
             raise ended(self._component, time)
         return result.time if result.early else None
-
-
-def _references_of(variables: Sequence[FmuVariable]) -> Any:
-    """Value references of those that have a value, as a C array."""
-    return references([v.reference for v in variables if v.size])
 
 
 class NotTakenError(FmuError, SimulationError):

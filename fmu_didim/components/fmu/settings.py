@@ -5,18 +5,19 @@ from __future__ import annotations
 import math
 from abc import abstractmethod
 from collections.abc import Mapping
-from copy import copy
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Self
+
+import numpy as np
 
 from fmu_didim.base.errors import InputError
 from fmu_didim.components.base import Component, Instance, check_names
 from fmu_didim.components.fmu.description import INTEGER_TYPES, REAL_TYPES, FmuDescription, Interface
 from fmu_didim.components.fmu.units import Conversion
 from fmu_didim.components.fmu.versions.base import FmiVersion
-from fmu_didim.data.signals import Variable
+from fmu_didim.data.signals import Array, Variable, altered
 
 DEFAULT_SUBSTEPS = 10
 """[1] Substeps of RK4 in a communication step, in model exchange."""
@@ -47,6 +48,27 @@ class RestartableInstance(Instance):
         Returns:
             Whether that was possible; if not, nothing has been changed.
         """
+
+
+@dataclass(frozen=True)
+class Ports:
+    """What follows from the variables of an FMU, whatever values they have.
+
+    Attributes:
+        inputs, outputs: their names; starts: (nu,) of the inputs.
+        settable: names of all that :meth:`FmuSettings.with_parameters` sets.
+        converts_inputs, converts_outputs: whether the FMU's own unit of one is not the one shown.
+        follows_at_once: pairs of an output and an input that it follows at once, by their names; None where that is not
+            known.
+    """
+
+    inputs: tuple[str, ...]
+    outputs: tuple[str, ...]
+    starts: Array
+    settable: frozenset[str]
+    converts_inputs: bool
+    converts_outputs: bool
+    follows_at_once: frozenset[tuple[str, str]] | None
 
 
 @dataclass(frozen=True)
@@ -124,8 +146,18 @@ class FmuSettings(Component):
         return self.fmu.input_types
 
     @cached_property
+    def ports(self) -> Ports:
+        """What follows from its variables alone: kept for all that are made of it with other values."""
+        settable = (*(v.name for v in self.parameters), *self.option_types, *self.start_values)
+        return Ports(
+            tuple(v.name for v in self.inputs), tuple(v.name for v in self.outputs),
+            np.array([v.start for v in self.inputs], dtype=float), frozenset(settable),
+            converts_inputs=not all(c.is_identity for c in self.input_conversions),
+            converts_outputs=not all(c.is_identity for c in self.output_conversions),
+            follows_at_once=self._follows_at_once(),
+        )  # fmt: skip
+
     def _follows_at_once(self) -> frozenset[tuple[str, str]] | None:
-        """Pairs of an output and an input that it follows at once, by their names; None where that is not known."""
         stated = self.fmu.dependencies
         if not self.reads_between:
             return frozenset()
@@ -144,7 +176,7 @@ class FmuSettings(Component):
         return frozenset(pairs)
 
     def feedthrough(self) -> frozenset[tuple[str, str]] | None:
-        return self._follows_at_once
+        return self.ports.follows_at_once
 
     def reference(self, name: str) -> int:
         """Value reference of a parameter or start value."""
@@ -162,8 +194,9 @@ class FmuSettings(Component):
         """
         options = {n: v for n, v in values.items() if n in self.option_types}
         values = {n: v for n, v in values.items() if n not in options}
-        starts = tuple(Variable(name) for name in self.start_values)
-        check_names("parameter", values, (*self.parameters, *self._option_variables, *starts), where=str(self.path))
+        if not values.keys() <= self.ports.settable:
+            starts = tuple(Variable(name) for name in self.start_values)
+            check_names("parameter", values, (*self.parameters, *self._option_variables, *starts), where=str(self.path))
         parameters = tuple(v.starting_at(float(values.get(v.name, v.start))) for v in self.parameters)
         start_values = {name: float(values.get(name, start)) for name, start in self.start_values.items()}
         changed = self.of_other_values(
@@ -174,10 +207,8 @@ class FmuSettings(Component):
     def of_other_values(self, **values: Any) -> Self:
         """The same FMU, of the same variables, with other values in these attributes: what follows from the variables
         alone is known of it, too, however often values change."""
-        self._follows_at_once  # noqa: B018 - known from now on, of this one and of all that are made from it
-        changed = copy(self)
-        changed.__dict__.update(values)
-        return changed
+        self.ports  # noqa: B018 - known from now on, of this one and of all that are made from it
+        return altered(self, **values)
 
     def with_options(self, values: Mapping[str, Option]) -> Self:
         """Other values of Integer, Enumeration, Boolean and String parameters.

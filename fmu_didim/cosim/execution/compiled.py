@@ -79,6 +79,7 @@ class _Loop(ctypes.Structure):
     )  # fmt: skip
 
 
+_DOUBLE = ctypes.sizeof(_double)
 _RAMP = np.dtype([("input", np.int64), ("column", np.int64), ("gain", np.float64)])
 _SOURCES = ("loop.c", "exchange.h")
 
@@ -158,6 +159,8 @@ def _address(array: Any, keep: list[Any]) -> int | None:
     if array is None:
         return None
     keep.append(array)
+    if array.size and array.flags.carray:  # this way takes a third of the time of what NumPy offers for all arrays
+        return ctypes.addressof(ctypes.c_char.from_buffer(array))
     return int(array.ctypes.data)
 
 
@@ -166,7 +169,7 @@ def _loop(run: LoopRun, parts: Any, keep: list[Any]) -> _Loop:
     gapless = ticks[-1] - ticks[0] + 1 == ticks.size
     return _Loop(
         parts=ctypes.addressof(parts), part_count=len(parts), jacobi=run.system.jacobi, delayed=run.delayed,
-        values=_address(run.values, keep), signal_count=run.signals.size, value_count=run.values.size,
+        values=run.address, signal_count=run.signals.size, value_count=run.values.size,
         table=_address(table, keep), table_rows=table.shape[0], table_columns=table.shape[1], start=run.start,
         step=run.system.step_size, recorded=None if gapless else _address(ticks, keep), first_recorded=ticks[0],
         recorded_count=ticks.size, applied=_address(run.record, keep), sampled=_address(run.sampled, keep),
@@ -177,14 +180,14 @@ def _loop(run: LoopRun, parts: Any, keep: list[Any]) -> _Loop:
 
 def _part(run: LoopRun, index: int, native: Native, keep: list[Any]) -> _Part:
     part = run.parts[index]
-    wiring, capacity = part.wiring, part.whole + 2
-    outputs = run.values[part.place]
+    wiring, capacity, values = part.wiring, part.whole + 2, run.address
+    output_count = part.place.stop - part.place.start
     read_before, read_between, read_after = _reads(run, index)
     result = _Part(
-        after_step=part.after_step, input_count=part.inputs.size, output_count=outputs.size,
-        inputs=_address(part.inputs, keep), outputs=_address(outputs, keep), wire_count=wiring.targets.size,
-        wires=_address(wiring.table, keep), single=wiring.single, every=part.every, substeps=part.substeps,
-        whole=part.whole, part=part.part, line_capacity=capacity, first_input=part.given.start,
+        after_step=part.after_step, input_count=part.inputs.size, output_count=output_count,
+        inputs=values + _DOUBLE * part.given.start, outputs=values + _DOUBLE * part.place.start,
+        wire_count=wiring.targets.size, wires=_address(wiring.table, keep), single=wiring.single,
+        every=part.every, substeps=part.substeps, whole=part.whole, part=part.part, line_capacity=capacity, first_input=part.given.start,
         line=_address(np.zeros((capacity, max(part.inputs.size, 1))), keep) if part.delayed else None,
         first_output=part.place.start, read_before=read_before, read_between=read_between,
         read_after=read_after, instants=_address(part.instants, keep), longest=part.longest,
@@ -206,10 +209,12 @@ def _part(run: LoopRun, index: int, native: Native, keep: list[Any]) -> _Part:
     result.output_reference_count = len(native.output_references)
     result.input_references = ctypes.addressof(native.input_references)
     result.output_references = ctypes.addressof(native.output_references)
-    result.own_inputs, result.own_outputs = _address(native.own_inputs, keep), _address(native.own_outputs, keep)
+    result.own_inputs, result.own_outputs = result.inputs, result.outputs
     if native.input_scaling:
+        result.own_inputs = _address(native.own_inputs, keep)
         result.input_factor, result.input_offset = (_address(a, keep) for a in native.input_scaling)
     if native.output_scaling:
+        result.own_outputs = _address(native.own_outputs, keep)
         result.output_factor, result.output_offset = (_address(a, keep) for a in native.output_scaling)
     return result
 
@@ -250,13 +255,7 @@ def _reads(run: LoopRun, index: int) -> tuple[int, int, int]:
         return between, between, count
     if run.delayed or part.after_step or part.every > 1:
         return count, count, count
-    own, before, after = range(part.place.start, part.place.stop), 0, 0
-    for i, other in enumerate(run.parts):
-        read = max((int(source) - own.start + 1 for source in other.wiring.sources if source in own), default=0)
-        if i > index and not run.system.jacobi:
-            before = max(before, read)
-        else:
-            after = max(after, read)
+    before, after = part.readers
     return before, count, after
 
 

@@ -17,7 +17,7 @@ from fmu_didim.cosim.execution.compiled import fits, loop_library, run_compiled
 from fmu_didim.cosim.execution.instance_pool import InstancePool
 from fmu_didim.cosim.execution.interpreted import run_interpreted
 from fmu_didim.cosim.execution.running import Beat, LoopRun, Order, assemble
-from fmu_didim.cosim.recording import Recording
+from fmu_didim.cosim.recording import Columns, Recording
 from fmu_didim.cosim.system import OF_INPUTS, System
 
 
@@ -166,18 +166,17 @@ def _recording(run: LoopRun, *, compiled: bool) -> Recording:
             is_finite=False, next_step="Check the gains, signs and units of the loop, and the start values."
             if run.system.closes else OF_INPUTS,
         )  # fmt: skip
-    places = range(run.values.size) if run.columns is None else run.columns
-    columns = [(i, run.recorded[i], run.record[:, k]) for k, i in enumerate(places)]
-    sampled = {name: column for i, name, column in columns if i < len(run.names)}
-    if run.columns is None:
-        sampled = {name: run.sampled[:, i] for i, name in enumerate(run.names)}
+    signals, inputs = run.layout.signal_places, run.layout.input_places
+    if run.columns is not None:
+        kept = {run.recorded[i]: k for k, i in enumerate(run.columns)}
+        signals, inputs = ({name: k for name, k in kept.items() if name in of} for of in (signals, inputs))
     return Recording(
         ticks=run.ticks,
         start=run.start,
         step_size=run.system.step_size,
-        applied={name: column for i, name, column in columns if i < len(run.names)},
-        inputs={name: column for i, name, column in columns if i >= len(run.names)},
-        sampled=sampled,
+        applied=Columns(signals, run.record),
+        inputs=Columns(inputs, run.record),
+        sampled=Columns(signals, run.sampled if run.delayed else run.record),
         compiled=compiled,
         instants=None if run.instants is None else run.instants[run.ticks],
     )

@@ -65,6 +65,7 @@ class Part:
     Attributes:
         instance, wiring: the running component and where its inputs come from.
         place: its outputs among the values of the run; given: its inputs there; inputs: these values.
+        readers: how many of its first outputs others read before its step, and after it.
         every: ticks between its communication points; substeps: its steps in between.
         whole, part: the delay of its inputs in its own periods.
         after_step: its outputs at an instant are those after the step that begins there.
@@ -80,7 +81,7 @@ class Part:
 
     def __init__(self, name: str, system: System, instance: Instance, place: Place, values: Array) -> None:
         self.name, self.instance, self.wiring = name, instance, place.wiring
-        self.place, self.given = place.outputs, place.inputs
+        self.place, self.given, self.readers = place.outputs, place.inputs, place.readers
         self.inputs = values[self.given]
         self._component = component = system.components[name]
         self.every = system.every.get(name, 1)
@@ -232,6 +233,11 @@ class LoopRun:
     @property
     def table(self) -> Array:
         return self.reference.values
+
+    @cached_property
+    def address(self) -> int:
+        """Address of the values."""
+        return int(self.values.ctypes.data)
 
     @cached_property
     def start(self) -> float:

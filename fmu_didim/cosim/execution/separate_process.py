@@ -118,9 +118,15 @@ def run_in_separate_process(order: Order, fmus: Mapping[str, FmuComponent], pool
 
 def needing_own_process(system: System) -> dict[str, FmuComponent]:
     """The FMUs of a system that may crash their process, by name."""
-    fmus = {name: c for name, c in system.components.items() if isinstance(c, FmuComponent)}
-    counts = Counter(fmu.digest for fmu in fmus.values())
-    return {name: fmu for name, fmu in fmus.items() if fmu.needs_own_process(counts[fmu.digest])}
+    fmus = [c for c in system.components.values() if isinstance(c, FmuComponent)]
+    if all(fmu.is_own and not fmu.needs_own_process() for fmu in fmus):
+        return {}
+    counts = Counter(fmu.digest for fmu in fmus)
+    return {
+        name: fmu
+        for name, fmu in system.components.items()
+        if isinstance(fmu, FmuComponent) and fmu.needs_own_process(counts[fmu.digest])
+    }
 
 
 def _as_sent(system: System, *, run_before: bool) -> tuple[System, bool]:

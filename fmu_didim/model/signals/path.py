@@ -24,7 +24,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from fmu_didim.cosim import Recording
+from fmu_didim.cosim import Columns, Recording
 from fmu_didim.data.signals import Array, Trajectory
 
 INPUT, OUTPUT = "input signal", "output signal"
@@ -69,18 +69,14 @@ def changed_outputs(
 ) -> Recording:
     """Some ticks of an experiment, from the recording of all of them, with the outputs of a component as their sensors
     show them."""
-    sampled, applied = (dict(table) for table in (recording.sampled, recording.applied))
+    found = recording.at(recording.ticks[ticks])
+    shown = [Columns(columns.places, columns.table.copy()) for columns in (found.applied, found.sampled)]
     for name, own in by_signal(values).items():
         signal = f"{component}.{name}"
-        for table in (sampled, applied):
-            if signal in table:
-                table[signal] = changed(recording.time, table[signal], own, goes_on=True)
-    tables = [{name: v[ticks] for name, v in table.items()} for table in (applied, recording.inputs, sampled)]
-    instants = None if recording.instants is None else recording.instants[ticks]
-    return replace(
-        recording, ticks=recording.ticks[ticks], applied=tables[0], inputs=tables[1], sampled=tables[2],
-        instants=instants,
-    )  # fmt: skip
+        for columns, whole in zip(shown, (recording.applied, recording.sampled), strict=True):
+            if signal in whole:
+                columns[signal][:] = changed(recording.time, whole[signal], own, goes_on=True)[ticks]
+    return replace(found, applied=shown[0], sampled=shown[1])
 
 
 def changed(

@@ -164,12 +164,15 @@ def choose(facts: Facts) -> Rerun:
     return Rerun(way or AGAIN, reason + note, isolated)
 
 
+_OWN = Rerun(RESET, "exported by this package, whose reset is exact")
+
+
 def known_rerun(component: FmuSettings) -> Rerun | None:
     """How to run it again; None if no trial has shown that yet."""
     if component.rerun != AUTO:
         return Rerun(component.rerun, "as asked for", component.rerun == PROCESS)
     if component.fmu.tool.startswith(OWN_TOOL):
-        return Rerun(RESET, "exported by this package, whose reset is exact")
+        return _OWN
     path = _path(component)
     if path not in _known:
         try:
