@@ -72,6 +72,8 @@ def simulate(
         if fmus := needing_own_process(system):
             check_reference(order)
             return run_in_separate_process(order, fmus, pool)
+        if all(isinstance(c, FmuComponent) and c.is_own for c in system.components.values()):
+            return run_in_process(order, pool)  # what is exported here stays in its folder
         with _same_folder():
             return run_in_process(order, pool)
     except FmuDidimError as error:

@@ -105,7 +105,7 @@ class Trajectory:
         object.__setattr__(self, "time", time)
         object.__setattr__(self, "values", values)
 
-    @property
+    @cached_property
     def names(self) -> tuple[str, ...]:
         """The names of the columns."""
         return tuple(v.name for v in self.variables)
@@ -119,6 +119,11 @@ class Trajectory:
     def column(self, name: str) -> Array:
         """The column of a name, (N,); raises UnknownNameError."""
         return self.select([name])[:, 0]
+
+    @cached_property
+    def extremes(self) -> tuple[Array, Array]:
+        """(m,) the lowest and the highest value of each column."""
+        return self.values.min(axis=0), self.values.max(axis=0)
 
     def first(self, count: int) -> Trajectory:
         """The same with its first columns alone."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -87,9 +88,7 @@ class FreeParameters(tuple[FreeParameter, ...]):
     adds to them: theta = theta_shared or own + sum of along * value.
     """
 
-    __slots__ = ()
-
-    @property
+    @cached_property
     def names(self) -> tuple[str, ...]:
         """(p,) unique names."""
         return tuple(parameter.name for parameter in self)
@@ -109,12 +108,12 @@ class FreeParameters(tuple[FreeParameter, ...]):
         """(p,) lowest and (p,) highest values."""
         return np.array([k.lowest for k in self]), np.array([k.highest for k in self])
 
-    @property
+    @cached_property
     def linear_count(self) -> int:
         """Number of base parameters, shared ones and those of one experiment: the first free parameters."""
         return sum(parameter.owner == BASE for parameter in self)
 
-    @property
+    @cached_property
     def shared_base(self) -> FreeParameters:
         """The b base parameters that the experiments share."""
         return FreeParameters(k for k in self if k.owner == BASE and k.experiment is None)
@@ -146,14 +145,25 @@ class FreeParameters(tuple[FreeParameter, ...]):
 
     def places(self, label: str) -> Indices:
         """(b,) places among all of the base parameters of the robot alone, without a load, in an experiment."""
-        found = np.arange(len(self.shared_base))
-        for place, i in self._own_base(label):
-            found[place] = i
-        return found
+        if label not in self._places:  # each simulation asks for them
+            found = np.arange(len(self.shared_base))
+            for place, i in self._own_base(label):
+                found[place] = i
+            found.flags.writeable = False
+            self._places[label] = found
+        return self._places[label]
+
+    @cached_property
+    def _places(self) -> dict[str, Indices]:
+        return {}
 
     def loads(self, label: str) -> list[tuple[int, Array]]:
         """Place among all of each parameter of the load that an experiment carries, and (b,) along which it acts."""
-        return [(i, np.array(k.along)) for i, k in enumerate(self) if k.is_load and k.acts_in(label)]
+        return [(i, np.array(k.along)) for i, k in self._loads if k.acts_in(label)]
+
+    @cached_property
+    def _loads(self) -> list[tuple[int, FreeParameter]]:
+        return [(i, k) for i, k in enumerate(self) if k.is_load]
 
     def gains_of_drives(self, joints: int) -> dict[int, int]:
         """Joint, from 0, of so many -> place among all of the gain of its drive, where that is free."""
@@ -172,10 +182,14 @@ class FreeParameters(tuple[FreeParameter, ...]):
     def others(self, values: Array, label: str) -> dict[str, dict[str, float]]:
         """Values of all but the base parameters in an experiment: owner -> name there -> value."""
         found: dict[str, dict[str, float]] = {}
-        for parameter, value in zip(self, values, strict=True):
-            if parameter.owner != BASE and parameter.acts_in(label):
-                found.setdefault(parameter.owner, {})[parameter.key] = float(value)
+        for i, parameter in self._others:
+            if parameter.acts_in(label):
+                found.setdefault(parameter.owner, {})[parameter.key] = float(values[i])
         return found
+
+    @cached_property
+    def _others(self) -> list[tuple[int, FreeParameter]]:
+        return [(i, k) for i, k in enumerate(self) if k.owner != BASE]
 
     def spread(self, columns: Array, label: str) -> Array:
         """(N, n, linear_count) columns (N, n, b) of the base parameters that act in an experiment, over all that are

@@ -177,6 +177,11 @@ class Loop:
         return replace(system, connections=(*system.connections, *from_outside)) if from_outside else system
 
     @cached_property
+    def _outputs(self) -> frozenset[str]:
+        """Names of the outputs of the plant."""
+        return frozenset(v.name for v in self.plant.outputs)
+
+    @cached_property
     def offered(self) -> frozenset[str]:
         """Names of the parameters that the plant has."""
         return frozenset(v.name for v in self.plant.parameters)
@@ -206,7 +211,10 @@ class Loop:
     def start_values(self, experiment: Experiment) -> dict[str, float]:
         """Where the plant starts: the first row of the reference, or what is known instead."""
         reference = experiment.reference
-        first = {**dict(zip(reference.names, reference.values[0], strict=True)), **experiment.initial_state.values}
+        first = {
+            **dict(zip(reference.names, reference.values[0].tolist(), strict=True)),
+            **experiment.initial_state.values,
+        }
         result = {"t_start": float(reference.time[0])}
         if not self.shows_torque:
             return result
@@ -322,10 +330,12 @@ class Loop:
         result: dict[str, tuple[float, float]] = {}
         if self.torque_is_given or not self.shows_torque:
             return result
-        given = {v.name for v in self.plant.outputs} & set(reference.names)
-        for name in (f"q{j}" for j in range(1, self.joint_count + 1) if f"q{j}" in given):
-            passed = reference.column(name)
-            extremes = [float(passed.min()), float(passed.max()), *(start[n] for n in (name,) if n in start)]
+        lowest, highest = reference.extremes
+        for name in (f"q{j}" for j in range(1, self.joint_count + 1)):
+            if name not in self._outputs or name not in reference.names:
+                continue
+            place = reference.names.index(name)
+            extremes = [float(lowest[place]), float(highest[place]), *(start[n] for n in (name,) if n in start)]
             low, high = min(extremes), max(extremes)
             room = 10 * max(high - low, STANDS_STILL)
             result[f"{self.plant_name}.{name}"] = (low - room, high + room)

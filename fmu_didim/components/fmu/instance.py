@@ -180,7 +180,7 @@ class FmuInstance(RestartableInstance):
             return
         wanted, numbers = self._last_set[1:] if given == self._last_set[0] else self._own_values(given)
         found = self._binding.read_back(self._binding.real_type, wanted, numbers.size)
-        if found is None or np.array_equal(found, numbers):
+        if found is None or (found == numbers).all():
             return
         for place in np.flatnonzero(~np.isclose(found, numbers, rtol=READ_BACK, atol=0.0, equal_nan=True)):
             first = [next(n for n in values if component.reference(n) == reference) for reference in wanted]
@@ -211,15 +211,14 @@ class FmuInstance(RestartableInstance):
     def _own_values(self, values: Mapping[str, float]) -> tuple[list[int], Array]:
         """Value references, and the FMU's own values of parameters given in the units shown; an array as a whole."""
         component = self._component
+        if not (component.arrays or component.parameter_conversions):
+            plain = {component.reference(name): value for name, value in values.items()}
+            return list(plain), np.array(list(plain.values()))
         wanted: dict[int, list[float]] = {}
         for name, value in values.items():
-            own = (
-                component.parameter_conversions[name].to_own(value)
-                if name in component.parameter_conversions
-                else value
-            )
-            reference, siblings = component.reference(name), component.arrays.get(name)
-            if siblings is None or len(siblings) == 1:
+            reference, own = component.reference(name), component.parameter_conversion(name).to_own(value)
+            siblings = component.arrays.get(name, (name,))
+            if len(siblings) == 1:
                 wanted[reference] = [own]
                 continue
             if reference not in wanted:

@@ -13,6 +13,7 @@ from graphlib import CycleError, TopologicalSorter
 import numpy as np
 
 from fmu_didim.base.errors import SimulationError
+from fmu_didim.components import SameObject
 from fmu_didim.cosim.execution.running import LoopRun, Part
 from fmu_didim.cosim.system import REFERENCE, Connection, System
 from fmu_didim.data.signals import Array
@@ -40,15 +41,14 @@ def algebraic_loops(system: System) -> list[list[str]]:
             pairs = frozenset((y.name, u.name) for y in component.outputs for u in component.inputs)
         if pairs is not None and not system.delays.get(name):
             at_once.append((name, pairs))
-    return [list(loop) for loop in _closed_by(system.connections, tuple(at_once))]
+    return [list(loop) for loop in _closed_by(SameObject(system.connections), tuple(at_once))]
 
 
 @lru_cache(maxsize=KEPT)
-def _closed_by(
-    connections: tuple[Connection, ...], at_once: tuple[tuple[str, frozenset[tuple[str, str]]], ...]
-) -> list[list[str]]:
-    """The cycles by the wiring, and of components the outputs that depend at once on inputs, as pairs of both."""
+def _closed_by(wiring: SameObject, at_once: tuple[tuple[str, frozenset[tuple[str, str]]], ...]) -> list[list[str]]:
+    """The cycles by the connections, and of components the outputs that depend at once on inputs, as pairs of both."""
     sources: dict[str, list[str]] = {}
+    connections: tuple[Connection, ...] = wiring.value  # type: ignore[assignment]
     for connection in connections:
         if not connection.source.startswith(f"{REFERENCE}."):
             sources.setdefault(connection.target, []).append(connection.source)

@@ -129,11 +129,12 @@ def run_compiled(run: LoopRun, natives: list[Native]) -> None:
     """
     function, end = loop_library().run_loop, run.end
     keep: list[Any] = []
-    parts = (_Part * len(run.parts))(*(_part(run, i, native, keep) for i, native in enumerate(natives)))
+    values = _address(run.values, keep) or 0
+    parts = (_Part * len(run.parts))(*(_part(run, i, native, values, keep) for i, native in enumerate(natives)))
     for part in parts:
         if part.exchange:
             _Exchange.from_address(part.exchange).part = ctypes.addressof(part)
-    loop, longest = _loop(run, parts, keep), CHUNK if run.columns is None else TAKEN
+    loop, longest = _loop(run, parts, values, keep), CHUNK if run.columns is None else TAKEN
     taken = None if run.columns is None else np.empty((TAKEN, run.values.size))
     if taken is not None:
         loop.applied = loop.sampled = _address(taken, keep)
@@ -164,12 +165,12 @@ def _address(array: Any, keep: list[Any]) -> int | None:
     return int(array.ctypes.data)
 
 
-def _loop(run: LoopRun, parts: Any, keep: list[Any]) -> _Loop:
+def _loop(run: LoopRun, parts: Any, values: int, keep: list[Any]) -> _Loop:
     table, ticks = np.ascontiguousarray(run.table), np.ascontiguousarray(run.ticks, dtype=np.int64)
     gapless = ticks[-1] - ticks[0] + 1 == ticks.size
     return _Loop(
         parts=ctypes.addressof(parts), part_count=len(parts), jacobi=run.system.jacobi, delayed=run.delayed,
-        values=run.address, signal_count=run.signals.size, value_count=run.values.size,
+        values=values, signal_count=run.signals.size, value_count=run.values.size,
         table=_address(table, keep), table_rows=table.shape[0], table_columns=table.shape[1], start=run.start,
         step=run.system.step_size, recorded=None if gapless else _address(ticks, keep), first_recorded=ticks[0],
         recorded_count=ticks.size, applied=_address(run.record, keep), sampled=_address(run.sampled, keep),
@@ -178,16 +179,17 @@ def _loop(run: LoopRun, parts: Any, keep: list[Any]) -> _Loop:
     )  # fmt: skip
 
 
-def _part(run: LoopRun, index: int, native: Native, keep: list[Any]) -> _Part:
+def _part(run: LoopRun, index: int, native: Native, values: int, keep: list[Any]) -> _Part:
     part = run.parts[index]
-    wiring, capacity, values = part.wiring, part.whole + 2, run.address
+    wiring, capacity = part.wiring, part.whole + 2
     output_count = part.place.stop - part.place.start
     read_before, read_between, read_after = _reads(run, index)
     result = _Part(
         after_step=part.after_step, input_count=part.inputs.size, output_count=output_count,
         inputs=values + _DOUBLE * part.given.start, outputs=values + _DOUBLE * part.place.start,
         wire_count=wiring.targets.size, wires=_address(wiring.table, keep), single=wiring.single,
-        every=part.every, substeps=part.substeps, whole=part.whole, part=part.part, line_capacity=capacity, first_input=part.given.start,
+        every=part.every, substeps=part.substeps, whole=part.whole, part=part.part,
+        line_capacity=capacity, first_input=part.given.start,
         line=_address(np.zeros((capacity, max(part.inputs.size, 1))), keep) if part.delayed else None,
         first_output=part.place.start, read_before=read_before, read_between=read_between,
         read_after=read_after, instants=_address(part.instants, keep), longest=part.longest,

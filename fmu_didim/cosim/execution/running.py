@@ -203,6 +203,7 @@ class LoopRun:
     Attributes:
         layout: where the values lie.
         values: present values of the signals, then of the inputs of all parts; signals: the first of them.
+        start: time of tick 0, s.
         parts: in the order of evaluation.
         names, recorded: of the signals, and of all values.
         table: (T, c) reference; rows: tick -> row of the recording, -1 where nothing is recorded.
@@ -229,20 +230,11 @@ class LoopRun:
     def __post_init__(self) -> None:
         self.names, self.recorded = self.layout.signals, self.layout.values
         self.signals = self.values[: len(self.names)]
+        self.start = float(self.reference.time[0])
 
     @property
     def table(self) -> Array:
         return self.reference.values
-
-    @cached_property
-    def address(self) -> int:
-        """Address of the values."""
-        return int(self.values.ctypes.data)
-
-    @cached_property
-    def start(self) -> float:
-        """Time of tick 0, s."""
-        return float(self.reference.time[0])
 
     def time_of(self, tick: int) -> float:
         """Time of a tick, s."""
