@@ -97,6 +97,12 @@ class Experiment:
         """The reverse of :meth:`scaled`."""
         return values if self.scale is None else values * _like(self.scale, values)
 
+    @cached_property
+    def first_row(self) -> dict[str, float]:
+        """The first row of the reference by its columns, with what is known of the start instead."""
+        reference = self.reference
+        return {**dict(zip(reference.names, reference.values[0].tolist(), strict=True)), **self.initial_state.values}
+
     @property
     def rate_hz(self) -> float:
         """Mean rate of the torque log, counting the samples that are missing."""

@@ -210,12 +210,8 @@ class Loop:
 
     def start_values(self, experiment: Experiment) -> dict[str, float]:
         """Where the plant starts: the first row of the reference, or what is known instead."""
-        reference = experiment.reference
-        first = {
-            **dict(zip(reference.names, reference.values[0].tolist(), strict=True)),
-            **experiment.initial_state.values,
-        }
-        result = {"t_start": float(reference.time[0])}
+        first = experiment.first_row
+        result = {"t_start": float(experiment.reference.time[0])}
         if not self.shows_torque:
             return result
         for j in range(1, self.joint_count + 1):

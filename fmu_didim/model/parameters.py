@@ -164,8 +164,8 @@ class RobotParameters(Parameters):
 
     def values(self, theta: Array) -> dict[str, float]:
         """All active standard parameters; those that are regrouped are zero."""
-        chi = self.base.expand(theta)
-        return {self.base.standard_names[i]: float(chi[i]) for i in self.model.active}
+        chi, names = self.base.expand(theta).tolist(), self.base.standard_names
+        return {names[i]: chi[i] for i in self.model.active}
 
     def nominal(self) -> Array:
         return self.base.reduce(self.model.parameter_values)

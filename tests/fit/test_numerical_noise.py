@@ -21,8 +21,7 @@ from scipy.optimize import least_squares
 from fmu_didim.case import load_case
 from fmu_didim.checks.identification import JITTER, SECOND_STEP
 from fmu_didim.components.fmu import load_fmu
-from fmu_didim.components.fmu.description import CO_SIMULATION, MODEL_EXCHANGE
-from fmu_didim.components.fmu.reuse.reset import OWN_TOOL
+from fmu_didim.components.fmu.description import CO_SIMULATION, MODEL_EXCHANGE, OWN_TOOL
 from fmu_didim.data.signals import Array
 from fmu_didim.export import build_fmu
 from fmu_didim.fit.derivatives.differences import Step

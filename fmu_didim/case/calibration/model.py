@@ -29,7 +29,6 @@ from fmu_didim.components.fmu.chosen import (
 )
 from fmu_didim.components.fmu.description import CO_SIMULATION, FLOAT_TYPES, MODEL_EXCHANGE, FmuDescription
 from fmu_didim.components.fmu.reading import read_description
-from fmu_didim.components.fmu.reuse.reset import OWN_TOOL
 from fmu_didim.components.fmu.reuse.starting import find_start
 from fmu_didim.components.parameter_names import name_parameters
 from fmu_didim.components.variable_names import NEAREST, START, unknown
@@ -84,7 +83,7 @@ def _is_integrated_here(fmu: FmuDescription, document: CaseDocument) -> bool:
         return False
     sought = [entry.parameter or name for name, entry in (document.identify or {}).items()]
     asks = any(name.endswith(START) for name in (*document.model.parameters, *sought))
-    return asks or "solver" in document.model.model_fields_set or not fmu.tool.startswith(OWN_TOOL)
+    return asks or "solver" in document.model.model_fields_set or not fmu.is_own
 
 
 def interface_told(document: CaseDocument, component: Component) -> tuple[Diagnostic, ...]:

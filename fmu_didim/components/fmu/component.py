@@ -14,7 +14,7 @@ from fmu_didim.components.fmu.instance import CoSimulationInstance, FmuInstance
 from fmu_didim.components.fmu.isolation.isolate import IsolatedInstance
 from fmu_didim.components.fmu.isolation.trust import is_trusted, log_isolation, mark_running
 from fmu_didim.components.fmu.model_exchange import ModelExchangeInstance
-from fmu_didim.components.fmu.reuse.reset import OWN_TOOL, find_rerun, known_rerun
+from fmu_didim.components.fmu.reuse.reset import find_rerun, known_rerun
 from fmu_didim.components.fmu.settings import AGAIN, AUTO, DEFAULT_SUBSTEPS, PROCESS, STATE, FmuSettings, Rerun
 from fmu_didim.data.signals import Variable
 from fmu_didim.dynamics.block import Block
@@ -94,11 +94,6 @@ class FmuComponent(FmuSettings):
     @property
     def follows_ramps(self) -> bool:
         return self.interface.kind == MODEL_EXCHANGE and all(kind in FLOAT_TYPES for kind in self.input_types)
-
-    @property
-    def is_own(self) -> bool:
-        """Whether this package has exported it."""
-        return self.fmu.tool.startswith(OWN_TOOL)
 
     def for_separate_process(self, *, run_before: bool) -> tuple[FmuComponent, Rerun | None]:
         """The FMU to send to a process of loops, and how it is run again there, as far as that is known here.

@@ -77,6 +77,7 @@ class FmuInstance(RestartableInstance):
         )
         self._new_state = self._binding.save_state() if keep_new_state else None
         self._trusts_derivatives = True
+        self._called: dict[str, Any] | None = None
         self._take(component)
 
     def _take(self, component: FmuSettings) -> None:
@@ -150,7 +151,8 @@ class FmuInstance(RestartableInstance):
         self._binding.exit_initialisation()
         if not self._binding.gives_initial_outputs:
             self._connect()
-        self._check_taken(component.parameter_values())
+        if not component.is_own:  # what is exported here refuses what it does not take
+            self._check_taken(component.parameter_values())
         self._put_states()
         for name, value in component.options.items():
             kind = component.option_types[name]
@@ -212,7 +214,8 @@ class FmuInstance(RestartableInstance):
         """Value references, and the FMU's own values of parameters given in the units shown; an array as a whole."""
         component = self._component
         if not (component.arrays or component.parameter_conversions):
-            plain = {component.reference(name): value for name, value in values.items()}
+            known = component.ports.references
+            plain = {known[name]: value for name, value in values.items()}
             return list(plain), np.array(list(plain.values()))
         wanted: dict[int, list[float]] = {}
         for name, value in values.items():
@@ -222,8 +225,8 @@ class FmuInstance(RestartableInstance):
                 wanted[reference] = [own]
                 continue
             if reference not in wanted:
-                known = {**component.start_values, **component.parameter_values()}
-                wanted[reference] = [component.parameter_conversion(s).to_own(known.get(s, value)) for s in siblings]
+                now = {**component.start_values, **component.parameter_values()}
+                wanted[reference] = [component.parameter_conversion(s).to_own(now.get(s, value)) for s in siblings]
             wanted[reference][siblings.index(name)] = own
         return list(wanted), np.array([x for group in wanted.values() for x in group])
 
@@ -325,23 +328,21 @@ class FmuInstance(RestartableInstance):
         self, kind: int, steps_by: str, *, step: Any, exchange: ExchangeEquations | None = None
     ) -> NativeFmu:  # fmt: skip
         """The instance for the compiled loop; ``steps_by``: what a step is called in messages."""
-        component = self._component
+        if self._called is None:  # the same in all its runs
+            component, fmu = self._component, self._component.fmu
+            self._called = {
+                "self_address": self._binding.c.value, "check": self._binding.check,
+                "set_address": address(self._set) if component.input_references else 0,
+                "get_address": address(self._get) if component.output_references else 0,
+                "step_address": 0 if step is None else address(step),
+                "calls": (self._real_function("Set"), self._real_function("Get"), steps_by),
+                "input_references": references(fmu.input_references),
+                "output_references": references(fmu.output_references),
+            }  # fmt: skip
         return NativeFmu(
-            kind=kind,
-            calls=(self._real_function("Set"), self._real_function("Get"), steps_by),
-            self_address=self._binding.c.value,
-            set_address=address(self._set) if component.input_references else 0,
-            get_address=address(self._get) if component.output_references else 0,
-            step_address=0 if step is None else address(step),
-            input_references=references(component.fmu.input_references),
-            output_references=references(component.fmu.output_references),
-            own_inputs=self._in.own,
-            own_outputs=self._out.own,
-            input_scaling=self._in.scaling,
-            output_scaling=self._out.scaling,
-            check=self._binding.check,
-            exchange=exchange,
-        )
+            kind, own_inputs=self._in.own, own_outputs=self._out.own, input_scaling=self._in.scaling,
+            output_scaling=self._out.scaling, exchange=exchange, **self._called,
+        )  # fmt: skip
 
 
 def _apart(found: Array, other: Array, rounding: Array) -> NDArray[np.intp]:

@@ -20,7 +20,6 @@ from fmu_didim.components.fmu.description import (
 from fmu_didim.components.fmu.events import check_events, clock_period
 from fmu_didim.components.fmu.library import library_file
 from fmu_didim.components.fmu.reading import read_description
-from fmu_didim.components.fmu.reuse.reset import OWN_TOOL
 from fmu_didim.components.fmu.settings import AUTO, DEFAULT_TIME_LIMIT, STATE, STRATEGIES
 from fmu_didim.components.fmu.units import Conversion, conversion
 from fmu_didim.components.fmu.versions import FmiVersion, version_of
@@ -80,7 +79,7 @@ def load_fmu(
     library_file(fmi, fmu, chosen)
     component = _component(fmi, fmu, chosen, si_units=si_units)
     # What other tools state there is a suggestion.
-    own_period = fmu.experiment.step if fmu.tool.startswith(OWN_TOOL) else None
+    own_period = fmu.experiment.step if fmu.is_own else None
     component = replace(
         component,
         solver=solver,

@@ -57,6 +57,7 @@ class Ports:
     Attributes:
         inputs, outputs: their names; starts: (nu,) of the inputs.
         settable: names of all that :meth:`FmuSettings.with_parameters` sets.
+        references: name of a parameter, option or start value -> value reference.
         converts_inputs, converts_outputs: whether the FMU's own unit of one is not the one shown.
         follows_at_once: pairs of an output and an input that it follows at once, by their names; None where that is not
             known.
@@ -66,6 +67,7 @@ class Ports:
     outputs: tuple[str, ...]
     starts: Array
     settable: frozenset[str]
+    references: Mapping[str, int]
     converts_inputs: bool
     converts_outputs: bool
     follows_at_once: frozenset[tuple[str, str]] | None
@@ -131,6 +133,11 @@ class FmuSettings(Component):
     reads_between: bool = True
 
     @property
+    def is_own(self) -> bool:
+        """Whether this package has exported it."""
+        return self.fmu.is_own
+
+    @property
     def path(self) -> Path:
         """The ``.fmu`` file."""
         return self.fmu.path
@@ -152,6 +159,7 @@ class FmuSettings(Component):
         return Ports(
             tuple(v.name for v in self.inputs), tuple(v.name for v in self.outputs),
             np.array([v.start for v in self.inputs], dtype=float), frozenset(settable),
+            {**self.start_references, **self.references},
             converts_inputs=not all(c.is_identity for c in self.input_conversions),
             converts_outputs=not all(c.is_identity for c in self.output_conversions),
             follows_at_once=self._follows_at_once(),
@@ -180,7 +188,7 @@ class FmuSettings(Component):
 
     def reference(self, name: str) -> int:
         """Value reference of a parameter or start value."""
-        return self.references[name] if name in self.references else self.start_references[name]
+        return self.ports.references[name]
 
     def parameter_conversion(self, name: str) -> Conversion:
         """From the FMU's own unit of a parameter or start value to the one shown."""

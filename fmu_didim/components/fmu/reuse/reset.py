@@ -29,8 +29,6 @@ from fmu_didim.components.fmu.settings import AGAIN, AUTO, PROCESS, RESET, STATE
 QUICK = 0.1
 """[1] Fraction of the time limit within which a single instance must run, so that the timeout of a trial with two of
 them is not the fault of a busy machine."""
-OWN_TOOL = "fmu_didim "
-"""Start of ``generationTool`` of the FMUs exported by this package; the tests prove that their reset is exact."""
 TIME_LIMIT = 30.0
 """[s] For each trial: far more than 50 steps of any sensible model take."""
 TOGETHER = "several instances in one process"
@@ -171,7 +169,7 @@ def known_rerun(component: FmuSettings) -> Rerun | None:
     """How to run it again; None if no trial has shown that yet."""
     if component.rerun != AUTO:
         return Rerun(component.rerun, "as asked for", component.rerun == PROCESS)
-    if component.fmu.tool.startswith(OWN_TOOL):
+    if component.is_own:
         return _OWN
     path = _path(component)
     if path not in _known:
