@@ -18,9 +18,9 @@ import numpy as np
 
 from fmu_didim.base.errors import DivergedError, SimulationError
 from fmu_didim.components.control import ControlComponent, Matrices
-from fmu_didim.cosim import Connection, InstancePool, Recording, simulate
+from fmu_didim.cosim import Connection, InstancePool, Recording, System, simulate
 from fmu_didim.cosim.system import REFERENCE
-from fmu_didim.data.signals import Array, Variable, trajectory
+from fmu_didim.data.signals import Array, Trajectory, Variable
 from fmu_didim.estimators.starts.reference_start import Motion, reference_motion
 from fmu_didim.model.external_torque import held, with_external_torques
 from fmu_didim.model.loop_model import Simulation
@@ -80,6 +80,7 @@ class _Loop:
 
     def __init__(self, run: Simulation) -> None:
         self._run, self._system, self._pool = run, run.system, InstancePool()
+        self._wired: System | None = None
         loop = self._loop = run.model.loop
         self._step = self._system.step_size
         self.slowest = self._step * max(self._system.every.values(), default=1)
@@ -165,21 +166,26 @@ class _Loop:
 
     def _moved(self, drive: Array, inverse_mass: Array, rate: Array) -> Recording:
         """The loop with  ddq = tau / m + drive - rate dq  over as many ticks as ``drive`` (K, n) has rows."""
-        name, joints = self._loop.plant_name, self._joints
         step = None if self._system.at_instants else self._step
         plant = light_plant(step, inverse_mass, rate, np.concatenate([self._q[0], self._dq[0]]))
-        wires = tuple(Connection(f"{REFERENCE}.{DRIVE}{j}", f"{name}.{DRIVE}{j}") for j in joints)
-        system = replace(
-            self._system,
-            components={**self._system.components, name: plant},
-            connections=(*self._system.connections, *wires),
-        )
-        columns = {column: self._reference.column(column)[: drive.shape[0]] for column in self._reference.names}
-        columns |= {f"{DRIVE}{j}": drive[:, j - 1] for j in joints}
-        reference = trajectory(self._reference.time[: drive.shape[0]], columns)
+        system = self._driven(plant)
+        given, count = self._reference, drive.shape[0]
+        variables = (*given.variables, *(Variable(f"{DRIVE}{j}") for j in self._joints))
+        reference = Trajectory(given.time[:count], np.hstack([given.values[:count], drive]), variables)
         experiment = self._run.experiment
         bounds = self._loop.position_bounds(experiment.reference, experiment.initial_state.values)
         return simulate(system, reference, bounds=bounds, pool=self._pool)
+
+    def _driven(self, plant: ControlComponent) -> System:
+        """The loop with a light plant that the reference drives, wired when it is asked for first."""
+        name = self._loop.plant_name
+        if self._wired is None:
+            wires = (Connection(f"{REFERENCE}.{DRIVE}{j}", f"{name}.{DRIVE}{j}") for j in self._joints)
+            self._wired = replace(
+                self._system, components={**self._system.components, name: plant},
+                connections=(*self._system.connections, *wires),
+            )  # fmt: skip
+        return self._wired.replace(name, plant)
 
 
 def light_plant(step: float | None, inverse_mass: Array, rate: Array, start: Array) -> ControlComponent:

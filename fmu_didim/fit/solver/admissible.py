@@ -17,12 +17,12 @@ FARTHEST = 1.0
 
 def mass_matrix_problem(model: LoopModel, values: Array) -> str:
     """Why the plant cannot be simulated with values (p,) along the references, or an empty string."""
+    together: dict[bytes, tuple[Array, list[Array]]] = {}  # experiments in which the robot is the same
     for label in model.experiments:
-        positions = positions_along(model, label, CHECKED_POSITIONS)
-        reason = model.parameters.inertia_problem(positions, model.theta(values, label))
-        if reason:
-            return reason
-    return ""
+        theta = model.theta(values, label)
+        together.setdefault(theta.tobytes(), (theta, []))[1].append(positions_along(model, label, CHECKED_POSITIONS))
+    reasons = (model.parameters.inertia_problem(np.concatenate(q), theta) for theta, q in together.values())
+    return next(filter(None, reasons), "")
 
 
 def physical_problem(model: LoopModel, values: Array, deviation: Array) -> str:
