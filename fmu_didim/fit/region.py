@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from itertools import pairwise
@@ -110,11 +109,18 @@ class Machine:
 
     def inertia_holds(self, values: Array, smallest: float) -> bool:
         """Whether the inertia matrices of base parameters (b,) have scaled eigenvalues of this size at least."""
-        return not self.known.size or bool(scaled_eigenvalues(self.columns @ values + self.known).min() >= smallest)
+        return not self.too_light(values, smallest).any()
 
-    def anywhere(self) -> Machine:
-        """The machine without positions at which its inertia matrix is looked at; its last links are the same."""
-        return replace(self, columns=self.columns[:0], known=self.known[:0])
+    def too_light(self, values: Array, smallest: float) -> NDArray[np.bool_]:
+        """(K,) at which positions that is not so."""
+        if not self.known.size:
+            return np.zeros(len(self.known), dtype=np.bool_)
+        return ~(scaled_eigenvalues(self.columns @ values + self.known) >= smallest)
+
+    def bounded_at(self, places: NDArray[np.bool_]) -> Machine:
+        """The machine with some of the positions (K,) at which its inertia matrix is bounded; its last links are the
+        same."""
+        return replace(self, columns=self.columns[places], known=self.known[places])
 
 
 @dataclass(frozen=True)
@@ -185,17 +191,23 @@ class Region:
         """The values (p,) in the region with the least |table (m, p) values - right (m,)|, no column zero.
 
         The residual is an unknown of its own, so that the table is not squared. Inertia matrices, the larger part of
-        the work, are looked at afterwards: only where one would not hold is the problem solved with them.
+        the work, are looked at afterwards: the problem is solved again with those that would not hold, until all do.
 
         Raises:
             IdentificationError: no machine has what is known of the robot, or the solver fails.
         """
-        if any(machine.known.size for machine in self.machines):
-            anywhere = replace(self, machines=tuple(machine.anywhere() for machine in self.machines))
-            with suppress(IdentificationError):
-                found = anywhere._solved(table, right)
-                if all(machine.inertia_holds(found.values[machine.place], self.smallest) for machine in self.machines):
-                    return found
+        machines, bounded = self.machines, [np.zeros(len(machine.known), dtype=np.bool_) for machine in self.machines]
+        while not all(places.all() for places in bounded):
+            some = tuple(machine.bounded_at(places) for machine, places in zip(machines, bounded, strict=True))
+            try:
+                found = replace(self, machines=some)._solved(table, right)
+            except IdentificationError:
+                break
+            light = [machine.too_light(found.values[machine.place], self.smallest) for machine in machines]
+            after = [places | new for places, new in zip(bounded, light, strict=True)]
+            if all((new == places).all() for new, places in zip(after, bounded, strict=True)):
+                return found
+            bounded = after
         return self._solved(table, right)
 
     def _solved(self, table: Array, right: Array) -> Constrained:

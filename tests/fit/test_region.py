@@ -10,7 +10,7 @@ import pytest
 from fmu_didim.case import load_case
 from fmu_didim.data.signals import Array
 from fmu_didim.fit.linear_problem import LinearProblem
-from fmu_didim.fit.region import SMALLEST, SMALLEST_OF_START, Region
+from fmu_didim.fit.region import SMALLEST, SMALLEST_OF_START, SOLVED, Region
 from fmu_didim.fit.solver.admissible import mass_matrix_problem
 from fmu_didim.model.loop_model import LoopModel
 from tests.helpers import ROOT
@@ -193,7 +193,7 @@ def test_a_step_out_of_the_machines_is_seen_where_it_leads() -> None:
 @pytest.mark.parametrize("target", [-0.1, 0.001, 0.01, 0.3, 1.0], ids=lambda part: f"{part} of an inertia")
 def test_inertia_matrices_are_looked_at_where_they_decide(name: str, target: float) -> None:
     """Solved without them first, where they hold by themselves: never a worse answer than with all of them at once,
-    and never one that they forbid; with them where they do not."""
+    and never one that they forbid; with those that decide where they do not, to the same answer as with all."""
     model = loop(name)
     truth, region = model.start, Region.of(model).of_start()
     wanted = truth.copy()
@@ -201,13 +201,15 @@ def test_inertia_matrices_are_looked_at_where_they_decide(name: str, target: flo
     table = 1e3 * drawn(truth.size, 3) / np.abs(truth)
     found, at_once = region.least_squares(table, table @ wanted), region._solved(table, table @ wanted)
     machine = region.machines[0]
-    anywhere = Region(region.low, region.high, (machine.anywhere(),), region.base).least_squares(table, table @ wanted)
+    nowhere = machine.bounded_at(np.zeros(len(machine.known), dtype=np.bool_))
+    anywhere = Region(region.low, region.high, (nowhere,), region.base).least_squares(table, table @ wanted)
     assert machine.inertia_holds(found.values, 0.999 * SMALLEST_OF_START)
     assert found.squares <= at_once.squares * (1 + 1e-4) + 1e-4
     if machine.inertia_holds(anywhere.values, SMALLEST_OF_START):
         assert (found.values == anywhere.values).all()
     else:
-        assert (found.values == at_once.values).all()
+        apart = np.abs(table @ (found.values - at_once.values)).max()
+        assert apart <= SOLVED * np.linalg.norm(table @ wanted)
         assert anywhere.squares < found.squares
 
 
