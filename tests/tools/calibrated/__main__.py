@@ -17,7 +17,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from tests.figures import command_of, table, write_figures
-from tests.tools.calibrated.outcome import Outcome, covered, tried
+from tests.tools.calibrated.outcome import Outcome, covered, discovered, tried
 from tests.tools.calibrated.trials import COVERED, TRIALS, Trial
 
 HEADS = ("FMU", "made by", "sought", "lines of YAML (edited)", "verdict", "from scipy's optimum", "σ over scipy's", "s")
@@ -41,6 +41,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     parser.add_argument("checkouts", type=Path, help="folder with OWNER/NAME below it")
     parser.add_argument("--only", nargs="+", metavar="NAME", help="these trials", default=[t.name for t in TRIALS])
+    parser.add_argument(
+        "--discover", action="store_true", help="also how long identify and discover take, and the processor for them"
+    )
     parser.add_argument("--draws", type=int, default=0, help="of the noise, for the coverage of some of them")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--figures", type=Path, help="file for the figures of the page")
@@ -53,8 +56,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 left_out.append(trial.name)
                 print(f"{trial.name}: {fmu} is not there", file=sys.stderr)
                 continue
-            rows.append(row(trial, tried(trial, fmu, folder, asked.seed)))
+            outcome = tried(trial, fmu, folder, asked.seed)
+            rows.append(row(trial, outcome))
             print(" | ".join(rows[-1]), flush=True)
+            if asked.discover:
+                for verb, taken in (("identify", (outcome.seconds, outcome.cpu_s)), ("discover", discovered(folder))):
+                    print(f"{trial.name} | {verb}: {taken[0]:.1f} s, {taken[1]:.1f} s of the processor", flush=True)
             if asked.draws and trial.name in COVERED:
                 share, valid = covered(trial, fmu, folder.with_name(f"{trial.name}-draws"), asked.draws, asked.seed)
                 coverage.append((trial.name, str(asked.draws), str(valid), f"{100 * share:.1f} %"))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import difflib
 import json
+import os
 import shutil
 import subprocess
 import time
@@ -34,7 +35,7 @@ class Outcome:
         verdict: of the identification, or its error.
         apart: largest difference from the optimum of scipy, in its standard deviations; NaN without values.
         ratio: (least, largest) ratio of the standard deviations, ours over scipy's.
-        seconds: of ``identify``, with the start of the program and the page.
+        seconds: of ``identify``, with the start of the program and the page; cpu_s: of the processor for it.
     """
 
     lines: int
@@ -43,6 +44,7 @@ class Outcome:
     apart: float = float("nan")
     ratio: tuple[float, float] = (float("nan"), float("nan"))
     seconds: float = float("nan")
+    cpu_s: float = float("nan")
 
 
 def written(path: Path, columns: Mapping[str, Array], instants: Array) -> None:
@@ -109,7 +111,14 @@ def tried(trial: Trial, fmu: Path, folder: Path, seed: int) -> Outcome:
     found = result["parameters"]
     wanted = reference(fmu, trial, measured, {name: trial.starts.get(name, trial.truth[name]) for name in trial.truth})
     ratios = [found[name]["std"] / wanted.deviations[name] for name in trial.truth]
-    return Outcome(lines, edits, result["verdict"], apart(found, wanted), (min(ratios), max(ratios)), done.seconds)
+    distance, ratio = apart(found, wanted), (min(ratios), max(ratios))
+    return Outcome(lines, edits, result["verdict"], distance, ratio, done.seconds, done.cpu_s)
+
+
+def discovered(folder: Path) -> tuple[float, float]:
+    """Seconds of ``discover`` on the case of a trial that was tried, and those of the processor for it."""
+    done = _command(folder, "discover", "case.yaml", "--out", "discovered", check=False)
+    return done.seconds, done.cpu_s
 
 
 def apart(found: Mapping[str, Mapping[str, float]], wanted: Reference) -> float:
@@ -136,14 +145,21 @@ class _Done:
     stdout: str
     stderr: str
     seconds: float
+    cpu_s: float
+
+
+def _cpu_of_commands() -> float:
+    """Seconds of the processor of all commands so far."""
+    used = os.times()
+    return used.children_user + used.children_system
 
 
 def _command(folder: Path, *arguments: str, check: bool = True) -> _Done:
-    begin = time.perf_counter()
+    begin, cpu_s = time.perf_counter(), _cpu_of_commands()
     done = subprocess.run(
         [*command(), *arguments], cwd=folder, capture_output=True, text=True,
         timeout=TIME_LIMIT_S, check=False,
     )  # fmt: skip
     if check and done.returncode:
         raise RuntimeError(f"fmu-didim {' '.join(arguments)}: {done.stdout}{done.stderr}")
-    return _Done(done.stdout, done.stderr, time.perf_counter() - begin)
+    return _Done(done.stdout, done.stderr, time.perf_counter() - begin, _cpu_of_commands() - cpu_s)

@@ -69,8 +69,11 @@ def test_a_trial_ends_at_the_optimum(
     monkeypatch.setattr(command, "TRIALS", (HOUSE,))
     monkeypatch.setattr(command, "COVERED", ("house",))
     file = tmp_path / "calibrated.json"
-    given = [str(tmp_path / "checkouts"), "--only", "house", "--draws", "2", "--figures", str(file)]
+    given = [str(tmp_path / "checkouts"), "--only", "house", "--draws", "2", "--discover", "--figures", str(file)]
     assert command.main(given) == 0
+    told = [line.rpartition(": ") for line in capsys.readouterr().out.splitlines() if "processor" in line]
+    assert [line[0] for line in told] == ["house | identify", "house | discover"]
+    assert all(float(seconds.split()[0]) > 1 for *_, line in told for seconds in line.split(", "))
     figures = json.loads(file.read_text(encoding="utf-8"))["figures"]
     assert str(tmp_path) not in json.dumps(figures["trials"]) and len(figures["coverage"]) == 3
     _, _, sought, lines, verdict, apart, ratio, _ = (
