@@ -25,6 +25,10 @@ from fmu_didim.export.variational import lane_count, variational_library
 _void, _double = ctypes.c_void_p, ctypes.c_double
 
 
+_EQUATIONS = ("update", "output", "start", "rate_bound", "balance", "implicit")
+"""The attributes of a block that hold them: the same objects in all that differ in values alone."""
+
+
 def derivative_name(signal: str, parameter: int) -> str:
     """Name of the derivative of a signal by the parameter of this number."""
     return f"{signal}@{parameter}"
@@ -86,6 +90,14 @@ class VariationalComponent(Component):
 
     def pool_key(self) -> Hashable:
         return self.library(), self.substeps
+
+    def has_equations_of(self, other: VariationalComponent) -> bool:
+        """Whether another one differs in values alone, and in its substeps."""
+        own, its = self.block, other.block
+        same = all(getattr(own, part) is getattr(its, part) for part in _EQUATIONS)
+        named = (own.inputs, own.outputs, own.sample_time) == (its.inputs, its.outputs, its.sample_time)
+        how = (self.differentiated, self.lanes, self.followed) == (other.differentiated, other.lanes, other.followed)
+        return same and named and how
 
     def library(self) -> Path:
         """The compiled code; raises BuildError."""

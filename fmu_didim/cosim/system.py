@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
@@ -139,6 +139,8 @@ class System:
             t_(k+1). A whole delay is a number of ticks, the fraction a time: that part of the nominal period.
         ramps: columns of the reference that go straight from tick to tick. A component that does not follow them
             (:attr:`~fmu_didim.components.Component.follows_ramps`) holds the mean over the step.
+        varied: systems with derivatives that were made of this one, or of one with other values; see
+            :func:`~fmu_didim.cosim.derivatives.with_derivatives`.
     """
 
     components: Mapping[str, Component]
@@ -154,6 +156,7 @@ class System:
     at_instants: bool = False
     ramps: frozenset[str] = frozenset()
     _layouts: dict[tuple[str, ...], Layout] = field(default_factory=dict, init=False, repr=False, compare=False)
+    varied: dict[Hashable, System] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         if not self.step_size > 0:
@@ -189,6 +192,9 @@ class System:
         }
         for connection in self.connections:
             self._check(connection, names)
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**self.__dict__, "varied": {}}
 
     def layout(self, columns: tuple[str, ...]) -> Layout:
         """Where its values lie in a run along a reference with these columns.
