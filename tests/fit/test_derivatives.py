@@ -199,3 +199,20 @@ def test_stated_substeps_are_raised_where_they_would_be_unstable(model: LoopMode
     assert substeps(implicit, light) == 4  # stable as it is
     assert substeps(implicit.with_loop(substep_factor=2), TRUTH) == 8
     assert substeps(model, light) is None  # chosen by the plant itself
+
+
+def test_a_loop_with_derivatives_is_made_again_for_other_equations_alone() -> None:
+    """With other values it is wired as before and gives what a new one gives, to the bit; another link: another loop."""
+    system = closed()
+    plant, names = system.components["plant"], [("plant", name) for name in IDENTIFIED]
+    first = with_derivatives(system, names)
+    moved = system.replace("plant", plant.with_parameters({"ZZ1": 1.1 * plant.parameter_values()["ZZ1"]}))
+    again, alone = with_derivatives(moved, names), replace(moved)
+    assert first is not None and again is not None and again.connections is first.connections
+    assert (derivatives(moved, IDENTIFIED) == derivatives(alone, IDENTIFIED)).all()
+    robot = scara().description
+    joints = tuple(joint.model_copy(update={"a": 1.2 * joint.a}) for joint in robot.joints)
+    longer = ModelComponent(RobotModel(robot.model_copy(update={"joints": joints})).block())
+    other = system.replace("plant", longer.with_parameters(plant.parameter_values()))
+    assert (derivatives(other, IDENTIFIED) == derivatives(replace(other), IDENTIFIED)).all()
+    assert (derivatives(other, IDENTIFIED) != derivatives(system, IDENTIFIED)).any()
