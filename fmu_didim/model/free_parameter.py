@@ -138,7 +138,7 @@ class FreeParameters(tuple[FreeParameter, ...]):
 
     def theta(self, values: Array, label: str) -> Array:
         """(b,) base parameters that act in an experiment, with what it carries."""
-        theta = np.asarray(values[self.places(label)]).copy()
+        theta: Array = values[self.places(label)]
         for i, direction in self.loads(label):
             theta = theta + direction * values[i]
         return theta

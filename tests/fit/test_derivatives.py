@@ -202,7 +202,7 @@ def test_stated_substeps_are_raised_where_they_would_be_unstable(model: LoopMode
 
 
 def test_a_loop_with_derivatives_is_made_again_for_other_equations_alone() -> None:
-    """With other values it is wired as before and gives what a new one gives, to the bit; another link: another loop."""
+    """With other values it is wired as before and gives what a new one gives, to the bit; another link: another one."""
     system = closed()
     plant, names = system.components["plant"], [("plant", name) for name in IDENTIFIED]
     first = with_derivatives(system, names)

@@ -232,7 +232,7 @@ class FmuInstance(RestartableInstance):
 
     def _set_own(self, values: Mapping[str, float]) -> None:
         wanted, numbers = self._own_values(values)
-        self._last_set = dict(values), wanted, numbers
+        self._last_set = values, wanted, numbers
         if wanted:
             function, arguments = self._binding.real_call("Set", wanted, numbers)
             self._binding.check(f"{self._real_function('Set')} of parameters", function(*arguments))

@@ -200,12 +200,12 @@ class FmuSettings(Component):
         Raises:
             UnknownNameError: no parameter that can be set has this name.
         """
-        options = {n: v for n, v in values.items() if n in self.option_types}
-        values = {n: v for n, v in values.items() if n not in options}
+        options = {n: values[n] for n in self.option_types if n in values}
+        values = {n: v for n, v in values.items() if n not in options} if options else values
         if not values.keys() <= self.ports.settable:
             starts = tuple(Variable(name) for name in self.start_values)
             check_names("parameter", values, (*self.parameters, *self._option_variables, *starts), where=str(self.path))
-        parameters = tuple(v.starting_at(float(values.get(v.name, v.start))) for v in self.parameters)
+        parameters = tuple([v.starting_at(float(values[v.name])) if v.name in values else v for v in self.parameters])
         start_values = {name: float(values.get(name, start)) for name, start in self.start_values.items()}
         changed = self.of_other_values(
             parameters=parameters, start_values=start_values, changed=self.changed.union(values)
