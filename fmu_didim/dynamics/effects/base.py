@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from types import MappingProxyType
@@ -37,7 +37,7 @@ from fmu_didim.dynamics.effects.stated_size import StatedSize
 
 SURE = 2.0
 """Standard deviations by which a value must be out of the possible range to be called impossible."""
-Place = Literal["torque balance", "drive", "sensor", "structure", "measurement"]
+Place = Literal["torque balance", "controller", "drive", "sensor", "structure", "measurement"]
 Need = Literal["load", "time", "other joints"]
 
 
@@ -295,6 +295,20 @@ class NonlinearEffect(Effect):
     """
 
     is_linear: ClassVar[bool] = False
+
+
+class ControllerEffect(NonlinearEffect):
+    """An effect within a controller: its parameters are factors of parameters that the controller has."""
+
+    place: ClassVar[Place] = "controller"
+
+    @abstractmethod
+    def gains(self, parameters: Iterable[Variable], joint: int) -> Mapping[str, str]:
+        """Its own parameters that have something to multiply, each with the name of that.
+
+        Args:
+            parameters: of a controller; joint: from 1.
+        """
 
 
 class MeasurementEffect(NonlinearEffect):
