@@ -45,6 +45,12 @@ NEAR = 0.02
 with the blind benchmark."""
 
 
+TOLD_BY_FITS = frozenset({"measurement", "controller"})
+"""Places of effects that fits alone put into a set, not their class."""
+TOO_SMALL = "changes "
+"""Beginning of the objection that an effect changes the torque, or all signals, by too little."""
+
+
 @dataclass(frozen=True)
 class Options:
     """How to discover.
@@ -161,7 +167,7 @@ def objection(candidate: FittedCandidate, fit: Fit, options: Options, *, base: F
         return f"BIC difference {candidate.delta_bic:.1f} below {options.threshold:g}"
     if candidate.change < options.smallest_size:
         what = "no signal by more than" if fit.model.experiments.channels else "the torque by"
-        small = f"changes {what} {candidate.change:.2f} of the noise, less than {options.smallest_size:g}"
+        small = f"{TOO_SMALL}{what} {candidate.change:.2f} of the noise, less than {options.smallest_size:g}"
         return small + _of_clock(candidate)
     if candidate.size < options.smallest_gain:
         return f"explains {candidate.size:.2f} of the noise, less than {options.smallest_gain:g}"
@@ -216,9 +222,9 @@ def step_of(
     effect = builder.effect(accepted.effect_at)
     for name, other in builder.effects.items():
         member = EffectAtJoint(name, accepted.effect_at.joint)
-        # Whether a shift of the log may stand for a lag of the loop, or vice versa, only their fits tell; beside a
-        # virtual controller nothing does.
-        is_told = not fit.model.loop.is_virtual and "measurement" in (other.place, effect.place)
+        # Whether a shift of the log may stand for a lag of the loop, or one factor of a command for those of the gains,
+        # or vice versa, only their fits tell; beside a virtual controller nothing does.
+        is_told = not fit.model.loop.is_virtual and bool(TOLD_BY_FITS & {other.place, effect.place})
         alike = other.class_name == effect.class_name and not is_told
         if alike and member not in named:
             near.append((member, float("nan")))

@@ -8,10 +8,10 @@ from enum import Enum
 from functools import partial
 from itertools import islice
 
-from fmu_didim.base.errors import SimulationError
 from fmu_didim.discovery.augmentation.builder import LoopModelBuilder
 from fmu_didim.discovery.progress import Progress
 from fmu_didim.discovery.screening.catalogue import SignatureCatalogue
+from fmu_didim.discovery.selection.beside_others import by_importance, without_superfluous
 from fmu_didim.discovery.selection.candidates import FittedCandidate, Outcome, ScreenedCandidate, TriedCandidate
 from fmu_didim.discovery.selection.competition import Competition, proposal_of
 from fmu_didim.discovery.selection.decide import Options, Step, decide, nearness, objection, step_of
@@ -24,14 +24,10 @@ from fmu_didim.discovery.selection.plausible import MAY_BE_ABSENT
 from fmu_didim.discovery.selection.pre_check import may_be_promising, pre_check
 from fmu_didim.discovery.selection.refitted import Refitted
 from fmu_didim.fit.fit import Fit
-from fmu_didim.fit.gap import bic_gain, explained_gap
 from fmu_didim.fit.solver.least_squares import minimise
 from fmu_didim.fit.solver.termination import Stopping
 from fmu_didim.model.free_parameter import LOG
-from fmu_didim.model.loop_model import EffectAtJoint, LoopModel
-
-KEPT_GAIN = 0.5
-"""[1] Fraction of the smallest gain that an effect must still have beside later ones."""
+from fmu_didim.model.loop_model import EffectAtJoint
 
 PAIRED = 4
 """[candidates] The best ones that held-out data alone speak against, which are fitted two by two."""
@@ -52,7 +48,8 @@ class Discovery:
     """The result of the rounds.
 
     Attributes:
-        base, final: fits without and with the effects; steps: one for each effect.
+        base, final: fits without and with the effects; steps: one for each effect, in the end those first that explain
+            most beside all others.
         refused: candidates of the last round that were not accepted, and why.
         tried: the shortlisted candidates, round by round.
         refitted: shapes of the description that the data contradict, where no effect was found.
@@ -125,7 +122,7 @@ def run_rounds(
                 break
             fit, steps = changed
             keep(Discovery(base, fit, tuple(steps), tried=tuple(tried), ending=Ending.RUNNING))
-    return Discovery(base, fit, tuple(steps), refused, tuple(tried), ending)
+    return Discovery(base, fit, by_importance(steps, fit, builder), refused, tuple(tried), ending)
 
 
 def _round(
@@ -209,7 +206,7 @@ def _with(
             candidates += own
     for step in added:
         progress.say(f"added: {step.effect_at.effect} on joint {step.effect_at.joint}")
-    return _backward(competition.builder, candidates[-1].fit, [*steps, *added], options, progress)
+    return without_superfluous(competition.builder, candidates[-1].fit, [*steps, *added], options, progress)
 
 
 def _base_instead(
@@ -234,7 +231,7 @@ def _base_instead(
             continue
         whole = minimise(judged.fit.model, competition.fit.noise, stopping=Stopping(updates=1, exact=True))
         step = step_of(replace(judged, fit=whole), ranking, competition, options)
-        fit, left = _backward(builder, whole, [*steps, step], options, progress)
+        fit, left = without_superfluous(builder, whole, [*steps, step], options, progress)
         if len(left) > len(steps):
             continue
         progress.say(f"added instead: {step.effect_at.effect} on joint {step.effect_at.joint}")
@@ -254,7 +251,7 @@ def _checked_again(
     if not may_be_promising(fit):
         return None
     fit, found = pre_check(builder, fit, options, progress)
-    return _backward(builder, fit, [*steps, *found], options, progress) if found else None
+    return without_superfluous(builder, fit, [*steps, *found], options, progress) if found else None
 
 
 def _pair(
@@ -292,7 +289,7 @@ def _pair(
                 replace(step_of(first, (first,), competition, options), remark=TOGETHER.format(*names)),
                 step_of(candidate, (candidate,), beside, options),
             ]
-            return _backward(competition.builder, whole, [*steps, *added], options, progress)
+            return without_superfluous(competition.builder, whole, [*steps, *added], options, progress)
     return None
 
 
@@ -307,7 +304,11 @@ def _gear(
     """The model and its steps with an elastic gear and what acts in it, neither of which shows alone; None if there is
     none."""
     found = gear_with_error(competition, ranking, base, options, progress)
-    return None if found is None else _backward(competition.builder, found[0], [*steps, *found[1]], options, progress)
+    return (
+        None
+        if found is None
+        else without_superfluous(competition.builder, found[0], [*steps, *found[1]], options, progress)
+    )
 
 
 def _differ(competition: Competition, first: FittedCandidate, second: FittedCandidate) -> bool:
@@ -375,46 +376,3 @@ def _candidates(
     ]
     candidates = (EffectAtJoint(name, j) for name in names for j in builder.joints(name))
     return [a for a in candidates if not builder.at(a).is_present and builder.has_place(a, added)]
-
-
-def fit_of_smaller(smaller: LoopModel, fit: Fit) -> Fit | None:
-    """A model with some of the parameters of a fit, fitted from there; None where it cannot be simulated."""
-    kept = [i for i, name in enumerate(fit.model.names) if name in smaller.names]
-    try:
-        return minimise(smaller, fit.noise, jacobian=fit.jacobian[:, :, kept], stopping=Stopping(updates=1))
-    except SimulationError:
-        return None
-
-
-def beside_others(
-    builder: LoopModelBuilder, fit: Fit, effect_at: EffectAtJoint, options: Options
-) -> tuple[Fit | None, bool]:
-    """The fit without one of its effects and what has no place without it, None where that cannot be simulated; and
-    whether all else in the model has made them superfluous."""
-    smaller = builder.without(fit.model, fit.model.added_effects.index(effect_at))
-    without = fit_of_smaller(smaller, fit)
-    if without is None:
-        return None, False
-    gone = [a for a in fit.model.added_effects if a not in smaller.added_effects]
-    gain = bic_gain(without, fit, sum(builder.at(a).cost for a in gone), fit.noise)
-    size, _ = explained_gap(without, fit, fit.noise)
-    return without, gain < options.threshold or size < KEPT_GAIN * options.smallest_gain
-
-
-def _backward(
-    builder: LoopModelBuilder, fit: Fit, steps: list[Step], options: Options, progress: Progress
-) -> tuple[Fit, list[Step]]:
-    """Take out effects that the newest one has made superfluous."""
-    for step in steps[:-1]:
-        if step.effect_at not in fit.model.added_effects:
-            continue
-        without, is_superfluous = beside_others(builder, fit, step.effect_at, options)
-        if without is None:
-            continue
-        if is_superfluous:
-            progress.say(f"taken out again: {step.effect_at.effect} on joint {step.effect_at.joint}")
-            fit = minimise(without.model, fit.noise)
-            steps = [s for s in steps if s.effect_at in fit.model.added_effects]
-        else:
-            steps = [replace(s, without=without) if s is step else s for s in steps]
-    return fit, steps

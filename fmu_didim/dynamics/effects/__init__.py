@@ -29,7 +29,15 @@ from fmu_didim.dynamics.effects.actuator_lag import ActuatorLag
 from fmu_didim.dynamics.effects.asymmetric_coulomb import AsymmetricCoulomb
 from fmu_didim.dynamics.effects.asymmetric_viscous import AsymmetricViscous
 from fmu_didim.dynamics.effects.backlash import Backlash
-from fmu_didim.dynamics.effects.base import ControllerEffect, Effect, MeasurementEffect, NonlinearEffect, Place, PreCheck, TorqueEffect
+from fmu_didim.dynamics.effects.base import (
+    ControllerEffect,
+    Effect,
+    MeasurementEffect,
+    NonlinearEffect,
+    Place,
+    PreCheck,
+    TorqueEffect,
+)
 from fmu_didim.dynamics.effects.base_tilt import BaseTilt
 from fmu_didim.dynamics.effects.contact_stop import ContactStop
 from fmu_didim.dynamics.effects.contact_stop_lower import ContactStopLower

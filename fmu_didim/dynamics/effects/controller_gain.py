@@ -17,6 +17,7 @@ class ControllerGain(InsertedEffect):
     signature = "A residual at the frequencies where tracking is loose; none in slow motion."
     experiment = "Logged positions: the command against the tracking error."
     source = "Gautier, Janot, Vandanjon: DIDIM, section on errors of the controller's gains"
+    shows_at_start = True
     logged = "after"
     rank = -20
     own_parameters = (

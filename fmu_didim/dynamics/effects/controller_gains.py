@@ -43,6 +43,7 @@ class ControllerGains(ControllerEffect):
     experiment = "Logged positions: the command against the error of the position and its rate."
     source = "Gautier, Janot, Vandanjon: DIDIM, section on errors of the controller's gains"
     is_smooth = True
+    shows_at_start = True
     own_parameters = (
         _factor("position_gain", "the position"),
         _factor("velocity_gain", "the velocity"),
