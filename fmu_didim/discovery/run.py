@@ -338,11 +338,9 @@ def _with_beginning(request: Request, model: LoopModel, found: Found) -> Found:
         request, options=options, keep=None, notes=(*request.notes, f"{note}: the final model includes them.")
     )
     second = _Search.of(again, prepared).found()
-    later = Competition(found.builder, found.discovery.base)
-    untold = [
-        step for step in second.discovery.steps if not is_told_later(step, second.discovery, second.builder, later)
-    ]
-    if second.discovery.steps and not untold:
+    later, of_start = Competition(found.builder, found.discovery.base), second.discovery
+    untold = [step for step in of_start.steps if not is_told_later(step, of_start, second.builder, later)]
+    if of_start.steps and not untold:
         asked = found.document.provenance["options"]  # not that everything else was forbidden
         recorded = {**second.document.provenance, "options": asked}
         return replace(second, document=second.document.model_copy(update={"provenance": recorded}))

@@ -243,8 +243,8 @@ class Loop:
         return {k: v for k, v in components.items() if k != self.plant_name and k not in self.added_components}
 
     def multiplied(self, label: str, owner: str, name: str) -> tuple[str, str, float]:
-        """Component, parameter and change of that parameter by one unit of a free one of this owner and name: of a factor
-        the value that it multiplies in an experiment."""
+        """Component, parameter and change of that parameter by one unit of a free one of this owner and name: of a
+        factor the value that it multiplies in an experiment."""
         if owner not in self.factors:
             return owner, name, 1.0
         component, key = self.factors[owner][name]

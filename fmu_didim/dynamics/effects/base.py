@@ -98,8 +98,8 @@ class Effect(ABC):
             is and all joints are tried.
         is_shared: whether joints have it in common, as what one lubricant does: named on one, it is looked for on all.
         known_at_start: whether the state in which it starts is known, so that it may be looked for where data begin.
-        shows_at_start: whether it shows most in how the loop comes from where it starts to the motion, so that it is looked
-            for where data begin if the data after that tell it, but too little.
+        shows_at_start: whether it shows most in how the loop comes from where it starts to the motion, so that it is
+            looked for where data begin if the data after that tell it, but too little.
         sets_ticks: whether it is the steepest effect that is likely: the ticks of a loop that has effects in its wiring
             are chosen for it.
         pre_check: how it is looked for before all others, if linear screening is blind to it.

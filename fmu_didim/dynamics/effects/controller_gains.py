@@ -12,8 +12,8 @@ WORDS: Mapping[str, tuple[str, ...]] = {
     "velocity_gain": ("derivative", "velocity"),
     "position_gain": ("proportional", "position"),
 }
-"""Words by which the description of a gain says what it multiplies; the first factor of which one fits is meant, so that
-the proportional gain of a velocity loop is one of the velocity."""
+"""Words by which the description of a gain says what it multiplies; the first factor of which one fits is meant: the
+proportional gain of a velocity loop is one of the velocity."""
 STEMS: Mapping[str, str] = {"p": "position_gain", "d": "velocity_gain", "i": "integral_gain"}
 """What a gain multiplies whose description says nothing, by its name: Kp1, K_d_2, i3."""
 
@@ -25,8 +25,8 @@ def _factor(name: str, of: str) -> Parameter:
 
 
 class ControllerGains(ControllerEffect):
-    """Kp -> position_gain Kp, Kd -> velocity_gain Kd, Ki -> integral_gain Ki: each gain of the joint's controller is wrong
-    by a factor of its own.
+    """Kp -> position_gain Kp, Kd -> velocity_gain Kd, Ki -> integral_gain Ki: each gain of the joint's controller is
+    wrong by a factor of its own.
 
     The factors act inside the controller, on those of its parameters that are gains by their description or name: in
     ``pd`` and ``pid`` Kp, Kd and Ki, in ``cascade_ppi`` the gains Kv of the position loop, Kp and Ki of the velocity

@@ -179,8 +179,8 @@ def make_plant(
     Args:
         one_joint: whether all act on one joint, as those of a harmonic drive do; the gap of each is then that beside
             those before it. Else they go to one joint after the other.
-        reach: times the limit of an effect up to which it may grow: the gap of a gain that is off by less than a half is
-            mostly below what is judged.
+        reach: times the limit of an effect up to which it may grow: the gap of a gain that is off by less than a half
+            is mostly below what is judged.
     """
     plant, motion = _steady(rng, effects, robots, clutter)
     design = plant.design
