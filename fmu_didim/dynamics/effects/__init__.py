@@ -235,7 +235,7 @@ def torque_effect(name: str) -> TorqueEffect:
 __all__ = [
     "DEFAULT_EFFECTS", "EFFECTS", "LINK_PARAMETERS", "NOMINAL_ACCELERATION", "NOMINAL_SPEED", "PAYLOAD", "UNITS",
     "Column", "ControllerEffect", "Curve", "Effect", "InsertedEffect", "JointTorque", "JointType", "JointUnits",
-    "MeasurementEffect", "NonlinearEffect", "OperatingRange", "Parameter", "Place", "PreCheck", "Search", "StatedSize", "StructureEffect",
-    "Surroundings", "TorqueEffect", "Values", "clashing_names", "effect_catalogue", "effect_name", "find_effect",
-    "torque_effect",
+    "MeasurementEffect", "NonlinearEffect", "OperatingRange", "Parameter", "Place", "PreCheck", "Search", "StatedSize",
+    "StructureEffect", "Surroundings", "TorqueEffect", "Values", "clashing_names", "effect_catalogue", "effect_name",
+    "find_effect", "torque_effect",
 ]  # fmt: skip
