@@ -14,6 +14,7 @@ from fmu_didim.base.errors import SimulationError
 from fmu_didim.checks.channels import CHANNELS_DISAGREE
 from fmu_didim.checks.sampling_kind import other_sampling
 from fmu_didim.discovery.augmentation.builder import LoopModelBuilder
+from fmu_didim.discovery.augmentation.gains import gain_notes
 from fmu_didim.discovery.base_model import Prepared, prepare
 from fmu_didim.discovery.beginning import at_start, is_told_later
 from fmu_didim.discovery.document import findings_document
@@ -202,7 +203,7 @@ class _Search:
         is_virtual = base.model.loop.is_virtual  # there another way of sampling and a torque held longer look alike
         way = None if is_virtual else other_sampling(of_torque, unshifted, saved=saved, threshold=options.threshold)
         note = [way.text(1 / base.model.experiments[base.model.first].rate_hz)] if way is not None else []
-        notes = [*note, *notes, *forms.notes]
+        notes = [*note, *notes, *forms.notes, *gain_notes(discovery.final, builder)]
         document = self.written(discovery, ratio, free, *notes, curves=forms.curves, doubts=forms.doubts)
         return Found(document, discovery, builder, forms.curves)
 
