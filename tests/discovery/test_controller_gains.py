@@ -145,7 +145,6 @@ def test_one_factor_of_all_gains_is_one_parameter(tmp_path: Path) -> None:
         ({}, set()),
         ({"actuator_lag": {"T": 0.004}}, {"actuator_lag", "delay", "log_time_shift"}),
         ({"delay": {"delay": 0.004}}, {"actuator_lag", "delay", "log_time_shift"}),
-        ({"joint_elasticity": {"K": 60000.0, "D": 300.0, "motor_share": 0.3}}, {"joint_elasticity"}),
         ({"spring": {"k": 8.0}}, {"spring", "cubic_spring"}),
         ({"quadratic_viscous": {"Fq": 0.8}}, {"quadratic_viscous", "cubic_viscous", "power_viscous"}),
     ],

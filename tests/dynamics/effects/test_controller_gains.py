@@ -45,7 +45,7 @@ def test_of_the_velocity_loop_of_the_benchmark() -> None:
     [
         ([("Kp1", ""), ("KD1", ""), ("ki1", "")], dict(zip(NAMES, ("Kp1", "KD1", "ki1"), strict=True))),
         ([("k_p_1", ""), ("d1", "")], {"position_gain": "k_p_1", "velocity_gain": "d1"}),
-        ([("axis_1", "Proportional Gain"), ("b1", "gain of the velocity error")], dict(zip(NAMES, ("axis_1", "b1"), strict=False))),
+        ([("x_1", "Proportional Gain"), ("b1", "velocity gain")], {"position_gain": "x_1", "velocity_gain": "b1"}),
         ([("Kp2", ""), ("Kp11", ""), ("Kp", "")], {}),  # of other joints, or of none
         ([("Kp1", "proportional band"), ("Kd1", "dead zone")], {}),  # whose description says something else
         ([("a1", "proportional gain"), ("b1", "gain of the position loop"), ("Kd1", "")], {"velocity_gain": "Kd1"}),
