@@ -17,6 +17,7 @@ from fmu_didim.discovery.selection import (
     plausible,
     pre_check,
     rounds,
+    wide_search,
 )
 from fmu_didim.discovery.signals import kinds, remainder, windows
 from fmu_didim.discovery.signals import search as signal_search
@@ -58,6 +59,7 @@ DECIDING = (
     (pre_check, ("FITTED", "PROMISING", "WORSE")),
     (beside_others, ("KEPT_GAIN",)),
     (rounds, ("PAIRED",)),
+    (wide_search, ("PEOPLE", "GENERATIONS", "MOST_STEPS", "CROSSED")),
     (beginning, ("SAME_VALUES",)),
     (search, ("STEP_COST", "WEAKEST", "SMALLEST_GAIN", "LEAST")),
     (judge, ("REMAINDER",)),

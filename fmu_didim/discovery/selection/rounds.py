@@ -8,6 +8,8 @@ from enum import Enum
 from functools import partial
 from itertools import islice
 
+import numpy as np
+
 from fmu_didim.discovery.augmentation.builder import LoopModelBuilder
 from fmu_didim.discovery.progress import Progress
 from fmu_didim.discovery.screening.catalogue import SignatureCatalogue
@@ -23,7 +25,9 @@ from fmu_didim.discovery.selection.parts import parts_instead
 from fmu_didim.discovery.selection.plausible import MAY_BE_ABSENT
 from fmu_didim.discovery.selection.pre_check import may_be_promising, pre_check
 from fmu_didim.discovery.selection.refitted import Refitted
+from fmu_didim.discovery.selection.wide_search import searched_widely
 from fmu_didim.fit.fit import Fit
+from fmu_didim.fit.gap import joint_gaps
 from fmu_didim.fit.solver.least_squares import minimise
 from fmu_didim.fit.solver.termination import Stopping
 from fmu_didim.model.free_parameter import LOG
@@ -113,10 +117,14 @@ def run_rounds(
             changed = _base_instead(competition, ranking, base, steps, options, progress)
             if changed is None and fit is not looked_at:
                 changed, looked_at = _checked_again(builder, fit, steps, options, progress), fit
-            if changed is None and len(steps) + 2 <= options.rounds:
-                changed = _pair(competition, ranking, base, steps, options, progress)
+            again = _at_best_minima(competition, ranking, options, progress) if changed is None else []
+            ranking = _ranked(ranking, *again) if again else ranking
             if changed is None and len(steps) + 2 <= options.rounds:
                 changed = _gear(competition, ranking, base, steps, options, progress)
+            if changed is None:
+                changed = _widely_searched(competition, ranking, again, base, steps, options, progress)
+            if changed is None and len(steps) + 2 <= options.rounds:
+                changed = _pair(competition, ranking, base, steps, options, progress)
             if changed is None:
                 refused = accepted
                 break
@@ -167,7 +175,70 @@ def _round(
     )  # fmt: skip
     if first is not accepted:
         ranking = tuple(c for c in ranking if c.delta_bic <= first.delta_bic)
-    return ranking, tried, first
+    best = _at_best_minimum(competition, first, base, options, progress)
+    return (ranking if best is first else _ranked(ranking, best)), tried, best
+
+
+def _ranked(ranking: Sequence[FittedCandidate], *instead: FittedCandidate) -> tuple[FittedCandidate, ...]:
+    """A ranking with other fits of some candidates."""
+    again = {c.effect_at for c in instead}
+    return tuple(sorted((*instead, *(c for c in ranking if c.effect_at not in again)), key=lambda c: -c.delta_bic))
+
+
+def _at_best_minimum(
+    competition: Competition, accepted: FittedCandidate, base: Fit, options: Options, progress: Progress
+) -> FittedCandidate:
+    """An effect that is accepted, at a better one of its minima, if it has many and nothing speaks against that one."""
+    if not competition.builder.effect(accepted.effect_at).has_minima:
+        return accepted
+    found = searched_widely(
+        competition, accepted.effect_at, seed=options.seed, progress=progress, begin=accepted.fit
+    )  # fmt: skip
+    is_better = found is not None and found.fit.chi_square < accepted.fit.chi_square
+    if found is None or not is_better or objection(found, competition.fit, options, base=base):
+        return accepted
+    return found
+
+
+def _at_best_minima(
+    competition: Competition, ranking: Sequence[FittedCandidate], options: Options, progress: Progress
+) -> list[FittedCandidate]:
+    """Where nothing was accepted, the effects of many minima at a better one than they have in the ranking, on joints
+    with a gap: the fit of one minimum tells nothing of the others."""
+    builder, fit = competition.builder, competition.fit
+    named = {(builder.effect(a).class_name, a.joint) for a in fit.model.added_effects}
+    of_many = (a for a in _candidates(builder, options, fit.model.added_effects) if builder.effect(a).has_minima)
+    asked = [a for a in of_many if builder.at(a).can_be_added and (builder.effect(a).class_name, a.joint) not in named]
+    if not asked:
+        return []
+    gaps = joint_gaps(fit.torque_alone.residual, fit.torque_alone.noise)
+    large = [a for a in asked if gaps[a.joint - 1] > options.smallest_size]
+    tried = (searched_widely(competition, a, seed=options.seed, progress=progress) for a in large)
+    known = {c.effect_at: c.fit.chi_square for c in ranking}
+    return [c for c in tried if c is not None and c.fit.chi_square < known.get(c.effect_at, np.inf)]
+
+
+def _widely_searched(
+    competition: Competition,
+    ranking: Sequence[FittedCandidate],
+    again: Sequence[FittedCandidate],
+    base: Fit,
+    steps: list[Step],
+    options: Options,
+    progress: Progress,
+) -> tuple[Fit, list[Step]] | None:
+    """The model and its steps with an effect of many minima at a better one; None if none is accepted there.
+
+    Args:
+        again: these effects at that minimum, which the ranking holds.
+    """
+    if not again:
+        return None
+    in_order = sorted(again, key=lambda c: -c.delta_bic)
+    accepted = decide(in_order, competition.fit, options, base=base, finished=competition.finished)
+    if not isinstance(accepted, FittedCandidate):
+        return None
+    return _with(competition, ranking, accepted, base, steps, options, progress)
 
 
 def _with(

@@ -102,6 +102,8 @@ class Effect(ABC):
             looked for where data begin if the data after that tell it, but too little.
         sets_ticks: whether it is the steepest effect that is likely: the ticks of a loop that has effects in its wiring
             are chosen for it.
+        has_minima: whether its sum of squares has many local minima, so that it is looked for in the whole range of its
+            parameters.
         pre_check: how it is looked for before all others, if linear screening is blind to it.
         first_order: outside the torque balance: its change to first order; None if only simulations of the closed
             loop show it.
@@ -146,6 +148,7 @@ class Effect(ABC):
     known_at_start: ClassVar[bool] = False
     shows_at_start: ClassVar[bool] = False
     sets_ticks: ClassVar[bool] = False
+    has_minima: ClassVar[bool] = False
     pre_check: ClassVar[PreCheck | None] = None
     first_order: ClassVar[FirstOrder | None] = None
     is_smooth: ClassVar[bool] = False

@@ -160,7 +160,10 @@ class ByHand:
         return fit, steps
 
 
-EFFECTS = Catalogue(effect_of("a"), effect_of("b"), effect_of("shift"), effect_of("bristles", is_proposed=False))
+EFFECTS = Catalogue(
+    effect_of("a"), effect_of("b"), effect_of("shift"),
+    *(effect_of(name, is_proposed=False) for name in ("bristles", "c", "d", "limit", "stop")),
+)  # fmt: skip
 BASE = with_effects()
 
 
