@@ -162,7 +162,7 @@ class ByHand:
 
 EFFECTS = Catalogue(
     effect_of("a"), effect_of("b"), effect_of("shift"),
-    *(effect_of(name, is_proposed=False) for name in ("bristles", "c", "d", "limit", "stop")),
+    *(effect_of(name, is_proposed=False) for name in ("bristles", "c", "d", "limit", *"stop")),
 )  # fmt: skip
 BASE = with_effects()
 
