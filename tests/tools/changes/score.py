@@ -69,7 +69,7 @@ TITLED: Mapping[str, tuple[str, ...]] = {
     "friction": ("friction of joint {j}",), "backlash": ("backlash on joint {j}, {when}",),
     "belt": ("joint elasticity on joint {j}, {when}",),
     "torque constant": ("torque scale of joint {j}", "gain of the drive on joint {j}, {when}"),
-    "controller gain": ("gain of the controller on joint {j}, {when}",),
+    "controller gain": ("gain of the controller on joint {j}, {when}", "gains of the controller on joint {j}, {when}"),
     "clock": ("time shift of the torque log, {when}",),
 }  # fmt: skip
 """Titles of a cause on a line of a history."""
