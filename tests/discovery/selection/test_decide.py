@@ -342,6 +342,8 @@ CATALOGUE = Catalogue(
     effect_of("offset"),
     effect_of("delay", class_name="lag"),
     effect_of("log shift", class_name="lag", place="measurement"),
+    effect_of("gain", place="drive"),
+    effect_of("gains", class_name="gain", place="controller"),
 )
 
 
@@ -426,3 +428,16 @@ def test_options_as_they_are_written_down() -> None:
         "forbid": ["a", "b"], "prefer": ["c"], "rounds": 2, "threshold": 10.0, "smallest_size": 0.6,
         "smallest_gain": 0.2, "smallest_share": 0.05, "smallest_part": 0.03, "seed": 0,
     }  # fmt: skip
+
+
+@pytest.mark.parametrize(("one", "other"), [("gain", "gains"), ("gains", "gain")])
+@pytest.mark.parametrize(("behind", "told"), [(9.9, True), (10.1, False), (None, False)])
+def test_one_factor_and_one_of_each_gain_are_a_set_by_their_fits_alone(
+    one: str, other: str, behind: float | None, told: bool
+) -> None:
+    """One is the other with all factors alike, so that the data tell; not as forms of one friction, of which any is
+    named beside the others."""
+    accepted = candidate_of(one, bic=100.0)
+    rivals = [] if behind is None else [candidate_of(other, bic=100.0 - behind)]
+    found = step(accepted, [accepted, *rivals])
+    assert [a.effect for a, _ in found.ambiguous] == ([other] if told else [])
