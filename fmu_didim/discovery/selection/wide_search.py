@@ -83,7 +83,9 @@ def searched_widely(
         return min(competition.misfit(Proposal(effect_at, _values(ranges, parts))), UNSTABLE)
 
     known = {} if begin is None else fitted_proposal(begin, effect_at).values
-    first = None if begin is None else np.array([r.part(known[name]) for name, r in ranges.items()])
+    # A share of the motor is no parameter where the motor has an inertia of its own.
+    own = [r.part(known[name]) if name in known else 0.5 for name, r in ranges.items()]
+    first = None if begin is None else np.array(own)
     parts = _evolved(misfit, len(ranges), seed=seed, first=first, workers=fit.model.allowed_workers(fit.values))
     if progress.is_time_up or misfit(parts) >= UNSTABLE:
         return None

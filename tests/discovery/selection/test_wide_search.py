@@ -11,7 +11,7 @@ import pytest
 
 from fmu_didim.discovery.augmentation.places import Proposal
 from fmu_didim.discovery.progress import Progress
-from fmu_didim.discovery.selection import rounds
+from fmu_didim.discovery.selection import rounds, wide_search
 from fmu_didim.discovery.selection.candidates import FittedCandidate
 from fmu_didim.discovery.selection.decide import Options
 from fmu_didim.discovery.selection.rounds import _at_best_minima, _at_best_minimum, _ranked, _widely_searched
@@ -119,6 +119,20 @@ def test_the_fit_starts_from_the_best() -> None:
     (start,) = loop.refitted
     assert start.effect_at == PLAY and start.values["gap"] == pytest.approx(0.05, rel=0.2)
     assert loop.prepared == [[(PLAY,)]]
+
+
+def test_what_was_fitted_is_in_the_first_generation(monkeypatch: pytest.MonkeyPatch) -> None:
+    """In the middle of its range what the plant lacks, such as the share of a motor with an inertia of its own."""
+    begun: list[Any] = []
+    monkeypatch.setattr(wide_search, "fitted_proposal", lambda fit, effect_at: Proposal(effect_at, {"gap": 0.1}))
+    monkeypatch.setattr(
+        wide_search, "_evolved", lambda misfit, count, *, first, **_: begun.append(first.tolist()) or first
+    )  # fmt: skip
+    loop = Loop()
+    both = {"gap": Search(1e-3, 1.0, 5), "motor_share": Search(0.1, 0.5, 3, logarithmic=False)}
+    loop.builder.at = lambda effect_at: SimpleNamespace(search=both)
+    assert searched_widely(loop, PLAY, seed=0, progress=loop.progress, begin=loop.fit)  # type: ignore[arg-type]
+    assert begun == [[pytest.approx(2 / 3), 0.5]]
 
 
 @pytest.mark.parametrize(
