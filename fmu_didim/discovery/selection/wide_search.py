@@ -32,9 +32,9 @@ PEOPLE = 8
 found from any seed, of which fits from the best of a grid found none."""
 GENERATIONS = 12
 """[1] After the first one."""
-MOST_STEPS = 1e9
-"""[steps] Of the integration, times the square of the joints, for all simulations of a search: a minute and a half. Six
-joints at 5 kHz would take ten."""
+MOST_STEPS = 5e8
+"""[steps] Of the integration, times the square of the joints, for all simulations of a search: three quarters of a
+minute. Six joints at 5 kHz would take ten minutes."""
 STEP, CROSSED = (0.5, 1.0), 0.7
 """[1] Part of the difference of two that the best is changed by, drawn anew in each generation, and the chance of each
 parameter to be changed, as is usual."""
