@@ -59,7 +59,7 @@ DECIDING = (
     (pre_check, ("FITTED", "PROMISING", "WORSE")),
     (beside_others, ("KEPT_GAIN",)),
     (rounds, ("PAIRED",)),
-    (wide_search, ("PEOPLE", "GENERATIONS", "MOST_STEPS", "CROSSED")),
+    (wide_search, ("PEOPLE", "GENERATIONS", "MOST_STEPS", "STEP", "CROSSED")),
     (beginning, ("SAME_VALUES",)),
     (search, ("STEP_COST", "WEAKEST", "SMALLEST_GAIN", "LEAST")),
     (judge, ("REMAINDER",)),

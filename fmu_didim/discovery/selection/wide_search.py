@@ -35,9 +35,10 @@ GENERATIONS = 12
 MOST_STEPS = 5e8
 """[steps] Of the integration, times the square of the joints, for all simulations of a search: three quarters of a
 minute. Six joints at 5 kHz would take ten minutes."""
-STEP, CROSSED = (0.5, 1.0), 0.7
-"""[1] Part of the difference of two that the best is changed by, drawn anew in each generation, and the chance of each
-parameter to be changed, as is usual."""
+STEP = (0.5, 1.0)
+"""[1] Part of the difference of two by which the best is changed, drawn anew in each generation, as is usual."""
+CROSSED = 0.7
+"""[1] Chance of each parameter to be changed, as is usual."""
 UNSTABLE = 1e30
 """[1] Sum of squares of what cannot be simulated."""
 
