@@ -50,7 +50,10 @@ DECIDING = (
             "KEPT",
         ),
     ),
-    (decide, ("ROUNDS", "BIC", "SMALLEST_SIZE", "SMALLEST_GAIN", "SMALLEST_SHARE", "SMALLEST_PART", "NEAR")),
+    (
+        decide,
+        ("ROUNDS", "BIC", "SMALLEST_SIZE", "SMALLEST_GAIN", "SMALLEST_SHARE", "SMALLEST_PART", "NEAR", "NEAR_STATED"),
+    ),
     (gears, ("STIFFNESSES", "EVERY", "FAR", "STARTS")),
     (curve, ("OWN", "PENALTIES", "PER_PARAMETER", "TURNS")),
     (form, ("LEAD", "LEAD_ALONE", "LEAD_SURE")),

@@ -157,6 +157,7 @@ def _round(
     judge = partial(
         decide, fit=competition.fit, options=options, base=base, held=held, finished=competition.finished,
         class_of=lambda effect_at: competition.builder.effect(effect_at).class_name,
+        rivals_of=partial(_rivals, competition),
     )  # fmt: skip
     accepted = judge(ranking)
     if comparison.unfitted and not isinstance(accepted, FittedCandidate):
@@ -177,6 +178,13 @@ def _round(
         ranking = tuple(c for c in ranking if c.delta_bic <= first.delta_bic)
     best = _at_best_minimum(competition, first, base, options, progress)
     return (ranking if best is first else _ranked(ranking, best)), tried, best
+
+
+def _rivals(competition: Competition, effect_at: EffectAtJoint) -> frozenset[str]:
+    """Names of the effects of other classes that an effect is confounded with, if it changes what the case states."""
+    effects, effect = competition.builder.effects, competition.builder.effect(effect_at)
+    others = effect.confounded_with if effect.is_stated else ()
+    return frozenset(n for n in others if n in effects and effects[n].class_name != effect.class_name)
 
 
 def _ranked(ranking: Sequence[FittedCandidate], *instead: FittedCandidate) -> tuple[FittedCandidate, ...]:

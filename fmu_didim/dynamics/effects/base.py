@@ -109,6 +109,8 @@ class Effect(ABC):
             loop show it.
         is_smooth: outside the torque balance: whether the torque of the loop has a derivative by its parameters where
             they are neutral, which then is its signature; else simulations with some values are.
+        is_stated: whether the case states what it changes, as the gains of a controller: it is named before what it is
+            confounded with only where it explains much more.
         stands_for: names of effects that, together on its joint, it may stand for: it is named only where it explains
             more than they do.
         distance: the shape that is the distance over which it builds up after a reversal; none if it is empty.
@@ -149,6 +151,7 @@ class Effect(ABC):
     shows_at_start: ClassVar[bool] = False
     sets_ticks: ClassVar[bool] = False
     has_minima: ClassVar[bool] = False
+    is_stated: ClassVar[bool] = False
     pre_check: ClassVar[PreCheck | None] = None
     first_order: ClassVar[FirstOrder | None] = None
     is_smooth: ClassVar[bool] = False

@@ -38,12 +38,13 @@ class ControllerGains(ControllerEffect):
     title = "Gains of the controller"
     equation = "Kp -> position_gain*Kp, Kd -> velocity_gain*Kd, Ki -> integral_gain*Ki"
     class_name = "controller_gain"
-    confounded_with = ("controller_gain", "joint_elasticity", "actuator_lag")
+    confounded_with = ("controller_gain", "joint_elasticity", "actuator_lag", "delay")
     signature = "A residual like that of a softer or a stiffer gear: the joint leaves its reference by another way."
     experiment = "Logged positions: the command against the error of the position and its rate."
     source = "Gautier, Janot, Vandanjon: DIDIM, section on errors of the controller's gains"
     is_smooth = True
     shows_at_start = True
+    is_stated = True
     own_parameters = (
         _factor("position_gain", "the position"),
         _factor("velocity_gain", "the velocity"),

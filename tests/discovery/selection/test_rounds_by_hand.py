@@ -135,7 +135,16 @@ class ByHand:
         )  # fmt: skip
 
     def do_decide(
-        self, ranking: Any, fit: Fit, options: Any, *, base: Fit, held: Any, finished: Any, class_of: Any
+        self,
+        ranking: Any,
+        fit: Fit,
+        options: Any,
+        *,
+        base: Fit,
+        held: Any,
+        finished: Any,
+        class_of: Any,
+        rivals_of: Any,
     ) -> Any:
         if not self.unfitted:
             assert ranking == ("screened", "shortlisted", "fitted")
