@@ -41,6 +41,7 @@ BEGIN = "<!-- From examples/index.toml, by docs/make_reference.py: change it the
 END = "<!-- Written by hand again. -->"
 PLACES = {
     "torque balance": "In the torque balance of a joint, a column of the regressor and a term of the direct model.",
+    "controller": "In the controller: factors of parameters that it has. At no joint: see `gains:` of a run.",
     "drive": "Between controller and plant, a component of its own in the wiring: a black-box plant gains it, too.",
     "sensor": "Between plant and controller, a component of its own in the wiring.",
     "structure": "In the structure of the robot: further states, or another frame.",

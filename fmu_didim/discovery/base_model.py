@@ -11,6 +11,7 @@ from fmu_didim.base.diagnostics import Diagnostic
 from fmu_didim.base.errors import IdentificationError, InputError, SimulationError
 from fmu_didim.checks.channels import CERTAIN, CHANNEL_OFF
 from fmu_didim.data.signals import Array
+from fmu_didim.dynamics.effects import EFFECTS
 from fmu_didim.estimators.initial_states import free_start_remarks, free_starts, held_out_starts, is_asked
 from fmu_didim.estimators.starts.start import start_sequence, start_text, start_values
 from fmu_didim.fit.base_projection import BaseProjection
@@ -221,7 +222,7 @@ def _of_torque(model: LoopModel) -> Prepared:
             return replace(found, notes=(note, *found.notes))
     if isinstance(first, SimulationError):
         raise first
-    if not may_lack_friction(model):
+    if not may_lack_base(model):
         raise IdentificationError(
             "The base model explains nothing of the torque.", where=", ".join(model.estimation_labels),
             got=f"an error of {_error(first.fit):.0f} % at the best fit, from all starts", valid=f"below {ASTRAY:g} %",
@@ -236,12 +237,13 @@ def _error(fit: Fit) -> float:
     return relative_error_percent(fit.model.measured, fit.torque)[0]
 
 
-def may_lack_friction(model: LoopModel) -> bool:
-    """Whether friction may be what leads a fit astray: of a plant that is not built from a description with it."""
+def may_lack_base(model: LoopModel) -> bool:
+    """Whether what belongs to every base model, friction above all, may be what leads a fit astray: of a plant that is
+    not built from a description with it."""
     if not isinstance(model.parameters, RobotParameters):
         return True
-    joints = model.parameters.model.description.joints
-    return not all({"coulomb", "viscous"} & set(joint.effects) for joint in joints)
+    base = {name for name, effect in EFFECTS.items() if effect.is_base}
+    return not all(base <= set(joint.effects) for joint in model.parameters.model.description.joints)
 
 
 def _longer(model: LoopModel) -> str:

@@ -2,13 +2,23 @@
 
 from __future__ import annotations
 
-from fmu_didim.discovery import base_model, judge, localise, run
+from fmu_didim.discovery import base_model, beginning, judge, localise, run
 from fmu_didim.discovery.external_torques import search
 from fmu_didim.discovery.form import curve
 from fmu_didim.discovery.form import names as form
 from fmu_didim.discovery.ladder import evidence, facts, motions
 from fmu_didim.discovery.screening import catalogue
-from fmu_didim.discovery.selection import competition, decide, gears, held_out, plausible, pre_check, rounds
+from fmu_didim.discovery.selection import (
+    beside_others,
+    competition,
+    decide,
+    gears,
+    held_out,
+    plausible,
+    pre_check,
+    rounds,
+    wide_search,
+)
 from fmu_didim.discovery.signals import kinds, remainder, windows
 from fmu_didim.discovery.signals import search as signal_search
 from fmu_didim.fit import base_projection, gap
@@ -40,14 +50,20 @@ DECIDING = (
             "KEPT",
         ),
     ),
-    (decide, ("ROUNDS", "BIC", "SMALLEST_SIZE", "SMALLEST_GAIN", "SMALLEST_SHARE", "SMALLEST_PART", "NEAR")),
+    (
+        decide,
+        ("ROUNDS", "BIC", "SMALLEST_SIZE", "SMALLEST_GAIN", "SMALLEST_SHARE", "SMALLEST_PART", "NEAR", "NEAR_STATED"),
+    ),
     (gears, ("STIFFNESSES", "EVERY", "FAR", "STARTS")),
     (curve, ("OWN", "PENALTIES", "PER_PARAMETER", "TURNS")),
     (form, ("LEAD", "LEAD_ALONE", "LEAD_SURE")),
     (held_out, ("HELD_OUT", "WORSE_JOINT", "NEARER", "OWN_SIZE", "FEWEST_BLOCKS", "EACH_OF", "GLITCH")),
     (plausible, ("ZERO", "UNTOLD", "LONGEST", "FEWEST_REPEATS", "STILL", "MOSTLY_STILL")),
     (pre_check, ("FITTED", "PROMISING", "WORSE")),
-    (rounds, ("KEPT_GAIN", "PAIRED")),
+    (beside_others, ("KEPT_GAIN",)),
+    (rounds, ("PAIRED",)),
+    (wide_search, ("PEOPLE", "GENERATIONS", "MOST_STEPS")),
+    (beginning, ("SAME_VALUES",)),
     (search, ("STEP_COST", "WEAKEST", "SMALLEST_GAIN", "LEAST")),
     (judge, ("REMAINDER",)),
     (facts, ("OTHER_SPEED", "OTHER_LOAD", "OTHER_GAIN")),

@@ -16,11 +16,11 @@ from fmu_didim.dynamics.robot import RobotDescription
 from fmu_didim.model.experiment import Experiment
 from fmu_didim.results.findings import FindingsDocument
 
-OF_THE_WIRING = ("drive", "sensor", "measurement")
+OF_THE_WIRING = ("controller", "drive", "sensor", "measurement")
 """Places of effects that look like outputs of an FMU that hold at another time than the machine's."""
 NOT_OF_THE_WIRING = (
-    "Effects of drives, sensors and the log were not tried: as long as it is open when the outputs of a component "
-    "hold, they could be a consequence of that."
+    "Effects of the controller, of drives, sensors and the log were not tried: as long as it is open when the outputs "
+    "of a component hold, they could be a consequence of that."
 )
 BESIDE_VIRTUAL = ("torque balance", "measurement")
 """Places of effects that can be told where a virtual controller follows measured positions."""

@@ -14,7 +14,9 @@ from fmu_didim.base.errors import SimulationError
 from fmu_didim.checks.channels import CHANNELS_DISAGREE
 from fmu_didim.checks.sampling_kind import other_sampling
 from fmu_didim.discovery.augmentation.builder import LoopModelBuilder
+from fmu_didim.discovery.augmentation.gains import gain_notes
 from fmu_didim.discovery.base_model import Prepared, prepare
+from fmu_didim.discovery.beginning import at_start, is_told_later
 from fmu_didim.discovery.document import findings_document
 from fmu_didim.discovery.external_torques.findings import external_torque_finding, external_torque_windows
 from fmu_didim.discovery.external_torques.fit import FittedExternalTorques, find_external_torques
@@ -25,6 +27,7 @@ from fmu_didim.discovery.judge import has_external_torques
 from fmu_didim.discovery.ladder.ladders import contradictions, ladders_of, of_event, of_other_size
 from fmu_didim.discovery.localise import regions_of_fit
 from fmu_didim.discovery.request import Request
+from fmu_didim.discovery.selection.competition import Competition
 from fmu_didim.discovery.selection.held_out import unconfirmed
 from fmu_didim.discovery.selection.plausible import unusual_values
 from fmu_didim.discovery.selection.refitted import Refitted, refitted_notes, refitted_shapes, with_stated
@@ -200,7 +203,7 @@ class _Search:
         is_virtual = base.model.loop.is_virtual  # there another way of sampling and a torque held longer look alike
         way = None if is_virtual else other_sampling(of_torque, unshifted, saved=saved, threshold=options.threshold)
         note = [way.text(1 / base.model.experiments[base.model.first].rate_hz)] if way is not None else []
-        notes = [*note, *notes, *forms.notes]
+        notes = [*note, *notes, *forms.notes, *gain_notes(discovery.final, builder)]
         document = self.written(discovery, ratio, free, *notes, curves=forms.curves, doubts=forms.doubts)
         return Found(document, discovery, builder, forms.curves)
 
@@ -310,12 +313,16 @@ def _withdrawn(discovery: Discovery, why: str) -> Discovery:
 
 
 def _with_beginning(request: Request, model: LoopModel, found: Found) -> Found:
-    """Search for gears with the start of the data, where nothing was found without it.
+    """Search for gears with the start of the data, where nothing was found without it, and for what the data after it
+    tell, but too little, if it shows most there.
 
     Gears start in the middle of their play and without load; any other difference at the start may be due to the
-    unknown initial state.
+    unknown initial state. So what else is found there must be in the data after it, too, with the same values.
     """
-    unseen = ended_before(found.document, request.progress.limit_s, f"gears in the first {FIRST_S:g} s of the data")
+    gears = {name for name, effect in request.effects.items() if effect.known_at_start}
+    looked_for = gears | at_start(found.discovery, request.effects)
+    what = "gears" if looked_for == gears else "effects"
+    unseen = ended_before(found.document, request.progress.limit_s, f"{what} in the first {FIRST_S:g} s of the data")
     if request.progress.is_time_up:
         return replace(found, document=unseen)
     request.progress.say("base model")
@@ -325,21 +332,26 @@ def _with_beginning(request: Request, model: LoopModel, found: Found) -> Found:
     more = joint_gaps(whole.residual, whole.noise) ** 2 - joint_gaps(without.residual, without.noise) ** 2
     if not (more > request.options.smallest_size**2).any():
         return found
-    request.progress.say(f"the first {FIRST_S:g} s disagree: gears in them")
-    gears = {name for name, effect in request.effects.items() if effect.known_at_start}
-    options = replace(request.options, forbid=request.options.forbid | (set(request.effects) - gears))
+    request.progress.say(f"the first {FIRST_S:g} s disagree: {what} in them")
+    options = replace(request.options, forbid=request.options.forbid | (set(request.effects) - looked_for))
     note = f"The first {FIRST_S:g} s of the data, where the state of the machine is not known, disagree most"
     again = replace(
         request, options=options, keep=None, notes=(*request.notes, f"{note}: the final model includes them.")
     )
     second = _Search.of(again, prepared).found()
-    if second.discovery.steps:
-        asked = found.document.provenance["options"]  # not that everything but gears was forbidden
+    later, of_start = Competition(found.builder, found.discovery.base), second.discovery
+    untold = [step for step in of_start.steps if not is_told_later(step, of_start, second.builder, later)]
+    if of_start.steps and not untold:
+        asked = found.document.provenance["options"]  # not that everything else was forbidden
         recorded = {**second.document.provenance, "options": asked}
         return replace(second, document=second.document.model_copy(update={"provenance": recorded}))
     if second.document.unfinished is not None:
         return replace(found, document=unseen)
-    notes = [*found.document.notes, f"{note}; they were left out, and no gear explains them."]
+    named = ", ".join(step.effect_at.text for step in untold)
+    why = f"{named} would explain them, but the data after them ask for other values" if untold else (
+        "no gear explains them" if what == "gears" else "nothing that was looked for there explains them"
+    )  # fmt: skip
+    notes = [*found.document.notes, f"{note}; they were left out, and {why}."]
     return replace(found, document=found.document.model_copy(update={"notes": notes}))
 
 

@@ -66,6 +66,8 @@ class Loop:
         plant: the plant with the effects of its torque balance; plant_name: its name in the loop.
         output_signals: (n,) ``component.output`` that the log shows where it is no torque; empty where it is.
         added_components: name of each component that added effects put into the wiring -> its joint, from 1.
+        factors: owner of free factors -> name of each -> component and parameter whose value in an experiment it
+            multiplies.
         substep_factor: multiplies the number of integration substeps of the plant.
         substeps: of the plant in a tick at least, where the case states none; None: by the rule for its fastest rate.
         subdivision: ticks in a control period, for components that need shorter steps; inputs are held as without.
@@ -80,6 +82,7 @@ class Loop:
     plant_name: str = "plant"
     output_signals: tuple[str, ...] = ()
     added_components: Mapping[str, int] = field(default_factory=dict)
+    factors: Mapping[str, Mapping[str, tuple[str, str]]] = field(default_factory=dict)
     substep_factor: int = 1
     substeps: int | None = None
     subdivision: int = 1
@@ -200,6 +203,10 @@ class Loop:
         """Values of the components beside the plant. Effects of a joint share shapes, such as the smoothing of
         friction, wherever they act."""
         found = {owner: dict(own) for owner, own in others.items() if owner not in NO_COMPONENTS}
+        for factor_owner in self.factors.keys() & found.keys():
+            for name, value in found.pop(factor_owner).items():
+                owner, key = self.factors[factor_owner][name]
+                found.setdefault(owner, {})[key] = value * system.components[owner].parameter_values()[key]
         present = {v.name: v.start for v in plant.parameters} if self.added_components else {}
         for owner, joint in self.added_components.items():
             for v in system.components[owner].parameters:
@@ -229,7 +236,7 @@ class Loop:
         offered = {v.name: v.unit for v in self.plant.parameters}
         keys = [f"{stem}_start{j}" for stem in ("q", "dq") for j in range(1, self.joint_count + 1)]
         found = [StartValue(state_name(key), PLANT, key, offered[key]) for key in keys if key in offered]
-        for owner, component in self._beside_the_plant.items():
+        for owner, component in self.beside_the_plant.items():
             values = {v.name: v for v in component.parameters}
             for key in component.start_parameters:
                 name = state_name(key)
@@ -238,15 +245,23 @@ class Loop:
         return tuple(found)
 
     @property
-    def _beside_the_plant(self) -> dict[str, Component]:
+    def beside_the_plant(self) -> dict[str, Component]:
         """The components of the loop, without the plant and what effects have added."""
         components = next(iter(self.systems.values())).components
         return {k: v for k, v in components.items() if k != self.plant_name and k not in self.added_components}
 
+    def multiplied(self, label: str, owner: str, name: str) -> tuple[str, str, float]:
+        """Component, parameter and change of that parameter by one unit of a free one of this owner and name: of a
+        factor the value that it multiplies in an experiment."""
+        if owner not in self.factors:
+            return owner, name, 1.0
+        component, key = self.factors[owner][name]
+        return component, key, self.systems[label].components[component].parameter_values()[key]
+
     @property
     def with_unknown_states(self) -> tuple[str, ...]:
         """Names of the components beside the plant whose states are not known, being FMUs of other tools."""
-        beside = self._beside_the_plant.items()
+        beside = self.beside_the_plant.items()
         return tuple(name for name, c in beside if len(c.start_candidates) > len(c.start_parameters))
 
     def start_named(self, name: str, *, where: str = "") -> StartValue:
@@ -257,7 +272,7 @@ class Loop:
         """
         known = {start.name: start for start in self.starts}
         if name not in known:
-            for owner, component in self._beside_the_plant.items():
+            for owner, component in self.beside_the_plant.items():
                 keys = {key: state_name(key) for key in component.start_parameters}
                 keys |= {key: key for key in component.start_candidates if key not in keys}
                 known |= {f"{owner}.{state}": StartValue(f"{owner}.{state}", owner, key) for key, state in keys.items()}

@@ -152,7 +152,7 @@ class FindingResult(_Document):
     Attributes:
         effect: its name in the catalogue; title: in words; equation: in one line.
         class_: of effects that ordinary data cannot distinguish.
-        place: where it acts: torque balance, drive, sensor, structure or measurement.
+        place: where it acts: torque balance, controller, drive, sensor, structure or measurement.
         parameters: its amplitudes and shapes.
         share_of_gap: part of the squared gap of its joint that it closes.
         delta_bic: gain in BIC over the model without it.

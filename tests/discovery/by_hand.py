@@ -137,7 +137,8 @@ def effect_of(name: str, *, class_name: str | None = None, place: str = "joint",
     """An effect of the catalogue, as far as decisions look at it."""
     known = dict(
         is_linear=True, shows_on_neighbours=False, is_proposed=True, is_base=False, pre_check=None, neutral={},
-        elastic=False, needs_elastic=False, is_external=False, is_shared=False, stands_for=(),
+        elastic=False, needs_elastic=False, is_external=False, is_shared=False, stands_for=(), has_minima=False,
+        is_stated=False, confounded_with=(),
     )  # fmt: skip
     known["impossible"] = lambda values, deviations, link: ""
     known["unusual"] = lambda values, deviations: ""

@@ -42,7 +42,7 @@ class Stub:
 
 
 @pytest.mark.parametrize(
-    ("errors", "lacks_friction", "told"),
+    ("errors", "lacks_base", "told"),
     [
         ((7.0,), False, ""),
         ((199.0,), False, ""),
@@ -58,7 +58,7 @@ class Stub:
 def test_a_base_fit_that_goes_astray_begins_elsewhere_or_is_refused(
     monkeypatch: pytest.MonkeyPatch,
     errors: tuple[float | None, ...],
-    lacks_friction: bool,
+    lacks_base: bool,
     told: str | type[Exception],
 ) -> None:
     """A loop that swings of itself explains nothing: what it lacks would be named of that."""
@@ -72,7 +72,7 @@ def test_a_base_fit_that_goes_astray_begins_elsewhere_or_is_refused(
     model: Any = SimpleNamespace(estimation_labels=["estimation"], with_values=lambda values: model)
     monkeypatch.setattr(base_model, "_from_start", from_start)
     monkeypatch.setattr(base_model, "_error", lambda fit: fit.error)
-    monkeypatch.setattr(base_model, "may_lack_friction", lambda model: lacks_friction)
+    monkeypatch.setattr(base_model, "may_lack_base", lambda model: lacks_base)
     starts = ("description", "torque", "nominal", "reference")
     monkeypatch.setattr(base_model, "start_sequence", lambda model, start: starts)
     monkeypatch.setattr(base_model, "start_values", lambda model, kind: None)
@@ -86,13 +86,13 @@ def test_a_base_fit_that_goes_astray_begins_elsewhere_or_is_refused(
     assert bool(found.notes) == bool(told)
 
 
-def test_which_plants_may_lack_friction(tmp_path: Path) -> None:
+def test_which_plants_may_lack_base(tmp_path: Path) -> None:
     case = load_case(SCARA)
-    assert not base_model.may_lack_friction(case.model)
+    assert not base_model.may_lack_base(case.model)
     robot = read_robot(ROOT / "fmus/scara/robot.yaml")
     first = robot.joints[0].model_copy(update={"effects": (), "parameters": {}})
     bare = robot.model_copy(update={"joints": (first, *robot.joints[1:]), "identified": "computed"})
     write_robot(bare, tmp_path / "robot.yaml")
     content = case.content | {"plant": {"kind": "model"}, "robot": str(tmp_path / "robot.yaml")}
     content["estimator"] = {"kind": "didim"}
-    assert base_model.may_lack_friction(load_case(content, folder=SCARA.parent).model)
+    assert base_model.may_lack_base(load_case(content, folder=SCARA.parent).model)

@@ -339,7 +339,7 @@ def test_too_few_samples_are_refused(tmp_path: Path) -> None:
     model = arm_model(tmp_path, seconds=2.0, rate_hz=10.0)
     with pytest.raises(InputError, match="too short") as caught:
         prepare(model)
-    assert "20 samples for 5 parameters" in str(caught.value)
+    assert "20 samples of each joint for 5 parameters" in str(caught.value)
 
 
 def test_friction_columns_follow_the_reference(tmp_path: Path) -> None:

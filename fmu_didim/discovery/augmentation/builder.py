@@ -14,7 +14,7 @@ from types import MappingProxyType
 import numpy as np
 
 from fmu_didim.discovery.augmentation.black_box import subdivision
-from fmu_didim.discovery.augmentation.places import BaseLoop, InWiring, LoopEffect, Proposal, placed
+from fmu_didim.discovery.augmentation.places import BaseLoop, InController, InWiring, LoopEffect, Proposal, placed
 from fmu_didim.discovery.augmentation.plants import Plants, described
 from fmu_didim.discovery.progress import Progress
 from fmu_didim.dynamics.effects import EFFECTS, Effect
@@ -128,7 +128,8 @@ class LoopModelBuilder:
         added = self._at_all(added_effects)
         wired = self._wired(model, [one for one in added if isinstance(one, InWiring)])
         ticks = self._ticks if any(one.needs_short_steps for one in added) else 1
-        model = wired.with_loop(plant=self._plants.plant(added), subdivision=ticks)
+        factors = {one.owner: one.gains for one in added if isinstance(one, InController)}
+        model = wired.with_loop(plant=self._plants.plant(added), subdivision=ticks, factors=factors)
         return replace(model, added_effects=added_effects)
 
     def _wired(self, model: LoopModel, parts: Sequence[InWiring]) -> LoopModel:

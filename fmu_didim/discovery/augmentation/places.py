@@ -1,6 +1,7 @@
 """Where an effect acts in a loop, decided once, with its free parameters and its change of the loop.
 
     torque balance, structure    the equations of the plant, which is built anew
+    controller                   factors of parameters that a controller has
     drive, sensor                a component in the wiring
     measurement                  the log; the loop stays as it is
 
@@ -29,7 +30,7 @@ from fmu_didim.discovery.augmentation.black_box import (
     torque_part,
 )
 from fmu_didim.discovery.augmentation.ranges import Range, travelled
-from fmu_didim.dynamics.effects import Effect, InsertedEffect, JointType, Place, Search, TorqueEffect
+from fmu_didim.dynamics.effects import ControllerEffect, Effect, InsertedEffect, JointType, Place, Search, TorqueEffect
 from fmu_didim.dynamics.robot import RobotDescription
 from fmu_didim.model.free_parameter import LOG, PLANT, FreeParameter, joint_parameter
 from fmu_didim.model.loop_model import EffectAtJoint, LoopModel
@@ -226,6 +227,48 @@ class InLog(LoopEffect):
         return name, name
 
 
+class InController(LoopEffect):
+    """Factors of gains of the controller of a joint, whichever component has them; they are no part of the robot."""
+
+    @property
+    def owner(self) -> str:
+        """What stands in the place of a component: the factors of this joint."""
+        return f"{self.effect.name}{self.effect_at.joint}"
+
+    @property
+    def can_be_added(self) -> bool:
+        """One factor alone would be that of the whole command, which needs no look into the controller."""
+        return len(self.gains) > 1
+
+    @cached_property
+    def gains(self) -> Mapping[str, tuple[str, str]]:
+        """Each factor with the component and the parameter that it multiplies: not one that is zero in all experiments,
+        nor one that the case frees itself."""
+        assert isinstance(self.effect, ControllerEffect)
+        loop, found = self.loop.model.loop, dict[str, tuple[str, str]]()
+        free = {(p.owner, p.key) for p in self.loop.model.free_parameters}
+        for name, component in loop.beside_the_plant.items():
+            for factor, gain in self.effect.gains(component.parameters, self.effect_at.joint).items():
+                values = [system.components[name].parameter_values()[gain] for system in loop.systems.values()]
+                if factor not in found and any(values) and (name, gain) not in free:
+                    found[factor] = (name, gain)
+        return found
+
+    @property
+    def amplitudes(self) -> tuple[Variable, ...]:
+        return tuple(v for v in super().amplitudes if v.name in self.gains)
+
+    @cached_property
+    def search(self) -> Mapping[str, Search]:
+        return {name: search for name, search in super().search.items() if name in self.gains}
+
+    def described(self, robot: RobotDescription) -> RobotDescription:
+        return robot
+
+    def _name_and_key(self, name: str, is_shape: bool) -> tuple[str, str]:
+        return super()._name_and_key(name, is_shape)[0], name
+
+
 class InWiring(LoopEffect):
     """A component between the others: in the drive of a joint or in its encoder."""
 
@@ -290,6 +333,7 @@ class BeforePlant(InWiring):
 PLACES: Mapping[Place, type[LoopEffect]] = {
     "torque balance": InEquations,
     "structure": InEquations,
+    "controller": InController,
     "drive": InWiring,
     "sensor": InWiring,
     "measurement": InLog,

@@ -23,9 +23,10 @@ from fmu_didim.discovery.judge import REMAINDER
 from fmu_didim.discovery.ladder.facts import new_in
 from fmu_didim.discovery.ladder.motions import MOSTLY_NEW
 from fmu_didim.discovery.progress import Progress
+from fmu_didim.discovery.selection.beside_others import beside_others
 from fmu_didim.discovery.selection.decide import Options, nearness
 from fmu_didim.discovery.selection.held_out import HELD_OUT, unconfirmed
-from fmu_didim.discovery.selection.rounds import Discovery, beside_others
+from fmu_didim.discovery.selection.rounds import Discovery
 from fmu_didim.fit.fit import Fit
 from fmu_didim.fit.gap import bic_gain, held_out_ratio, joint_gaps
 from fmu_didim.fit.solver.least_squares import minimise

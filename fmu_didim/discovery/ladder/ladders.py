@@ -10,9 +10,10 @@ from fmu_didim.discovery.ladder.evidence import evidence_in, scale_deviation
 from fmu_didim.discovery.ladder.facts import RunFacts, facts_of
 from fmu_didim.discovery.ladder.rungs import ladder_of
 from fmu_didim.discovery.request import Request
+from fmu_didim.discovery.selection.beside_others import fit_of_smaller
 from fmu_didim.discovery.selection.candidates import Outcome
 from fmu_didim.discovery.selection.decide import Step
-from fmu_didim.discovery.selection.rounds import Discovery, Ending, fit_of_smaller
+from fmu_didim.discovery.selection.rounds import Discovery, Ending
 from fmu_didim.fit.fit import Fit
 from fmu_didim.results.findings import FindingResult, RungResult
 

@@ -8,10 +8,12 @@ from enum import Enum
 from functools import partial
 from itertools import islice
 
-from fmu_didim.base.errors import SimulationError
+import numpy as np
+
 from fmu_didim.discovery.augmentation.builder import LoopModelBuilder
 from fmu_didim.discovery.progress import Progress
 from fmu_didim.discovery.screening.catalogue import SignatureCatalogue
+from fmu_didim.discovery.selection.beside_others import by_importance, without_superfluous
 from fmu_didim.discovery.selection.candidates import FittedCandidate, Outcome, ScreenedCandidate, TriedCandidate
 from fmu_didim.discovery.selection.competition import Competition, proposal_of
 from fmu_didim.discovery.selection.decide import Options, Step, decide, nearness, objection, step_of
@@ -23,15 +25,13 @@ from fmu_didim.discovery.selection.parts import parts_instead
 from fmu_didim.discovery.selection.plausible import MAY_BE_ABSENT
 from fmu_didim.discovery.selection.pre_check import may_be_promising, pre_check
 from fmu_didim.discovery.selection.refitted import Refitted
+from fmu_didim.discovery.selection.wide_search import searched_widely
 from fmu_didim.fit.fit import Fit
-from fmu_didim.fit.gap import bic_gain, explained_gap
+from fmu_didim.fit.gap import joint_gaps
 from fmu_didim.fit.solver.least_squares import minimise
 from fmu_didim.fit.solver.termination import Stopping
 from fmu_didim.model.free_parameter import LOG
-from fmu_didim.model.loop_model import EffectAtJoint, LoopModel
-
-KEPT_GAIN = 0.5
-"""[1] Fraction of the smallest gain that an effect must still have beside later ones."""
+from fmu_didim.model.loop_model import EffectAtJoint
 
 PAIRED = 4
 """[candidates] The best ones that held-out data alone speak against, which are fitted two by two."""
@@ -52,7 +52,8 @@ class Discovery:
     """The result of the rounds.
 
     Attributes:
-        base, final: fits without and with the effects; steps: one for each effect.
+        base, final: fits without and with the effects; steps: one for each effect, in the end those first that explain
+            most beside all others.
         refused: candidates of the last round that were not accepted, and why.
         tried: the shortlisted candidates, round by round.
         refitted: shapes of the description that the data contradict, where no effect was found.
@@ -116,16 +117,20 @@ def run_rounds(
             changed = _base_instead(competition, ranking, base, steps, options, progress)
             if changed is None and fit is not looked_at:
                 changed, looked_at = _checked_again(builder, fit, steps, options, progress), fit
-            if changed is None and len(steps) + 2 <= options.rounds:
-                changed = _pair(competition, ranking, base, steps, options, progress)
+            again = _at_best_minima(competition, ranking, options, progress) if changed is None else []
+            ranking = _ranked(ranking, *again) if again else ranking
             if changed is None and len(steps) + 2 <= options.rounds:
                 changed = _gear(competition, ranking, base, steps, options, progress)
+            if changed is None:
+                changed = _widely_searched(competition, ranking, again, base, steps, options, progress)
+            if changed is None and len(steps) + 2 <= options.rounds:
+                changed = _pair(competition, ranking, base, steps, options, progress)
             if changed is None:
                 refused = accepted
                 break
             fit, steps = changed
             keep(Discovery(base, fit, tuple(steps), tried=tuple(tried), ending=Ending.RUNNING))
-    return Discovery(base, fit, tuple(steps), refused, tuple(tried), ending)
+    return Discovery(base, fit, by_importance(steps, fit, builder), refused, tuple(tried), ending)
 
 
 def _round(
@@ -152,6 +157,7 @@ def _round(
     judge = partial(
         decide, fit=competition.fit, options=options, base=base, held=held, finished=competition.finished,
         class_of=lambda effect_at: competition.builder.effect(effect_at).class_name,
+        rivals_of=partial(_rivals, competition),
     )  # fmt: skip
     accepted = judge(ranking)
     if comparison.unfitted and not isinstance(accepted, FittedCandidate):
@@ -170,7 +176,77 @@ def _round(
     )  # fmt: skip
     if first is not accepted:
         ranking = tuple(c for c in ranking if c.delta_bic <= first.delta_bic)
-    return ranking, tried, first
+    best = _at_best_minimum(competition, first, base, options, progress)
+    return (ranking if best is first else _ranked(ranking, best)), tried, best
+
+
+def _rivals(competition: Competition, effect_at: EffectAtJoint) -> frozenset[str]:
+    """Names of the effects of other classes that an effect is confounded with, if it changes what the case states."""
+    effects, effect = competition.builder.effects, competition.builder.effect(effect_at)
+    others = effect.confounded_with if effect.is_stated else ()
+    return frozenset(n for n in others if n in effects and effects[n].class_name != effect.class_name)
+
+
+def _ranked(ranking: Sequence[FittedCandidate], *instead: FittedCandidate) -> tuple[FittedCandidate, ...]:
+    """A ranking with other fits of some candidates."""
+    again = {c.effect_at for c in instead}
+    return tuple(sorted((*instead, *(c for c in ranking if c.effect_at not in again)), key=lambda c: -c.delta_bic))
+
+
+def _at_best_minimum(
+    competition: Competition, accepted: FittedCandidate, base: Fit, options: Options, progress: Progress
+) -> FittedCandidate:
+    """An effect that is accepted, at a better one of its minima, if it has many and nothing speaks against that one."""
+    if not competition.builder.effect(accepted.effect_at).has_minima:
+        return accepted
+    found = searched_widely(
+        competition, accepted.effect_at, seed=options.seed, progress=progress, begin=accepted.fit
+    )  # fmt: skip
+    is_better = found is not None and found.fit.chi_square < accepted.fit.chi_square
+    if found is None or not is_better or objection(found, competition.fit, options, base=base):
+        return accepted
+    return found
+
+
+def _at_best_minima(
+    competition: Competition, ranking: Sequence[FittedCandidate], options: Options, progress: Progress
+) -> list[FittedCandidate]:
+    """Where nothing was accepted, the effects of many minima at a better one than they have in the ranking, on joints
+    with a gap: the fit of one minimum tells nothing of the others."""
+    builder, fit = competition.builder, competition.fit
+    named = {(builder.effect(a).class_name, a.joint) for a in fit.model.added_effects}
+    of_many = (a for a in _candidates(builder, options, fit.model.added_effects) if builder.effect(a).has_minima)
+    asked = [a for a in of_many if builder.at(a).can_be_added and (builder.effect(a).class_name, a.joint) not in named]
+    if not asked:
+        return []
+    gaps = joint_gaps(fit.torque_alone.residual, fit.torque_alone.noise)
+    large = [a for a in asked if gaps[a.joint - 1] > options.smallest_size]
+    tried = (searched_widely(competition, a, seed=options.seed, progress=progress) for a in large)
+    known = {c.effect_at: c.fit.chi_square for c in ranking}
+    return [c for c in tried if c is not None and c.fit.chi_square < known.get(c.effect_at, np.inf)]
+
+
+def _widely_searched(
+    competition: Competition,
+    ranking: Sequence[FittedCandidate],
+    again: Sequence[FittedCandidate],
+    base: Fit,
+    steps: list[Step],
+    options: Options,
+    progress: Progress,
+) -> tuple[Fit, list[Step]] | None:
+    """The model and its steps with an effect of many minima at a better one; None if none is accepted there.
+
+    Args:
+        again: these effects at that minimum, which the ranking holds.
+    """
+    if not again:
+        return None
+    in_order = sorted(again, key=lambda c: -c.delta_bic)
+    accepted = decide(in_order, competition.fit, options, base=base, finished=competition.finished)
+    if not isinstance(accepted, FittedCandidate):
+        return None
+    return _with(competition, ranking, accepted, base, steps, options, progress)
 
 
 def _with(
@@ -209,7 +285,7 @@ def _with(
             candidates += own
     for step in added:
         progress.say(f"added: {step.effect_at.effect} on joint {step.effect_at.joint}")
-    return _backward(competition.builder, candidates[-1].fit, [*steps, *added], options, progress)
+    return without_superfluous(competition.builder, candidates[-1].fit, [*steps, *added], options, progress)
 
 
 def _base_instead(
@@ -234,7 +310,7 @@ def _base_instead(
             continue
         whole = minimise(judged.fit.model, competition.fit.noise, stopping=Stopping(updates=1, exact=True))
         step = step_of(replace(judged, fit=whole), ranking, competition, options)
-        fit, left = _backward(builder, whole, [*steps, step], options, progress)
+        fit, left = without_superfluous(builder, whole, [*steps, step], options, progress)
         if len(left) > len(steps):
             continue
         progress.say(f"added instead: {step.effect_at.effect} on joint {step.effect_at.joint}")
@@ -254,7 +330,7 @@ def _checked_again(
     if not may_be_promising(fit):
         return None
     fit, found = pre_check(builder, fit, options, progress)
-    return _backward(builder, fit, [*steps, *found], options, progress) if found else None
+    return without_superfluous(builder, fit, [*steps, *found], options, progress) if found else None
 
 
 def _pair(
@@ -292,7 +368,7 @@ def _pair(
                 replace(step_of(first, (first,), competition, options), remark=TOGETHER.format(*names)),
                 step_of(candidate, (candidate,), beside, options),
             ]
-            return _backward(competition.builder, whole, [*steps, *added], options, progress)
+            return without_superfluous(competition.builder, whole, [*steps, *added], options, progress)
     return None
 
 
@@ -307,7 +383,11 @@ def _gear(
     """The model and its steps with an elastic gear and what acts in it, neither of which shows alone; None if there is
     none."""
     found = gear_with_error(competition, ranking, base, options, progress)
-    return None if found is None else _backward(competition.builder, found[0], [*steps, *found[1]], options, progress)
+    return (
+        None
+        if found is None
+        else without_superfluous(competition.builder, found[0], [*steps, *found[1]], options, progress)
+    )
 
 
 def _differ(competition: Competition, first: FittedCandidate, second: FittedCandidate) -> bool:
@@ -375,46 +455,3 @@ def _candidates(
     ]
     candidates = (EffectAtJoint(name, j) for name in names for j in builder.joints(name))
     return [a for a in candidates if not builder.at(a).is_present and builder.has_place(a, added)]
-
-
-def fit_of_smaller(smaller: LoopModel, fit: Fit) -> Fit | None:
-    """A model with some of the parameters of a fit, fitted from there; None where it cannot be simulated."""
-    kept = [i for i, name in enumerate(fit.model.names) if name in smaller.names]
-    try:
-        return minimise(smaller, fit.noise, jacobian=fit.jacobian[:, :, kept], stopping=Stopping(updates=1))
-    except SimulationError:
-        return None
-
-
-def beside_others(
-    builder: LoopModelBuilder, fit: Fit, effect_at: EffectAtJoint, options: Options
-) -> tuple[Fit | None, bool]:
-    """The fit without one of its effects and what has no place without it, None where that cannot be simulated; and
-    whether all else in the model has made them superfluous."""
-    smaller = builder.without(fit.model, fit.model.added_effects.index(effect_at))
-    without = fit_of_smaller(smaller, fit)
-    if without is None:
-        return None, False
-    gone = [a for a in fit.model.added_effects if a not in smaller.added_effects]
-    gain = bic_gain(without, fit, sum(builder.at(a).cost for a in gone), fit.noise)
-    size, _ = explained_gap(without, fit, fit.noise)
-    return without, gain < options.threshold or size < KEPT_GAIN * options.smallest_gain
-
-
-def _backward(
-    builder: LoopModelBuilder, fit: Fit, steps: list[Step], options: Options, progress: Progress
-) -> tuple[Fit, list[Step]]:
-    """Take out effects that the newest one has made superfluous."""
-    for step in steps[:-1]:
-        if step.effect_at not in fit.model.added_effects:
-            continue
-        without, is_superfluous = beside_others(builder, fit, step.effect_at, options)
-        if without is None:
-            continue
-        if is_superfluous:
-            progress.say(f"taken out again: {step.effect_at.effect} on joint {step.effect_at.joint}")
-            fit = minimise(without.model, fit.noise)
-            steps = [s for s in steps if s.effect_at in fit.model.added_effects]
-        else:
-            steps = [replace(s, without=without) if s is step else s for s in steps]
-    return fit, steps

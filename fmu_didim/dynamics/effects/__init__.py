@@ -29,11 +29,20 @@ from fmu_didim.dynamics.effects.actuator_lag import ActuatorLag
 from fmu_didim.dynamics.effects.asymmetric_coulomb import AsymmetricCoulomb
 from fmu_didim.dynamics.effects.asymmetric_viscous import AsymmetricViscous
 from fmu_didim.dynamics.effects.backlash import Backlash
-from fmu_didim.dynamics.effects.base import Effect, MeasurementEffect, NonlinearEffect, Place, PreCheck, TorqueEffect
+from fmu_didim.dynamics.effects.base import (
+    ControllerEffect,
+    Effect,
+    MeasurementEffect,
+    NonlinearEffect,
+    Place,
+    PreCheck,
+    TorqueEffect,
+)
 from fmu_didim.dynamics.effects.base_tilt import BaseTilt
 from fmu_didim.dynamics.effects.contact_stop import ContactStop
 from fmu_didim.dynamics.effects.contact_stop_lower import ContactStopLower
 from fmu_didim.dynamics.effects.controller_gain import ControllerGain
+from fmu_didim.dynamics.effects.controller_gains import ControllerGains
 from fmu_didim.dynamics.effects.coulomb import Coulomb
 from fmu_didim.dynamics.effects.coupled_inertia import CoupledInertia
 from fmu_didim.dynamics.effects.coupling_friction import CouplingFriction
@@ -102,6 +111,8 @@ _ALL: tuple[Effect, ...] = (
     Spring(), CubicSpring(), GravityCompensator(), TorqueRipple(), CurrentRipple(), ContactStop(), ContactStopLower(),
     ThermalFrictionDrift(), TorqueDrift(), TorqueSettling(), ExternalForce(), PayloadChange(), CurveOfPosition(),
     CurveOfVelocity(), CurveOfLoad(), CurveOfTime(), CurveOfNeighbour(),
+    # controller
+    ControllerGains(),
     # drive and sensor
     ControllerGain(), TorqueSaturation(), DriveGain(), DeadZone(), Delay(), ActuatorLag(), EncoderEccentricity(),
     # structure
@@ -223,8 +234,8 @@ def torque_effect(name: str) -> TorqueEffect:
 
 __all__ = [
     "DEFAULT_EFFECTS", "EFFECTS", "LINK_PARAMETERS", "NOMINAL_ACCELERATION", "NOMINAL_SPEED", "PAYLOAD", "UNITS",
-    "Column", "Curve", "Effect", "InsertedEffect", "JointTorque", "JointType", "JointUnits", "MeasurementEffect",
-    "NonlinearEffect", "OperatingRange", "Parameter", "Place", "PreCheck", "Search", "StatedSize", "StructureEffect",
-    "Surroundings", "TorqueEffect", "Values", "clashing_names", "effect_catalogue", "effect_name", "find_effect",
-    "torque_effect",
+    "Column", "ControllerEffect", "Curve", "Effect", "InsertedEffect", "JointTorque", "JointType", "JointUnits",
+    "MeasurementEffect", "NonlinearEffect", "OperatingRange", "Parameter", "Place", "PreCheck", "Search", "StatedSize",
+    "StructureEffect", "Surroundings", "TorqueEffect", "Values", "clashing_names", "effect_catalogue", "effect_name",
+    "find_effect", "torque_effect",
 ]  # fmt: skip

@@ -22,6 +22,7 @@ class Backlash(StructureEffect):
     source = "Nordin and Gutman: Controlling mechanical systems with backlash, a survey, Automatica 38, 2002"
     signed = frozenset({"D", "gap"})
     elastic = True
+    has_minima = True
     first_order = FirstOrder("link position", play)
     own_parameters = (
         Parameter(

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from types import MappingProxyType
@@ -37,7 +37,7 @@ from fmu_didim.dynamics.effects.stated_size import StatedSize
 
 SURE = 2.0
 """Standard deviations by which a value must be out of the possible range to be called impossible."""
-Place = Literal["torque balance", "drive", "sensor", "structure", "measurement"]
+Place = Literal["torque balance", "controller", "drive", "sensor", "structure", "measurement"]
 Need = Literal["load", "time", "other joints"]
 
 
@@ -98,13 +98,19 @@ class Effect(ABC):
             is and all joints are tried.
         is_shared: whether joints have it in common, as what one lubricant does: named on one, it is looked for on all.
         known_at_start: whether the state in which it starts is known, so that it may be looked for where data begin.
+        shows_at_start: whether it shows most in how the loop comes from where it starts to the motion, so that it is
+            looked for where data begin if the data after that tell it, but too little.
         sets_ticks: whether it is the steepest effect that is likely: the ticks of a loop that has effects in its wiring
             are chosen for it.
+        has_minima: whether its sum of squares has many local minima, so that it is looked for in the whole range of its
+            parameters.
         pre_check: how it is looked for before all others, if linear screening is blind to it.
         first_order: outside the torque balance: its change to first order; None if only simulations of the closed
             loop show it.
         is_smooth: outside the torque balance: whether the torque of the loop has a derivative by its parameters where
             they are neutral, which then is its signature; else simulations with some values are.
+        is_stated: whether the case states what it changes, as the gains of a controller: it is named before what it is
+            confounded with only where it explains much more.
         stands_for: names of effects that, together on its joint, it may stand for: it is named only where it explains
             more than they do.
         distance: the shape that is the distance over which it builds up after a reversal; none if it is empty.
@@ -142,7 +148,10 @@ class Effect(ABC):
     shows_on_neighbours: ClassVar[bool] = False
     is_shared: ClassVar[bool] = False
     known_at_start: ClassVar[bool] = False
+    shows_at_start: ClassVar[bool] = False
     sets_ticks: ClassVar[bool] = False
+    has_minima: ClassVar[bool] = False
+    is_stated: ClassVar[bool] = False
     pre_check: ClassVar[PreCheck | None] = None
     first_order: ClassVar[FirstOrder | None] = None
     is_smooth: ClassVar[bool] = False
@@ -295,6 +304,20 @@ class NonlinearEffect(Effect):
     """
 
     is_linear: ClassVar[bool] = False
+
+
+class ControllerEffect(NonlinearEffect):
+    """An effect within a controller: its parameters are factors of parameters that the controller has."""
+
+    place: ClassVar[Place] = "controller"
+
+    @abstractmethod
+    def gains(self, parameters: Iterable[Variable], joint: int) -> Mapping[str, str]:
+        """Its own parameters that have something to multiply, each with the name of that.
+
+        Args:
+            parameters: of a controller; joint: from 1.
+        """
 
 
 class MeasurementEffect(NonlinearEffect):

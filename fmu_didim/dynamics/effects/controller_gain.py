@@ -13,10 +13,12 @@ class ControllerGain(InsertedEffect):
     name = "controller_gain"
     title = "Gain of the controller"
     equation = "command = controller_gain*u"
-    confounded_with = ("actuator_lag", "joint_elasticity")
+    confounded_with = ("actuator_lag", "delay", "joint_elasticity")
     signature = "A residual at the frequencies where tracking is loose; none in slow motion."
     experiment = "Logged positions: the command against the tracking error."
     source = "Gautier, Janot, Vandanjon: DIDIM, section on errors of the controller's gains"
+    shows_at_start = True
+    is_stated = True
     logged = "after"
     rank = -20
     own_parameters = (

@@ -89,6 +89,8 @@ class Joint(Strict):
                 continue
             if found.is_of_log:
                 problems.append(f"{name} belongs to the log, not to the robot: use torque: log_shift_s in the case")
+            if found.place == "controller":
+                problems.append(f"{name} belongs to the controller, not to the robot: use gains: of a run in the case")
         doubled = sorted({name for name in value if value.count(name) > 1})
         problems += [f"effect {name} is listed twice" for name in doubled]
         if problems:

@@ -168,7 +168,8 @@ def _by_variation(
         lasting: whether all these parameters are known to act all the time.
     """
     model = run.model
-    places = {i: place for i in wanted if (place := _place(model, model.free_parameters[i])) is not None}
+    found = {i: place for i in wanted if (place := _place(run, model.free_parameters[i])) is not None}
+    places = {i: (component, name) for i, (component, name, _) in found.items()}
     if not places or run.shown_as:  # sensors change the outputs of the model, which is what is differentiated
         return {}
     groups = _groups(list(places.values()), model.threads)
@@ -186,7 +187,7 @@ def _by_variation(
         table = None if first is None else beginning.repetition.continued(first)
     if table is None:
         table = _followed_all(run, systems)
-    return {} if table is None else {i: table[:, :, lane] for lane, i in enumerate(places)}
+    return {} if table is None else {i: found[i][2] * table[:, :, lane] for lane, i in enumerate(places)}
 
 
 def _groups(places: list[tuple[str, str]], workers: int) -> list[list[tuple[str, str]]]:
@@ -239,13 +240,17 @@ def _lasts(parameter: FreeParameter) -> bool:
     return parameter.effect is None and parameter.owner != EXTERNAL_TORQUE
 
 
-def _place(model: LoopModel, parameter: FreeParameter) -> tuple[str, str] | None:
-    """Component and parameter by which the loop is differentiated; None for what is no parameter of a component."""
+def _place(run: Simulation, parameter: FreeParameter) -> tuple[str, str, float] | None:
+    """Component and parameter by which the loop is differentiated, and by how much that changes with one unit; None for
+    what is no parameter of a component."""
+    model = run.model
     if parameter.owner in (DELAY, LOG, EXTERNAL_TORQUE, INPUT, OUTPUT) or parameter.is_load:
         return None
     if parameter.owner == BASE:
-        return model.loop.plant_name, model.parameters.plant_names[model.parameters.names.index(parameter.key)]
-    return (model.loop.plant_name if parameter.owner == PLANT else parameter.owner), parameter.key
+        return model.loop.plant_name, model.parameters.plant_names[model.parameters.names.index(parameter.key)], 1.0
+    if parameter.owner == PLANT:
+        return model.loop.plant_name, parameter.key, 1.0
+    return model.loop.multiplied(run.label, parameter.owner, parameter.key)
 
 
 @dataclass(frozen=True)

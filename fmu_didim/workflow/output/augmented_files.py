@@ -15,9 +15,11 @@ import yaml
 from fmu_didim.base.errors import InputError, SimulationError
 from fmu_didim.base.imports import is_reference, located
 from fmu_didim.case import Case
+from fmu_didim.case.document import CONTROLLER
 from fmu_didim.components import load_fmu
 from fmu_didim.data.signals import Array, trajectory, write_csv
 from fmu_didim.discovery.augmentation.builder import LoopModelBuilder
+from fmu_didim.discovery.augmentation.gains import found_gains
 from fmu_didim.discovery.augmentation.places import InWiring
 from fmu_didim.discovery.form.curve import FoundCurve
 from fmu_didim.discovery.run import Found
@@ -115,7 +117,7 @@ def augmented_robot(builder: LoopModelBuilder, fit: Fit) -> RobotDescription:
     for parameter, value in zip(fit.model.free_parameters, fit.values, strict=True):
         if parameter.owner == PLANT:
             values[parameter.key] = float(value)
-        elif parameter.owner not in (BASE, LOG) and parameter.effect is not None:
+        elif parameter.owner not in (BASE, LOG, *fit.model.loop.factors) and parameter.effect is not None:
             values[f"{parameter.key}_{fit.model.added_effects[parameter.effect].joint}"] = float(value)
     return described.with_values(values)
 
@@ -139,7 +141,7 @@ def _write_robot(
 
 
 def _augmented_case(fit: Fit, document: dict[str, Any]) -> dict[str, Any]:
-    """The case with the augmented robot and the shift of the logs that was found."""
+    """The case with the augmented robot, and the shift of the logs and the gains of controllers that were found."""
     document["robot"] = ROBOT_FILE
     chosen = {key: value for key, value in document.get("plant", {}).items() if key == "substeps"}
     document["plant"] = {"kind": "fmu", **chosen}
@@ -148,7 +150,17 @@ def _augmented_case(fit: Fit, document: dict[str, Any]) -> dict[str, Any]:
     logs = [run.get("torque") for run in (*runs, *document.get("experiments", {}).values())]
     for log in (log for log in logs if log and shift):
         log["log_shift_s"] = log.get("log_shift_s", 0.0) + shift
+    named = {"estimation": document.get("train"), "validation": document.get("validation")}
+    for label, run in {**named, **document.get("experiments", {})}.items():
+        known = label if label in fit.model.loop.systems else fit.model.first
+        if run and (own := _stated(found_gains(fit, known))):
+            run["gains"] = {**run.get("gains", {}), **own}
     return document
+
+
+def _stated(gains: Mapping[str, tuple[float, float]]) -> dict[str, float]:
+    """Gains that were found as a run of a case states them, those of its one controller without its name."""
+    return {name.removeprefix(f"{CONTROLLER}."): value for name, (_, value) in gains.items()}
 
 
 def _write_given(case: Case, out: Path) -> dict[str, str]:

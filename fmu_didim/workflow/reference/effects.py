@@ -59,7 +59,7 @@ class EffectEntry(Strict):
     name: str
     title: str
     equation: str
-    place: Literal["torque balance", "drive", "sensor", "structure", "measurement"]
+    place: Literal["torque balance", "controller", "drive", "sensor", "structure", "measurement"]
     signature: str
     experiment: str
     confounded_with: tuple[str, ...]

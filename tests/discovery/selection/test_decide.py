@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from fmu_didim.discovery.selection import decide as decide_module
 from fmu_didim.discovery.selection.candidates import FittedCandidate
 from fmu_didim.discovery.selection.competition import Competition
 from fmu_didim.discovery.selection.decide import (
@@ -342,6 +343,8 @@ CATALOGUE = Catalogue(
     effect_of("offset"),
     effect_of("delay", class_name="lag"),
     effect_of("log shift", class_name="lag", place="measurement"),
+    effect_of("gain", place="drive"),
+    effect_of("gains", class_name="gain", place="controller"),
 )
 
 
@@ -426,3 +429,42 @@ def test_options_as_they_are_written_down() -> None:
         "forbid": ["a", "b"], "prefer": ["c"], "rounds": 2, "threshold": 10.0, "smallest_size": 0.6,
         "smallest_gain": 0.2, "smallest_share": 0.05, "smallest_part": 0.03, "seed": 0,
     }  # fmt: skip
+
+
+@pytest.mark.parametrize(("one", "other"), [("gain", "gains"), ("gains", "gain")])
+@pytest.mark.parametrize(("behind", "told"), [(9.9, True), (10.1, False), (None, False)])
+def test_one_factor_and_one_of_each_gain_are_a_set_by_their_fits_alone(
+    one: str, other: str, behind: float | None, told: bool
+) -> None:
+    """One is the other with all factors alike, so that the data tell; not as forms of one friction, of which any is
+    named beside the others."""
+    accepted = candidate_of(one, bic=100.0)
+    rivals = [] if behind is None else [candidate_of(other, bic=100.0 - behind)]
+    found = step(accepted, [accepted, *rivals])
+    assert [a.effect for a, _ in found.ambiguous] == ([other] if told else [])
+
+
+@pytest.mark.parametrize(
+    ("rival", "joint", "bic", "objected", "prefer", "wanted"),
+    [
+        ("lag", 1, 85.0, False, (), "lag"),  # the case states the gains, and nearly as much is explained without
+        ("lag", 1, 79.0, False, (), "gains"),
+        ("lag", 2, 85.0, False, (), "gains"),
+        ("lag", 1, 85.0, True, (), "gains"),
+        ("drag", 1, 85.0, False, (), "gains"),  # which is not confounded with them
+        ("lag", 1, 85.0, False, ("gains",), "gains"),
+    ],
+)
+def test_what_the_case_states_is_changed_last(
+    monkeypatch: pytest.MonkeyPatch, rival: str, joint: int, bic: float, objected: bool, prefer: tuple[str, ...],
+    wanted: str,
+) -> None:  # fmt: skip
+    best, other = candidate_of("gains", bic=100.0, cost=2.0), candidate_of(rival, joint, bic=bic)
+    said = {id(other): "no" if objected else ""}
+    monkeypatch.setattr(decide_module, "objection", lambda candidate, *_, **__: said.get(id(candidate), ""))
+    monkeypatch.setattr(decide_module, "is_confirmed_by_size_alone", lambda *_, **__: False)
+    found = decide(
+        [best, other], BEFORE, Options(prefer=prefer), base=BEFORE,
+        rivals_of=lambda effect_at: frozenset({"lag"} if effect_at.effect == "gains" else ()),
+    )  # fmt: skip
+    assert isinstance(found, FittedCandidate) and found.effect_at.effect == wanted

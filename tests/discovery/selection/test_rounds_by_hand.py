@@ -13,7 +13,8 @@ import pytest
 from fmu_didim.base.errors import SimulationError
 from fmu_didim.discovery.augmentation.places import Proposal
 from fmu_didim.discovery.progress import Progress
-from fmu_didim.discovery.selection import parts, rounds
+from fmu_didim.discovery.selection import beside_others, parts, rounds
+from fmu_didim.discovery.selection.beside_others import by_importance, without_superfluous
 from fmu_didim.discovery.selection.candidates import (
     Comparison,
     FittedCandidate,
@@ -25,7 +26,6 @@ from fmu_didim.discovery.selection.competition import Competition
 from fmu_didim.discovery.selection.decide import Options, Step
 from fmu_didim.discovery.selection.rounds import (
     Ending,
-    _backward,
     _base_instead,
     _beside,
     _candidates,
@@ -81,8 +81,10 @@ class ByHand:
         self.gap_is_large = True
         self._outcomes, self._checked = list(outcomes), [list(checked), list(again)]
         monkeypatch.setattr(rounds, "may_be_promising", lambda fit: self.gap_is_large)
-        for name in ("pre_check", "decide", "minimise", "step_of", "_backward", "_pair"):
+        for name in ("pre_check", "decide", "minimise", "step_of", "_pair"):
             monkeypatch.setattr(rounds, name, getattr(self, f"do_{name.strip('_')}"))
+        monkeypatch.setattr(rounds, "without_superfluous", self.do_backward)
+        monkeypatch.setattr(rounds, "by_importance", lambda steps, fit, builder: tuple(steps))
         monkeypatch.setattr(rounds, "Competition", self.do_competition)
         monkeypatch.setattr(rounds, "SignatureCatalogue", self.do_catalogue)
 
@@ -133,7 +135,16 @@ class ByHand:
         )  # fmt: skip
 
     def do_decide(
-        self, ranking: Any, fit: Fit, options: Any, *, base: Fit, held: Any, finished: Any, class_of: Any
+        self,
+        ranking: Any,
+        fit: Fit,
+        options: Any,
+        *,
+        base: Fit,
+        held: Any,
+        finished: Any,
+        class_of: Any,
+        rivals_of: Any,
     ) -> Any:
         if not self.unfitted:
             assert ranking == ("screened", "shortlisted", "fitted")
@@ -158,7 +169,10 @@ class ByHand:
         return fit, steps
 
 
-EFFECTS = Catalogue(effect_of("a"), effect_of("b"), effect_of("shift"), effect_of("bristles", is_proposed=False))
+EFFECTS = Catalogue(
+    effect_of("a"), effect_of("b"), effect_of("shift"),
+    *(effect_of(name, is_proposed=False) for name in ("bristles", "c", "d", "limit", *"stop")),
+)  # fmt: skip
 BASE = with_effects()
 
 
@@ -367,7 +381,7 @@ class Pairs:
         monkeypatch.setattr(rounds, "held_out_objection", self.held_out)
         monkeypatch.setattr(rounds, "minimise", lambda model, noise, **more: fit_of(model, values=model.start))
         monkeypatch.setattr(rounds, "step_of", lambda c, ranking, *_: step(c))
-        monkeypatch.setattr(rounds, "_backward", lambda builder, fit, steps, *_: (fit, steps))
+        monkeypatch.setattr(rounds, "without_superfluous", lambda builder, fit, steps, *_: (fit, steps))
 
     def competition(self, builder: Any, fit: Fit) -> Any:
         names = "".join(a.effect for a in fit.model.added_effects)
@@ -534,10 +548,10 @@ def backward(
         slopes = np.ones((400, 1, len(model.free_parameters)))
         return fit_of(replace(model, own=residual(square)), values=model.start, jacobian=slopes)
 
-    monkeypatch.setattr(rounds, "minimise", minimise)
+    monkeypatch.setattr(beside_others, "minimise", minimise)
     steps = [Step(EffectAtJoint(n, 1), 100.0, 1.0, 0.5, (), {}, {}, None) for n in names]
     said: list[str] = []
-    fit, left = _backward(
+    fit, left = without_superfluous(
         Removable(costs=costs), with_effects(*names, square=1.0), steps, Options(**options), Progress(said.append)
     )  # fmt: skip
     for step in left[:-1] if None not in squares.values() else ():  # the fit without it is kept, for its evidence
@@ -665,7 +679,7 @@ def test_an_effect_of_every_base_model_takes_the_place_of_what_it_makes_superflu
     monkeypatch.setattr(rounds, "decide", decide)
     monkeypatch.setattr(rounds, "minimise", lambda model, noise, **_: fit_of(model, values=model.start))
     monkeypatch.setattr(rounds, "step_of", lambda accepted, *_: SimpleNamespace(effect_at=accepted.effect_at))
-    monkeypatch.setattr(rounds, "_backward", backward)
+    monkeypatch.setattr(rounds, "without_superfluous", backward)
     monkeypatch.setattr(rounds, "Competition", lambda builder, fit: FromBase())
     builder = Catalogue(effect_of("drift"), effect_of("spring"), effect_of("coulomb", is_base=True))
     competition = SimpleNamespace(builder=builder, fit=with_effects("drift"), finished=None)
@@ -673,3 +687,64 @@ def test_an_effect_of_every_base_model_takes_the_place_of_what_it_makes_superflu
     found = _base_instead(competition, [spring, coulomb], BASE, steps, Options(), Progress())  # type: ignore[arg-type]
     assert asked == ([((coulomb,), 0.0)] if present else [])
     assert (None if found is None else [step.effect_at.effect for step in found[1]]) == wanted
+
+
+@pytest.mark.parametrize(
+    ("squares", "costs", "names", "wanted"),
+    [
+        ({"b": 2.0, "a": 3.0}, {}, "ab", "ba"),  # without b the rest is 3, without a it is 2
+        ({"b": 3.0, "a": 2.0}, {}, "ab", "ab"),
+        ({"b": 2.0, "a": 2.0}, {}, "ab", "ab"),  # as they were found
+        ({"b": 2.0, "a": 2.0}, {"a": 3.0}, "ab", "ba"),  # what takes more parameters explains less
+        ({"bc": 2.0, "ac": 4.0, "ab": 3.0}, {}, "abc", "bca"),
+        ({"b": None, "a": 9.0}, {}, "ab", "ab"),  # without a the loop cannot run
+        ({}, {}, "a", "a"),
+    ],
+)
+@pytest.mark.parametrize("known", [True, False])
+def test_effects_are_named_by_what_each_explains_beside_all_others(
+    monkeypatch: pytest.MonkeyPatch, squares: dict[str, float | None], costs: dict[str, float], names: str,
+    wanted: str, known: bool,
+) -> None:  # fmt: skip
+    """By the fits of the backward test where these lack one effect alone, else by new ones."""
+    asked: list[str] = []
+
+    def minimise(model: TableModel, noise: Any, **more: Any) -> Fit:
+        kept = "".join(a.effect for a in model.added_effects)
+        asked.append(kept)
+        square = squares[kept]
+        if square is None:
+            raise SimulationError("It diverges.", next_step="Change it.")
+        return fit_of(replace(model, own=residual(square)), values=model.start)
+
+    monkeypatch.setattr(beside_others, "minimise", minimise)
+    whole, builder = with_effects(*names, square=1.0), Removable(costs=costs)
+    steps = [Step(EffectAtJoint(n, 1), 100.0, 1.0, 0.5, (), {}, {}, None) for n in names]
+    if known and None not in squares.values():
+        others = ["".join(n for n in names if n != s.effect_at.effect) for s in steps]
+        steps = [
+            replace(s, without=with_effects(*kept, square=squares.get(kept, 1.0)))
+            for s, kept in zip(steps, others, strict=True)
+        ]
+    found = by_importance(steps, whole, builder)
+    assert "".join(s.effect_at.effect for s in found) == wanted
+    assert len(asked) == (0 if len(names) == 1 or (known and None not in squares.values()) else len(names))
+
+
+def test_the_fit_before_a_later_effect_does_not_say_what_an_earlier_one_explains(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """It lacks both: all that both explain would be one's own."""
+    squares = {"b": 2.0, "a": 3.0}
+    monkeypatch.setattr(
+        beside_others, "minimise",
+        lambda model, noise, **_: fit_of(
+            replace(model, own=residual(squares["".join(a.effect for a in model.added_effects)])), values=model.start
+        ),
+    )  # fmt: skip
+    steps = [
+        Step(EffectAtJoint("a", 1), 100.0, 1.0, 0.5, (), {}, {}, None, without=with_effects(square=50.0)),
+        Step(EffectAtJoint("b", 1), 100.0, 1.0, 0.5, (), {}, {}, None, without=with_effects("a", square=3.0)),
+    ]
+    found = by_importance(steps, with_effects("a", "b", square=1.0), Removable())
+    assert [s.effect_at.effect for s in found] == ["b", "a"]

@@ -300,7 +300,7 @@ def test_metadata_is_complete(name: str) -> None:
     for text in (effect.title, effect.equation, effect.class_name, effect.signature, effect.experiment, effect.source):
         assert text.strip()
     assert effect.name == name
-    assert effect.place in ("torque balance", "drive", "sensor", "structure", "measurement")
+    assert effect.place in ("torque balance", "controller", "drive", "sensor", "structure", "measurement")
     assert set(effect.confounded_with) <= set(EFFECTS) - {name}
     for kind in KINDS:
         variables = (*effect.parameters(kind), *effect.shapes(kind))  # type: ignore[arg-type]

@@ -65,7 +65,7 @@ class TestWhatTheySay:
         assert effect.__doc__
         assert set(effect.confounded_with) <= set(EFFECTS)
         assert name not in effect.confounded_with
-        assert effect.place in ("drive", "sensor", "structure", "measurement")
+        assert effect.place in ("controller", "drive", "sensor", "structure", "measurement")
 
     @pytest.mark.parametrize("kind", KINDS)
     @pytest.mark.parametrize("name", NONLINEAR)

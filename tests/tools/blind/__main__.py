@@ -103,6 +103,7 @@ def _make(given: Sequence[str]) -> int:
     parser.add_argument("--triples", type=int, default=0, help="cases that hide three effects, drawn anew (0)")
     parser.add_argument("--robots", choices=("varied", "development"), default="varied")
     parser.add_argument("--one-joint", action="store_true", help="all effects of a plant act on one of its joints")
+    parser.add_argument("--reach", type=float, default=1.0, help="times the limit of an effect that it may reach (1)")
     parser.add_argument("--jobs", type=int, default=1)
     options = parser.parse_args(given)
     known = {**EFFECTS, **UNKNOWN, **CURVES, **GEARS}
@@ -112,7 +113,7 @@ def _make(given: Sequence[str]) -> int:
     count = make_campaign(
         options.folder, options.effects, seeds=range(options.first_seed, options.first_seed + options.seeds),
         rates=options.rates, level=options.level, clean=options.clean, triples=options.triples, robots=options.robots,
-        one_joint=options.one_joint, jobs=options.jobs,
+        one_joint=options.one_joint, reach=options.reach, jobs=options.jobs,
     )  # fmt: skip
     print(f"{count} cases in {options.folder}")
     return 0

@@ -43,8 +43,8 @@ def drawn_together(count: int, number: int, *, first_seed: int) -> list[tuple[st
 
 @dataclass(frozen=True)
 class Order:
-    """One plant to make: its effects (none: clean), its seed, a folder and a torque rate for each log, and whether all
-    effects act on one joint."""
+    """One plant to make: its effects (none: clean), its seed, a folder and a torque rate for each log, whether all
+    effects act on one joint, and times the limit of an effect up to which it may grow."""
 
     effects: tuple[str, ...]
     seed: int
@@ -53,13 +53,15 @@ class Order:
     level: float
     robots: str
     one_joint: bool = False
+    reach: float = 1.0
 
 
 def make_order(order: Order) -> None:
     """Make the folders of one plant; the same order gives the same files."""
     rng = np.random.default_rng([order.seed, zlib.crc32("+".join(order.effects).encode())])
     plant, motion, deviation = make_plant(
-        order.effects, rng, level=order.level, robots=order.robots, clutter=order.clutter, one_joint=order.one_joint
+        order.effects, rng, level=order.level, robots=order.robots, clutter=order.clutter, one_joint=order.one_joint,
+        reach=order.reach,
     )  # fmt: skip
     write_cases(order.folders, plant, motion, deviation, rng)
 
@@ -75,6 +77,7 @@ def make_campaign(
     triples: int = 0,
     robots: str = "varied",
     one_joint: bool = False,
+    reach: float = 1.0,
     jobs: int = 1,
 ) -> int:
     """Make all cases below ``folder``; returns how many.
@@ -83,7 +86,8 @@ def make_campaign(
         effects: names, or several joined by ``+``. seeds: of each effect; clean plants and triples count on from the
             first one, even where the range is empty. level: gap in noise deviations.
         clean: plants that hide nothing. triples: plants that hide three effects, drawn from all of the catalogue.
-        one_joint: whether the effects of a plant act on one joint.
+        one_joint: whether the effects of a plant act on one joint. reach: times the limit of an effect up to which it
+            may grow.
     """
     first = seeds.start
     kinds = [(tuple(name.split("+")), seed, True) for name in effects for seed in seeds]
@@ -100,6 +104,7 @@ def make_campaign(
             level,
             robots,
             one_joint,
+            reach,
         )
         for (what, seed, clutter), number in zip(kinds, numbers, strict=True)
     ]

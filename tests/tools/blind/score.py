@@ -26,6 +26,7 @@ CLASSES: tuple[frozenset[str], ...] = tuple(
         "torque_drift torque_settling",
         "torque_saturation saturation",
         "contact_stop contact_stop_lower",
+        "controller_gain controller_gains",
     )
 )
 """Effects that data cannot, or need not, tell apart; an effect in none of them is a class of its own. The simulator's

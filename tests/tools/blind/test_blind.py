@@ -283,6 +283,17 @@ def test_a_harmonic_drive_has_all_its_parts_on_one_joint() -> None:
     assert gap(plant, path, deviation).refitted.max() > 1.0
 
 
+def test_gains_grow_beyond_their_limit_where_that_is_asked_for(tmp_path: Path) -> None:
+    """By less than a half they change the torque less than what is judged."""
+    sizes = []
+    for reach in (1.0, 1.8):
+        folder = tmp_path / str(reach)
+        make_campaign(folder, ["controller_gain"], seeds=range(721, 722), rates=[20], level=1.5, reach=reach)
+        (truth,) = (yaml.safe_load(path.read_text())["truth"][0] for path in folder.glob("*/truth.yaml"))
+        sizes.append(truth["amplitude"])
+    assert sizes[0] <= 0.45 < sizes[1] <= 1.8 * 0.45
+
+
 def test_two_effects_act_on_one_joint_where_that_is_asked_for(tmp_path: Path) -> None:
     for one_joint, count in ((True, 1), (False, 2)):
         folder = tmp_path / str(one_joint)
@@ -734,6 +745,7 @@ def test_classes_do_not_overlap() -> None:
     assert len(names) == len(set(names))
     assert same_class("lugre", "presliding")
     assert same_class("spring", "spring")
+    assert same_class("controller_gain", "controller_gains")
     assert not same_class("spring", "torque_offset")
 
 

@@ -17,7 +17,7 @@ Named = frozenset[tuple[str, int]]
 KINDS: Mapping[str, tuple[str, ...]] = {
     "payload": ("payload",), "temperature": ("friction_everywhere",), "friction": ("friction",),
     "backlash": ("backlash",), "belt": ("joint_elasticity",), "torque constant": ("joint_torque_scale", "drive_gain"),
-    "controller gain": ("controller_gain",), "clock": ("log_time_shift",),
+    "controller gain": ("controller_gain", "controller_gains"), "clock": ("log_time_shift",),
 }  # fmt: skip
 """Kinds of a cause, by what has happened: what a drive gives over its command is one thing under two names."""
 SAME = {kind: cause for cause, kinds in KINDS.items() for kind in kinds}
@@ -69,7 +69,7 @@ TITLED: Mapping[str, tuple[str, ...]] = {
     "friction": ("friction of joint {j}",), "backlash": ("backlash on joint {j}, {when}",),
     "belt": ("joint elasticity on joint {j}, {when}",),
     "torque constant": ("torque scale of joint {j}", "gain of the drive on joint {j}, {when}"),
-    "controller gain": ("gain of the controller on joint {j}, {when}",),
+    "controller gain": ("gain of the controller on joint {j}, {when}", "gains of the controller on joint {j}, {when}"),
     "clock": ("time shift of the torque log, {when}",),
 }  # fmt: skip
 """Titles of a cause on a line of a history."""

@@ -124,7 +124,11 @@ def catalogued(rng: np.random.Generator, model: LoopModel, torque: Array, robot:
     """What is drawn, and the machine that has it: one or two effects of the catalogue."""
     wanted = 1 + int(rng.uniform() < TWO)
     # Curves stand for anything, over a range that only a motion gives; what acts in an elastic gear has none here.
-    free = [n for n, effect in EFFECTS.items() if not (n in OWN or effect.is_form or effect.needs_elastic)]
+    free = [
+        n
+        for n, effect in EFFECTS.items()
+        if not (n in OWN or effect.is_form or effect.needs_elastic or effect.place == "controller")
+    ]
     names = rng.permutation(free)
     proposals = list[Proposal]()
     for name in names:

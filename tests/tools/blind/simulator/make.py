@@ -172,13 +172,15 @@ def _surroundings(plant: Plant, motion: Motion, joint: int, rng: np.random.Gener
 
 def make_plant(
     effects: Sequence[str], rng: np.random.Generator, *, level: float, robots: str = "varied", clutter: bool = True,
-    one_joint: bool = False,
+    one_joint: bool = False, reach: float = 1.0,
 ) -> tuple[Plant, Motion, Array]:  # fmt: skip
     """A plant that hides these effects at a gap, its training motion, and the noise's standard deviation (n,).
 
     Args:
         one_joint: whether all act on one joint, as those of a harmonic drive do; the gap of each is then that beside
             those before it. Else they go to one joint after the other.
+        reach: times the limit of an effect up to which it may grow: the gap of a gain that is off by less than a half
+            is mostly below what is judged.
     """
     plant, motion = _steady(rng, effects, robots, clutter)
     design = plant.design
@@ -189,6 +191,7 @@ def make_plant(
     for i, effect in enumerate(effects):
         joint = int(order[0 if one_joint else i % design.count])
         form = makers[effect](rng, _surroundings(plant, motion, joint, rng))
+        form = replace(form, limit=reach * form.limit)
         present = replace(plant, hidden=tuple(items) if one_joint else ())
         items.append(tuned(present, Hidden(effect, joint, form, form.start), motion, deviation, level))
     return replace(plant, hidden=tuple(items)), motion, deviation
