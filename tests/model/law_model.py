@@ -167,6 +167,11 @@ class LawLoop:
         self.plant, self.plant_name = model.plant, model.plant_name
         self.substeps, self.own_states = model.substeps, model.own_states
 
+    @staticmethod
+    def multiplied(label: str, owner: str, name: str) -> tuple[str, str, float]:
+        """No effect has factors of gains here."""
+        return owner, name, 1.0
+
 
 class LawExperiments(dict[str, Any]):
     """The experiments of a law model, and the places of those that are fitted."""
