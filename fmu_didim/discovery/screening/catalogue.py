@@ -121,11 +121,13 @@ class SignatureCatalogue:
             in_balance = [
                 c for c in together if not (c in derived or c in simulated or isinstance(builder.at(c), InBlackBox))
             ]
-            # Neither made nor dropped in threads: constants of CasADi expressions are shared, without a lock.
-            equations = [self._equations(c) for c in in_balance]
-            tasks = [partial(self._by_regressor, c, own) for c, own in zip(in_balance, equations, strict=True)]
-            made = side_by_side(tasks, workers)
-            found = derived | dict(zip(in_balance, made, strict=True))
+            # Neither made nor dropped in threads: constants of CasADi expressions are shared, without a lock. States
+            # of an effect along a motion are such an expression for each of its shapes.
+            equations = {c: self._equations(c) for c in in_balance}
+            threaded = [c for c, own in equations.items() if own is None or not own.has_states]
+            made = side_by_side([partial(self._by_regressor, c, equations[c]) for c in threaded], workers)
+            found = derived | dict(zip(threaded, made, strict=True))
+            found |= {c: self._by_regressor(c, own) for c, own in equations.items() if c not in found}
             for effect_at in together:
                 self._signatures += found[effect_at] if effect_at in found else self._make(effect_at)
                 report("")

@@ -306,6 +306,9 @@ def test_what_is_of_the_base_is_tried_once(bench: Bench) -> None:
     assert not signatures(bench, "base_tilt", 2)
 
 
+NAMES = ("quadratic_viscous", "stribeck", "spring", "presliding")
+
+
 def test_expressions_are_made_and_dropped_in_one_thread(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """CasADi shares constants between expressions without a lock: two threads that made and dropped some at once ended
     a discovery of six joints with "Fatal Python error: Aborted"."""
@@ -320,15 +323,19 @@ def test_expressions_are_made_and_dropped_in_one_thread(tmp_path: Path, monkeypa
             threads.append(("used", get_ident()))
             return super().columns(*given, **named)
 
+        def states(self, *given: Any) -> np.ndarray:  # an expression for each shape
+            threads.append(("walked", get_ident()))
+            return super().states(*given)
+
         def __del__(self) -> None:
             threads.append(("dropped", get_ident()))
 
     monkeypatch.setattr(catalogue, "TorqueSignature", Watched)
     several = replace(bench.fit, model=replace(bench.fit.model, workers=2))
-    candidates = [EffectAtJoint(name, j) for name in ("quadratic_viscous", "stribeck", "spring") for j in (1, 2)]
+    candidates = [EffectAtJoint(name, j) for name in NAMES for j in (1, 2)]
     found = SignatureCatalogue(bench.builder, several, candidates=candidates)
     assert {s.effect_at for s in found} == set(candidates)
-    where = {what: {thread for done, thread in threads if done == what} for what in ("made", "used")}
+    where = {what: {thread for done, thread in threads if done == what} for what in ("made", "walked", "used")}
     dropped = {thread for done, thread in threads if done == "dropped"}
-    assert where["made"] == {get_ident()} and dropped <= {get_ident()}
+    assert where["made"] == where["walked"] == {get_ident()} and dropped <= {get_ident()}
     assert where["used"] - {get_ident()}  # side by side
