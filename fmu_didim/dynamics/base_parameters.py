@@ -22,7 +22,7 @@ from fmu_didim.base.errors import InputError
 from fmu_didim.data.signals import Array
 from fmu_didim.dynamics.effects import DEFAULT_EFFECTS
 from fmu_didim.dynamics.robot import RobotModel
-from fmu_didim.dynamics.robot.body import QUARTER
+from fmu_didim.dynamics.robot.body import nearest_right_angle
 
 RANK_TOLERANCE = 1e-9
 SEED = 20240229
@@ -151,7 +151,7 @@ def as_meant(model: RobotModel) -> RobotModel:
     robot = model.description
     joints = tuple(
         joint.model_copy(update={
-            "alpha": _nearest(joint.alpha), "beta": 0.0 if abs(joint.beta) < AS_MEANT else joint.beta,
+            "alpha": _meant(joint.alpha, nearest_right_angle(joint.alpha)), "beta": _meant(joint.beta, 0.0),
         })
         for joint in robot.joints
     )  # fmt: skip
@@ -162,9 +162,8 @@ def as_meant(model: RobotModel) -> RobotModel:
     return RobotModel(robot.model_copy(update={"joints": joints, "gravity": gravity}))
 
 
-def _nearest(angle: float) -> float:
-    """The multiple of pi/2 that an angle in rad is meant to be, or the angle."""
-    exact = round(angle / QUARTER) * QUARTER
+def _meant(angle: float, exact: float) -> float:
+    """The exact angle that one in rad is meant to be, or the angle."""
     return exact if abs(angle - exact) < AS_MEANT else angle
 
 

@@ -303,8 +303,7 @@ def _geometry(model: LoopModel) -> GeometryResult | None:
     if not isinstance(model.parameters, RobotParameters):
         return None
     robot = model.parameters.model.description
-    keys = ("type", "alpha", "a", "theta", "d", "beta")
-    links = [LinkResult(**{key: getattr(joint, key) for key in keys}) for joint in robot.joints]
+    links = [LinkResult(**{key: getattr(joint, key) for key in LinkResult.model_fields}) for joint in robot.joints]
     x, y, z = robot.gravity
     return GeometryResult(links=links, gravity=(x, y, z))
 

@@ -383,11 +383,9 @@ def _gear(
     """The model and its steps with an elastic gear and what acts in it, neither of which shows alone; None if there is
     none."""
     found = gear_with_error(competition, ranking, base, options, progress)
-    return (
-        None
-        if found is None
-        else without_superfluous(competition.builder, found[0], [*steps, *found[1]], options, progress)
-    )
+    if found is None:
+        return None
+    return without_superfluous(competition.builder, found[0], [*steps, *found[1]], options, progress)
 
 
 def _differ(competition: Competition, first: FittedCandidate, second: FittedCandidate) -> bool:

@@ -106,6 +106,11 @@ def rounded(value: float) -> float:
     return round(float(value), ROUNDED) + 0.0
 
 
+def nearest_right_angle(value: float) -> float:
+    """The multiple of pi/2 that is nearest to an angle in rad."""
+    return round(value / QUARTER) * QUARTER
+
+
 def right_angle(value: float) -> float:
     """An angle in rad with the digits of a multiple of pi/2, rounded or cut off (1.57, -1.5708, 3.1415), as exactly
     that multiple; any other one as it is.
@@ -114,9 +119,8 @@ def right_angle(value: float) -> float:
     seem to act each in its own way where they do not: no data tell them apart.
     """
     decimals = -int(Decimal(repr(float(value))).normalize().as_tuple().exponent)
-    quarters = round(value / QUARTER)
-    exact = quarters * QUARTER
-    if quarters == 0 or decimals < DIGITS_OF_ANGLE:
+    exact = nearest_right_angle(value)
+    if exact == 0 or decimals < DIGITS_OF_ANGLE:
         return value
     cut = math.trunc(exact * 10.0**decimals) / 10.0**decimals
     return exact if value in (round(exact, decimals), cut) else value
