@@ -18,10 +18,20 @@ from fmu_didim.discovery.selection.decide import BIC, TOO_SMALL, Step
 from fmu_didim.discovery.selection.rounds import Discovery
 from fmu_didim.dynamics.effects import Effect
 from fmu_didim.fit.fit import Fit
-from fmu_didim.model.loop_model import EffectAtJoint
+from fmu_didim.model.loop_model import EffectAtJoint, LoopModel
 
+FIRST_S = 0.25
+"""[s] Left out at the beginning of each experiment: the initial state of the machine is not known (gears in their
+play, friction's deflection, the loop before the first sample)."""
 SAME_VALUES = 3.0
 """[standard deviations] By which the values of an effect may differ by data with their start and by those after it."""
+
+
+def after_start(model: LoopModel) -> LoopModel:
+    """The model with its experiments from ``FIRST_S`` on."""
+    for label, experiment in model.experiments.items():
+        model = model.with_experiment(label, experiment.after(FIRST_S))
+    return model
 
 
 def at_start(discovery: Discovery, effects: Mapping[str, Effect]) -> set[str]:

@@ -16,7 +16,7 @@ from fmu_didim.checks.sampling_kind import other_sampling
 from fmu_didim.discovery.augmentation.builder import LoopModelBuilder
 from fmu_didim.discovery.augmentation.gains import gain_notes
 from fmu_didim.discovery.base_model import Prepared, prepare
-from fmu_didim.discovery.beginning import at_start, is_told_later
+from fmu_didim.discovery.beginning import FIRST_S, after_start, at_start, is_told_later
 from fmu_didim.discovery.document import findings_document
 from fmu_didim.discovery.external_torques.findings import external_torque_finding, external_torque_windows
 from fmu_didim.discovery.external_torques.fit import FittedExternalTorques, find_external_torques
@@ -39,10 +39,6 @@ from fmu_didim.fit.gap import Ratio, held_out_ratio, joint_gaps
 from fmu_didim.fit.solver.accuracy import integrated
 from fmu_didim.model.loop_model import LoopModel
 from fmu_didim.results.findings import FindingResult, FindingsDocument, RegionResult, WindowResult
-
-FIRST_S = 0.25
-"""[s] Left out at the beginning of each experiment: the initial state of the machine is not known (gears in their
-play, friction's deflection, the loop before the first sample). If nothing is found, gears are looked for there, too."""
 
 TORN = 1.25
 """[1] RMS of the torque residual of a joint with all outputs over that of the base model by the torque alone, from
@@ -113,11 +109,9 @@ def discover(model: LoopModel, request: Request) -> Found:
         request = replace(request, notes=[*request.notes, told])
     if model.prior is not None:
         model, request = replace(model, prior=None), replace(request, notes=[*request.notes, WITHOUT_PRIOR])
-    request, later = replace(request, whole=dict(model.experiments)), model
-    for label, experiment in model.experiments.items():
-        later = later.with_experiment(label, experiment.after(FIRST_S))
+    request = replace(request, whole=dict(model.experiments))
     request.progress.say("base model")
-    found = _Search.of(request, prepare(later)).found()
+    found = _Search.of(request, prepare(after_start(model))).found()
     if found.discovery.final is found.discovery.base:  # nothing was found
         found = _with_beginning(request, model, found)
     return replace(found, document=timed(found.document))

@@ -10,13 +10,12 @@ from typing import Any
 import numpy as np
 
 from fmu_didim.base.diagnostics import CATALOGUE, DOUBT, REMARK, Diagnostic
-from fmu_didim.base.distributions import f_sf
 from fmu_didim.base.errors import FmuDidimError, InputError
 from fmu_didim.checks.validation import Validation
 from fmu_didim.data.signals import Array
 from fmu_didim.data.tables.readers import READER_OF
 from fmu_didim.discovery.change.causes import Logged, Machine
-from fmu_didim.discovery.change.difference import CHANGED, Difference
+from fmu_didim.discovery.change.difference import CHANGED, Difference, chance_of_sizes
 from fmu_didim.dynamics.base_parameters import base_parameters
 from fmu_didim.dynamics.robot import RobotDescription, RobotModel
 from fmu_didim.fit.noise.noise import TINY
@@ -373,9 +372,7 @@ def residual_changes(before: Answer, after: Answer, left: Array | None = None) -
     for j, (one, other) in enumerate(zip(*sizes, strict=True)):
         if one is None or other is None:
             continue
-        ratio = (max(other, TINY) / max(one, TINY)) ** 2
-        up = float(f_sf(ratio, freedom[1][j], freedom[0][j]))
-        p_value = min(2 * min(up, 1 - up), 1.0)
+        p_value = chance_of_sizes(one, other, (freedom[0][j], freedom[1][j]))
         found.append(
             ResidualChange(
                 label=first.labels[j], unit=first.torque_unit[j], before=one, after=other, p_value=p_value,

@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from fmu_didim.base.distributions import chi2_isf, chi2_sf, f_isf, f_power, f_sf, normal_isf, t_ppf, t_sf
 from fmu_didim.base.errors import InputError
 from fmu_didim.data.signals import Array
+from fmu_didim.fit.noise.noise import TINY
 from fmu_didim.fit.statistics import CONFIDENCE
 
 CHANGED = 0.001
@@ -38,6 +39,13 @@ RANK = 1e-12
 NONCENTRALITY = (0.1, 1000.0, 400)
 """[1] Least and largest noncentrality of a change that is seen, and how many between: 1000 is seen with 60 parameters
 and ten samples."""
+
+
+def chance_of_sizes(first: float, second: float, freedom: tuple[float, float]) -> float:
+    """Probability that standard deviations of two residuals, of so many independent samples, are as far apart by noise
+    alone: Fisher's ratio of two variances, on both sides."""
+    up = float(f_sf((max(second, TINY) / max(first, TINY)) ** 2, freedom[1], freedom[0]))
+    return min(2 * min(up, 1 - up), 1.0)
 
 
 @dataclass(frozen=True)

@@ -16,10 +16,13 @@ from fmu_didim.base.errors import SimulationError
 from fmu_didim.data.signals import Array
 from fmu_didim.discovery.augmentation.builder import LoopModelBuilder
 from fmu_didim.discovery.augmentation.places import Proposal
+from fmu_didim.discovery.beginning import after_start
+from fmu_didim.discovery.change.difference import CHANGED, chance_of_sizes
 from fmu_didim.discovery.progress import Progress
 from fmu_didim.discovery.screening.catalogue import SignatureCatalogue
 from fmu_didim.discovery.selection.competition import FURTHER, SIZES, Competition, fitted_proposal
 from fmu_didim.discovery.selection.plausible import implausible
+from fmu_didim.discovery.selection.wide_search import searched_widely
 from fmu_didim.dynamics.effects import Effect
 from fmu_didim.dynamics.prior import Prior
 from fmu_didim.dynamics.robot import RobotDescription
@@ -27,7 +30,7 @@ from fmu_didim.fit.fit import Fit, prior_squares
 from fmu_didim.fit.fit_uncertainty import fit_uncertainty
 from fmu_didim.fit.gap import bic_gain
 from fmu_didim.fit.log_noise import residual_noise
-from fmu_didim.fit.noise.noise import Noise
+from fmu_didim.fit.noise.noise import Noise, effective_fraction
 from fmu_didim.fit.solver.accuracy import with_fitting_substeps
 from fmu_didim.fit.solver.least_squares import minimise
 from fmu_didim.fit.solver.termination import Stopping
@@ -47,6 +50,8 @@ UPDATES = 3
 """[sensitivities] Taken anew in the fit of an effect: the first ones are those of values that may be far off."""
 SETTLED = 12
 """[sensitivities] At most, taken anew in the fit of the best effect: play in a gear needs six to ten."""
+SEED = 0
+"""Of a search in a whole range: both logs, and each comparison, are searched alike."""
 RELATIVE_RANK = 1e-12
 """[1] Smallest eigenvalue of a correlation over the largest, below which it is rounding."""
 BASE_FIT = Stopping(exact=True)
@@ -67,8 +72,9 @@ class LogFit:
 
     @staticmethod
     def of(model: LoopModel, description: RobotDescription | None, effects: Mapping[str, Effect]) -> LogFit:
-        """From a model with the identified values as its start."""
-        model = model.torque_alone
+        """From a model with the identified values as its start; the start of the log, where the state of the machine is
+        not known, is left out: a gear whose play is taken up then leaves what looks like a second effect."""
+        model = after_start(model.torque_alone)
         spread = np.maximum(np.std(model.measured, axis=0), np.finfo(float).tiny)
         fit = minimise(model, Noise(spread, np.zeros(spread.size), "residual"), stopping=BASE_FIT)
         fit = minimise(model.with_values(fit.values), residual_noise(fit), stopping=BASE_FIT, outputs=fit.outputs)
@@ -125,6 +131,31 @@ def fitted(side: LogFit, starts: Sequence[Proposal], *, if_nearer: bool = False)
     if found is None or found.given_up or not np.abs(found.jacobian).max(axis=(0, 1)).all():
         return None
     return None if side.competition.assess(effect_at, found).implausible else found
+
+
+def at_best_minimum(side: LogFit, found: Fit | None, effect_at: EffectAtJoint, progress: Progress) -> Fit | None:
+    """A log with an effect of many minima, from the best values in the whole range of its parameters, where the loop
+    comes nearer to the log with these than in the fit that is there; else that."""
+    if not side.builder.effect(effect_at).has_minima:
+        return found
+    wide = searched_widely(side.competition, effect_at, seed=SEED, progress=progress, begin=found)
+    if wide is None or wide.implausible or (found is not None and wide.fit.chi_square >= found.chi_square):
+        return found
+    return wide.fit
+
+
+def louder(sides: tuple[LogFit, LogFit]) -> tuple[set[int], set[int]]:
+    """Joints whose residual is larger in each log than in the other one, beyond what noise does."""
+    sizes = [np.sqrt(np.mean(side.fit.residual**2, axis=0)) for side in sides]
+    freedom = [
+        np.maximum(len(r := side.fit.residual) * effective_fraction(r) - side.fit.values.size / r.shape[1], 1.0)
+        for side in sides
+    ]  # fmt: skip
+    found: tuple[set[int], set[int]] = (set(), set())
+    for j, (first, second) in enumerate(zip(*sizes, strict=True)):
+        if chance_of_sizes(first, second, (freedom[0][j], freedom[1][j])) < CHANGED / sizes[0].size:
+            found[int(second > first)].add(j + 1)
+    return found
 
 
 def _refitted(side: LogFit, start: Proposal) -> Fit | None:

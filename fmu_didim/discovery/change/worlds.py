@@ -33,10 +33,12 @@ from fmu_didim.discovery.change.log_fit import (
     LogFit,
     Promise,
     absent,
+    at_best_minimum,
     fitted,
     gain,
     in_common,
     known,
+    louder,
     promised,
     settled,
     shared,
@@ -44,7 +46,7 @@ from fmu_didim.discovery.change.log_fit import (
 from fmu_didim.discovery.progress import Progress
 from fmu_didim.discovery.selection.competition import fitted_proposal
 from fmu_didim.discovery.selection.decide import BIC
-from fmu_didim.discovery.selection.plausible import UNTOLD
+from fmu_didim.discovery.selection.plausible import UNTOLD, ZERO, chance_of_none
 from fmu_didim.dynamics.effects import Effect
 from fmu_didim.dynamics.effects.inserted import InsertedEffect
 from fmu_didim.fit.fit import Fit
@@ -166,10 +168,40 @@ class _Search:
         shown = [{p.effect_at for every in own for p in every if p.gain > 0} for own in promises]
         for effect_at, promise in wanted.items():
             self._try(promise, [effect_at in own for own in shown])
+        loud = louder(self.ground.sides)
+        for promise in self._of_many_minima(promises, loud):
+            self._try(promise, [promise.effect_at.joint in joints for joints in loud])
         while rivals := self._gears_beside(promises):
             for promise, shows in rivals:
                 self._try(promise, shows, if_nearer=True)
+        self.tried = [self._at_best_minima(tried, loud) for tried in self.tried]
         return [world for tried in self.tried for world in self._of(tried)]
+
+    def _of_many_minima(
+        self, promises: Sequence[Sequence[Sequence[Promise]]], loud: tuple[set[int], set[int]]
+    ) -> list[Promise]:
+        """The effects of many minima that nobody tried, on joints whose residual is larger in one log: their slope
+        tells nothing of what they explain."""
+        builder, asked = self.ground.sides[0].builder, {tried.effects[0] for tried in self.tried}
+        found: dict[EffectAtJoint, Promise] = {}
+        for every, joints in zip(promises, loud, strict=True):
+            for promise in (each for own in every for each in own):
+                effect_at = promise.effect_at
+                if effect_at.joint in joints and effect_at not in asked and builder.effect(effect_at).has_minima:
+                    found.setdefault(effect_at, promise)
+        return list(found.values())
+
+    def _at_best_minima(self, tried: _Tried, loud: tuple[set[int], set[int]]) -> _Tried:
+        """An effect that explains a log, or whose joint has a larger residual there, at the best of its minima, where
+        it has many: at another one it leaves something, and a second effect is found for that."""
+        (effect_at,), fits = tried.effects, list(tried.fits)
+        for k, found in enumerate(fits):
+            if found is not None and shared(found):
+                continue
+            explains = found is not None and self._beyond(k, found, tried.effects) >= BIC
+            if explains or effect_at.joint in loud[k]:
+                fits[k] = at_best_minimum(self.ground.sides[k], found, effect_at, self.progress)
+        return replace(tried, fits=(fits[0], fits[1]))
 
     def _promised(self, k: int, side: LogFit | None = None, but: Sequence[EffectAtJoint] = ()) -> list[list[Promise]]:
         """What each effect promises in a log, or beside what is fitted to it there already."""
@@ -240,11 +272,9 @@ class _Search:
             return None
         own = ground.known_of(k, found, ground.known[0].names)
         pair = (ground.known[0], own) if k == 1 else (own, ground.known[1])
-        forms, amounts, deviations = zip(*(_form(ground.sides[k], found, a, when) for a in tried.effects), strict=True)
-        if not all(
-            _is_told(ground.sides[k], found, *each) for each in zip(tried.effects, amounts, deviations, strict=True)
-        ):
+        if not all(_is_told(ground.sides[k], found, effect_at) for effect_at in tried.effects):
             return None
+        forms, amounts, deviations = zip(*(_form(ground.sides[k], found, a, when) for a in tried.effects), strict=True)
         fits = [side.fit for side in ground.sides]
         fits[k] = found
         return World(
@@ -510,15 +540,19 @@ def _form(side: LogFit, fit: Fit, effect_at: EffectAtJoint, when: str) -> tuple[
     return form, fit.values[own], deviation[own]
 
 
-def _is_told(side: LogFit, fit: Fit, effect_at: EffectAtJoint, amounts: Array, deviations: Array) -> bool:
-    """Whether the log tells the values of an effect at all, and not a limit of its form; the shapes of none count."""
+def _is_told(side: LogFit, fit: Fit, effect_at: EffectAtJoint) -> bool:
+    """Whether the log, with the noise that its residual shows, tells the values of an effect: not a limit of its form,
+    and not none; the shapes of none count."""
     neutral, index = side.builder.effect(effect_at).neutral, fit.model.added_effects.index(effect_at)
-    own = [p for p in fit.model.free_parameters if p.effect == index]
-    sizes = [
-        (abs(value - neutral.get(plain_name(p.key, effect_at.joint), 0.0)), spread)
-        for p, value, spread in zip(own, amounts, deviations, strict=True) if not p.is_shape
-    ]  # fmt: skip
-    return not sizes or any(spread <= UNTOLD * off for off, spread in sizes)
+    own = [i for i, p in enumerate(fit.model.free_parameters) if p.effect == index and not p.is_shape]
+    if not own:
+        return True
+    names = [plain_name(fit.model.free_parameters[i].key, effect_at.joint) for i in own]
+    absent = np.array([neutral.get(name, 0.0) for name in names])
+    values, covariance = fit.values[own], fit_uncertainty(fit).covariance[np.ix_(own, own)]
+    if chance_of_none(values, covariance, absent) > ZERO:
+        return False
+    return bool((np.sqrt(np.diag(covariance)) <= UNTOLD * np.abs(values - absent)).any())
 
 
 def forms_in(world: World, base: Sequence[str], machine: Machine | None) -> list[Form]:

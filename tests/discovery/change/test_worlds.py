@@ -4,19 +4,21 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cache
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
 
 import pytest
 
 from fmu_didim import SimulationError, read_robot
-from fmu_didim.discovery.change import explain
+from fmu_didim.discovery.change import explain, worlds
 from fmu_didim.discovery.change.answers import difference
 from fmu_didim.discovery.change.contest import World
 from fmu_didim.discovery.change.document import compared
-from fmu_didim.discovery.change.log_fit import Known, LogFit
+from fmu_didim.discovery.change.log_fit import Known, LogFit, Promise
 from fmu_didim.discovery.change.worlds import worlds_of
 from fmu_didim.discovery.progress import Progress
 from fmu_didim.dynamics.effects import EFFECTS
+from fmu_didim.model.loop_model import EffectAtJoint
 from fmu_didim.results.comparison import ComparisonDocument
 from fmu_didim.workflow.output.result import Result
 from tests.discovery.change.pairs import ROBOT, answer, identified, log_of
@@ -193,3 +195,26 @@ def test_effects_for_which_a_cause_of_the_values_stands_are_not_looked_for_again
 
     assert "log_time_shift" in kinds(frozenset())
     assert "log_time_shift" not in kinds(frozenset({("log_time_shift", 1)}))
+
+
+@pytest.mark.parametrize(
+    ("loud", "asked", "found"),
+    [
+        (({1}, set()), [], [("backlash", 1)]),
+        ((set(), {2}), [], [("backlash", 2)]),
+        (({1}, {1, 2}), [], [("backlash", 1), ("backlash", 2)]),
+        (({1}, set()), [("backlash", 1)], []),  # fitted already
+        ((set(), set()), [], []),  # residuals alike
+    ],
+)
+def test_play_is_looked_for_where_one_residual_is_larger_whatever_its_slope_promises(
+    loud: tuple[set[int], set[int]], asked: list[tuple[str, int]], found: list[tuple[str, int]]
+) -> None:
+    own = [(name, j) for name in ("torque_offset", "backlash") for j in (1, 2)]
+    promises = [[Promise(EffectAtJoint(*at), -5.0, ()) for at in own]]
+    builder = SimpleNamespace(effect=lambda at: EFFECTS[at.effect])
+    ground = SimpleNamespace(sides=(SimpleNamespace(builder=builder),) * 2)
+    search = worlds._Search(cast(Any, ground), 100, frozenset(), Progress())
+    search.tried = [worlds._Tried((EffectAtJoint(*at),), (None, None)) for at in asked]
+    every = [promises, promises]
+    assert [(p.effect_at.effect, p.effect_at.joint) for p in search._of_many_minima(every, loud)] == found
