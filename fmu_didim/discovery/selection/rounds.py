@@ -13,7 +13,12 @@ import numpy as np
 from fmu_didim.discovery.augmentation.builder import LoopModelBuilder
 from fmu_didim.discovery.progress import Progress
 from fmu_didim.discovery.screening.catalogue import SignatureCatalogue
-from fmu_didim.discovery.selection.beside_others import by_importance, without_superfluous
+from fmu_didim.discovery.selection.beside_others import (
+    by_importance,
+    exchanged,
+    shifts_log,
+    without_superfluous,
+)
 from fmu_didim.discovery.selection.candidates import FittedCandidate, Outcome, ScreenedCandidate, TriedCandidate
 from fmu_didim.discovery.selection.competition import Competition, proposal_of
 from fmu_didim.discovery.selection.decide import Options, Step, decide, nearness, objection, step_of
@@ -30,7 +35,6 @@ from fmu_didim.fit.fit import Fit
 from fmu_didim.fit.gap import joint_gaps
 from fmu_didim.fit.solver.least_squares import minimise
 from fmu_didim.fit.solver.termination import Stopping
-from fmu_didim.model.free_parameter import LOG
 from fmu_didim.model.loop_model import EffectAtJoint
 
 PAIRED = 4
@@ -110,27 +114,50 @@ def run_rounds(
             break
         if isinstance(accepted, FittedCandidate):
             fit, steps = _with(competition, ranking, accepted, base, steps, options, progress)
-            keep(Discovery(base, fit, tuple(steps), tried=tuple(tried), ending=Ending.RUNNING))
-            candidates = _candidates(builder, options, fit.model.added_effects)
-            catalogue = _beside(builder, catalogue, fit, candidates, progress)
         else:
-            changed = _base_instead(competition, ranking, base, steps, options, progress)
-            if changed is None and fit is not looked_at:
-                changed, looked_at = _checked_again(builder, fit, steps, options, progress), fit
-            again = _at_best_minima(competition, ranking, options, progress) if changed is None else []
-            ranking = _ranked(ranking, *again) if again else ranking
-            if changed is None and len(steps) + 2 <= options.rounds:
-                changed = _gear(competition, ranking, base, steps, options, progress)
-            if changed is None:
-                changed = _widely_searched(competition, ranking, again, base, steps, options, progress)
-            if changed is None and len(steps) + 2 <= options.rounds:
-                changed = _pair(competition, ranking, base, steps, options, progress)
+            changed, looked_at = _otherwise(competition, catalogue, ranking, base, steps, looked_at, options, progress)
             if changed is None:
                 refused = accepted
                 break
             fit, steps = changed
-            keep(Discovery(base, fit, tuple(steps), tried=tuple(tried), ending=Ending.RUNNING))
+        keep(Discovery(base, fit, tuple(steps), tried=tuple(tried), ending=Ending.RUNNING))
+        candidates = _candidates(builder, options, fit.model.added_effects)
+        catalogue = _beside(builder, catalogue, fit, candidates, progress)
     return Discovery(base, fit, by_importance(steps, fit, builder), refused, tuple(tried), ending)
+
+
+def _otherwise(
+    competition: Competition,
+    catalogue: SignatureCatalogue,
+    ranking: Sequence[FittedCandidate],
+    base: Fit,
+    steps: list[Step],
+    looked_at: Fit,
+    options: Options,
+    progress: Progress,
+) -> tuple[tuple[Fit, list[Step]] | None, Fit]:
+    """The model and its steps changed in another way where a round has accepted no candidate, or None; and the fit at
+    which effects of the pre-check were last looked for.
+
+    Args:
+        looked_at: where they were before.
+    """
+    builder, fit = competition.builder, competition.fit
+    changed = _base_instead(competition, ranking, base, steps, options, progress)
+    if changed is None and fit is not looked_at:
+        changed, looked_at = _checked_again(builder, fit, steps, options, progress), fit
+    if changed is None:
+        changed = exchanged(builder, catalogue, fit, steps, base, options, progress)
+    again = _at_best_minima(competition, ranking, options, progress) if changed is None else []
+    ranking = _ranked(ranking, *again) if again else ranking
+    is_room = len(steps) + 2 <= options.rounds
+    if changed is None and is_room:
+        changed = _gear(competition, ranking, base, steps, options, progress)
+    if changed is None:
+        changed = _widely_searched(competition, ranking, again, base, steps, options, progress)
+    if changed is None and is_room:
+        changed = _pair(competition, ranking, base, steps, options, progress)
+    return changed, looked_at
 
 
 def _round(
@@ -406,7 +433,7 @@ def _beside(
     """The signatures beside the effects of a fit: anew where the log has moved, else those of what acts in elastic
     gears, which ring otherwise with each effect."""
     left = [c for c in candidates if c not in fit.model.added_effects]
-    if _shifts_log(fit) != _shifts_log(catalogue.fit):  # signatures at other samples
+    if shifts_log(fit) != shifts_log(catalogue.fit):  # signatures at other samples
         return SignatureCatalogue(builder, fit, candidates=left, progress=progress)
     in_gears = [c for c in left if builder.effect(c).needs_elastic]
     if not in_gears:
@@ -434,10 +461,6 @@ def _with_shapes_held(
     may_be_absent = candidate.implausible.startswith(MAY_BE_ABSENT)
     if competition.builder.at(effect_at).shapes and (wanted.others is None) == may_be_absent:
         yield from competition.with_shapes_held(wanted)
-
-
-def _shifts_log(fit: Fit) -> bool:
-    return any(parameter.owner == LOG for parameter in fit.model.free_parameters)
 
 
 def _candidates(
