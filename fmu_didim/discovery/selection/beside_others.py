@@ -10,7 +10,7 @@ Source of the exchange: A. J. Miller, Subset selection in regression, 2nd editio
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -21,7 +21,7 @@ from fmu_didim.discovery.progress import Progress
 from fmu_didim.discovery.screening.catalogue import SignatureCatalogue
 from fmu_didim.discovery.selection.candidates import FittedCandidate
 from fmu_didim.discovery.selection.competition import Competition
-from fmu_didim.discovery.selection.decide import Options, Step, decide, nearness, step_of
+from fmu_didim.discovery.selection.decide import Options, Step, nearness, step_of
 from fmu_didim.fit.fit import Fit
 from fmu_didim.fit.gap import bic_gain, explained_gap
 from fmu_didim.fit.solver.least_squares import minimise
@@ -97,14 +97,15 @@ def shifts_log(fit: Fit) -> bool:
 
 
 def exchanged(
-    builder: LoopModelBuilder, catalogue: SignatureCatalogue, fit: Fit, steps: Sequence[Step], base: Fit,
-    options: Options, progress: Progress,
+    builder: LoopModelBuilder, catalogue: SignatureCatalogue, fit: Fit, steps: Sequence[Step],
+    judge: Callable[[Competition], Callable[..., object]], options: Options, progress: Progress,
 ) -> tuple[Fit, list[Step]] | None:  # fmt: skip
     """The model and its steps with another effect in the place of one, which explains more beside all others; None if
     there is none.
 
     Args:
-        catalogue: the signatures of all candidates; base: the fit without any effect.
+        catalogue: the signatures of all candidates; judge: what decides between candidates beside the model of a
+            competition: a ranking -> the one to add, or the objections to all.
     """
     for step in reversed(by_importance(steps, fit, builder)) if len(steps) > 1 else ():
         without = fit_without(builder, fit, step)
@@ -119,13 +120,16 @@ def exchanged(
             s for s in others.screen(catalogue)
             if s.effect_at not in fit.model.added_effects and s.predicted > least
             and builder.has_place(s.effect_at, without.model.added_effects)
+            and not _may_stand_for_named(builder, s.effect_at, fit)
         ]  # fmt: skip
         if not promising or progress.is_time_up:
             continue
         progress.say(f"what may be in the place of {step.effect_at.effect} on joint {step.effect_at.joint}")
-        comparison = others.compare(promising[:EXCHANGED], progress=progress, reach=np.inf)
+        comparison = others.compare(
+            sorted(promising, key=lambda s: -s.predicted)[:EXCHANGED], progress=progress, reach=np.inf
+        )
         ranking = sorted((named, *comparison.ranking), key=lambda c: -c.delta_bic)
-        found = decide(ranking, without, options, base=base, finished=others.finished)
+        found = judge(others)(ranking)
         if not isinstance(found, FittedCandidate) or found.effect_at == step.effect_at or found.delta_bic <= least:
             continue
         whole = minimise(found.fit.model, fit.noise, stopping=Stopping(updates=1, exact=True))
@@ -136,6 +140,12 @@ def exchanged(
         progress.say(f"added instead: {found.effect_at.effect} on joint {found.effect_at.joint}")
         return without_superfluous(builder, whole, [*(s for s in steps if s is not step), new], options, progress)
     return None
+
+
+def _may_stand_for_named(builder: LoopModelBuilder, effect_at: EffectAtJoint, fit: Fit) -> bool:
+    """Whether an effect may only stand for what a model has on its joint, as a stop for a spring."""
+    named = {a.effect for a in fit.model.added_effects if a.joint == effect_at.joint}
+    return bool(named & set(builder.effect(effect_at).stands_for))
 
 
 def by_importance(steps: Sequence[Step], fit: Fit, builder: LoopModelBuilder) -> tuple[Step, ...]:

@@ -37,6 +37,8 @@ from fmu_didim.fit.solver.least_squares import minimise
 from fmu_didim.fit.solver.termination import Stopping
 from fmu_didim.model.loop_model import EffectAtJoint
 
+Judge = Callable[..., FittedCandidate | tuple[tuple[EffectAtJoint, str], ...]]
+"""A ranking -> the candidate to add, or the objections to all."""
 PAIRED = 4
 """[candidates] The best ones that held-out data alone speak against, which are fitted two by two."""
 TOGETHER = "{0}: held-out data confirm it only beside {1}, and {1} only beside it."
@@ -147,7 +149,8 @@ def _otherwise(
     if changed is None and fit is not looked_at:
         changed, looked_at = _checked_again(builder, fit, steps, options, progress), fit
     if changed is None:
-        changed = exchanged(builder, catalogue, fit, steps, base, options, progress)
+        judge = partial(_judge, base=base, options=options)
+        changed = exchanged(builder, catalogue, fit, steps, judge, options, progress)
     again = _at_best_minima(competition, ranking, options, progress) if changed is None else []
     ranking = _ranked(ranking, *again) if again else ranking
     is_room = len(steps) + 2 <= options.rounds
@@ -180,12 +183,7 @@ def _round(
     astray |= comparison.astray
     if comparison.is_cut:
         return ranking, tried, None
-    held = partial(_with_shapes_held, competition, screened)
-    judge = partial(
-        decide, fit=competition.fit, options=options, base=base, held=held, finished=competition.finished,
-        class_of=lambda effect_at: competition.builder.effect(effect_at).class_name,
-        rivals_of=partial(_rivals, competition),
-    )  # fmt: skip
+    judge = partial(_judge(competition, base, options), held=partial(_with_shapes_held, competition, screened))
     accepted = judge(ranking)
     if comparison.unfitted and not isinstance(accepted, FittedCandidate):
         comparison = competition.compare(comparison.unfitted, progress=progress, reach=float("inf"))
@@ -205,6 +203,15 @@ def _round(
         ranking = tuple(c for c in ranking if c.delta_bic <= first.delta_bic)
     best = _at_best_minimum(competition, first, base, options, progress)
     return (ranking if best is first else _ranked(ranking, best)), tried, best
+
+
+def _judge(competition: Competition, base: Fit, options: Options) -> Judge:
+    """The decision between candidates for the next effect beside the present model of a competition."""
+    return partial(
+        decide, fit=competition.fit, options=options, base=base, finished=competition.finished,
+        class_of=lambda effect_at: competition.builder.effect(effect_at).class_name,
+        rivals_of=partial(_rivals, competition),
+    )  # fmt: skip
 
 
 def _rivals(competition: Competition, effect_at: EffectAtJoint) -> frozenset[str]:

@@ -719,20 +719,20 @@ class Exchange:
 
     def __init__(
         self, monkeypatch: pytest.MonkeyPatch, squares: dict[str, float], promised: dict[tuple[str, str], float],
-        objected: str = "", names: str = "ab", **options: Any,
+        objected: str = "", names: str = "ab", stands_for: dict[str, str] | None = None,
     ) -> None:  # fmt: skip
         self.squares, self.promised, self.objected = squares, promised, objected
+        stands_for = stands_for or {}
         self.fitted: list[str] = []
         monkeypatch.setattr(beside_others, "minimise", self.minimise)
         monkeypatch.setattr(beside_others, "Competition", self.competition)
-        monkeypatch.setattr(beside_others, "decide", self.decide)
         monkeypatch.setattr(beside_others, "step_of", lambda c, ranking, *_: step_of_(c))
         steps = [replace(step_of_(candidate_of(n)), remark="") for n in names]
         catalogue: Any = SimpleNamespace(fit=BASE)
-        builder = Removable(*(effect_of(n, title=n) for n in "abcd"))
+        builder = Removable(*(effect_of(n, title=n, stands_for=stands_for.get(n, ())) for n in "abcd"))
         self.found = beside_others.exchanged(
-            builder, catalogue, with_effects(*names, square=squares[names]), steps, BASE, Options(**options),
-            Progress(),
+            builder, catalogue, with_effects(*names, square=squares[names]), steps, lambda competition: self.judged,
+            Options(), Progress(),
         )  # fmt: skip
 
     @property
@@ -767,7 +767,7 @@ class Exchange:
             screen=lambda catalogue: screened, compare=compare, finished=None,
         )  # fmt: skip
 
-    def decide(self, ranking: Any, fit: Fit, options: Options, **_: Any) -> Any:
+    def judged(self, ranking: Any) -> Any:
         allowed = [c for c in ranking if c.effect_at.effect not in self.objected]
         return allowed[0] if allowed else ()
 
@@ -803,6 +803,14 @@ def test_what_explains_more_beside_all_others_takes_the_place_of_an_effect(
     if named:
         assert found.found is not None
         assert "beside all others it explains more than" in found.found[1][-1].remark
+
+
+@pytest.mark.parametrize(("parts", "named"), [("a", ""), ("b", ""), ("d", "bc")])
+def test_what_may_stand_for_an_effect_does_not_take_its_place(
+    monkeypatch: pytest.MonkeyPatch, parts: str, named: str
+) -> None:
+    """A stop for a spring, or for the constant beside it."""
+    assert Exchange(monkeypatch, SQUARES, {("b", "c"): 400.0}, stands_for={"c": parts}).named == named
 
 
 def test_a_single_effect_is_not_exchanged(monkeypatch: pytest.MonkeyPatch) -> None:
