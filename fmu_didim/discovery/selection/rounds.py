@@ -214,10 +214,11 @@ def _judge(competition: Competition, base: Fit, options: Options) -> Judge:
     )  # fmt: skip
 
 
-def _rivals(competition: Competition, effect_at: EffectAtJoint) -> frozenset[str]:
-    """Names of the effects of other classes that an effect is confounded with, if it changes what the case states."""
-    effects, effect = competition.builder.effects, competition.builder.effect(effect_at)
-    others = effect.confounded_with if effect.is_stated else ()
+def _rivals(competition: Competition, candidate: FittedCandidate) -> frozenset[str]:
+    """Names of the effects of other classes that one is confounded with, if it changes what the case states or has
+    values that hardly any machine has."""
+    effects, effect = competition.builder.effects, competition.builder.effect(candidate.effect_at)
+    others = effect.confounded_with if effect.is_stated or candidate.unusual else ()
     return frozenset(n for n in others if n in effects and effects[n].class_name != effect.class_name)
 
 
