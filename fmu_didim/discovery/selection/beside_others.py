@@ -47,6 +47,14 @@ def fit_of_smaller(smaller: LoopModel, fit: Fit) -> Fit | None:
         return None
 
 
+def fitted_to_minimum(builder: LoopModelBuilder, candidate: FittedCandidate) -> FittedCandidate:
+    """A candidate that is added, at the minimum of its model, from which the next round starts: the fits of a
+    competition are short. That of an elastic gear lies in a valley of its stiffness and the inertia of its motor."""
+    is_long = any(builder.effect(a).elastic for a in candidate.fit.model.added_effects)
+    stopping = Stopping(exact=True) if is_long else Stopping(updates=1, exact=True)
+    return replace(candidate, fit=minimise(candidate.fit.model, candidate.fit.noise, stopping=stopping))
+
+
 def fit_without(builder: LoopModelBuilder, fit: Fit, step: Step) -> Fit | None:
     """The fit without the effect of a step and what has no place without it, the known one where it lacks just that;
     None where it cannot be simulated."""
@@ -132,13 +140,13 @@ def exchanged(
         found = judge(others)(ranking)
         if not isinstance(found, FittedCandidate) or found.effect_at == step.effect_at or found.delta_bic <= least:
             continue
-        whole = minimise(found.fit.model, fit.noise, stopping=Stopping(updates=1, exact=True))
-        new = step_of(replace(found, fit=whole), ranking, others, options)
+        found = fitted_to_minimum(builder, found)
+        new = step_of(found, ranking, others, options)
         titles = (f"{builder.effect(a).title} on joint {a.joint}" for a in (found.effect_at, step.effect_at))
         remark = INSTEAD.format(*titles, found.delta_bic - named.delta_bic)
         new = replace(new, remark=" ".join(filter(None, (new.remark, remark))))
         progress.say(f"added instead: {found.effect_at.effect} on joint {found.effect_at.joint}")
-        return without_superfluous(builder, whole, [*(s for s in steps if s is not step), new], options, progress)
+        return without_superfluous(builder, found.fit, [*(s for s in steps if s is not step), new], options, progress)
     return None
 
 

@@ -16,6 +16,7 @@ from fmu_didim.discovery.screening.catalogue import SignatureCatalogue
 from fmu_didim.discovery.selection.beside_others import (
     by_importance,
     exchanged,
+    fitted_to_minimum,
     shifts_log,
     without_superfluous,
 )
@@ -296,13 +297,7 @@ def _with(
     """The model and its steps with the accepted effect, or with those that it would stand for, and with the same on
     further joints where joints have it in common."""
 
-    def at_minimum(candidate: FittedCandidate) -> FittedCandidate:
-        # The fits of a competition are short; the next round starts from the minimum. That of an elastic gear lies in a
-        # valley of its stiffness and the inertia of its motor.
-        is_long = any(competition.builder.effect(a).elastic for a in candidate.fit.model.added_effects)
-        stopping = Stopping(exact=True) if is_long else Stopping(updates=1, exact=True)
-        return replace(candidate, fit=minimise(candidate.fit.model, competition.fit.noise, stopping=stopping))
-
+    at_minimum = partial(fitted_to_minimum, competition.builder)
     parts, remark = parts_instead(competition, accepted, base, options)
     if parts:
         candidates = [*(p.candidate for p in parts[:-1]), at_minimum(parts[-1].candidate)]

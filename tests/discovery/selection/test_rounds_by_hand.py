@@ -85,6 +85,7 @@ class ByHand:
         monkeypatch.setattr(rounds, "may_be_promising", lambda fit: self.gap_is_large)
         for name in ("pre_check", "decide", "minimise", "step_of", "_pair"):
             monkeypatch.setattr(rounds, name, getattr(self, f"do_{name.strip('_')}"))
+        monkeypatch.setattr(beside_others, "minimise", self.do_minimise)
         monkeypatch.setattr(rounds, "without_superfluous", self.do_backward)
         monkeypatch.setattr(rounds, "by_importance", lambda steps, fit, builder: tuple(steps))
         monkeypatch.setattr(rounds, "exchanged", self.do_exchanged)
