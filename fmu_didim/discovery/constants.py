@@ -60,7 +60,7 @@ DECIDING = (
     (held_out, ("HELD_OUT", "WORSE_JOINT", "NEARER", "OWN_SIZE", "FEWEST_BLOCKS", "EACH_OF", "GLITCH")),
     (plausible, ("ZERO", "UNTOLD", "LONGEST", "FEWEST_REPEATS", "STILL", "MOSTLY_STILL")),
     (pre_check, ("FITTED", "PROMISING", "WORSE")),
-    (beside_others, ("KEPT_GAIN",)),
+    (beside_others, ("KEPT_GAIN", "EXCHANGED")),
     (rounds, ("PAIRED",)),
     (wide_search, ("PEOPLE", "GENERATIONS", "MOST_STEPS")),
     (beginning, ("SAME_VALUES",)),

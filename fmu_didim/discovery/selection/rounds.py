@@ -13,7 +13,13 @@ import numpy as np
 from fmu_didim.discovery.augmentation.builder import LoopModelBuilder
 from fmu_didim.discovery.progress import Progress
 from fmu_didim.discovery.screening.catalogue import SignatureCatalogue
-from fmu_didim.discovery.selection.beside_others import by_importance, without_superfluous
+from fmu_didim.discovery.selection.beside_others import (
+    by_importance,
+    exchanged,
+    fitted_to_minimum,
+    shifts_log,
+    without_superfluous,
+)
 from fmu_didim.discovery.selection.candidates import FittedCandidate, Outcome, ScreenedCandidate, TriedCandidate
 from fmu_didim.discovery.selection.competition import Competition, proposal_of
 from fmu_didim.discovery.selection.decide import Options, Step, decide, nearness, objection, step_of
@@ -30,9 +36,10 @@ from fmu_didim.fit.fit import Fit
 from fmu_didim.fit.gap import joint_gaps
 from fmu_didim.fit.solver.least_squares import minimise
 from fmu_didim.fit.solver.termination import Stopping
-from fmu_didim.model.free_parameter import LOG
 from fmu_didim.model.loop_model import EffectAtJoint
 
+Judge = Callable[..., FittedCandidate | tuple[tuple[EffectAtJoint, str], ...]]
+"""A ranking -> the candidate to add, or the objections to all."""
 PAIRED = 4
 """[candidates] The best ones that held-out data alone speak against, which are fitted two by two."""
 TOGETHER = "{0}: held-out data confirm it only beside {1}, and {1} only beside it."
@@ -110,27 +117,51 @@ def run_rounds(
             break
         if isinstance(accepted, FittedCandidate):
             fit, steps = _with(competition, ranking, accepted, base, steps, options, progress)
-            keep(Discovery(base, fit, tuple(steps), tried=tuple(tried), ending=Ending.RUNNING))
-            candidates = _candidates(builder, options, fit.model.added_effects)
-            catalogue = _beside(builder, catalogue, fit, candidates, progress)
         else:
-            changed = _base_instead(competition, ranking, base, steps, options, progress)
-            if changed is None and fit is not looked_at:
-                changed, looked_at = _checked_again(builder, fit, steps, options, progress), fit
-            again = _at_best_minima(competition, ranking, options, progress) if changed is None else []
-            ranking = _ranked(ranking, *again) if again else ranking
-            if changed is None and len(steps) + 2 <= options.rounds:
-                changed = _gear(competition, ranking, base, steps, options, progress)
-            if changed is None:
-                changed = _widely_searched(competition, ranking, again, base, steps, options, progress)
-            if changed is None and len(steps) + 2 <= options.rounds:
-                changed = _pair(competition, ranking, base, steps, options, progress)
+            changed, looked_at = _otherwise(competition, catalogue, ranking, base, steps, looked_at, options, progress)
             if changed is None:
                 refused = accepted
                 break
             fit, steps = changed
-            keep(Discovery(base, fit, tuple(steps), tried=tuple(tried), ending=Ending.RUNNING))
+        keep(Discovery(base, fit, tuple(steps), tried=tuple(tried), ending=Ending.RUNNING))
+        candidates = _candidates(builder, options, fit.model.added_effects)
+        catalogue = _beside(builder, catalogue, fit, candidates, progress)
     return Discovery(base, fit, by_importance(steps, fit, builder), refused, tuple(tried), ending)
+
+
+def _otherwise(
+    competition: Competition,
+    catalogue: SignatureCatalogue,
+    ranking: Sequence[FittedCandidate],
+    base: Fit,
+    steps: list[Step],
+    looked_at: Fit,
+    options: Options,
+    progress: Progress,
+) -> tuple[tuple[Fit, list[Step]] | None, Fit]:
+    """The model and its steps changed in another way where a round has accepted no candidate, or None; and the fit at
+    which effects of the pre-check were last looked for.
+
+    Args:
+        looked_at: where they were before.
+    """
+    builder, fit = competition.builder, competition.fit
+    changed = _base_instead(competition, ranking, base, steps, options, progress)
+    if changed is None and fit is not looked_at:
+        changed, looked_at = _checked_again(builder, fit, steps, options, progress), fit
+    if changed is None:
+        judge = partial(_judge, base=base, options=options)
+        changed = exchanged(builder, catalogue, fit, steps, judge, options, progress)
+    again = _at_best_minima(competition, ranking, options, progress) if changed is None else []
+    ranking = _ranked(ranking, *again) if again else ranking
+    is_room = len(steps) + 2 <= options.rounds
+    if changed is None and is_room:
+        changed = _gear(competition, ranking, base, steps, options, progress)
+    if changed is None:
+        changed = _widely_searched(competition, ranking, again, base, steps, options, progress)
+    if changed is None and is_room:
+        changed = _pair(competition, ranking, base, steps, options, progress)
+    return changed, looked_at
 
 
 def _round(
@@ -153,12 +184,7 @@ def _round(
     astray |= comparison.astray
     if comparison.is_cut:
         return ranking, tried, None
-    held = partial(_with_shapes_held, competition, screened)
-    judge = partial(
-        decide, fit=competition.fit, options=options, base=base, held=held, finished=competition.finished,
-        class_of=lambda effect_at: competition.builder.effect(effect_at).class_name,
-        rivals_of=partial(_rivals, competition),
-    )  # fmt: skip
+    judge = partial(_judge(competition, base, options), held=partial(_with_shapes_held, competition, screened))
     accepted = judge(ranking)
     if comparison.unfitted and not isinstance(accepted, FittedCandidate):
         comparison = competition.compare(comparison.unfitted, progress=progress, reach=float("inf"))
@@ -180,10 +206,20 @@ def _round(
     return (ranking if best is first else _ranked(ranking, best)), tried, best
 
 
-def _rivals(competition: Competition, effect_at: EffectAtJoint) -> frozenset[str]:
-    """Names of the effects of other classes that an effect is confounded with, if it changes what the case states."""
-    effects, effect = competition.builder.effects, competition.builder.effect(effect_at)
-    others = effect.confounded_with if effect.is_stated else ()
+def _judge(competition: Competition, base: Fit, options: Options) -> Judge:
+    """The decision between candidates for the next effect beside the present model of a competition."""
+    return partial(
+        decide, fit=competition.fit, options=options, base=base, finished=competition.finished,
+        class_of=lambda effect_at: competition.builder.effect(effect_at).class_name,
+        rivals_of=partial(_rivals, competition),
+    )  # fmt: skip
+
+
+def _rivals(competition: Competition, candidate: FittedCandidate) -> frozenset[str]:
+    """Names of the effects of other classes that one is confounded with, if it changes what the case states or has
+    values that hardly any machine has."""
+    effects, effect = competition.builder.effects, competition.builder.effect(candidate.effect_at)
+    others = effect.confounded_with if effect.is_stated or candidate.unusual else ()
     return frozenset(n for n in others if n in effects and effects[n].class_name != effect.class_name)
 
 
@@ -261,13 +297,7 @@ def _with(
     """The model and its steps with the accepted effect, or with those that it would stand for, and with the same on
     further joints where joints have it in common."""
 
-    def at_minimum(candidate: FittedCandidate) -> FittedCandidate:
-        # The fits of a competition are short; the next round starts from the minimum. That of an elastic gear lies in a
-        # valley of its stiffness and the inertia of its motor.
-        is_long = any(competition.builder.effect(a).elastic for a in candidate.fit.model.added_effects)
-        stopping = Stopping(exact=True) if is_long else Stopping(updates=1, exact=True)
-        return replace(candidate, fit=minimise(candidate.fit.model, competition.fit.noise, stopping=stopping))
-
+    at_minimum = partial(fitted_to_minimum, competition.builder)
     parts, remark = parts_instead(competition, accepted, base, options)
     if parts:
         candidates = [*(p.candidate for p in parts[:-1]), at_minimum(parts[-1].candidate)]
@@ -406,7 +436,7 @@ def _beside(
     """The signatures beside the effects of a fit: anew where the log has moved, else those of what acts in elastic
     gears, which ring otherwise with each effect."""
     left = [c for c in candidates if c not in fit.model.added_effects]
-    if _shifts_log(fit) != _shifts_log(catalogue.fit):  # signatures at other samples
+    if shifts_log(fit) != shifts_log(catalogue.fit):  # signatures at other samples
         return SignatureCatalogue(builder, fit, candidates=left, progress=progress)
     in_gears = [c for c in left if builder.effect(c).needs_elastic]
     if not in_gears:
@@ -434,10 +464,6 @@ def _with_shapes_held(
     may_be_absent = candidate.implausible.startswith(MAY_BE_ABSENT)
     if competition.builder.at(effect_at).shapes and (wanted.others is None) == may_be_absent:
         yield from competition.with_shapes_held(wanted)
-
-
-def _shifts_log(fit: Fit) -> bool:
-    return any(parameter.owner == LOG for parameter in fit.model.free_parameters)
 
 
 def _candidates(

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
 from fmu_didim.discovery.selection import decide as decide_module
+from fmu_didim.discovery.selection import rounds
 from fmu_didim.discovery.selection.candidates import FittedCandidate
 from fmu_didim.discovery.selection.competition import Competition
 from fmu_didim.discovery.selection.decide import (
@@ -465,6 +467,29 @@ def test_what_the_case_states_is_changed_last(
     monkeypatch.setattr(decide_module, "is_confirmed_by_size_alone", lambda *_, **__: False)
     found = decide(
         [best, other], BEFORE, Options(prefer=prefer), base=BEFORE,
-        rivals_of=lambda effect_at: frozenset({"lag"} if effect_at.effect == "gains" else ()),
+        rivals_of=lambda candidate: frozenset({"lag"} if candidate.effect_at.effect == "gains" else ()),
     )  # fmt: skip
+    assert isinstance(found, FittedCandidate) and found.effect_at.effect == wanted
+
+
+@pytest.mark.parametrize(
+    ("unusual", "rival", "bic", "rival_unusual", "wanted"),
+    [
+        ("falls with the speed", "stribeck", 85.0, "", "stribeck"),
+        ("falls with the speed", "stribeck", 79.0, "", "drag"),  # the drag explains far more
+        ("falls with the speed", "stribeck", 85.0, "vs = 9", "drag"),  # which is as odd
+        ("", "stribeck", 85.0, "", "drag"),
+        ("falls with the speed", "ripple", 85.0, "", "drag"),  # which is not confounded with it
+    ],
+)
+def test_values_of_hardly_any_machine_give_way_to_what_explains_nearly_as_much(
+    monkeypatch: pytest.MonkeyPatch, unusual: str, rival: str, bic: float, rival_unusual: str, wanted: str
+) -> None:
+    """By the rule of the rounds."""
+    best, other = candidate_of("drag", unusual=unusual), candidate_of(rival, bic=bic, unusual=rival_unusual)
+    monkeypatch.setattr(decide_module, "objection", lambda *_, **__: "")
+    monkeypatch.setattr(decide_module, "is_confirmed_by_size_alone", lambda *_, **__: False)
+    effects = Catalogue(effect_of("drag", confounded_with=("stribeck",)), effect_of("stribeck"), effect_of("ripple"))
+    competition: Any = SimpleNamespace(builder=effects, fit=BEFORE, finished=None)
+    found = rounds._judge(competition, BEFORE, Options())([best, other])
     assert isinstance(found, FittedCandidate) and found.effect_at.effect == wanted

@@ -78,13 +78,17 @@ class ByHand:
         self.checks: list[Fit] = []
         self.paired: list[int] = []
         self.pairs: list[str] = []
+        self.exchanges: list[str] = []
+        self.exchanged: list[int] = []
         self.gap_is_large = True
         self._outcomes, self._checked = list(outcomes), [list(checked), list(again)]
         monkeypatch.setattr(rounds, "may_be_promising", lambda fit: self.gap_is_large)
         for name in ("pre_check", "decide", "minimise", "step_of", "_pair"):
             monkeypatch.setattr(rounds, name, getattr(self, f"do_{name.strip('_')}"))
+        monkeypatch.setattr(beside_others, "minimise", self.do_minimise)
         monkeypatch.setattr(rounds, "without_superfluous", self.do_backward)
         monkeypatch.setattr(rounds, "by_importance", lambda steps, fit, builder: tuple(steps))
+        monkeypatch.setattr(rounds, "exchanged", self.do_exchanged)
         monkeypatch.setattr(rounds, "Competition", self.do_competition)
         monkeypatch.setattr(rounds, "SignatureCatalogue", self.do_catalogue)
 
@@ -101,6 +105,13 @@ class ByHand:
             *steps,
             *(SimpleNamespace(effect_at=EffectAtJoint(n, 1)) for n in self.pairs.pop()),
         ]
+
+    def do_exchanged(self, builder: Any, catalogue: Any, fit: Fit, steps: list[Any], *_: Any) -> Any:
+        self.exchanged.append(len(steps))
+        if not self.exchanges:
+            return None
+        name = self.exchanges.pop()
+        return with_effects("b", name), [steps[-1], SimpleNamespace(effect_at=EffectAtJoint(name, 1))]
 
     def do_catalogue(self, builder: Any, fit: Fit, *, candidates: list[EffectAtJoint], progress: Progress) -> Any:
         self.catalogues.append((fit, candidates))
@@ -363,6 +374,16 @@ def test_where_none_is_accepted_two_together_may_be(monkeypatch: pytest.MonkeyPa
     competition.pairs = ["cd"]
     assert "".join(s.effect_at.effect for s in run(rounds=most)[0].steps) == found
     assert competition.paired == {5: [1, 3], 3: [1], 2: []}[most][: len(competition.paired)]
+
+
+def test_where_none_is_accepted_another_effect_may_take_the_place_of_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Before two are tried together, and the search goes on from there."""
+    competition = ByHand(monkeypatch, added("a"), added("ab"), (), ())
+    competition.exchanges = ["c"]
+    found, _ = run()
+    assert [s.effect_at.effect for s in found.steps] == ["b", "c"]
+    assert competition.exchanged == [2, 2] and competition.paired == [2]
+    assert [a.effect for a in competition.screened[-1].model.added_effects] == ["b", "c"]
 
 
 class Pairs:
@@ -687,6 +708,115 @@ def test_an_effect_of_every_base_model_takes_the_place_of_what_it_makes_superflu
     found = _base_instead(competition, [spring, coulomb], BASE, steps, Options(), Progress())  # type: ignore[arg-type]
     assert asked == ([((coulomb,), 0.0)] if present else [])
     assert (None if found is None else [step.effect_at.effect for step in found[1]]) == wanted
+
+
+class Exchange:
+    """What explains more in the place of one of the effects a and b, and what an exchange asks.
+
+    Args:
+        squares: what models leave, by their effects. promised: what candidates promise beside which others.
+        objected: candidates that are not accepted.
+    """
+
+    def __init__(
+        self, monkeypatch: pytest.MonkeyPatch, squares: dict[str, float], promised: dict[tuple[str, str], float],
+        objected: str = "", names: str = "ab", stands_for: dict[str, str] | None = None,
+    ) -> None:  # fmt: skip
+        self.squares, self.promised, self.objected = squares, promised, objected
+        stands_for = stands_for or {}
+        self.fitted: list[str] = []
+        monkeypatch.setattr(beside_others, "minimise", self.minimise)
+        monkeypatch.setattr(beside_others, "Competition", self.competition)
+        monkeypatch.setattr(beside_others, "step_of", lambda c, ranking, *_: step_of_(c))
+        steps = [replace(step_of_(candidate_of(n)), remark="") for n in names]
+        catalogue: Any = SimpleNamespace(fit=BASE)
+        builder = Removable(*(effect_of(n, title=n, stands_for=stands_for.get(n, ())) for n in "abcd"))
+        self.found = beside_others.exchanged(
+            builder, catalogue, with_effects(*names, square=squares[names]), steps, lambda competition: self.judged,
+            Options(), Progress(),
+        )  # fmt: skip
+
+    @property
+    def named(self) -> str:
+        return "" if self.found is None else "".join(s.effect_at.effect for s in self.found[1])
+
+    def minimise(self, model: TableModel, noise: Any, **more: Any) -> Fit:
+        names = "".join(a.effect for a in model.added_effects)
+        slopes = np.ones((400, 1, len(model.free_parameters)))
+        return fit_of(replace(model, own=residual(self.squares[names])), values=model.start, jacobian=slopes)
+
+    def competition(self, builder: Any, fit: Fit) -> Any:
+        kept = "".join(a.effect for a in fit.model.added_effects)
+
+        def gain(names: str) -> float:
+            return float(400 * np.log(self.squares[kept] / self.squares[names]))
+
+        def compare(chosen: Any, *, progress: Progress, reach: float) -> Any:
+            names = [s.effect_at.effect for s in chosen]
+            self.fitted += [kept + n for n in names]
+            ranking = [candidate_of(n, bic=gain(kept + n), fit=with_effects(*kept, n)) for n in names]
+            return SimpleNamespace(ranking=tuple(ranking))
+
+        screened = [
+            SimpleNamespace(effect_at=EffectAtJoint(n, 1), predicted=p)
+            for (others, n), p in sorted(self.promised.items(), key=lambda item: -item[1]) if others == kept
+        ]  # fmt: skip
+        return SimpleNamespace(
+            assess=lambda at, found: candidate_of(
+                at.effect, bic=gain("".join(a.effect for a in found.model.added_effects)), fit=found
+            ),
+            screen=lambda catalogue: screened, compare=compare, finished=None,
+        )  # fmt: skip
+
+    def judged(self, ranking: Any) -> Any:
+        allowed = [c for c in ranking if c.effect_at.effect not in self.objected]
+        return allowed[0] if allowed else ()
+
+
+def step_of_(candidate: FittedCandidate) -> Step:
+    return Step(candidate.effect_at, candidate.delta_bic, 1.0, 0.5, (), {}, {}, None)
+
+
+SQUARES = {"ab": 1.0, "b": 2.0, "a": 3.0, "c": 4.0, "bc": 0.9, "ac": 0.95, "bd": 0.99}
+"""Beside b, c is ahead of a by 42 in BIC, and d by 4; beside a, c is ahead of b by 21."""
+
+
+@pytest.mark.parametrize(
+    ("promised", "objected", "fitted", "named"),
+    [
+        ({("b", "c"): 400.0}, "", ["bc"], "bc"),  # a explains 277 beside b
+        ({("b", "c"): 280.0}, "", [], ""),  # promises hardly more than a
+        ({("b", "c"): 400.0}, "c", ["bc"], ""),  # held-out data speak against it, say
+        ({("b", "d"): 400.0}, "", ["bd"], ""),  # as good as a decides nothing
+        ({("a", "c"): 500.0, ("b", "c"): 400.0}, "", ["bc"], "bc"),  # what explains least is looked at first
+        ({("a", "c"): 500.0}, "", ["ac"], "ac"),
+        ({("b", "a"): 400.0, ("b", "b"): 400.0}, "", [], ""),  # they are there
+        ({("b", "d"): 401.0, ("b", "c"): 400.0}, "", ["bd", "bc"], "bc"),
+        ({}, "", [], ""),
+    ],
+)
+def test_what_explains_more_beside_all_others_takes_the_place_of_an_effect(
+    monkeypatch: pytest.MonkeyPatch, promised: dict[tuple[str, str], float], objected: str, fitted: list[str],
+    named: str,
+) -> None:  # fmt: skip
+    found = Exchange(monkeypatch, SQUARES, promised, objected)
+    assert found.fitted == fitted and found.named == named
+    if named:
+        assert found.found is not None
+        assert "beside all others it explains more than" in found.found[1][-1].remark
+
+
+@pytest.mark.parametrize(("parts", "named"), [("a", ""), ("b", ""), ("d", "bc")])
+def test_what_may_stand_for_an_effect_does_not_take_its_place(
+    monkeypatch: pytest.MonkeyPatch, parts: str, named: str
+) -> None:
+    """A stop for a spring, or for the constant beside it."""
+    assert Exchange(monkeypatch, SQUARES, {("b", "c"): 400.0}, stands_for={"c": parts}).named == named
+
+
+def test_a_single_effect_is_not_exchanged(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The round that named it has compared it with all others."""
+    assert Exchange(monkeypatch, {"a": 1.0, "": 9.0, "c": 0.5}, {("", "c"): 1e4}, names="a").found is None
 
 
 @pytest.mark.parametrize(
