@@ -61,7 +61,7 @@ DECIDING = (
     (plausible, ("ZERO", "UNTOLD", "LONGEST", "FEWEST_REPEATS", "STILL", "MOSTLY_STILL")),
     (pre_check, ("FITTED", "PROMISING", "WORSE")),
     (beside_others, ("KEPT_GAIN",)),
-    (rounds, ("PAIRED",)),
+    (rounds, ("PAIRED", "VALLEY")),
     (wide_search, ("PEOPLE", "GENERATIONS", "MOST_STEPS")),
     (beginning, ("SAME_VALUES",)),
     (search, ("STEP_COST", "WEAKEST", "SMALLEST_GAIN", "LEAST")),

@@ -10,11 +10,10 @@ from fmu_didim.discovery.ladder.evidence import evidence_in, scale_deviation
 from fmu_didim.discovery.ladder.facts import RunFacts, facts_of
 from fmu_didim.discovery.ladder.rungs import ladder_of
 from fmu_didim.discovery.request import Request
-from fmu_didim.discovery.selection.beside_others import fit_of_smaller
+from fmu_didim.discovery.selection.beside_others import fit_without
 from fmu_didim.discovery.selection.candidates import Outcome
 from fmu_didim.discovery.selection.decide import Step
 from fmu_didim.discovery.selection.rounds import Discovery, Ending
-from fmu_didim.fit.fit import Fit
 from fmu_didim.results.findings import FindingResult, RungResult
 
 CONTRADICTED = CATALOGUE(
@@ -69,7 +68,7 @@ def _of_step(
 ) -> Ladder:  # fmt: skip
     effect, final = builder.effect(step.effect_at), discovery.final
     seen, joint = _seen(step.delta_bic, step.share), None if effect.is_of_log else step.effect_at.joint
-    without = None if request.progress.is_time_up else _without(step, final, builder)
+    without = None if request.progress.is_time_up else fit_without(builder, final, step)
     if without is None:
         why, next_step = NO_TIME if request.progress.is_time_up else NOT_RUN
         unknown = {"state": "open", "text": why, "next_step": next_step}
@@ -82,16 +81,6 @@ def _of_step(
 
 def _seen(gain: float, share: float) -> str:
     return f"it gains {gain:.0f} in BIC and closes {100 * share:.0f} % of the gap"
-
-
-def _without(step: Step, final: Fit, builder: LoopModelBuilder) -> Fit | None:
-    """The fit of the final model without an effect; None where it cannot be run."""
-    index = final.model.added_effects.index(step.effect_at)
-    smaller = builder.without(final.model, index)
-    known = step.without
-    if known is not None and set(known.model.added_effects) == set(smaller.added_effects):
-        return known
-    return fit_of_smaller(smaller, final)
 
 
 def of_event(finding: FindingResult) -> Ladder:

@@ -35,6 +35,16 @@ def fit_of_smaller(smaller: LoopModel, fit: Fit) -> Fit | None:
         return None
 
 
+def fit_without(builder: LoopModelBuilder, fit: Fit, step: Step) -> Fit | None:
+    """The fit of a model without the effect of a step and what has no place without it, the last one of its rounds
+    where that is one of all others; None where it cannot be simulated."""
+    smaller = builder.without(fit.model, fit.model.added_effects.index(step.effect_at))
+    known = step.without
+    if known is not None and set(known.model.added_effects) == set(smaller.added_effects):
+        return known
+    return fit_of_smaller(smaller, fit)
+
+
 def beside_others(
     builder: LoopModelBuilder, fit: Fit, effect_at: EffectAtJoint, options: Options
 ) -> tuple[Fit | None, bool]:
@@ -77,12 +87,10 @@ def by_importance(steps: Sequence[Step], fit: Fit, builder: LoopModelBuilder) ->
     whole = fit.model.added_effects
 
     def explained(step: Step) -> float:
-        smaller, without = builder.without(fit.model, whole.index(step.effect_at)), step.without
-        if without is None or set(without.model.added_effects) != set(smaller.added_effects):
-            without = fit_of_smaller(smaller, fit)
+        without = fit_without(builder, fit, step)
         if without is None:
             return np.inf
-        gone = [a for a in whole if a not in smaller.added_effects]
+        gone = [a for a in whole if a not in without.model.added_effects]
         return bic_gain(without, fit, sum(builder.at(a).cost for a in gone), fit.noise)
 
     return tuple(sorted(steps, key=explained, reverse=True))

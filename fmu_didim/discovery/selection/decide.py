@@ -95,6 +95,8 @@ class Step:
         remark: on the decision, for the user.
         untested: whether the held-out data tell nothing of it.
         without: the last fit of the other effects without it.
+        rivals: effects of another class, or on another joint, that explain the data as well in its place, with their
+            lead in BIC, or without a figure (NaN) where they were not fitted there.
     """
 
     effect_at: EffectAtJoint
@@ -111,6 +113,7 @@ class Step:
     without: Fit | None = None
     channels_before: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     channels_after: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    rivals: tuple[tuple[EffectAtJoint, float], ...] = ()
 
 
 def decide(

@@ -25,6 +25,7 @@ from fmu_didim.discovery.selection.parts import parts_instead
 from fmu_didim.discovery.selection.plausible import MAY_BE_ABSENT
 from fmu_didim.discovery.selection.pre_check import may_be_promising, pre_check
 from fmu_didim.discovery.selection.refitted import Refitted
+from fmu_didim.discovery.selection.rivals import Contests, rival_instead, with_rivals
 from fmu_didim.discovery.selection.wide_search import searched_widely
 from fmu_didim.fit.fit import Fit
 from fmu_didim.fit.gap import joint_gaps
@@ -35,6 +36,10 @@ from fmu_didim.model.loop_model import EffectAtJoint
 
 PAIRED = 4
 """[candidates] The best ones that held-out data alone speak against, which are fitted two by two."""
+VALLEY = 4.0
+"""[chi-square] Of two fits of one effect that differ by less, both lie in the 95 % interval of any one value: where
+held-out data speak against the lower one, the other is taken. A damping of a gear that the fitted motion does not show
+ends anywhere between none and what it is, and makes other hits along another motion."""
 TOGETHER = "{0}: held-out data confirm it only beside {1}, and {1} only beside it."
 """Remark on the first of two effects that are added together."""
 
@@ -96,6 +101,7 @@ def run_rounds(
     refused: tuple[tuple[EffectAtJoint, str], ...] = ()
     tried: list[tuple[TriedCandidate, ...]] = []
     astray: dict[EffectAtJoint, float] = {}
+    contests: Contests = {}
     ending = Ending.COMPLETE
     while len(steps) < options.rounds:
         if catalogue.left:  # the best may be among them
@@ -126,11 +132,16 @@ def run_rounds(
             if changed is None and len(steps) + 2 <= options.rounds:
                 changed = _pair(competition, ranking, base, steps, options, progress)
             if changed is None:
+                changed = rival_instead(builder, fit, steps, base, options, progress, contests)
+            if changed is None:
                 refused = accepted
                 break
             fit, steps = changed
             keep(Discovery(base, fit, tuple(steps), tried=tuple(tried), ending=Ending.RUNNING))
-    return Discovery(base, fit, by_importance(steps, fit, builder), refused, tuple(tried), ending)
+    ordered = by_importance(steps, fit, builder)
+    if ending is Ending.COMPLETE:
+        ordered = with_rivals(builder, fit, ordered, base, options, progress, contests)
+    return Discovery(base, fit, ordered, refused, tuple(tried), ending)
 
 
 def _round(
@@ -266,7 +277,12 @@ def _with(
         # valley of its stiffness and the inertia of its motor.
         is_long = any(competition.builder.effect(a).elastic for a in candidate.fit.model.added_effects)
         stopping = Stopping(exact=True) if is_long else Stopping(updates=1, exact=True)
-        return replace(candidate, fit=minimise(candidate.fit.model, competition.fit.noise, stopping=stopping))
+        whole = minimise(candidate.fit.model, competition.fit.noise, stopping=stopping)
+        before, seed = competition.fit, options.seed
+        is_valley = candidate.fit.chi_square - whole.chi_square < VALLEY
+        if is_valley and held_out_objection(before, whole, seed=seed):
+            whole = whole if held_out_objection(before, candidate.fit, seed=seed) else candidate.fit
+        return replace(candidate, fit=whole)
 
     parts, remark = parts_instead(competition, accepted, base, options)
     if parts:

@@ -1,0 +1,242 @@
+"""What else explains the data as well as an effect that was found, beside all others that were found.
+
+The set of an effect is that of its round, in which others were still missing, and where the fit of a rival with many
+minima, such as play in a gear, may have ended in a poor one. So when no further effect is accepted, each rival of
+another class, or on another joint, is fitted once more in the place of the effect, one of many minima from its whole
+range:
+
+    lead = gain in BIC of the rival beside all others - gain of the effect beside the same
+
+A rival to which nothing can be objected is named instead where it leads by more than what is ambiguous; where it is
+as good, nothing tells which of the two acts, and the verdict doubts the name.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, MutableMapping, Sequence
+from dataclasses import dataclass, replace
+from enum import Enum
+
+import numpy as np
+
+from fmu_didim.base.diagnostics import CATALOGUE, DOUBT, Diagnostic
+from fmu_didim.discovery.augmentation.builder import LoopModelBuilder
+from fmu_didim.discovery.progress import Progress
+from fmu_didim.discovery.selection.beside_others import fit_without
+from fmu_didim.discovery.selection.candidates import FittedCandidate
+from fmu_didim.discovery.selection.competition import Competition
+from fmu_didim.discovery.selection.decide import Options, Step, nearness, objection, step_of
+from fmu_didim.discovery.selection.plausible import MAY_BE_ABSENT
+from fmu_didim.discovery.selection.wide_search import searched_widely
+from fmu_didim.fit.fit import Fit
+from fmu_didim.fit.solver.least_squares import minimise
+from fmu_didim.fit.solver.termination import Stopping
+from fmu_didim.model.loop_model import EffectAtJoint
+
+EFFECT_AMBIGUOUS = CATALOGUE(
+    "effect-ambiguous", DOUBT, rank=53,
+    meaning="Another effect, of another kind or on another joint, explains these data as well as the one that is "
+    "named, beside all else that was found. Which of them acts is not told, and what to do about them differs: play is "
+    "taken up, an elastic gear is not.",
+    next_step="Run the motion that splits them, which the results propose, and analyse both logs together; what tells "
+    "them apart stands with the finding in the report.",
+)  # fmt: skip
+IN_ITS_PLACE = "{0} on joint {1} was accepted first; beside all others {2} explains {3:.0f} more in BIC in its place."
+"""Remark on an effect that is named in the place of another one."""
+
+
+class Standing(Enum):
+    """How a rival stands to the effect that is named."""
+
+    BEHIND = "behind"
+    AS_GOOD = "as good"
+    AHEAD = "ahead"
+
+
+def standing(lead: float, near: float, objected: str) -> Standing:
+    """Of a rival with this lead in BIC, where differences up to ``near`` decide nothing, and this objection to it.
+
+    That it may be absent says that its form is not sure, not that the effect which is named is the right one: an
+    elastic gear is play of no width, and a rival that leads all the same explains something that the effect does not.
+    """
+    if objected.startswith(MAY_BE_ABSENT):
+        return Standing.AS_GOOD if lead > 0 else Standing.BEHIND
+    if objected or lead < -near:
+        return Standing.BEHIND
+    return Standing.AHEAD if lead > near else Standing.AS_GOOD
+
+
+@dataclass(frozen=True)
+class Contest:
+    """An effect and its rivals, each fitted in its place beside all others.
+
+    Attributes:
+        beside: the others; named: the effect; rivals: those that were fitted, the best first, with the objection to
+            each.
+    """
+
+    beside: Competition
+    named: FittedCandidate
+    rivals: tuple[tuple[FittedCandidate, str], ...]
+
+    def standings(self, options: Options) -> list[tuple[FittedCandidate, float, Standing]]:
+        """Each rival with its lead in BIC and how it stands."""
+        own = self.named.delta_bic
+        return [
+            (r, r.delta_bic - own, standing(r.delta_bic - own, nearness(max(own, r.delta_bic), options), why))
+            for r, why in self.rivals
+        ]
+
+
+Contests = MutableMapping[tuple[frozenset[EffectAtJoint], EffectAtJoint], Contest | None]
+"""Effects of a model and the one of them that is contested -> the contest, so that none is run twice."""
+
+
+def contest(
+    builder: LoopModelBuilder, fit: Fit, step: Step, base: Fit, options: Options, progress: Progress
+) -> Contest | None:
+    """An effect of a model against its rivals; None where the model cannot be run without it, where others act in it,
+    or where the time is up."""
+    rivals = list(rivals_of(builder, fit, step, options))
+    without = None if progress.is_time_up or not rivals else fit_without(builder, fit, step)
+    if without is None or len(fit.model.added_effects) - len(without.model.added_effects) > 1:
+        return None
+    beside = Competition(builder, without)
+    found = list[tuple[FittedCandidate, str]]()
+    for rival in rivals:
+        progress.say(f"{rival.text} in the place of {step.effect_at.text}")
+        candidate = fitted_rival(beside, rival, step, options, progress)
+        if candidate is not None:
+            found.append((candidate, objection(candidate, without, options, base=base)))
+    if progress.is_time_up:
+        return None
+    return Contest(beside, beside.assess(step.effect_at, fit), tuple(sorted(found, key=lambda r: -r[0].delta_bic)))
+
+
+def rivals_of(builder: LoopModelBuilder, fit: Fit, step: Step, options: Options) -> Iterator[EffectAtJoint]:
+    """The rivals of an effect that are no form of it, and not in the model themselves: those of its set that were
+    fitted, and those of many minima that it is confounded with, whose fit in a competition tells little."""
+    for rival, behind in step.ambiguous:
+        if np.isfinite(behind) and _is_other(builder, fit, step, rival):
+            yield rival
+    known, effect = {a for a, _ in step.ambiguous}, builder.effect(step.effect_at)
+    for name in effect.confounded_with:
+        rival = EffectAtJoint(name, step.effect_at.joint)
+        allowed = name in builder.effects and name not in options.forbid and rival not in known
+        if allowed and builder.effect(rival).has_minima and _is_other(builder, fit, step, rival):
+            yield rival
+
+
+def _is_other(builder: LoopModelBuilder, fit: Fit, step: Step, rival: EffectAtJoint) -> bool:
+    """Whether a rival of an effect is of another class than all that was named on its joint, and can be added."""
+    named = {(builder.effect(a).class_name, a.joint) for a in (*fit.model.added_effects, step.effect_at)}
+    return (builder.effect(rival).class_name, rival.joint) not in named and builder.at(rival).can_be_added
+
+
+def fitted_rival(
+    beside: Competition, rival: EffectAtJoint, step: Step, options: Options, progress: Progress
+) -> FittedCandidate | None:
+    """A rival beside the others, from where its round has left it, and from its whole range if it has many minima."""
+    known = next((p for p in step.members if p.effect_at == rival), None)
+    found = None if known is None else beside.refit(known)
+    candidate = None if found is None else beside.finished(beside.assess(rival, found))
+    if not beside.builder.effect(rival).has_minima:
+        return candidate
+    widely = searched_widely(beside, rival, seed=options.seed, progress=progress, begin=found)
+    return min((c for c in (candidate, widely) if c is not None), key=lambda c: c.fit.chi_square, default=None)
+
+
+def rival_instead(
+    builder: LoopModelBuilder,
+    fit: Fit,
+    steps: Sequence[Step],
+    base: Fit,
+    options: Options,
+    progress: Progress,
+    contests: Contests,
+) -> tuple[Fit, list[Step]] | None:
+    """The model and its steps with a rival in the place of an effect that it is ahead of; None if there is none.
+
+    Args:
+        contests: those that were run; what has lost one does not come back.
+    """
+    lost = {effect_at for added, effect_at in contests if effect_at not in added}
+    for i, step in enumerate(steps):
+        found = _known(builder, fit, step, base, options, progress, contests)
+        ahead = [] if found is None else [
+            (c, lead) for c, lead, how in found.standings(options)
+            if how is Standing.AHEAD and c.effect_at not in lost
+        ]  # fmt: skip
+        if found is None or not ahead:
+            continue
+        rival, lead = ahead[0]
+        whole = minimise(rival.fit.model, rival.fit.noise, stopping=Stopping(exact=True))
+        rival = replace(rival, fit=whole)
+        progress.say(f"{rival.effect_at.text} instead of {step.effect_at.text}")
+        contests[frozenset(whole.model.added_effects), step.effect_at] = None
+        effect, other = builder.effect(step.effect_at), builder.effect(rival.effect_at)
+        remark = IN_ITS_PLACE.format(effect.title, step.effect_at.joint, other.title.lower(), lead)
+        instead = step_of(rival, (rival, found.named), found.beside, options)
+        instead = replace(instead, remark=" ".join(filter(None, (instead.remark, remark))))
+        others = [replace(s, without=None) for s in steps if s is not step]
+        return whole, [*others[:i], instead, *others[i:]]
+    return None
+
+
+def with_rivals(
+    builder: LoopModelBuilder,
+    fit: Fit,
+    steps: Sequence[Step],
+    base: Fit,
+    options: Options,
+    progress: Progress,
+    contests: Contests,
+) -> tuple[Step, ...]:
+    """The steps, each with the rivals that explain the data as well beside all others; where no contest can be run,
+    with those of its set."""
+    told = []
+    for step in steps:
+        found = _known(builder, fit, step, base, options, progress, contests)
+        if found is None:
+            near = (r for r, behind in step.ambiguous if np.isfinite(behind) and _is_other(builder, fit, step, r))
+            rivals = tuple((r, float("nan")) for r in near)
+        else:
+            rivals = tuple(
+                (c.effect_at, lead) for c, lead, how in found.standings(options) if how is not Standing.BEHIND
+            )
+        told.append(replace(step, rivals=rivals))
+    return tuple(told)
+
+
+def ambiguities(builder: LoopModelBuilder, steps: Sequence[Step]) -> list[Diagnostic]:
+    """The doubts about effects of which rivals explain the data as well."""
+    found = []
+    for step in steps:
+        names = [_named(builder, rival, lead) for rival, lead in step.rivals]
+        if names:
+            text = f"{' and '.join(names)} {'explain' if len(names) > 1 else 'explains'} the data as well"
+            found.append(Diagnostic(EFFECT_AMBIGUOUS, f"{text}.", step.effect_at.text))
+    return found
+
+
+def _named(builder: LoopModelBuilder, rival: EffectAtJoint, lead: float) -> str:
+    title = f"{builder.effect(rival).title} on joint {rival.joint}"
+    if not np.isfinite(lead):
+        return title
+    return f"{title} (BIC {abs(lead):.0f} {'ahead' if lead > 0 else 'behind'})"
+
+
+def _known(
+    builder: LoopModelBuilder,
+    fit: Fit,
+    step: Step,
+    base: Fit,
+    options: Options,
+    progress: Progress,
+    contests: Contests,
+) -> Contest | None:
+    """The contest of an effect in this model, run once."""
+    key = frozenset(fit.model.added_effects), step.effect_at
+    if key not in contests:
+        contests[key] = contest(builder, fit, step, base, options, progress)
+    return contests[key]
