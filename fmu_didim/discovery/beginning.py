@@ -98,17 +98,17 @@ class AfterStart:
             if (first := instead.get(step.effect_at)) is not None:
                 text = f"{builder.effect(first).title} explains the data after their start as well; the start tells "
                 found.append(Diagnostic(EFFECT_AMBIGUOUS, f"{text}{effect.title.lower()} from it if {where}.", place))
-            elif not is_told_later(step, of_start, builder, self.competition):
+            elif not is_told_later(step, of_start, self.competition):
                 text = f"The data after their start do not tell it; with their start they do if {where}."
                 found.append(Diagnostic(GEAR_BY_START, text, place, condition=where))
         return found
 
 
-def is_told_later(step: Step, of_start: Discovery, builder: LoopModelBuilder, later: Competition) -> bool:
+def is_told_later(step: Step, of_start: Discovery, later: Competition) -> bool:
     """Whether the data after their start tell an effect that was found with it, with the same values.
 
     Args:
-        step: of the search with the start of the data, ``of_start``, with its builder.
+        step: of the search with the start of the data, ``of_start``.
         later: beside the base model for the data after it.
     """
     effect_at = step.effect_at

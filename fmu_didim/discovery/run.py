@@ -355,7 +355,7 @@ def _with_beginning(request: Request, model: LoopModel, found: Found) -> Found:
     of_start = second.discovery
     untold = [
         step for step in of_start.steps if not second.builder.effect(step.effect_at).known_at_start
-        and not is_told_later(step, of_start, second.builder, after.competition)
+        and not is_told_later(step, of_start, after.competition)
     ]  # fmt: skip
     if of_start.steps and not untold:
         return _recorded(second, found)

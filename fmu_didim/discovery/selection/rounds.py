@@ -278,10 +278,7 @@ def _with(
         is_long = any(competition.builder.effect(a).elastic for a in candidate.fit.model.added_effects)
         stopping = Stopping(exact=True) if is_long else Stopping(updates=1, exact=True)
         whole = minimise(candidate.fit.model, competition.fit.noise, stopping=stopping)
-        before, seed = competition.fit, options.seed
-        is_valley = candidate.fit.chi_square - whole.chi_square < VALLEY
-        if is_valley and held_out_objection(before, whole, seed=seed):
-            whole = whole if held_out_objection(before, candidate.fit, seed=seed) else candidate.fit
+        whole = _along_valley(competition.fit, candidate.fit, whole, seed=options.seed)
         return replace(candidate, fit=whole)
 
     parts, remark = parts_instead(competition, accepted, base, options)
@@ -302,6 +299,14 @@ def _with(
     for step in added:
         progress.say(f"added: {step.effect_at.effect} on joint {step.effect_at.joint}")
     return without_superfluous(competition.builder, candidates[-1].fit, [*steps, *added], options, progress)
+
+
+def _along_valley(before: Fit, first: Fit, lowest: Fit, *, seed: int) -> Fit:
+    """The lower one of two fits with an effect, or the first where the data hardly tell them apart and held-out data
+    speak against the lower one alone."""
+    if first.chi_square - lowest.chi_square >= VALLEY or not held_out_objection(before, lowest, seed=seed):
+        return lowest
+    return lowest if held_out_objection(before, first, seed=seed) else first
 
 
 def _base_instead(

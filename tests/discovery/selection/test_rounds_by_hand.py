@@ -26,6 +26,7 @@ from fmu_didim.discovery.selection.competition import Competition
 from fmu_didim.discovery.selection.decide import Options, Step
 from fmu_didim.discovery.selection.rounds import (
     Ending,
+    _along_valley,
     _base_instead,
     _beside,
     _candidates,
@@ -83,6 +84,11 @@ class ByHand:
         monkeypatch.setattr(rounds, "may_be_promising", lambda fit: self.gap_is_large)
         for name in ("pre_check", "decide", "minimise", "step_of", "_pair"):
             monkeypatch.setattr(rounds, name, getattr(self, f"do_{name.strip('_')}"))
+        self.instead: list[str] = []
+        self.contested: list[list[str]] = []
+        monkeypatch.setattr(rounds, "rival_instead", self.do_rival_instead)
+        monkeypatch.setattr(rounds, "with_rivals", self.do_with_rivals)
+        monkeypatch.setattr(rounds, "held_out_objection", lambda *_, **__: "")
         monkeypatch.setattr(rounds, "without_superfluous", self.do_backward)
         monkeypatch.setattr(rounds, "by_importance", lambda steps, fit, builder: tuple(steps))
         monkeypatch.setattr(rounds, "Competition", self.do_competition)
@@ -101,6 +107,16 @@ class ByHand:
             *steps,
             *(SimpleNamespace(effect_at=EffectAtJoint(n, 1)) for n in self.pairs.pop()),
         ]
+
+    def do_rival_instead(self, builder: Any, fit: Fit, steps: list[Any], *_: Any) -> Any:
+        if not self.instead:
+            return None
+        name = self.instead.pop()
+        return with_effects(name), [*steps[:-1], SimpleNamespace(effect_at=EffectAtJoint(name, 1))]
+
+    def do_with_rivals(self, builder: Any, fit: Fit, steps: Any, *_: Any) -> Any:
+        self.contested.append([s.effect_at.effect for s in steps])
+        return steps
 
     def do_catalogue(self, builder: Any, fit: Fit, *, candidates: list[EffectAtJoint], progress: Progress) -> Any:
         self.catalogues.append((fit, candidates))
@@ -363,6 +379,42 @@ def test_where_none_is_accepted_two_together_may_be(monkeypatch: pytest.MonkeyPa
     competition.pairs = ["cd"]
     assert "".join(s.effect_at.effect for s in run(rounds=most)[0].steps) == found
     assert competition.paired == {5: [1, 3], 3: [1], 2: []}[most][: len(competition.paired)]
+
+
+def test_a_rival_that_explains_more_takes_the_place_and_the_search_goes_on(monkeypatch: pytest.MonkeyPatch) -> None:
+    competition = ByHand(monkeypatch, added("a"), (), added("cb"), ())
+    competition.instead = ["c"]
+    found, _ = run()
+    assert [s.effect_at.effect for s in found.steps] == ["c", "b"]
+    assert competition.contested == [["c", "b"]]
+
+
+def test_rivals_are_told_apart_in_a_complete_search_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    competition = ByHand(monkeypatch, added("a"), added("ab"), ())
+    competition.cut_in = 2
+    assert run()[0].ending is Ending.TIME_UP and competition.contested == []
+
+
+@pytest.mark.parametrize(
+    ("lead", "against", "wanted"),
+    [
+        (1.0, "lowest", "first"),  # a damping that the fitted motion does not show
+        (1.0, "", "lowest"),
+        (1.0, "first", "lowest"),
+        (1.0, "both", "lowest"),  # the rounds and the final model say the rest
+        (4.0, "lowest", "lowest"),  # the data tell them apart
+    ],
+)
+def test_of_two_fits_that_the_data_hardly_tell_apart_held_out_data_choose(
+    monkeypatch: pytest.MonkeyPatch, lead: float, against: str, wanted: str
+) -> None:
+    before = with_effects()
+    fits = {"lowest": replace(before, chi_square=100.0), "first": replace(before, chi_square=100.0 + lead)}
+    spoken = [fits[name] for name in fits if against in (name, "both")]
+    monkeypatch.setattr(
+        rounds, "held_out_objection", lambda one, other, *, seed: "worse" if any(other is f for f in spoken) else ""
+    )  # fmt: skip
+    assert _along_valley(before, fits["first"], fits["lowest"], seed=0) is fits[wanted]
 
 
 class Pairs:
