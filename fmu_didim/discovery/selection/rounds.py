@@ -120,19 +120,10 @@ def run_rounds(
             candidates = _candidates(builder, options, fit.model.added_effects)
             catalogue = _beside(builder, catalogue, fit, candidates, progress)
         else:
-            changed = _base_instead(competition, ranking, base, steps, options, progress)
-            if changed is None and fit is not looked_at:
-                changed, looked_at = _checked_again(builder, fit, steps, options, progress), fit
-            again = _at_best_minima(competition, ranking, options, progress) if changed is None else []
-            ranking = _ranked(ranking, *again) if again else ranking
-            if changed is None and len(steps) + 2 <= options.rounds:
-                changed = _gear(competition, ranking, base, steps, options, progress)
-            if changed is None:
-                changed = _widely_searched(competition, ranking, again, base, steps, options, progress)
-            if changed is None and len(steps) + 2 <= options.rounds:
-                changed = _pair(competition, ranking, base, steps, options, progress)
-            if changed is None:
-                changed = rival_instead(builder, fit, steps, base, options, progress, contests)
+            changed = _otherwise(
+                competition, ranking, base, steps, options, progress, contests, checked=fit is looked_at
+            )
+            looked_at = fit
             if changed is None:
                 refused = accepted
                 break
@@ -142,6 +133,39 @@ def run_rounds(
     if ending is Ending.COMPLETE:
         ordered = with_rivals(builder, fit, ordered, base, options, progress, contests)
     return Discovery(base, fit, ordered, refused, tuple(tried), ending)
+
+
+def _otherwise(
+    competition: Competition,
+    ranking: Sequence[FittedCandidate],
+    base: Fit,
+    steps: list[Step],
+    options: Options,
+    progress: Progress,
+    contests: Contests,
+    *,
+    checked: bool,
+) -> tuple[Fit, list[Step]] | None:
+    """The model and its steps with another change than one more effect, where none is accepted; None if there is none.
+
+    Args:
+        contests: as of :func:`rival_instead`; checked: whether the pre-check has looked at this fit.
+    """
+    builder, fit, has_room = competition.builder, competition.fit, len(steps) + 2 <= options.rounds
+    changed = _base_instead(competition, ranking, base, steps, options, progress)
+    if changed is None and not checked:
+        changed = _checked_again(builder, fit, steps, options, progress)
+    again = _at_best_minima(competition, ranking, options, progress) if changed is None else []
+    ranking = _ranked(ranking, *again) if again else ranking
+    if changed is None and has_room:
+        changed = _gear(competition, ranking, base, steps, options, progress)
+    if changed is None:
+        changed = _widely_searched(competition, ranking, again, base, steps, options, progress)
+    if changed is None and has_room:
+        changed = _pair(competition, ranking, base, steps, options, progress)
+    if changed is None:
+        changed = rival_instead(builder, fit, steps, base, options, progress, contests)
+    return changed
 
 
 def _round(
