@@ -3,7 +3,7 @@
 A gear is at rest in the simulation where data begin, in the middle of its play and without load, and what it does from
 there shows its play best: the load comes on at once. Gears are looked for there where the data after it name nothing
 and either disagree less than those or lack held-out data that confirm a gear, and where they name a gear but do not
-tell whether it has play. What only the beginning tells rests on that start, which is said.
+tell whether it has play. What only the beginning tells rests on that start, which is a doubt.
 
 A start in another state than the simulation's is another transient, and may pass for effects that change how the loop
 comes to its motion, such as gains of the controller. So these are asked for there only if the data after the start tell
@@ -17,7 +17,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from fmu_didim.base.diagnostics import CATALOGUE, REMARK, Diagnostic
+from fmu_didim.base.diagnostics import CATALOGUE, DOUBT, Diagnostic
 from fmu_didim.data.signals import Array
 from fmu_didim.discovery.augmentation.builder import LoopModelBuilder
 from fmu_didim.discovery.selection.competition import Competition, fitted_proposal
@@ -30,7 +30,7 @@ from fmu_didim.fit.fit import Fit
 from fmu_didim.model.loop_model import EffectAtJoint
 
 GEAR_BY_START = CATALOGUE(
-    "gear-by-start", REMARK, rank=67,
+    "gear-by-start", DOUBT, rank=56,
     meaning="A gear is named by what it does where the data begin, and the data after it do not tell it. There the "
     "simulation has it at rest in the middle of its play and without load, which a machine need not be.",
     next_step="Run a motion that loads the gear both ways again and again, and analyse both logs together.",
@@ -87,8 +87,7 @@ class AfterStart:
     untold: Mapping[EffectAtJoint, EffectAtJoint] = field(default_factory=dict)
 
     def diagnostics(self, of_start: Discovery, builder: LoopModelBuilder) -> list[Diagnostic]:
-        """The doubts about gears that the start alone tells from another kind, and remarks on those of which the data
-        after it tell nothing."""
+        """The doubts about gears that the start alone tells, or tells from another kind."""
         found, instead = [], {rival: first for first, rival in self.untold.items()}
         for step in of_start.steps:
             effect, place = builder.effect(step.effect_at), step.effect_at.text
@@ -100,7 +99,7 @@ class AfterStart:
                 found.append(Diagnostic(EFFECT_AMBIGUOUS, f"{text}{effect.title.lower()} from it if {where}.", place))
             elif not is_told_later(step, of_start, self.competition):
                 text = f"The data after their start do not tell it; with their start they do if {where}."
-                found.append(Diagnostic(GEAR_BY_START, text, place, condition=where))
+                found.append(Diagnostic(GEAR_BY_START, text, place))
         return found
 
 

@@ -199,7 +199,8 @@ class _Search:
         discovery = replace(discovery, base=base, final=_fully_integrated(base, discovery))
         ratio = held_out_ratio(base, discovery.final, seed=options.seed) if discovery.steps else None
         tested = discovery.steps and self.torques is None and not any(step.untested for step in discovery.steps)
-        if tested and (why := unconfirmed(base, discovery.final, seed=options.seed)):
+        lenience = options.lenience(hits=any(builder.effect(s.effect_at).has_minima for s in discovery.steps))
+        if tested and (why := unconfirmed(base, discovery.final, seed=options.seed, lenience=lenience)):
             discovery, ratio = _withdrawn(discovery, why), None
         forms = Forms(discovery)
         if self.torques is None and discovery.ending is Ending.COMPLETE:
@@ -393,7 +394,8 @@ def _search_with_start(
     request: Request, prepared: Prepared, looked_for: Set[str], after_start: AfterStart, note: str
 ) -> Found:
     """A search among some effects with the start of the data."""
-    options = replace(request.options, forbid=request.options.forbid | (set(request.effects) - looked_for))
+    options = request.options
+    options = replace(options, forbid=options.forbid | (set(request.effects) - looked_for), at_start=True)
     again = replace(
         request, options=options, keep=None, notes=(*request.notes, f"{note}: the final model includes them.")
     )

@@ -302,7 +302,7 @@ def _with(
         is_long = any(competition.builder.effect(a).elastic for a in candidate.fit.model.added_effects)
         stopping = Stopping(exact=True) if is_long else Stopping(updates=1, exact=True)
         whole = minimise(candidate.fit.model, competition.fit.noise, stopping=stopping)
-        whole = _along_valley(competition.fit, candidate.fit, whole, seed=options.seed)
+        whole = _along_valley(competition.fit, candidate, whole, options)
         return replace(candidate, fit=whole)
 
     parts, remark = parts_instead(competition, accepted, base, options)
@@ -325,12 +325,17 @@ def _with(
     return without_superfluous(competition.builder, candidates[-1].fit, [*steps, *added], options, progress)
 
 
-def _along_valley(before: Fit, first: Fit, lowest: Fit, *, seed: int) -> Fit:
+def _along_valley(before: Fit, candidate: FittedCandidate, lowest: Fit, options: Options) -> Fit:
     """The lower one of two fits with an effect, or the first where the data hardly tell them apart and held-out data
     speak against the lower one alone."""
-    if first.chi_square - lowest.chi_square >= VALLEY or not held_out_objection(before, lowest, seed=seed):
+    first, lenience = candidate.fit, options.lenience(hits=candidate.has_minima)
+
+    def objected(fit: Fit) -> str:
+        return held_out_objection(before, fit, seed=options.seed, lenience=lenience)
+
+    if first.chi_square - lowest.chi_square >= VALLEY or not objected(lowest):
         return lowest
-    return lowest if held_out_objection(before, first, seed=seed) else first
+    return lowest if objected(first) else first
 
 
 def _base_instead(
