@@ -1,7 +1,7 @@
 """What is looked for where data begin, and what of that the data after it must say, too.
 
-A gear is at rest in the simulation where data begin, in the middle of its play and without load, and what it does from
-there shows its play best: the load comes on at once. Gears are looked for there where the data after it name nothing
+In the simulation a gear begins in the middle of its play and without load, and what it does from there shows its play
+best: the load comes on at once. Gears are looked for there where the data after it name nothing
 and either disagree less than those or lack held-out data that confirm a gear, and where they name a gear but do not
 tell whether it has play. What only the beginning tells rests on that start, which is a doubt.
 
@@ -32,7 +32,7 @@ from fmu_didim.model.loop_model import EffectAtJoint
 GEAR_BY_START = CATALOGUE(
     "gear-by-start", DOUBT, rank=56,
     meaning="A gear is named by what it does where the data begin, and the data after it do not tell it. There the "
-    "simulation has it at rest in the middle of its play and without load, which a machine need not be.",
+    "simulation has it in the middle of its play and without load, and that of a machine need not be.",
     next_step="Run a motion that loads the gear both ways again and again, and analyse both logs together.",
 )  # fmt: skip
 SAME_VALUES = 3.0
