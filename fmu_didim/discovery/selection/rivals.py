@@ -25,7 +25,7 @@ from fmu_didim.discovery.progress import Progress
 from fmu_didim.discovery.selection.beside_others import fit_without
 from fmu_didim.discovery.selection.candidates import FittedCandidate
 from fmu_didim.discovery.selection.competition import Competition
-from fmu_didim.discovery.selection.decide import Options, Step, nearness, objection, step_of
+from fmu_didim.discovery.selection.decide import NEAR_STATED, Options, Step, nearness, objection, step_of
 from fmu_didim.discovery.selection.plausible import MAY_BE_ABSENT
 from fmu_didim.discovery.selection.wide_search import searched_widely
 from fmu_didim.fit.fit import Fit
@@ -80,12 +80,23 @@ class Contest:
     rivals: tuple[tuple[FittedCandidate, str], ...]
 
     def standings(self, options: Options) -> list[tuple[FittedCandidate, float, Standing]]:
-        """Each rival with its lead in BIC and how it stands."""
-        own = self.named.delta_bic
-        return [
-            (r, r.delta_bic - own, standing(r.delta_bic - own, nearness(max(own, r.delta_bic), options), why))
-            for r, why in self.rivals
-        ]
+        """Each rival with its lead in BIC and how it stands.
+
+        What the case states, such as gains of the controller, is not doubted for what it is confounded with unless that
+        explains far less, as in the decision of a round; what the user prefers is not replaced.
+        """
+        found = []
+        for rival, why in self.rivals:
+            lead = rival.delta_bic - self.named.delta_bic
+            how = standing(lead, nearness(max(self.named.delta_bic, rival.delta_bic), options), why)
+            effect = self.beside.builder.effect(rival.effect_at)
+            if effect.is_stated and self.named.effect_at.effect in effect.confounded_with:
+                far = not why and lead > NEAR_STATED * rival.delta_bic
+                how = Standing.AHEAD if far else Standing.BEHIND
+            if how is Standing.AHEAD and self.named.effect_at.effect in options.prefer:
+                how = Standing.AS_GOOD
+            found.append((rival, lead, how))
+        return found
 
 
 Contests = MutableMapping[tuple[frozenset[EffectAtJoint], EffectAtJoint], Contest | None]

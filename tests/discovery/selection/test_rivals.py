@@ -30,7 +30,7 @@ from tests.discovery.by_hand import Catalogue, TableModel, candidate_of, effect_
 BUILDER: Any = Catalogue(
     effect_of("elastic", title="Elastic gear", confounded_with=("play", "lag")),
     effect_of("play", title="Play", has_minima=True, confounded_with=("elastic",)),
-    effect_of("lag", title="Lag"), effect_of("slide", title="Slide", class_name="rubs"),
+    effect_of("lag", title="Lag"), effect_of("gains", is_stated=True, confounded_with=("lag",)), effect_of("slide", title="Slide", class_name="rubs"),
     effect_of("rub", title="Rub", class_name="rubs"),
     joints=2,
 )  # fmt: skip
@@ -157,6 +157,24 @@ def test_a_rival_is_named_instead_doubted_or_behind(
         assert (
             doubt.code.name == "effect-ambiguous" and doubt.place == "slide, joint 1" and "Lag on joint 1" in doubt.text
         )
+
+
+@pytest.mark.parametrize(
+    ("named", "rival", "gain", "prefer", "wanted"),
+    [
+        ("lag", "gains", 120.0, (), Standing.BEHIND),  # the case states the gains: a lag that explains 83 % is named
+        ("lag", "gains", 130.0, (), Standing.AHEAD),
+        ("slide", "gains", 120.0, (), Standing.AHEAD),  # which gains do not resemble
+        ("slide", "lag", 130.0, ("slide",), Standing.AS_GOOD),
+        ("slide", "lag", 130.0, ("lag",), Standing.AHEAD),
+    ],
+)
+def test_what_is_stated_or_preferred_stays(
+    monkeypatch: pytest.MonkeyPatch, named: str, rival: str, gain: float, prefer: tuple[str, ...], wanted: Standing
+) -> None:
+    beside: Any = Beside(monkeypatch, {})
+    held = Contest(beside, candidate_of(named, bic=100.0), ((candidate_of(rival, bic=gain), ""),))
+    assert [how for _, _, how in held.standings(Options(prefer=prefer))] == [wanted]
 
 
 def test_what_was_replaced_does_not_come_back(monkeypatch: pytest.MonkeyPatch) -> None:
