@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time as clock
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence, Set
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -16,7 +16,16 @@ from fmu_didim.checks.sampling_kind import other_sampling
 from fmu_didim.discovery.augmentation.builder import LoopModelBuilder
 from fmu_didim.discovery.augmentation.gains import gain_notes
 from fmu_didim.discovery.base_model import Prepared, prepare
-from fmu_didim.discovery.beginning import FIRST_S, after_start, at_start, is_told_later
+from fmu_didim.discovery.beginning import (
+    FIRST_S,
+    AfterStart,
+    after_start,
+    at_start,
+    is_settled_by_start,
+    is_told_later,
+    unconfirmed_gears,
+    untold_gears,
+)
 from fmu_didim.discovery.document import findings_document
 from fmu_didim.discovery.external_torques.findings import external_torque_finding, external_torque_windows
 from fmu_didim.discovery.external_torques.fit import FittedExternalTorques, find_external_torques
@@ -31,18 +40,22 @@ from fmu_didim.discovery.selection.competition import Competition
 from fmu_didim.discovery.selection.held_out import unconfirmed
 from fmu_didim.discovery.selection.plausible import unusual_values
 from fmu_didim.discovery.selection.refitted import Refitted, refitted_notes, refitted_shapes, with_stated
+from fmu_didim.discovery.selection.rivals import ambiguities
 from fmu_didim.discovery.selection.rounds import Discovery, Ending, run_rounds
 from fmu_didim.discovery.unfinished import ended_before
 from fmu_didim.discovery.untried import motion_notes, untried_effects
 from fmu_didim.fit.fit import Fit
 from fmu_didim.fit.gap import Ratio, held_out_ratio, joint_gaps
 from fmu_didim.fit.solver.accuracy import integrated
-from fmu_didim.model.loop_model import LoopModel
+from fmu_didim.model.loop_model import EffectAtJoint, LoopModel
 from fmu_didim.results.findings import FindingResult, FindingsDocument, RegionResult, WindowResult
 
 TORN = 1.25
 """[1] RMS of the torque residual of a joint with all outputs over that of the base model by the torque alone, from
 which torque and the other signals do not agree: as for held-out data."""
+DISAGREE = f"The first {FIRST_S:g} s of the data, where the state of the machine is not known, disagree most"
+WITH_START = f"The first {FIRST_S:g} s of the data, where gears show most, tell what the data after them do not"
+GEARS_FROM_START = f"gears with the first {FIRST_S:g} s"
 NO_HELD_OUT = (
     "There is no validation experiment: the test on held-out data was left out, and the information criterion alone "
     "decided."
@@ -114,6 +127,8 @@ def discover(model: LoopModel, request: Request) -> Found:
     found = _Search.of(request, prepare(after_start(model))).found()
     if found.discovery.final is found.discovery.base:  # nothing was found
         found = _with_beginning(request, model, found)
+    elif untold := untold_gears(found.discovery.steps, request.effects):
+        found = _gears_by_beginning(request, model, found, untold)
     return replace(found, document=timed(found.document))
 
 
@@ -125,6 +140,7 @@ class _Search:
         prepared: the base model; base: its fit, with the noise of the data without torques from outside.
         torques: from outside, where they explain most of its residual; builder: of the models that follow.
         is_late: whether the time was up before the search for them; disagreement: where the base model disagrees.
+        after_start: what the data after their start say, where these count as well.
     """
 
     request: Request
@@ -134,9 +150,10 @@ class _Search:
     builder: LoopModelBuilder
     is_late: bool
     disagreement: list[RegionResult]
+    after_start: AfterStart | None = None
 
     @staticmethod
-    def of(request: Request, prepared: Prepared) -> _Search:
+    def of(request: Request, prepared: Prepared, after_start: AfterStart | None = None) -> _Search:
         """Fit the torques from outside, if there are any."""
         request = replace(request, doubts=(*request.doubts, *prepared.doubts))
         base, progress = prepared.fit, request.progress
@@ -165,7 +182,7 @@ class _Search:
         elif base is not alone:
             builder = build(base.model)
         regions = regions_of_fit(base.torque_alone, builder.description)
-        return _Search(request, prepared, base, torques, builder, is_late, regions)
+        return _Search(request, prepared, base, torques, builder, is_late, regions, after_start)
 
     def found(self) -> Found:
         """Run the rounds and document their result."""
@@ -178,7 +195,8 @@ class _Search:
         discovery = replace(discovery, base=base, final=_fully_integrated(base, discovery))
         ratio = held_out_ratio(base, discovery.final, seed=options.seed) if discovery.steps else None
         tested = discovery.steps and self.torques is None and not any(step.untested for step in discovery.steps)
-        if tested and (why := unconfirmed(base, discovery.final, seed=options.seed)):
+        lenience = options.lenience(hits=any(builder.effect(s.effect_at).has_minima for s in discovery.steps))
+        if tested and (why := unconfirmed(base, discovery.final, seed=options.seed, lenience=lenience)):
             discovery, ratio = _withdrawn(discovery, why), None
         forms = Forms(discovery)
         if self.torques is None and discovery.ending is Ending.COMPLETE:
@@ -265,7 +283,8 @@ class _Search:
         doubts = [
             *doubts, *self.torn(discovery.final), *untried_effects(self.builder, discovery.final),
             *contradictions(discovery, ladders), *of_other_size(discovery, ladders),
-            *unusual_values(discovery.final, self.builder),
+            *unusual_values(discovery.final, self.builder), *ambiguities(self.builder, discovery.steps),
+            *([] if self.after_start is None else self.after_start.diagnostics(discovery, self.builder)),
         ]  # fmt: skip
         document = findings_document(
             replace(request, doubts=(*request.doubts, *doubts)), discovery, self.builder, ratio=ratio,
@@ -324,29 +343,66 @@ def _with_beginning(request: Request, model: LoopModel, found: Found) -> Found:
     without, whole = found.discovery.base, prepared.fit
     without, whole = without.torque_alone, whole.torque_alone
     more = joint_gaps(whole.residual, whole.noise) ** 2 - joint_gaps(without.residual, without.noise) ** 2
-    if not (more > request.options.smallest_size**2).any():
+    disagrees = bool((more > request.options.smallest_size**2).any())
+    if not disagrees and not unconfirmed_gears(found.discovery, request.effects):
         return found
-    request.progress.say(f"the first {FIRST_S:g} s disagree: {what} in them")
-    options = replace(request.options, forbid=request.options.forbid | (set(request.effects) - looked_for))
-    note = f"The first {FIRST_S:g} s of the data, where the state of the machine is not known, disagree most"
-    again = replace(
-        request, options=options, keep=None, notes=(*request.notes, f"{note}: the final model includes them.")
-    )
-    second = _Search.of(again, prepared).found()
-    later, of_start = Competition(found.builder, found.discovery.base), second.discovery
-    untold = [step for step in of_start.steps if not is_told_later(step, of_start, second.builder, later)]
+    request.progress.say(f"the first {FIRST_S:g} s disagree: {what} in them" if disagrees else GEARS_FROM_START)
+    after, note = AfterStart(Competition(found.builder, found.discovery.base)), DISAGREE if disagrees else WITH_START
+    second = _search_with_start(request, prepared, looked_for, after, note)
+    of_start = second.discovery
+    untold = [
+        step for step in of_start.steps if not second.builder.effect(step.effect_at).known_at_start
+        and not is_told_later(step, of_start, after.competition)
+    ]  # fmt: skip
     if of_start.steps and not untold:
-        asked = found.document.provenance["options"]  # not that everything else was forbidden
-        recorded = {**second.document.provenance, "options": asked}
-        return replace(second, document=second.document.model_copy(update={"provenance": recorded}))
+        return _recorded(second, found)
     if second.document.unfinished is not None:
         return replace(found, document=unseen)
     named = ", ".join(step.effect_at.text for step in untold)
     why = f"{named} would explain them, but the data after them ask for other values" if untold else (
         "no gear explains them" if what == "gears" else "nothing that was looked for there explains them"
     )  # fmt: skip
-    notes = [*found.document.notes, f"{note}; they were left out, and {why}."]
+    notes = [*found.document.notes, f"{DISAGREE}; they were left out, and {why}."] if disagrees else (
+        found.document.notes
+    )  # fmt: skip
     return replace(found, document=found.document.model_copy(update={"notes": notes}))
+
+
+def _gears_by_beginning(
+    request: Request, model: LoopModel, found: Found, untold: Mapping[EffectAtJoint, EffectAtJoint]
+) -> Found:
+    """The answer with the start of the data where that tells another kind of gear than the data after it, which do not
+    tell the two apart; else the answer without it, with its doubt."""
+    if request.progress.is_time_up:
+        return found
+    request.progress.say(GEARS_FROM_START)
+    gears = {name for name, effect in request.effects.items() if effect.known_at_start}
+    looked_for = gears | {step.effect_at.effect for step in found.discovery.steps}
+    after = AfterStart(Competition(found.builder, found.discovery.base), untold)
+    second = _search_with_start(request, prepare(model), looked_for, after, WITH_START)
+    finished = second.document.unfinished is None
+    if finished and is_settled_by_start(untold, found.discovery.steps, second.discovery.steps):
+        return _recorded(second, found)
+    return found
+
+
+def _search_with_start(
+    request: Request, prepared: Prepared, looked_for: Set[str], after_start: AfterStart, note: str
+) -> Found:
+    """A search among some effects with the start of the data."""
+    options = request.options
+    options = replace(options, forbid=options.forbid | (set(request.effects) - looked_for), at_start=True)
+    again = replace(
+        request, options=options, keep=None, notes=(*request.notes, f"{note}: the final model includes them.")
+    )
+    return _Search.of(again, prepared, after_start).found()
+
+
+def _recorded(second: Found, first: Found) -> Found:
+    """A search with the start of the data with the options that were asked for: not that everything else was
+    forbidden."""
+    recorded = {**second.document.provenance, "options": first.document.provenance["options"]}
+    return replace(second, document=second.document.model_copy(update={"provenance": recorded}))
 
 
 def _fully_integrated(base: Fit, discovery: Discovery) -> Fit:

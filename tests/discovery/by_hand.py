@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -189,3 +189,24 @@ class Catalogue:
 
     def prepare(self, wanted: Sequence[Sequence[EffectAtJoint]], **_: Any) -> None:
         pass
+
+
+def with_effects(*names: str, square: float = 100.0, owner: str = PLANT) -> Fit:
+    """A fit of a model with these effects on joint 1, one parameter each."""
+    parameters = [FreeParameter("M", "kg", "base", "M", 1.0, 1.0)]
+    parameters += [FreeParameter(n, "N.m", owner, n, 1.0, 1.0, effect=i) for i, n in enumerate(names)]
+    model = TableModel(residual(square), {}, tuple(EffectAtJoint(n, 1) for n in names), tuple(parameters))
+    slopes = np.arange(1.0, len(parameters) + 1) * np.ones((400, 1, 1))
+    return fit_of(model, values=[1.0] * len(parameters), jacobian=slopes)
+
+
+class Removable(Catalogue):
+    """A builder that takes effects out of table models."""
+
+    def without(self, model: TableModel, index: int) -> TableModel:
+        kept = tuple(a for i, a in enumerate(model.added_effects) if i != index)
+        parameters = [p for p in model.free_parameters if p.effect != index]
+        parameters = [
+            replace(p, effect=kept.index(EffectAtJoint(p.key, 1))) if p.effect is not None else p for p in parameters
+        ]
+        return replace(model, added_effects=kept, free_parameters=tuple(parameters))

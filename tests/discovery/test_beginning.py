@@ -3,16 +3,23 @@
 from __future__ import annotations
 
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
 
 from fmu_didim.discovery import beginning
-from fmu_didim.discovery.beginning import at_start, is_told_later
+from fmu_didim.discovery.beginning import (
+    AfterStart,
+    at_start,
+    is_settled_by_start,
+    is_told_later,
+    unconfirmed_gears,
+    untold_gears,
+)
 from fmu_didim.dynamics.effects import EFFECTS
 from fmu_didim.model.loop_model import EffectAtJoint
-from tests.discovery.by_hand import candidate_of
+from tests.discovery.by_hand import candidate_of, effect_of
 
 GAIN = EffectAtJoint("gain", 1)
 
@@ -47,25 +54,104 @@ def fit(value: float, deviation: float) -> Any:
 
 
 @pytest.mark.parametrize(
-    ("with_start", "after", "gain", "starts_known", "wanted"),
+    ("with_start", "after", "gain", "wanted"),
     [
-        ((0.80, 0.01), (0.82, 0.04), 20.0, False, True),
-        ((0.80, 0.01), (0.9, 0.04), 20.0, False, True),  # 2.4 standard deviations of both
-        ((0.80, 0.01), (0.95, 0.04), 20.0, False, False),  # 3.6: the start asks for something else
-        ((0.80, 0.01), (0.81, 0.04), 9.0, False, False),  # the data after it do not tell it
-        ((0.80, 0.01), None, 0.0, False, False),  # the loop cannot run there
-        ((0.80, 0.01), None, 0.0, True, True),  # play of a gear, which starts in its middle
+        ((0.80, 0.01), (0.82, 0.04), 20.0, True),
+        ((0.80, 0.01), (0.9, 0.04), 20.0, True),  # 2.4 standard deviations of both
+        ((0.80, 0.01), (0.95, 0.04), 20.0, False),  # 3.6: the start asks for something else
+        ((0.80, 0.01), (0.81, 0.04), 9.0, False),  # the data after it do not tell it
+        ((0.80, 0.01), None, 0.0, False),  # the loop cannot run there
     ],
 )
 def test_what_is_found_with_the_start_is_in_the_data_after_it(
     monkeypatch: pytest.MonkeyPatch, with_start: tuple[float, float], after: tuple[float, float] | None, gain: float,
-    starts_known: bool, wanted: bool,
+    wanted: bool,
 ) -> None:  # fmt: skip
     monkeypatch.setattr(beginning, "fitted_proposal", lambda fit, effect_at: (fit, effect_at))
     of_start: Any = SimpleNamespace(final=fit(*with_start))
     later: Any = SimpleNamespace(
         refit=lambda proposal: None if after is None else fit(*after), assess=lambda *_: candidate_of("gain", bic=gain)
     )
-    builder: Any = SimpleNamespace(effect=lambda effect_at: SimpleNamespace(known_at_start=starts_known))
     step: Any = SimpleNamespace(effect_at=GAIN)
-    assert is_told_later(step, of_start, builder, later) == wanted
+    assert is_told_later(step, of_start, later) == wanted
+
+
+GEARS: Any = {
+    "play": effect_of("play", title="Play", known_at_start=True),
+    "elastic": effect_of("elastic", title="Elastic gear", known_at_start=True),
+    "drag": effect_of("drag", title="Drag", known_at_start=False),
+}
+PLAY, ELASTIC, DRAG = (EffectAtJoint(name, 1) for name in GEARS)
+
+
+@pytest.mark.parametrize(
+    ("refused", "wanted"),
+    [
+        ([(PLAY, "held-out RMS ratio 0.893, its interval reaches 1.005")], True),
+        ([(PLAY, "BIC difference 4.0 below 10")], False),
+        ([(DRAG, "held-out RMS ratio 0.893, its interval reaches 1.005")], False),
+        ([], False),
+    ],
+)
+def test_gears_that_held_out_data_do_not_confirm_are_looked_for_with_the_start(
+    refused: list[tuple[EffectAtJoint, str]], wanted: bool
+) -> None:
+    discovery: Any = SimpleNamespace(refused=refused)
+    assert unconfirmed_gears(discovery, GEARS) == wanted
+
+
+def step_with(effect_at: EffectAtJoint, *rivals: EffectAtJoint) -> Any:
+    return SimpleNamespace(effect_at=effect_at, rivals=tuple((r, 1.0) for r in rivals))
+
+
+@pytest.mark.parametrize(
+    ("steps", "wanted"),
+    [
+        ([step_with(ELASTIC, PLAY)], {ELASTIC: PLAY}),
+        ([step_with(ELASTIC)], {}),
+        ([step_with(ELASTIC, DRAG)], {}),  # friction does not start from a state that is known
+        ([step_with(DRAG, PLAY)], {}),
+        ([step_with(ELASTIC, EffectAtJoint("play", 2))], {}),  # that is the gear of another joint
+        ([step_with(DRAG), step_with(PLAY, ELASTIC)], {PLAY: ELASTIC}),
+    ],
+)
+def test_gears_that_are_not_told_from_others_of_their_joint(
+    steps: list[Any], wanted: dict[EffectAtJoint, EffectAtJoint]
+) -> None:
+    assert untold_gears(steps, GEARS) == wanted
+
+
+@pytest.mark.parametrize(
+    ("later", "of_start", "wanted"),
+    [
+        ([step_with(ELASTIC, PLAY)], [step_with(PLAY)], True),
+        ([step_with(ELASTIC, PLAY)], [step_with(PLAY, ELASTIC)], False),  # it is not told there either
+        ([step_with(ELASTIC, PLAY)], [step_with(ELASTIC)], False),  # the answer stays, with its doubt
+        ([step_with(ELASTIC, PLAY)], [], False),
+        ([step_with(ELASTIC, PLAY), step_with(DRAG)], [step_with(PLAY)], False),  # what the later data tell is lost
+        ([step_with(ELASTIC, PLAY), step_with(DRAG)], [step_with(DRAG), step_with(PLAY)], True),
+    ],
+)
+def test_the_start_settles_which_gear_it_is(later: list[Any], of_start: list[Any], wanted: bool) -> None:
+    assert is_settled_by_start({ELASTIC: PLAY}, later, of_start) == wanted
+
+
+@pytest.mark.parametrize(
+    ("effect_at", "untold", "is_told", "wanted"),
+    [
+        (PLAY, {ELASTIC: PLAY}, True, ["effect-ambiguous"]),  # whatever the later data say of the play itself
+        (PLAY, {}, False, ["gear-by-start"]),
+        (PLAY, {}, True, []),
+        (DRAG, {}, False, []),  # which is not named where only the start tells it
+    ],
+)
+def test_what_the_start_alone_tells_is_said(
+    monkeypatch: pytest.MonkeyPatch, effect_at: EffectAtJoint, untold: dict[EffectAtJoint, EffectAtJoint],
+    is_told: bool, wanted: list[str],
+) -> None:  # fmt: skip
+    monkeypatch.setattr(beginning, "is_told_later", lambda *_: is_told)
+    builder: Any = SimpleNamespace(effect=lambda at: GEARS[at.effect])
+    of_start: Any = SimpleNamespace(steps=[step_with(effect_at)])
+    found = AfterStart(cast(Any, "later"), untold).diagnostics(of_start, builder)
+    assert [d.code.name for d in found] == wanted
+    assert all("in the middle of its play" in d.text and "joint 1" in d.place for d in found)

@@ -2,15 +2,13 @@
 
 The effect that is found first explains most beside the base alone. It may have stood for what another one explains
 better, and stay for a rest of that: beside one factor of a command a lag makes up what two gains need that are off by
-different factors. Such a rest goes if it is superfluous, gives way to an effect that explains more in its place, and
-else is named after what explains more.
-
-Source of the exchange: A. J. Miller, Subset selection in regression, 2nd edition, 2002, on sequential replacement.
+different factors. Such a rest goes if it is superfluous, gives way to an effect that explains more in its place
+(:mod:`~fmu_didim.discovery.selection.rivals`), and else is named after what explains more.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -18,10 +16,8 @@ import numpy as np
 from fmu_didim.base.errors import SimulationError
 from fmu_didim.discovery.augmentation.builder import LoopModelBuilder
 from fmu_didim.discovery.progress import Progress
-from fmu_didim.discovery.screening.catalogue import SignatureCatalogue
 from fmu_didim.discovery.selection.candidates import FittedCandidate
-from fmu_didim.discovery.selection.competition import Competition
-from fmu_didim.discovery.selection.decide import Options, Step, nearness, step_of
+from fmu_didim.discovery.selection.decide import Options, Step
 from fmu_didim.fit.fit import Fit
 from fmu_didim.fit.gap import bic_gain, explained_gap
 from fmu_didim.fit.solver.least_squares import minimise
@@ -31,11 +27,6 @@ from fmu_didim.model.loop_model import EffectAtJoint, LoopModel
 
 KEPT_GAIN = 0.5
 """[1] Fraction of the smallest gain that an effect must still have beside later ones."""
-EXCHANGED = 2
-"""[candidates] Fitted in the place of an effect: the first of those that promise more than it explains beside all
-others."""
-INSTEAD = "{0}: beside all others it explains more than {1}, which was found first, by a BIC difference of {2:.0f}."
-"""Remark on an effect that has taken the place of another one."""
 
 
 def fit_of_smaller(smaller: LoopModel, fit: Fit) -> Fit | None:
@@ -102,58 +93,6 @@ def without_superfluous(
 def shifts_log(fit: Fit) -> bool:
     """Whether the model of a fit shifts the clock of the log, so that it is compared at other instants."""
     return any(parameter.owner == LOG for parameter in fit.model.free_parameters)
-
-
-def exchanged(
-    builder: LoopModelBuilder, catalogue: SignatureCatalogue, fit: Fit, steps: Sequence[Step],
-    judge: Callable[[Competition], Callable[..., object]], options: Options, progress: Progress,
-) -> tuple[Fit, list[Step]] | None:  # fmt: skip
-    """The model and its steps with another effect in the place of one, which explains more beside all others; None if
-    there is none.
-
-    Args:
-        catalogue: the signatures of all candidates; judge: what decides between candidates beside the model of a
-            competition: a ranking -> the one to add, or the objections to all.
-    """
-    for step in reversed(by_importance(steps, fit, builder)) if len(steps) > 1 else ():
-        without = fit_without(builder, fit, step)
-        if without is None or len(without.model.added_effects) < len(fit.model.added_effects) - 1:
-            continue
-        if shifts_log(without) != shifts_log(catalogue.fit):  # its signatures are at other samples
-            continue
-        others = Competition(builder, without)
-        named = others.assess(step.effect_at, fit)
-        least = named.delta_bic + nearness(named.delta_bic, options)
-        promising = [
-            s for s in others.screen(catalogue)
-            if s.effect_at not in fit.model.added_effects and s.predicted > least
-            and builder.has_place(s.effect_at, without.model.added_effects)
-            and not _may_stand_for_named(builder, s.effect_at, fit)
-        ]  # fmt: skip
-        if not promising or progress.is_time_up:
-            continue
-        progress.say(f"what may be in the place of {step.effect_at.effect} on joint {step.effect_at.joint}")
-        comparison = others.compare(
-            sorted(promising, key=lambda s: -s.predicted)[:EXCHANGED], progress=progress, reach=np.inf
-        )
-        ranking = sorted((named, *comparison.ranking), key=lambda c: -c.delta_bic)
-        found = judge(others)(ranking)
-        if not isinstance(found, FittedCandidate) or found.effect_at == step.effect_at or found.delta_bic <= least:
-            continue
-        found = fitted_to_minimum(builder, found)
-        new = step_of(found, ranking, others, options)
-        titles = (f"{builder.effect(a).title} on joint {a.joint}" for a in (found.effect_at, step.effect_at))
-        remark = INSTEAD.format(*titles, found.delta_bic - named.delta_bic)
-        new = replace(new, remark=" ".join(filter(None, (new.remark, remark))))
-        progress.say(f"added instead: {found.effect_at.effect} on joint {found.effect_at.joint}")
-        return without_superfluous(builder, found.fit, [*(s for s in steps if s is not step), new], options, progress)
-    return None
-
-
-def _may_stand_for_named(builder: LoopModelBuilder, effect_at: EffectAtJoint, fit: Fit) -> bool:
-    """Whether an effect may only stand for what a model has on its joint, as a stop for a spring."""
-    named = {a.effect for a in fit.model.added_effects if a.joint == effect_at.joint}
-    return bool(named & set(builder.effect(effect_at).stands_for))
 
 
 def by_importance(steps: Sequence[Step], fit: Fit, builder: LoopModelBuilder) -> tuple[Step, ...]:

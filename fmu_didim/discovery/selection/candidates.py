@@ -56,6 +56,7 @@ class FittedCandidate:
         cost: parameters that it counts as, without amplitudes that change nothing here, such as a mass on an axis.
         implausible: why its values are not significant or not possible, or an empty string.
         unusual: which of its values hardly any machine has, or an empty string.
+        has_minima: whether its fit has many minima, as that of play has, which hits its flanks.
     """
 
     effect_at: EffectAtJoint
@@ -67,6 +68,7 @@ class FittedCandidate:
     cost: float
     implausible: str = ""
     unusual: str = ""
+    has_minima: bool = False
 
 
 class Outcome(Enum):

@@ -409,7 +409,8 @@ class Competition:
         whole = replace(found, model=replace(found.model, workers=fit.model.workers))
         effect = builder.effect(effect_at)
         why = implausible(whole, index, effect, builder.link_values(effect_at.joint))
-        return FittedCandidate(effect_at, whole, gain, size, share, raw, cost, why, unusual(whole, index, effect))
+        odd = unusual(whole, index, effect)
+        return FittedCandidate(effect_at, whole, gain, size, share, raw, cost, why, odd, effect.has_minima)
 
     def change_without(self, effect_at: EffectAtJoint, found: Fit, *, held_out: bool = False) -> float:
         """Largest RMS change of an output, such as the torque of a joint, in units of its noise, when an effect is

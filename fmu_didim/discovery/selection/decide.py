@@ -14,6 +14,7 @@ from fmu_didim.discovery.selection.candidates import FittedCandidate
 from fmu_didim.discovery.selection.competition import Competition, proposal_of
 from fmu_didim.discovery.selection.held_out import (
     FAILS_HELD_OUT,
+    Lenience,
     held_out_objection,
     held_out_remark,
     is_confirmed_by_size_alone,
@@ -65,6 +66,7 @@ class Options:
         rounds: largest number of effects; threshold: BIC difference from which a larger model is accepted.
         smallest_size, smallest_gain, smallest_share, smallest_part: see the constants of these names.
         seed: of the bootstrap.
+        at_start: whether the data begin where a start in a known state shows, so that a few samples may tell it.
     """
 
     forbid: frozenset[str] = frozenset()
@@ -76,10 +78,16 @@ class Options:
     smallest_share: float = SMALLEST_SHARE
     smallest_part: float = SMALLEST_PART
     seed: int = 0
+    at_start: bool = False
 
     def record(self) -> dict[str, Any]:
-        """The options as they are written down."""
-        return {**asdict(self), "forbid": sorted(self.forbid), "prefer": list(self.prefer)}
+        """The options as they are written down, those that the user has."""
+        found = {**asdict(self), "forbid": sorted(self.forbid), "prefer": list(self.prefer)}
+        return {name: value for name, value in found.items() if name != "at_start"}
+
+    def lenience(self, *, hits: bool) -> Lenience:
+        """What may confirm an effect on held-out data, one of many minima or not."""
+        return Lenience(hits=hits, at_start=self.at_start)
 
 
 @dataclass(frozen=True)
@@ -96,6 +104,8 @@ class Step:
         remark: on the decision, for the user.
         untested: whether the held-out data tell nothing of it.
         without: the last fit of the other effects without it.
+        rivals: effects of another class, or on another joint, that explain the data as well in its place, with their
+            lead in BIC, or without a figure (NaN) where they were not fitted there.
     """
 
     effect_at: EffectAtJoint
@@ -112,6 +122,7 @@ class Step:
     without: Fit | None = None
     channels_before: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     channels_after: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    rivals: tuple[tuple[EffectAtJoint, float], ...] = ()
 
 
 def decide(
@@ -193,7 +204,9 @@ def objection(candidate: FittedCandidate, fit: Fit, options: Options, *, base: F
         return f"explains {100 * part:.1f} % of the gap of the base model on its joint, less than {least:g} %"
     if candidate.implausible:
         return candidate.implausible
-    return held_out_objection(fit, candidate.fit, seed=options.seed)
+    return held_out_objection(
+        fit, candidate.fit, seed=options.seed, lenience=options.lenience(hits=candidate.has_minima)
+    )
 
 
 def _of_clock(candidate: FittedCandidate) -> str:
@@ -265,7 +278,9 @@ def _remark(
     """What is reported of an effect whose shapes were held, of one that held-out data confirm by its size alone, and of
     larger members of its class that explain the fitted data better."""
     effect = competition.builder.effect(accepted.effect_at)
-    told = [_held_remark(accepted), held_out_remark(competition.fit, accepted.fit, seed=options.seed)]
+    lenience = options.lenience(hits=accepted.has_minima)
+    by_what = held_out_remark(competition.fit, accepted.fit, seed=options.seed, lenience=lenience)
+    told = [_held_remark(accepted), by_what]
     text = " ".join(f"{effect.title} on joint {accepted.effect_at.joint}: {one}." for one in told if one)
     if not told[1]:
         return text

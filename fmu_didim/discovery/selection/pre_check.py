@@ -14,11 +14,10 @@ from fmu_didim.discovery.progress import Progress
 from fmu_didim.discovery.selection.candidates import FittedCandidate
 from fmu_didim.discovery.selection.competition import Competition
 from fmu_didim.discovery.selection.decide import Options, Step, objection, step_of
-from fmu_didim.discovery.selection.held_out import FAILS_HELD_OUT
+from fmu_didim.discovery.selection.held_out import FAILS_HELD_OUT, FEW_BLOCKS
 from fmu_didim.dynamics.effects import PreCheck
 from fmu_didim.fit.fit import Fit
 from fmu_didim.fit.gap import held_out_blocks, held_out_ratio, total_gap
-from fmu_didim.fit.statistics import CONFIDENCE
 from fmu_didim.model.loop_model import EffectAtJoint, LoopModel
 from fmu_didim.model.workers import side_by_side
 
@@ -29,9 +28,6 @@ PROMISING = 0.9
 WORSE = 1.02
 """[1] Held-out RMS ratio beyond which data that do not reach the value still contradict it; the base parameters, which
 are fitted along, make a little of it."""
-FEW_BLOCKS = float(np.log(2 / (1 - CONFIDENCE)))
-"""[blocks] Of held-out data that reach the value, 3.7, with fewer of which the interval of the bootstrap reaches 1
-whatever the effect is: of k blocks among many a draw holds none with the probability exp(-k)."""
 
 
 def pre_check(builder: LoopModelBuilder, base: Fit, options: Options, progress: Progress) -> tuple[Fit, list[Step]]:

@@ -15,7 +15,6 @@ from fmu_didim.discovery.progress import Progress
 from fmu_didim.discovery.screening.catalogue import SignatureCatalogue
 from fmu_didim.discovery.selection.beside_others import (
     by_importance,
-    exchanged,
     fitted_to_minimum,
     shifts_log,
     without_superfluous,
@@ -31,6 +30,7 @@ from fmu_didim.discovery.selection.parts import parts_instead
 from fmu_didim.discovery.selection.plausible import MAY_BE_ABSENT
 from fmu_didim.discovery.selection.pre_check import may_be_promising, pre_check
 from fmu_didim.discovery.selection.refitted import Refitted
+from fmu_didim.discovery.selection.rivals import Rivalry
 from fmu_didim.discovery.selection.wide_search import searched_widely
 from fmu_didim.fit.fit import Fit
 from fmu_didim.fit.gap import joint_gaps
@@ -38,10 +38,12 @@ from fmu_didim.fit.solver.least_squares import minimise
 from fmu_didim.fit.solver.termination import Stopping
 from fmu_didim.model.loop_model import EffectAtJoint
 
-Judge = Callable[..., FittedCandidate | tuple[tuple[EffectAtJoint, str], ...]]
-"""A ranking -> the candidate to add, or the objections to all."""
 PAIRED = 4
 """[candidates] The best ones that held-out data alone speak against, which are fitted two by two."""
+VALLEY = 4.0
+"""[chi-square] Of two fits of one effect that differ by less, both lie in the 95 % interval of any one value: where
+held-out data speak against the lower one, the other is taken. A damping of a gear that the fitted motion does not show
+ends anywhere between none and what it is, and makes other hits along another motion."""
 TOGETHER = "{0}: held-out data confirm it only beside {1}, and {1} only beside it."
 """Remark on the first of two effects that are added together."""
 
@@ -103,6 +105,7 @@ def run_rounds(
     refused: tuple[tuple[EffectAtJoint, str], ...] = ()
     tried: list[tuple[TriedCandidate, ...]] = []
     astray: dict[EffectAtJoint, float] = {}
+    rivalry = Rivalry(builder, base, options, progress)
     ending = Ending.COMPLETE
     while len(steps) < options.rounds:
         if catalogue.left:  # the best may be among them
@@ -118,7 +121,10 @@ def run_rounds(
         if isinstance(accepted, FittedCandidate):
             fit, steps = _with(competition, ranking, accepted, base, steps, options, progress)
         else:
-            changed, looked_at = _otherwise(competition, catalogue, ranking, base, steps, looked_at, options, progress)
+            changed = _otherwise(
+                competition, catalogue, ranking, rivalry, base, steps, options, progress, checked=fit is looked_at
+            )
+            looked_at = fit
             if changed is None:
                 refused = accepted
                 break
@@ -126,42 +132,44 @@ def run_rounds(
         keep(Discovery(base, fit, tuple(steps), tried=tuple(tried), ending=Ending.RUNNING))
         candidates = _candidates(builder, options, fit.model.added_effects)
         catalogue = _beside(builder, catalogue, fit, candidates, progress)
-    return Discovery(base, fit, by_importance(steps, fit, builder), refused, tuple(tried), ending)
+    ordered = by_importance(steps, fit, builder)
+    if ending is Ending.COMPLETE:
+        ordered = rivalry.told(fit, ordered)
+    return Discovery(base, fit, ordered, refused, tuple(tried), ending)
 
 
 def _otherwise(
     competition: Competition,
     catalogue: SignatureCatalogue,
     ranking: Sequence[FittedCandidate],
+    rivalry: Rivalry,
     base: Fit,
     steps: list[Step],
-    looked_at: Fit,
     options: Options,
     progress: Progress,
-) -> tuple[tuple[Fit, list[Step]] | None, Fit]:
-    """The model and its steps changed in another way where a round has accepted no candidate, or None; and the fit at
-    which effects of the pre-check were last looked for.
+    *,
+    checked: bool,
+) -> tuple[Fit, list[Step]] | None:
+    """The model and its steps with another change than one more effect, where none is accepted; None if there is none.
 
     Args:
-        looked_at: where they were before.
+        checked: whether the pre-check has looked at this fit.
     """
-    builder, fit = competition.builder, competition.fit
+    builder, fit, has_room = competition.builder, competition.fit, len(steps) + 2 <= options.rounds
     changed = _base_instead(competition, ranking, base, steps, options, progress)
-    if changed is None and fit is not looked_at:
-        changed, looked_at = _checked_again(builder, fit, steps, options, progress), fit
+    if changed is None and not checked:
+        changed = _checked_again(builder, fit, steps, options, progress)
     if changed is None:
-        judge = partial(_judge, base=base, options=options)
-        changed = exchanged(builder, catalogue, fit, steps, judge, options, progress)
+        changed = rivalry.instead(fit, steps, catalogue)
     again = _at_best_minima(competition, ranking, options, progress) if changed is None else []
     ranking = _ranked(ranking, *again) if again else ranking
-    is_room = len(steps) + 2 <= options.rounds
-    if changed is None and is_room:
+    if changed is None and has_room:
         changed = _gear(competition, ranking, base, steps, options, progress)
     if changed is None:
         changed = _widely_searched(competition, ranking, again, base, steps, options, progress)
-    if changed is None and is_room:
+    if changed is None and has_room:
         changed = _pair(competition, ranking, base, steps, options, progress)
-    return changed, looked_at
+    return changed
 
 
 def _round(
@@ -184,7 +192,12 @@ def _round(
     astray |= comparison.astray
     if comparison.is_cut:
         return ranking, tried, None
-    judge = partial(_judge(competition, base, options), held=partial(_with_shapes_held, competition, screened))
+    held = partial(_with_shapes_held, competition, screened)
+    judge = partial(
+        decide, fit=competition.fit, options=options, base=base, held=held, finished=competition.finished,
+        class_of=lambda effect_at: competition.builder.effect(effect_at).class_name,
+        rivals_of=partial(_rivals, competition),
+    )  # fmt: skip
     accepted = judge(ranking)
     if comparison.unfitted and not isinstance(accepted, FittedCandidate):
         comparison = competition.compare(comparison.unfitted, progress=progress, reach=float("inf"))
@@ -204,15 +217,6 @@ def _round(
         ranking = tuple(c for c in ranking if c.delta_bic <= first.delta_bic)
     best = _at_best_minimum(competition, first, base, options, progress)
     return (ranking if best is first else _ranked(ranking, best)), tried, best
-
-
-def _judge(competition: Competition, base: Fit, options: Options) -> Judge:
-    """The decision between candidates for the next effect beside the present model of a competition."""
-    return partial(
-        decide, fit=competition.fit, options=options, base=base, finished=competition.finished,
-        class_of=lambda effect_at: competition.builder.effect(effect_at).class_name,
-        rivals_of=partial(_rivals, competition),
-    )  # fmt: skip
 
 
 def _rivals(competition: Competition, candidate: FittedCandidate) -> frozenset[str]:
@@ -297,7 +301,10 @@ def _with(
     """The model and its steps with the accepted effect, or with those that it would stand for, and with the same on
     further joints where joints have it in common."""
 
-    at_minimum = partial(fitted_to_minimum, competition.builder)
+    def at_minimum(candidate: FittedCandidate) -> FittedCandidate:
+        lowest = fitted_to_minimum(competition.builder, candidate).fit
+        return replace(candidate, fit=_along_valley(competition.fit, candidate, lowest, options))
+
     parts, remark = parts_instead(competition, accepted, base, options)
     if parts:
         candidates = [*(p.candidate for p in parts[:-1]), at_minimum(parts[-1].candidate)]
@@ -316,6 +323,19 @@ def _with(
     for step in added:
         progress.say(f"added: {step.effect_at.effect} on joint {step.effect_at.joint}")
     return without_superfluous(competition.builder, candidates[-1].fit, [*steps, *added], options, progress)
+
+
+def _along_valley(before: Fit, candidate: FittedCandidate, lowest: Fit, options: Options) -> Fit:
+    """The lower one of two fits with an effect, or the first where the data hardly tell them apart and held-out data
+    speak against the lower one alone."""
+    first, lenience = candidate.fit, options.lenience(hits=candidate.has_minima)
+
+    def objected(fit: Fit) -> str:
+        return held_out_objection(before, fit, seed=options.seed, lenience=lenience)
+
+    if first.chi_square - lowest.chi_square >= VALLEY or not objected(lowest):
+        return lowest
+    return lowest if objected(first) else first
 
 
 def _base_instead(

@@ -13,11 +13,14 @@ from fmu_didim.discovery.selection.competition import Competition
 from fmu_didim.discovery.selection.decide import Options, _remark, decide
 from fmu_didim.discovery.selection.held_out import (
     FEWEST_BLOCKS,
+    Lenience,
+    amplitude_in_few_blocks,
     confirming_joint,
     held_out_amplitude,
     held_out_objection,
     held_out_remark,
     shared_weights,
+    typical_ratio,
     unconfirmed,
 )
 from fmu_didim.fit.fit import Fit
@@ -291,3 +294,91 @@ def test_the_user_is_told_that_a_larger_one_explains_the_fitted_data_better() ->
     )
     as_good = candidate_of("one", bic=395.0, fit=simple)
     assert "Two" not in _remark(as_good, [ranking[0], as_good], Competition(effects, before), Options())
+
+
+HITS, AT_START = Lenience(hits=True), Lenience(at_start=True)
+
+
+def missed(typical: float, *, burst: float, blocks: int = 2) -> tuple[Fit, Fit]:
+    """An effect beside which the error of a typical block is so many times what it was, and in a few blocks, where its
+    hits come at another moment, an error of this size comes to it; blocks of five samples."""
+    first = 2.0 * white()
+    second = typical * first
+    for block in range(blocks):
+        second[40 + 100 * block : 45 + 100 * block] += burst
+    return fits(first, second)
+
+
+@pytest.mark.parametrize(
+    ("typical", "burst", "strictly", "leniently"),
+    [
+        (0.8, 0.0, True, True),
+        (0.8, 6.0, False, True),  # the right model, one hit too early
+        (0.9, 4.0, False, True),
+        (1.0, 0.0, False, False),
+        (1.03, 0.0, False, False),
+        (0.8, 25.0, False, False),  # the whole prediction is worse: it may not be used
+    ],
+)
+def test_hits_at_other_moments_do_not_hide_what_a_typical_block_confirms(
+    typical: float, burst: float, strictly: bool, leniently: bool
+) -> None:
+    before, after = missed(typical, burst=burst)
+    assert (unconfirmed(before, after) == "") is strictly
+    assert (unconfirmed(before, after, lenience=AT_START) == "") is strictly
+    assert (unconfirmed(before, after, lenience=HITS) == "") is leniently
+    remark = held_out_remark(before, after, lenience=HITS)
+    assert ("that of a typical block of 0.5 s is" in remark) is (leniently and not strictly)
+
+
+def test_what_is_better_in_one_block_alone_is_no_typical_block() -> None:
+    first = white()
+    first[40:45] += 6.0
+    second = first.copy()
+    second[40:45] -= 6.0
+    assert typical_ratio(*fits(first, second)).high >= 1.0
+    assert unconfirmed(*fits(first, second), lenience=HITS) != ""
+
+
+def test_a_few_blocks_are_no_typical_ones() -> None:
+    short = 2.0 * white(count=5 * (FEWEST_BLOCKS - 1))
+    assert typical_ratio(*fits(short, 0.5 * short)) is None
+    assert typical_ratio(*fits(white(), None)) is None  # the loop cannot be run there
+
+
+def begun(size: float, *, count: int = 3, noise: float = 1.0, seed: int = 0) -> tuple[Fit, Fit]:
+    """An effect of 20 deviations in the first samples, there so many times as large as it was fitted."""
+    shown = np.zeros(COUNT)
+    shown[:count] = 20.0, -20.0, 20.0, *(20.0,) * (count - 3)
+    first = noise * white(seed) + size * shown
+    return fits(first, first - shown, columns=BASE)
+
+
+@pytest.mark.parametrize(
+    ("size", "strictly", "leniently"),
+    [(1.0, False, True), (0.95, False, True), (0.8, False, False), (0.4, False, False), (-1.0, False, False)],
+)
+def test_a_start_confirms_what_a_few_samples_show(size: float, strictly: bool, leniently: bool) -> None:
+    """Of blocks that are drawn at random a third holds none of these samples."""
+    before, after = begun(size)
+    assert (unconfirmed(before, after) == "") is strictly
+    assert (unconfirmed(before, after, lenience=HITS) == "") is strictly
+    assert (unconfirmed(before, after, lenience=AT_START) == "") is leniently
+    remark = held_out_remark(before, after, lenience=AT_START)
+    assert ("the few samples that show it, where the data begin" in remark) is leniently
+
+
+def test_what_shows_in_many_blocks_is_judged_by_all_of_them() -> None:
+    before, after = fits(*spoiled(drift=0.65), columns=BASE)
+    assert amplitude_in_few_blocks(before, after) is None
+    assert amplitude_in_few_blocks(*fits(white(), None)) is None
+
+
+def test_its_interval_holds_the_size_and_is_that_of_the_samples_that_show_it() -> None:
+    found = [amplitude_in_few_blocks(*begun(1.0, seed=seed)) for seed in range(200)]
+    assert all(one is not None for one in found)
+    held = np.mean([one.low < 1.0 < one.high for one in found if one is not None])
+    assert 0.9 < held <= 1.0
+    louder = [amplitude_in_few_blocks(*begun(1.0, noise=4.0, seed=seed)) for seed in range(200)]
+    quiet, loud = (np.mean([one.high - one.low for one in those if one is not None]) for those in (found, louder))
+    assert loud > 2.0 * quiet, "what neither model explains there counts"

@@ -168,6 +168,32 @@ def test_a_gear_whose_play_shows_where_the_data_begin_is_found(cluttered: Run) -
 
 
 @pytest.mark.slow
+def test_an_elastic_gear_that_may_as_well_have_play_is_no_valid_name(cluttered: Run) -> None:
+    """The data after their start tell a gear of this stiffness, and hardly its play: of 5 mrad, it says 12 ± 10."""
+    document, truth = cluttered("backlash", 755, rate_hz=20)
+    assert (document.findings[0].effect, document.findings[0].joint) == truth[0]
+    assert document.verdict == "doubtful"
+    (reason,) = (reason for reason in document.reasons if reason.code == "effect-ambiguous")
+    assert "Joint elasticity explains the data after their start as well" in reason.text
+
+
+@pytest.mark.slow
+def test_play_whose_hits_come_at_other_moments_where_held_out_is_named(cluttered: Run) -> None:
+    document, truth = cluttered("backlash", 751, rate_hz=20)
+    assert [(f.effect, f.joint) for f in document.findings] == truth
+    assert all(g.after is not None and g.before is not None and g.after < 0.7 * g.before for g in document.gap.values())
+    assert any("typical block" in note for note in document.notes)
+
+
+@pytest.mark.slow
+def test_play_that_the_start_alone_tells_is_doubted(cluttered: Run) -> None:
+    document, truth = cluttered("backlash", 750, rate_hz=20)
+    assert [(f.effect, f.joint) for f in document.findings] == truth
+    assert "gear-by-start" in {reason.code for reason in document.reasons}
+    assert any("the few samples that show it" in note for note in document.notes)
+
+
+@pytest.mark.slow
 def test_a_limit_that_the_held_out_data_do_not_reach_is_named(cluttered: Run) -> None:
     document, truth = cluttered("torque_saturation", 6)
     assert [(f.effect, f.joint) for f in document.findings] == truth

@@ -26,6 +26,7 @@ from fmu_didim.discovery.selection.competition import Competition
 from fmu_didim.discovery.selection.decide import Options, Step
 from fmu_didim.discovery.selection.rounds import (
     Ending,
+    _along_valley,
     _base_instead,
     _beside,
     _candidates,
@@ -34,18 +35,18 @@ from fmu_didim.discovery.selection.rounds import (
 )
 from fmu_didim.fit.fit import Fit
 from fmu_didim.fit.solver.termination import Stopping
-from fmu_didim.model.free_parameter import LOG, PLANT, FreeParameter
+from fmu_didim.model.free_parameter import LOG
 from fmu_didim.model.loop_model import EffectAtJoint
-from tests.discovery.by_hand import Catalogue, TableModel, candidate_of, effect_of, fit_of, residual
-
-
-def with_effects(*names: str, square: float = 100.0, owner: str = PLANT) -> Fit:
-    """A fit of a model with these effects on joint 1, one parameter each."""
-    parameters = [FreeParameter("M", "kg", "base", "M", 1.0, 1.0)]
-    parameters += [FreeParameter(n, "N.m", owner, n, 1.0, 1.0, effect=i) for i, n in enumerate(names)]
-    model = TableModel(residual(square), {}, tuple(EffectAtJoint(n, 1) for n in names), tuple(parameters))
-    slopes = np.arange(1.0, len(parameters) + 1) * np.ones((400, 1, 1))
-    return fit_of(model, values=[1.0] * len(parameters), jacobian=slopes)
+from tests.discovery.by_hand import (
+    Catalogue,
+    Removable,
+    TableModel,
+    candidate_of,
+    effect_of,
+    fit_of,
+    residual,
+    with_effects,
+)
 
 
 def added(names: str | Sequence[str], **more: Any) -> FittedCandidate:
@@ -79,16 +80,18 @@ class ByHand:
         self.paired: list[int] = []
         self.pairs: list[str] = []
         self.exchanges: list[str] = []
-        self.exchanged: list[int] = []
+        self.contested: list[str] = []
+        self.doubted: list[str] = []
         self.gap_is_large = True
         self._outcomes, self._checked = list(outcomes), [list(checked), list(again)]
         monkeypatch.setattr(rounds, "may_be_promising", lambda fit: self.gap_is_large)
         for name in ("pre_check", "decide", "minimise", "step_of", "_pair"):
             monkeypatch.setattr(rounds, name, getattr(self, f"do_{name.strip('_')}"))
         monkeypatch.setattr(beside_others, "minimise", self.do_minimise)
+        monkeypatch.setattr(rounds, "Rivalry", lambda *_: self)
+        monkeypatch.setattr(rounds, "held_out_objection", lambda *_, **__: "")
         monkeypatch.setattr(rounds, "without_superfluous", self.do_backward)
         monkeypatch.setattr(rounds, "by_importance", lambda steps, fit, builder: tuple(steps))
-        monkeypatch.setattr(rounds, "exchanged", self.do_exchanged)
         monkeypatch.setattr(rounds, "Competition", self.do_competition)
         monkeypatch.setattr(rounds, "SignatureCatalogue", self.do_catalogue)
 
@@ -106,12 +109,17 @@ class ByHand:
             *(SimpleNamespace(effect_at=EffectAtJoint(n, 1)) for n in self.pairs.pop()),
         ]
 
-    def do_exchanged(self, builder: Any, catalogue: Any, fit: Fit, steps: list[Any], *_: Any) -> Any:
-        self.exchanged.append(len(steps))
+    def instead(self, fit: Fit, steps: list[Any], catalogue: Any) -> Any:
+        self.contested.append("".join(s.effect_at.effect for s in steps))
         if not self.exchanges:
             return None
         name = self.exchanges.pop()
-        return with_effects("b", name), [steps[-1], SimpleNamespace(effect_at=EffectAtJoint(name, 1))]
+        names = [*(s.effect_at.effect for s in steps[:-1]), name]
+        return with_effects(*names), [*steps[:-1], SimpleNamespace(effect_at=EffectAtJoint(name, 1))]
+
+    def told(self, fit: Fit, steps: Any) -> Any:
+        self.doubted.append("".join(s.effect_at.effect for s in steps))
+        return steps
 
     def do_catalogue(self, builder: Any, fit: Fit, *, candidates: list[EffectAtJoint], progress: Progress) -> Any:
         self.catalogues.append((fit, candidates))
@@ -376,14 +384,43 @@ def test_where_none_is_accepted_two_together_may_be(monkeypatch: pytest.MonkeyPa
     assert competition.paired == {5: [1, 3], 3: [1], 2: []}[most][: len(competition.paired)]
 
 
-def test_where_none_is_accepted_another_effect_may_take_the_place_of_one(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Before two are tried together, and the search goes on from there."""
-    competition = ByHand(monkeypatch, added("a"), added("ab"), (), ())
+def test_a_rival_that_explains_more_takes_the_place_and_the_search_goes_on(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Before two are tried together."""
+    competition = ByHand(monkeypatch, added("a"), (), added("cb"), ())
     competition.exchanges = ["c"]
     found, _ = run()
-    assert [s.effect_at.effect for s in found.steps] == ["b", "c"]
-    assert competition.exchanged == [2, 2] and competition.paired == [2]
-    assert [a.effect for a in competition.screened[-1].model.added_effects] == ["b", "c"]
+    assert [s.effect_at.effect for s in found.steps] == ["c", "b"]
+    assert (competition.contested, competition.paired) == (["a", "cb"], [2])
+    assert competition.doubted == ["cb"]
+    assert [a.effect for a in competition.screened[-1].model.added_effects] == ["c", "b"]
+
+
+def test_rivals_are_told_apart_in_a_complete_search_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    competition = ByHand(monkeypatch, added("a"), added("ab"), ())
+    competition.cut_in = 2
+    assert run()[0].ending is Ending.TIME_UP and competition.doubted == []
+
+
+@pytest.mark.parametrize(
+    ("lead", "against", "wanted"),
+    [
+        (1.0, "lowest", "first"),  # a damping that the fitted motion does not show
+        (1.0, "", "lowest"),
+        (1.0, "first", "lowest"),
+        (1.0, "both", "lowest"),  # the rounds and the final model say the rest
+        (4.0, "lowest", "lowest"),  # the data tell them apart
+    ],
+)
+def test_of_two_fits_that_the_data_hardly_tell_apart_held_out_data_choose(
+    monkeypatch: pytest.MonkeyPatch, lead: float, against: str, wanted: str
+) -> None:
+    before = with_effects()
+    fits = {"lowest": replace(before, chi_square=100.0), "first": replace(before, chi_square=100.0 + lead)}
+    spoken = [fits[name] for name in fits if against in (name, "both")]
+    monkeypatch.setattr(
+        rounds, "held_out_objection", lambda one, other, **_: "worse" if any(other is f for f in spoken) else ""
+    )  # fmt: skip
+    assert _along_valley(before, candidate_of("a", fit=fits["first"]), fits["lowest"], Options()) is fits[wanted]
 
 
 class Pairs:
@@ -541,18 +578,6 @@ def test_what_every_robot_has_is_a_candidate_for_a_black_box(described: bool, wa
     assert [f"{c.effect}{c.joint}" for c in _candidates(builder, Options())] == wanted
 
 
-class Removable(Catalogue):
-    """A builder that takes effects out of table models."""
-
-    def without(self, model: TableModel, index: int) -> TableModel:
-        kept = tuple(a for i, a in enumerate(model.added_effects) if i != index)
-        parameters = [p for p in model.free_parameters if p.effect != index]
-        parameters = [
-            replace(p, effect=kept.index(EffectAtJoint(p.key, 1))) if p.effect is not None else p for p in parameters
-        ]
-        return replace(model, added_effects=kept, free_parameters=tuple(parameters))
-
-
 def backward(
     monkeypatch: pytest.MonkeyPatch, squares: dict[tuple[str, ...], float | None], names: str = "ab",
     costs: dict[str, float] | None = None, **options: Any,
@@ -708,115 +733,6 @@ def test_an_effect_of_every_base_model_takes_the_place_of_what_it_makes_superflu
     found = _base_instead(competition, [spring, coulomb], BASE, steps, Options(), Progress())  # type: ignore[arg-type]
     assert asked == ([((coulomb,), 0.0)] if present else [])
     assert (None if found is None else [step.effect_at.effect for step in found[1]]) == wanted
-
-
-class Exchange:
-    """What explains more in the place of one of the effects a and b, and what an exchange asks.
-
-    Args:
-        squares: what models leave, by their effects. promised: what candidates promise beside which others.
-        objected: candidates that are not accepted.
-    """
-
-    def __init__(
-        self, monkeypatch: pytest.MonkeyPatch, squares: dict[str, float], promised: dict[tuple[str, str], float],
-        objected: str = "", names: str = "ab", stands_for: dict[str, str] | None = None,
-    ) -> None:  # fmt: skip
-        self.squares, self.promised, self.objected = squares, promised, objected
-        stands_for = stands_for or {}
-        self.fitted: list[str] = []
-        monkeypatch.setattr(beside_others, "minimise", self.minimise)
-        monkeypatch.setattr(beside_others, "Competition", self.competition)
-        monkeypatch.setattr(beside_others, "step_of", lambda c, ranking, *_: step_of_(c))
-        steps = [replace(step_of_(candidate_of(n)), remark="") for n in names]
-        catalogue: Any = SimpleNamespace(fit=BASE)
-        builder = Removable(*(effect_of(n, title=n, stands_for=stands_for.get(n, ())) for n in "abcd"))
-        self.found = beside_others.exchanged(
-            builder, catalogue, with_effects(*names, square=squares[names]), steps, lambda competition: self.judged,
-            Options(), Progress(),
-        )  # fmt: skip
-
-    @property
-    def named(self) -> str:
-        return "" if self.found is None else "".join(s.effect_at.effect for s in self.found[1])
-
-    def minimise(self, model: TableModel, noise: Any, **more: Any) -> Fit:
-        names = "".join(a.effect for a in model.added_effects)
-        slopes = np.ones((400, 1, len(model.free_parameters)))
-        return fit_of(replace(model, own=residual(self.squares[names])), values=model.start, jacobian=slopes)
-
-    def competition(self, builder: Any, fit: Fit) -> Any:
-        kept = "".join(a.effect for a in fit.model.added_effects)
-
-        def gain(names: str) -> float:
-            return float(400 * np.log(self.squares[kept] / self.squares[names]))
-
-        def compare(chosen: Any, *, progress: Progress, reach: float) -> Any:
-            names = [s.effect_at.effect for s in chosen]
-            self.fitted += [kept + n for n in names]
-            ranking = [candidate_of(n, bic=gain(kept + n), fit=with_effects(*kept, n)) for n in names]
-            return SimpleNamespace(ranking=tuple(ranking))
-
-        screened = [
-            SimpleNamespace(effect_at=EffectAtJoint(n, 1), predicted=p)
-            for (others, n), p in sorted(self.promised.items(), key=lambda item: -item[1]) if others == kept
-        ]  # fmt: skip
-        return SimpleNamespace(
-            assess=lambda at, found: candidate_of(
-                at.effect, bic=gain("".join(a.effect for a in found.model.added_effects)), fit=found
-            ),
-            screen=lambda catalogue: screened, compare=compare, finished=None,
-        )  # fmt: skip
-
-    def judged(self, ranking: Any) -> Any:
-        allowed = [c for c in ranking if c.effect_at.effect not in self.objected]
-        return allowed[0] if allowed else ()
-
-
-def step_of_(candidate: FittedCandidate) -> Step:
-    return Step(candidate.effect_at, candidate.delta_bic, 1.0, 0.5, (), {}, {}, None)
-
-
-SQUARES = {"ab": 1.0, "b": 2.0, "a": 3.0, "c": 4.0, "bc": 0.9, "ac": 0.95, "bd": 0.99}
-"""Beside b, c is ahead of a by 42 in BIC, and d by 4; beside a, c is ahead of b by 21."""
-
-
-@pytest.mark.parametrize(
-    ("promised", "objected", "fitted", "named"),
-    [
-        ({("b", "c"): 400.0}, "", ["bc"], "bc"),  # a explains 277 beside b
-        ({("b", "c"): 280.0}, "", [], ""),  # promises hardly more than a
-        ({("b", "c"): 400.0}, "c", ["bc"], ""),  # held-out data speak against it, say
-        ({("b", "d"): 400.0}, "", ["bd"], ""),  # as good as a decides nothing
-        ({("a", "c"): 500.0, ("b", "c"): 400.0}, "", ["bc"], "bc"),  # what explains least is looked at first
-        ({("a", "c"): 500.0}, "", ["ac"], "ac"),
-        ({("b", "a"): 400.0, ("b", "b"): 400.0}, "", [], ""),  # they are there
-        ({("b", "d"): 401.0, ("b", "c"): 400.0}, "", ["bd", "bc"], "bc"),
-        ({}, "", [], ""),
-    ],
-)
-def test_what_explains_more_beside_all_others_takes_the_place_of_an_effect(
-    monkeypatch: pytest.MonkeyPatch, promised: dict[tuple[str, str], float], objected: str, fitted: list[str],
-    named: str,
-) -> None:  # fmt: skip
-    found = Exchange(monkeypatch, SQUARES, promised, objected)
-    assert found.fitted == fitted and found.named == named
-    if named:
-        assert found.found is not None
-        assert "beside all others it explains more than" in found.found[1][-1].remark
-
-
-@pytest.mark.parametrize(("parts", "named"), [("a", ""), ("b", ""), ("d", "bc")])
-def test_what_may_stand_for_an_effect_does_not_take_its_place(
-    monkeypatch: pytest.MonkeyPatch, parts: str, named: str
-) -> None:
-    """A stop for a spring, or for the constant beside it."""
-    assert Exchange(monkeypatch, SQUARES, {("b", "c"): 400.0}, stands_for={"c": parts}).named == named
-
-
-def test_a_single_effect_is_not_exchanged(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The round that named it has compared it with all others."""
-    assert Exchange(monkeypatch, {"a": 1.0, "": 9.0, "c": 0.5}, {("", "c"): 1e4}, names="a").found is None
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,281 @@
+"""What else explains the data as well as an effect that was found, or better, beside all others that were found.
+
+The set of an effect is that of its round, in which others were still missing, and where the fit of a rival with many
+minima, such as play in a gear, may have ended in a poor one; and an effect that was the best beside the base alone
+stays for a rest of what another one explains better. So when no further effect is accepted, each effect meets its
+rivals once more in its place: those of its set of another class, or on another joint, those of many minima from their
+whole range, and what promises more than it explains beside all others:
+
+    lead = gain in BIC of the rival beside all others - gain of the effect beside the same
+
+A rival to which nothing can be objected is named instead where it leads by more than what is ambiguous; where it is
+as good, nothing tells which of the two acts, and the verdict doubts the name.
+
+Source: A. J. Miller, Subset selection in regression, 2nd edition, 2002, on sequential replacement.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from enum import Enum
+
+import numpy as np
+
+from fmu_didim.base.diagnostics import CATALOGUE, DOUBT, Diagnostic
+from fmu_didim.discovery.augmentation.builder import LoopModelBuilder
+from fmu_didim.discovery.progress import Progress
+from fmu_didim.discovery.screening.catalogue import SignatureCatalogue
+from fmu_didim.discovery.selection.beside_others import (
+    by_importance,
+    fit_without,
+    fitted_to_minimum,
+    shifts_log,
+    without_superfluous,
+)
+from fmu_didim.discovery.selection.candidates import FittedCandidate, ScreenedCandidate
+from fmu_didim.discovery.selection.competition import Competition
+from fmu_didim.discovery.selection.decide import NEAR_STATED, Options, Step, nearness, objection, step_of
+from fmu_didim.discovery.selection.plausible import MAY_BE_ABSENT
+from fmu_didim.discovery.selection.wide_search import searched_widely
+from fmu_didim.fit.fit import Fit
+from fmu_didim.model.loop_model import EffectAtJoint
+
+EFFECT_AMBIGUOUS = CATALOGUE(
+    "effect-ambiguous", DOUBT, rank=53,
+    meaning="Another effect, of another kind or on another joint, explains these data as well as the one that is "
+    "named, beside all else that was found. Which of them acts is not told, and what to do about them differs: play is "
+    "taken up, an elastic gear is not.",
+    next_step="Run the motion that splits them, which the results propose, and analyse both logs together; what tells "
+    "them apart stands with the finding in the report.",
+)  # fmt: skip
+PROMISED = 2
+"""[candidates] Fitted in the place of an effect beside the rivals of its set: the first of those that promise more than
+it explains beside all others."""
+IN_ITS_PLACE = "{0} on joint {1} was accepted first; beside all others {2} explains {3:.0f} more in BIC in its place."
+"""Remark on an effect that is named in the place of another one."""
+
+
+class Standing(Enum):
+    """How a rival stands to the effect that is named."""
+
+    BEHIND = "behind"
+    AS_GOOD = "as good"
+    AHEAD = "ahead"
+
+
+def standing(lead: float, near: float, objected: str) -> Standing:
+    """Of a rival with this lead in BIC, where differences up to ``near`` decide nothing, and this objection to it.
+
+    That it may be absent says that its form is not sure, not that the effect which is named is the right one: an
+    elastic gear is play of no width, and a rival that leads all the same explains something that the effect does not.
+    """
+    if objected.startswith(MAY_BE_ABSENT):
+        return Standing.AS_GOOD if lead > 0 else Standing.BEHIND
+    if objected or lead < -near:
+        return Standing.BEHIND
+    return Standing.AHEAD if lead > near else Standing.AS_GOOD
+
+
+@dataclass(frozen=True)
+class Contest:
+    """An effect and its rivals, each fitted in its place beside all others.
+
+    Attributes:
+        beside: the others; named: the effect; rivals: those that were fitted, the best first, with the objection to
+            each.
+    """
+
+    beside: Competition
+    named: FittedCandidate
+    rivals: tuple[tuple[FittedCandidate, str], ...]
+
+    def standings(self, options: Options) -> list[tuple[FittedCandidate, float, Standing]]:
+        """Each rival with its lead in BIC and how it stands.
+
+        What the case states, such as gains of the controller, is not doubted for what it is confounded with unless that
+        explains far less, as in the decision of a round; what the user prefers is not replaced.
+        """
+        found = []
+        for rival, why in self.rivals:
+            lead = rival.delta_bic - self.named.delta_bic
+            how = standing(lead, nearness(max(self.named.delta_bic, rival.delta_bic), options), why)
+            effect = self.beside.builder.effect(rival.effect_at)
+            if effect.is_stated and self.named.effect_at.effect in effect.confounded_with:
+                far = not why and lead > NEAR_STATED * rival.delta_bic
+                how = Standing.AHEAD if far else Standing.BEHIND
+            if how is Standing.AHEAD and self.named.effect_at.effect in options.prefer:
+                how = Standing.AS_GOOD
+            found.append((rival, lead, how))
+        return found
+
+
+Contests = dict[tuple[frozenset[EffectAtJoint], EffectAtJoint], Contest | None]
+"""Effects of a model and the one of them that is contested -> the contest, so that none is run twice."""
+
+
+@dataclass(frozen=True)
+class Rivalry:
+    """The contests of a search.
+
+    Attributes:
+        builder: of its models; base: its first fit; contests: those that were run. What has lost one does not come
+            back.
+    """
+
+    builder: LoopModelBuilder
+    base: Fit
+    options: Options
+    progress: Progress
+    contests: Contests = field(default_factory=dict)
+
+    def instead(
+        self, fit: Fit, steps: Sequence[Step], catalogue: SignatureCatalogue
+    ) -> tuple[Fit, list[Step]] | None:  # fmt: skip
+        """The model and its steps with a rival in the place of an effect that it is ahead of; None if there is none.
+        What explains least beside all others is contested first.
+
+        Args:
+            catalogue: the signatures of all candidates.
+        """
+        builder, lost = self.builder, {effect_at for added, effect_at in self.contests if effect_at not in added}
+        for step in reversed(by_importance(steps, fit, builder)):
+            found = self._contest(fit, step, catalogue)
+            ahead = [] if found is None else [
+                (c, lead) for c, lead, how in found.standings(self.options)
+                if how is Standing.AHEAD and c.effect_at not in lost
+            ]  # fmt: skip
+            if found is None or not ahead:
+                continue
+            rival, lead = fitted_to_minimum(builder, ahead[0][0]), ahead[0][1]
+            self.progress.say(f"{rival.effect_at.text} instead of {step.effect_at.text}")
+            self.contests[frozenset(rival.fit.model.added_effects), step.effect_at] = None
+            effect, other = builder.effect(step.effect_at), builder.effect(rival.effect_at)
+            remark = IN_ITS_PLACE.format(effect.title, step.effect_at.joint, other.title.lower(), lead)
+            new = step_of(rival, (rival, found.named), found.beside, self.options)
+            new = replace(new, remark=" ".join(filter(None, (new.remark, remark))))
+            others = [replace(s, without=None) for s in steps if s is not step]
+            return without_superfluous(builder, rival.fit, [*others, new], self.options, self.progress)
+        return None
+
+    def told(self, fit: Fit, steps: Sequence[Step]) -> tuple[Step, ...]:
+        """The steps, each with the rivals that explain the data as well beside all others; where no contest can be run,
+        with those of its set."""
+        told = []
+        for step in steps:
+            found = self._contest(fit, step)
+            near = [(r, float("nan")) for r, behind in step.ambiguous if np.isfinite(behind)]
+            if found is not None:
+                near = [
+                    (c.effect_at, lead) for c, lead, how in found.standings(self.options) if how is not Standing.BEHIND
+                ]
+            others = tuple((r, lead) for r, lead in near if _is_other(self.builder, fit, step, r))
+            told.append(replace(step, rivals=others))
+        return tuple(told)
+
+    def _contest(self, fit: Fit, step: Step, catalogue: SignatureCatalogue | None = None) -> Contest | None:
+        """The contest of an effect in this model, run once; None where the model cannot be run without it, where others
+        act in it, or where the time is up."""
+        key = frozenset(fit.model.added_effects), step.effect_at
+        if key not in self.contests:
+            self.contests[key] = self._held(fit, step, catalogue)
+        return self.contests[key]
+
+    def _held(self, fit: Fit, step: Step, catalogue: SignatureCatalogue | None) -> Contest | None:
+        builder, options, progress = self.builder, self.options, self.progress
+        if len(fit.model.added_effects) == 1:
+            catalogue = None  # its round has compared it with all others
+        known = list(rivals_of(builder, fit, step, options))
+        if progress.is_time_up or not (known or catalogue):
+            return None
+        without = fit_without(builder, fit, step)
+        if without is None or len(fit.model.added_effects) - len(without.model.added_effects) > 1:
+            return None
+        beside = Competition(builder, without)
+        named, found = beside.assess(step.effect_at, fit), list[FittedCandidate | None]()
+        for rival in known:
+            progress.say(f"{rival.text} in the place of {step.effect_at.text}")
+            found.append(fitted_rival(beside, rival, step, options, progress))
+        promising = [] if catalogue is None else promising_instead(beside, catalogue, fit, named, options, known)
+        if promising:
+            progress.say(f"what else may be in the place of {step.effect_at.text}")
+            found += map(beside.finished, beside.compare(promising, progress=progress, reach=np.inf).ranking)
+        if progress.is_time_up:
+            return None
+        judged = [(c, objection(c, without, options, base=self.base)) for c in found if c is not None]
+        return Contest(beside, named, tuple(sorted(judged, key=lambda r: -r[0].delta_bic)))
+
+
+def rivals_of(builder: LoopModelBuilder, fit: Fit, step: Step, options: Options) -> Iterator[EffectAtJoint]:
+    """The rivals of an effect that are no form of it, and not in the model themselves: those of its set that were
+    fitted, and those of many minima that it is confounded with, whose fit in a competition tells little."""
+    for rival, behind in step.ambiguous:
+        if np.isfinite(behind) and _is_other(builder, fit, step, rival):
+            yield rival
+    known, effect = {a for a, _ in step.ambiguous}, builder.effect(step.effect_at)
+    for name in effect.confounded_with:
+        rival = EffectAtJoint(name, step.effect_at.joint)
+        allowed = name in builder.effects and name not in options.forbid and rival not in known
+        if allowed and builder.effect(rival).has_minima and _is_other(builder, fit, step, rival):
+            yield rival
+
+
+def _is_other(builder: LoopModelBuilder, fit: Fit, step: Step, rival: EffectAtJoint) -> bool:
+    """Whether a rival of an effect is of another class than all that was named on its joint, and can be added."""
+    named = {(builder.effect(a).class_name, a.joint) for a in (*fit.model.added_effects, step.effect_at)}
+    return (builder.effect(rival).class_name, rival.joint) not in named and builder.at(rival).can_be_added
+
+
+def fitted_rival(
+    beside: Competition, rival: EffectAtJoint, step: Step, options: Options, progress: Progress
+) -> FittedCandidate | None:
+    """A rival beside the others, from where its round has left it, and from its whole range if it has many minima."""
+    known = next((p for p in step.members if p.effect_at == rival), None)
+    found = None if known is None else beside.refit(known)
+    candidate = None if found is None else beside.finished(beside.assess(rival, found))
+    if not beside.builder.effect(rival).has_minima:
+        return candidate
+    widely = searched_widely(beside, rival, seed=options.seed, progress=progress, begin=found)
+    return min((c for c in (candidate, widely) if c is not None), key=lambda c: c.fit.chi_square, default=None)
+
+
+def promising_instead(
+    beside: Competition, catalogue: SignatureCatalogue, fit: Fit, named: FittedCandidate, options: Options,
+    known: Sequence[EffectAtJoint],
+) -> list[ScreenedCandidate]:  # fmt: skip
+    """The first of those candidates that promise more beside the others than an effect of a fit, ``named``, explains
+    there; without the rivals that are known, and what may only stand for another effect that was found."""
+    if shifts_log(beside.fit) != shifts_log(catalogue.fit):  # its signatures are at other samples
+        return []
+    least = named.delta_bic + nearness(named.delta_bic, options)
+    others, taken = beside.fit.model.added_effects, {*fit.model.added_effects, *known}
+    found = [
+        s for s in beside.screen(catalogue)
+        if s.effect_at not in taken and s.predicted > least and beside.builder.has_place(s.effect_at, others)
+        and not _may_stand_for_named(beside.builder, s.effect_at, fit)
+    ]  # fmt: skip
+    return sorted(found, key=lambda s: -s.predicted)[:PROMISED]
+
+
+def _may_stand_for_named(builder: LoopModelBuilder, effect_at: EffectAtJoint, fit: Fit) -> bool:
+    """Whether an effect may only stand for what a model has on its joint, as a stop for a spring."""
+    named = {a.effect for a in fit.model.added_effects if a.joint == effect_at.joint}
+    return bool(named & set(builder.effect(effect_at).stands_for))
+
+
+def ambiguities(builder: LoopModelBuilder, steps: Sequence[Step]) -> list[Diagnostic]:
+    """The doubts about effects of which rivals explain the data as well."""
+    found = []
+    for step in steps:
+        names = [_named(builder, rival, lead) for rival, lead in step.rivals]
+        if names:
+            text = f"{' and '.join(names)} {'explain' if len(names) > 1 else 'explains'} the data as well"
+            found.append(Diagnostic(EFFECT_AMBIGUOUS, f"{text}.", step.effect_at.text))
+    return found
+
+
+def _named(builder: LoopModelBuilder, rival: EffectAtJoint, lead: float) -> str:
+    title = f"{builder.effect(rival).title} on joint {rival.joint}"
+    if not np.isfinite(lead):
+        return title
+    return f"{title} (BIC {abs(lead):.0f} {'ahead' if lead > 0 else 'behind'})"

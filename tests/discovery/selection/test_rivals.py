@@ -1,0 +1,249 @@
+"""What explains the data as well as an effect that was found: named instead, a doubt, or behind."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from fmu_didim.discovery.augmentation.places import Proposal
+from fmu_didim.discovery.progress import Progress
+from fmu_didim.discovery.selection import rivals
+from fmu_didim.discovery.selection.candidates import FittedCandidate
+from fmu_didim.discovery.selection.decide import Options, Step
+from fmu_didim.discovery.selection.rivals import (
+    Contest,
+    Rivalry,
+    Standing,
+    ambiguities,
+    fitted_rival,
+    rivals_of,
+    standing,
+)
+from fmu_didim.fit.fit import Fit
+from fmu_didim.model.loop_model import EffectAtJoint
+from tests.discovery.by_hand import Catalogue, TableModel, candidate_of, effect_of, fit_of, residual
+
+BUILDER: Any = Catalogue(
+    effect_of("elastic", title="Elastic gear", confounded_with=("play", "lag")),
+    effect_of("play", title="Play", has_minima=True, confounded_with=("elastic",)),
+    effect_of("lag", title="Lag"), effect_of("gains", is_stated=True, confounded_with=("lag",)),
+    effect_of("slide", title="Slide", class_name="rubs"),
+    effect_of("rub", title="Rub", class_name="rubs"),
+    joints=2,
+)  # fmt: skip
+CATALOGUE: Any = SimpleNamespace(fit=None)
+"""Of signatures, of which a single effect asks none."""
+ABSENT = "may be absent: gap = 0.012 ± 0.01 (p = 0.24)"
+
+
+@pytest.mark.parametrize(
+    ("lead", "objected", "wanted"),
+    [
+        (11.0, "", Standing.AHEAD),
+        (10.0, "", Standing.AS_GOOD),
+        (-10.0, "", Standing.AS_GOOD),
+        (-10.1, "", Standing.BEHIND),
+        (500.0, "held-out RMS ratio 1.02, its interval reaches 1.1", Standing.BEHIND),
+        (500.0, "physically impossible: a negative stiffness", Standing.BEHIND),
+        (12.0, ABSENT, Standing.AS_GOOD),  # play of an unsure width explains what an elastic gear does not
+        (0.1, ABSENT, Standing.AS_GOOD),
+        (-5.0, ABSENT, Standing.BEHIND),  # play of no width is the elastic gear itself, with more parameters
+    ],
+)
+def test_how_a_rival_stands(lead: float, objected: str, wanted: Standing) -> None:
+    assert standing(lead, 10.0, objected) is wanted
+
+
+def model_with(*effects: EffectAtJoint, square: float = 2.0) -> Fit:
+    return fit_of(TableModel(residual(square), {}, effects))
+
+
+def at(name: str, joint: int = 1) -> EffectAtJoint:
+    return EffectAtJoint(name, joint)
+
+
+def found(effect_at: EffectAtJoint, *ambiguous: tuple[EffectAtJoint, float], **more: Any) -> Step:
+    return Step(effect_at, 100.0, 1.0, 0.5, ambiguous, {}, {}, None, **more)
+
+
+@pytest.mark.parametrize(
+    ("step", "others", "forbidden", "wanted"),
+    [
+        (found(at("slide"), (at("lag"), 3.0)), (), (), [at("lag")]),
+        (found(at("slide"), (at("rub"), 3.0)), (), (), []),  # a form of the same
+        (found(at("slide"), (at("rub", 2), 3.0)), (), (), [at("rub", 2)]),  # on another joint it is not
+        (found(at("slide"), (at("lag"), float("nan"))), (), (), []),  # it was never fitted
+        (found(at("slide"), (at("lag"), 3.0)), (at("lag"),), (), []),  # it was found as well
+        (found(at("elastic")), (), (), [at("play")]),  # whose fit in the round tells little; a lag's tells enough
+        (found(at("elastic"), (at("play"), 3.0)), (), (), [at("play")]),
+        (found(at("elastic")), (), ("play",), []),
+        (found(at("play")), (), (), []),
+    ],
+)
+def test_who_is_a_rival(
+    step: Step, others: tuple[EffectAtJoint, ...], forbidden: tuple[str, ...], wanted: list[EffectAtJoint]
+) -> None:
+    fit = model_with(step.effect_at, *others)
+    assert list(rivals_of(BUILDER, fit, step, Options(forbid=frozenset(forbidden)))) == wanted
+
+
+class Beside:
+    """The other effects, beside which candidates have these gains.
+
+    Args:
+        gains: of the effect that is named and its rivals. widely: squares that are left from the whole range.
+    """
+
+    builder = BUILDER
+
+    def __init__(
+        self, monkeypatch: pytest.MonkeyPatch, gains: dict[str, float], *, widely: float | None = None,
+        objected: str = "",
+    ) -> None:  # fmt: skip
+        self.gains, self.objected, self.started = gains, objected, list[Proposal]()
+        self.fit = model_with()
+        monkeypatch.setattr(rivals, "Competition", lambda builder, fit: self)
+        monkeypatch.setattr(rivals, "fit_without", lambda builder, fit, step: self.fit)
+        monkeypatch.setattr(rivals, "objection", lambda candidate, *_, **__: self.objected)
+        monkeypatch.setattr(
+            rivals, "searched_widely",
+            lambda beside, rival, **_: None if widely is None else self.assess(rival, model_with(rival, square=widely)),
+        )  # fmt: skip
+        monkeypatch.setattr(rivals, "fitted_to_minimum", lambda builder, candidate: candidate)
+        monkeypatch.setattr(rivals, "without_superfluous", lambda builder, fit, steps, *_: (fit, steps))
+        monkeypatch.setattr(rivals, "step_of", lambda accepted, ranking, *_: found(accepted.effect_at))
+
+    def refit(self, proposal: Proposal) -> Fit:
+        self.started.append(proposal)
+        return model_with(proposal.effect_at)
+
+    def finished(self, candidate: FittedCandidate) -> FittedCandidate:
+        return candidate
+
+    def assess(self, effect_at: EffectAtJoint, fit: Fit) -> FittedCandidate:
+        return candidate_of(effect_at.effect, effect_at.joint, bic=self.gains[effect_at.effect], fit=fit)
+
+
+LAG = found(at("slide"), (at("lag"), 3.0), members=(Proposal(at("lag"), {"T": 0.01}),))
+
+
+@pytest.mark.parametrize(
+    ("gains", "objected", "instead", "doubted"),
+    [
+        ({"slide": 100.0, "lag": 80.0}, "", False, False),
+        ({"slide": 100.0, "lag": 95.0}, "", False, True),
+        ({"slide": 100.0, "lag": 130.0}, "", True, False),
+        ({"slide": 100.0, "lag": 130.0}, "held-out RMS ratio 1.1", False, False),
+        ({"slide": 1000.0, "lag": 985.0}, "", False, True),  # within 2 % of the gain no form is exact
+        ({"slide": 1000.0, "lag": 1015.0}, "", False, True),
+    ],
+)
+def test_a_rival_is_named_instead_doubted_or_behind(
+    monkeypatch: pytest.MonkeyPatch, gains: dict[str, float], objected: str, instead: bool, doubted: bool
+) -> None:
+    beside, fit, said = Beside(monkeypatch, gains, objected=objected), model_with(at("slide")), list[str]()
+    rivalry = Rivalry(BUILDER, fit, Options(), Progress(said.append))
+    changed = rivalry.instead(fit, [LAG], CATALOGUE)
+    assert (changed is not None) == instead
+    if changed is not None:
+        whole, (step,) = changed
+        assert whole.model.added_effects == (at("lag"),) and step.effect_at == at("lag")
+        assert "accepted first" in step.remark and "30 more in BIC" in step.remark
+    (told,) = rivalry.told(fit, [LAG])
+    assert bool(told.rivals) == (doubted or instead)
+    assert len(beside.started) == 1, "one contest is enough"
+    if doubted:
+        (doubt,) = ambiguities(BUILDER, [told])
+        assert (
+            doubt.code.name == "effect-ambiguous" and doubt.place == "slide, joint 1" and "Lag on joint 1" in doubt.text
+        )
+
+
+@pytest.mark.parametrize(
+    ("named", "rival", "gain", "prefer", "wanted"),
+    [
+        ("lag", "gains", 120.0, (), Standing.BEHIND),  # the case states the gains: a lag that explains 83 % is named
+        ("lag", "gains", 130.0, (), Standing.AHEAD),
+        ("slide", "gains", 120.0, (), Standing.AHEAD),  # which gains do not resemble
+        ("slide", "lag", 130.0, ("slide",), Standing.AS_GOOD),
+        ("slide", "lag", 130.0, ("lag",), Standing.AHEAD),
+    ],
+)
+def test_what_is_stated_or_preferred_stays(
+    monkeypatch: pytest.MonkeyPatch, named: str, rival: str, gain: float, prefer: tuple[str, ...], wanted: Standing
+) -> None:
+    beside: Any = Beside(monkeypatch, {})
+    held = Contest(beside, candidate_of(named, bic=100.0), ((candidate_of(rival, bic=gain), ""),))
+    assert [how for _, _, how in held.standings(Options(prefer=prefer))] == [wanted]
+
+
+def test_what_was_replaced_does_not_come_back(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where each of two leads beside what the search finds after it, the second stays."""
+    Beside(monkeypatch, {"slide": 100.0, "lag": 130.0})
+    fit = model_with(at("slide"))
+    rivalry = Rivalry(BUILDER, fit, Options(), Progress())
+    changed = rivalry.instead(fit, [LAG], CATALOGUE)
+    assert changed is not None
+    Beside(monkeypatch, {"slide": 130.0, "lag": 100.0})
+    back = found(at("lag"), (at("slide"), 3.0), members=(Proposal(at("slide"), {}),))
+    assert rivalry.instead(changed[0], [back], CATALOGUE) is None
+    (told,) = rivalry.told(changed[0], [back])
+    assert told.rivals == ((at("slide"), 30.0),), "but that it explains more is a doubt"
+
+
+def test_without_a_contest_the_set_of_the_round_is_doubted(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(rivals, "fit_without", lambda *_: None)
+    fit = model_with(at("slide"))
+    step = found(at("slide"), (at("lag"), 3.0), (at("rub"), 2.0), (at("play"), float("nan")))
+    (told,) = Rivalry(BUILDER, fit, Options(), Progress()).told(fit, [step])
+    assert [r for r, _ in told.rivals] == [at("lag")] and np.isnan(told.rivals[0][1])
+    (doubt,) = ambiguities(BUILDER, [told])
+    assert doubt.text == "Lag on joint 1 explains the data as well."
+
+
+@pytest.mark.parametrize(("time_up", "acts_in_it"), [(True, False), (False, True)])
+def test_where_no_contest_is_run(monkeypatch: pytest.MonkeyPatch, time_up: bool, acts_in_it: bool) -> None:
+    """What acts in an elastic gear would go with it: a rival has more to explain than the gear alone."""
+    Beside(monkeypatch, {"slide": 100.0, "lag": 95.0})
+    fit = model_with(at("slide"), *([at("play")] if acts_in_it else []))
+    progress = Progress(ends=0.0 if time_up else float("inf"))
+    assert Rivalry(BUILDER, fit, Options(), progress)._held(fit, LAG, None) is None
+
+
+@pytest.mark.parametrize(
+    ("rival", "known", "widely", "left"),
+    [
+        ("lag", True, 0.5, 800.0),  # one minimum is found from its round
+        ("lag", False, 0.5, None),
+        ("play", True, 0.5, 200.0),
+        ("play", True, 3.0, 800.0),
+        ("play", True, None, 800.0),  # the whole range takes too long
+        ("play", False, 0.5, 200.0),
+        ("play", False, None, None),
+    ],
+)
+def test_a_rival_of_many_minima_is_looked_for_in_its_whole_range(
+    monkeypatch: pytest.MonkeyPatch, rival: str, known: bool, widely: float | None, left: float | None
+) -> None:
+    beside: Any = Beside(monkeypatch, {"lag": 1.0, "play": 1.0}, widely=widely)
+    step = found(at("elastic"), members=(Proposal(at(rival), {}),) if known else ())
+    candidate = fitted_rival(beside, at(rival), step, Options(), Progress())
+    assert (None if candidate is None else candidate.fit.chi_square) == (None if left is None else pytest.approx(left))
+
+
+def test_the_best_rival_takes_the_place(monkeypatch: pytest.MonkeyPatch) -> None:
+    beside: Any = Beside(monkeypatch, {"slide": 100.0, "lag": 130.0, "elastic": 150.0})
+    step = found(
+        at("slide"), (at("lag"), 3.0), (at("elastic"), 4.0),
+        members=(Proposal(at("lag"), {}), Proposal(at("elastic"), {})),
+    )  # fmt: skip
+    fit = model_with(at("slide"))
+    held = Rivalry(BUILDER, beside.fit, Options(), Progress())._held(fit, step, None)
+    assert isinstance(held, Contest)
+    assert [(c.effect_at.effect, lead) for c, lead, _ in held.standings(Options())] == [
+        ("elastic", 50.0),
+        ("lag", 30.0),
+    ]
