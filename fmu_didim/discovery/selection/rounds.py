@@ -192,12 +192,7 @@ def _round(
     astray |= comparison.astray
     if comparison.is_cut:
         return ranking, tried, None
-    held = partial(_with_shapes_held, competition, screened)
-    judge = partial(
-        decide, fit=competition.fit, options=options, base=base, held=held, finished=competition.finished,
-        class_of=lambda effect_at: competition.builder.effect(effect_at).class_name,
-        rivals_of=partial(_rivals, competition),
-    )  # fmt: skip
+    judge = partial(_judge(competition, base, options), held=partial(_with_shapes_held, competition, screened))
     accepted = judge(ranking)
     if comparison.unfitted and not isinstance(accepted, FittedCandidate):
         comparison = competition.compare(comparison.unfitted, progress=progress, reach=float("inf"))
@@ -217,6 +212,17 @@ def _round(
         ranking = tuple(c for c in ranking if c.delta_bic <= first.delta_bic)
     best = _at_best_minimum(competition, first, base, options, progress)
     return (ranking if best is first else _ranked(ranking, best)), tried, best
+
+
+def _judge(
+    competition: Competition, base: Fit, options: Options
+) -> Callable[..., FittedCandidate | tuple[tuple[EffectAtJoint, str], ...]]:
+    """The decision between candidates for the next effect: a ranking -> the one to add, or the objections to all."""
+    return partial(
+        decide, fit=competition.fit, options=options, base=base, finished=competition.finished,
+        class_of=lambda effect_at: competition.builder.effect(effect_at).class_name,
+        rivals_of=partial(_rivals, competition),
+    )  # fmt: skip
 
 
 def _rivals(competition: Competition, candidate: FittedCandidate) -> frozenset[str]:

@@ -37,7 +37,6 @@ class Exchange:
         monkeypatch.setattr(beside_others, "minimise", self.minimise)
         monkeypatch.setattr(rivals, "Competition", self.competition)
         monkeypatch.setattr(rivals, "step_of", lambda c, ranking, *_: step_of_(c))
-        monkeypatch.setattr(rivals, "fitted_to_minimum", lambda builder, candidate: candidate)
         monkeypatch.setattr(rivals, "objection", lambda c, *_, **__: "no" if c.effect_at.effect in objected else "")
         steps = [replace(step_of_(candidate_of(n)), remark="") for n in names]
         base = with_effects()
