@@ -51,7 +51,7 @@ UPDATES = 3
 SETTLED = 12
 """[sensitivities] At most, taken anew in the fit of the best effect: play in a gear needs six to ten."""
 SEED = 0
-"""Of a search in a whole range: both logs, and each comparison, are searched alike."""
+"""[1] Of a search in a whole range: both logs, and each comparison, are searched alike."""
 RELATIVE_RANK = 1e-12
 """[1] Smallest eigenvalue of a correlation over the largest, below which it is rounding."""
 BASE_FIT = Stopping(exact=True)
