@@ -30,7 +30,8 @@ from tests.discovery.by_hand import Catalogue, TableModel, candidate_of, effect_
 BUILDER: Any = Catalogue(
     effect_of("elastic", title="Elastic gear", confounded_with=("play", "lag")),
     effect_of("play", title="Play", has_minima=True, confounded_with=("elastic",)),
-    effect_of("lag", title="Lag"), effect_of("gains", is_stated=True, confounded_with=("lag",)), effect_of("slide", title="Slide", class_name="rubs"),
+    effect_of("lag", title="Lag"), effect_of("gains", is_stated=True, confounded_with=("lag",)),
+    effect_of("slide", title="Slide", class_name="rubs"),
     effect_of("rub", title="Rub", class_name="rubs"),
     joints=2,
 )  # fmt: skip
