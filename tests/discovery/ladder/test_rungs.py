@@ -213,7 +213,7 @@ def test_what_is_climbed_next(states: Mapping[str, str], rung: str | None) -> No
 
 @pytest.mark.parametrize(("is_time_up", "why"), [(True, "the time was up"), (False, "cannot be run")])
 def test_what_was_not_looked_at_is_open(monkeypatch: pytest.MonkeyPatch, is_time_up: bool, why: str) -> None:
-    monkeypatch.setattr(ladders, "_without", lambda *_: None)
+    monkeypatch.setattr(ladders, "fit_without", lambda *_: None)
     effect = SimpleNamespace(is_of_log=False, neutral={})
     step = SimpleNamespace(effect_at=EffectAtJoint("stribeck", 1), delta_bic=100.0, share=0.5)
     found = ladders._of_step(
