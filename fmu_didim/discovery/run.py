@@ -167,7 +167,8 @@ class _Search:
         torques, is_late = None, progress.is_time_up
         if request.external is not None and not is_late:
             torques = find_external_torques(alone, say=progress.say)
-        if torques is not None and rivalled(torques, alone, builder, forbid=request.options.forbid, progress=progress):
+        forbid, seed = request.options.forbid, request.options.seed
+        if torques is not None and rivalled(torques, alone, builder, forbid=forbid, progress=progress, seed=seed):
             torques = None
         if torques is not None:
             of_noise = replace(alone, noise=torques.fit.noise)

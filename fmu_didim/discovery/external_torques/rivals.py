@@ -1,4 +1,5 @@
-"""Torques from outside against effects that look like them: a load taken up during the run, friction that sticks."""
+"""Torques from outside against effects that look like them: a load taken up during the run, friction that sticks, the
+hits of a gear with play."""
 
 from __future__ import annotations
 
@@ -8,7 +9,10 @@ from fmu_didim.discovery.progress import Progress
 from fmu_didim.discovery.screening.catalogue import SignatureCatalogue
 from fmu_didim.discovery.selection.candidates import ScreenedCandidate
 from fmu_didim.discovery.selection.competition import Competition
+from fmu_didim.discovery.selection.decide import SMALLEST_SIZE
+from fmu_didim.discovery.selection.wide_search import searched_widely
 from fmu_didim.fit.fit import Fit
+from fmu_didim.fit.gap import joint_gaps
 from fmu_didim.model.loop_model import EffectAtJoint
 
 
@@ -19,13 +23,16 @@ def rivalled(
     *,
     forbid: frozenset[str] = frozenset(),
     progress: Progress,
+    seed: int = 0,
 ) -> bool:
     """Whether one effect of the machine explains the data better than all the external torques.
 
     Args:
         base: the fit without the external torques; builder: builds on it; forbid: effects that are not proposed.
+        seed: of the search for effects of many minima in their whole range, on joints with a gap.
     """
-    names = [name for name, effect in builder.effects.items() if effect.rivals_external_torque and name not in forbid]
+    rivals = {n: e for n, e in builder.effects.items() if e.rivals_external_torque and n not in forbid}
+    names = [name for name, effect in rivals.items() if not effect.has_minima]
     candidates = [EffectAtJoint(name, j) for name in names for j in builder.joints(name)]
     catalogue = SignatureCatalogue(builder, base, candidates=candidates)
     competition = Competition(builder, base)
@@ -33,4 +40,12 @@ def rivalled(
     for candidate in competition.screen(catalogue):
         first.setdefault(candidate.effect_at.effect, candidate)
     best = competition.compare(list(first.values()), progress=progress).ranking
-    return bool(best) and best[0].delta_bic > fitted_torques.delta_bic
+    if best and best[0].delta_bic > fitted_torques.delta_bic:
+        return True
+    gaps = joint_gaps(base.residual, base.noise)
+    of_minima = (EffectAtJoint(n, j) for n, effect in rivals.items() if effect.has_minima for j in builder.joints(n))
+    tried = (
+        searched_widely(competition, a, seed=seed, progress=progress)
+        for a in of_minima if gaps[a.joint - 1] > SMALLEST_SIZE and builder.at(a).can_be_added
+    )  # fmt: skip
+    return any(c is not None and c.delta_bic > fitted_torques.delta_bic for c in tried)

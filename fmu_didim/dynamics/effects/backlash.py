@@ -23,6 +23,7 @@ class Backlash(StructureEffect):
     signed = frozenset({"D", "gap"})
     elastic = True
     has_minima = True
+    rivals_external_torque = True
     first_order = FirstOrder("link position", play)
     own_parameters = (
         Parameter(

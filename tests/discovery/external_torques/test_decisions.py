@@ -295,6 +295,41 @@ def test_one_effect_must_explain_more_than_all_torques(
     assert [c.effect for c in seen[0]] == ["presliding"] * 2
 
 
+PLAY = effect_of("play", is_external=False, rivals_external_torque=True, has_minima=True)
+
+
+@pytest.mark.parametrize(
+    ("gains", "squares", "forbid", "asked", "better"),
+    [
+        ([110.0, 90.0], (5.0, 5.0), (), [1], True),  # hits of its flanks looked like pushes
+        ([90.0, 110.0], (5.0, 5.0), (), [1, 2], True),  # of the joint beside
+        ([90.0, None], (5.0, 5.0), (), [1, 2], False),
+        ([110.0, 110.0], (5.0, 1.3), (), [1], True),
+        ([90.0, 110.0], (5.0, 1.3), (), [1], False),  # a gap of 0.55 is none
+        ([110.0, 110.0], (5.0, 5.0), ("play",), [], False),
+    ],
+)
+def test_play_is_looked_for_in_the_place_of_torques_from_outside(
+    monkeypatch: pytest.MonkeyPatch, gains: list[float | None], squares: tuple[float, float], forbid: tuple[str, ...],
+    asked: list[int], better: bool,
+) -> None:  # fmt: skip
+    searched: list[int] = []
+
+    def widely(competition: Any, effect_at: EffectAtJoint, **_: Any) -> Any:
+        searched.append(effect_at.joint)
+        gain = gains[effect_at.joint - 1]
+        return None if gain is None else SimpleNamespace(delta_bic=gain)
+
+    monkeypatch.setattr(rivals, "SignatureCatalogue", lambda builder, base, *, candidates: [])
+    monkeypatch.setattr(rivals, "searched_widely", widely)
+    monkeypatch.setattr(Competition, "screen", lambda self, catalogue: [])
+    monkeypatch.setattr(Competition, "compare", lambda self, chosen, **_: SimpleNamespace(ranking=()))
+    fitted: Any = FittedExternalTorques(None, None, "x", 100.0, 0.9)  # type: ignore[arg-type]
+    builder: Any = Catalogue(PLAY, joints=2)
+    found = rivalled(fitted, table_fit(*squares), builder, forbid=frozenset(forbid), progress=Progress())
+    assert found is better and searched == asked
+
+
 # ---- what is written down
 
 
