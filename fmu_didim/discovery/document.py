@@ -23,6 +23,7 @@ from fmu_didim.discovery.unfinished import unfinished_search
 from fmu_didim.discovery.untried import EFFECTS_UNTRIED
 from fmu_didim.dynamics.effects import EFFECTS
 from fmu_didim.fit.fit import Fit
+from fmu_didim.fit.fit_uncertainty import fit_uncertainty
 from fmu_didim.fit.gap import Ratio, channel_gaps, explained_gap, gaps, held_out_ratio, joint_gaps, total_gap
 from fmu_didim.fit.noise.noise import Noise
 from fmu_didim.fit.statistics import confidence_interval, relative_error_percent
@@ -167,7 +168,7 @@ def _finding(step: Step, discovery: Discovery, builder: LoopModelBuilder) -> Fin
         joint=step.effect_at.joint,
         place=effect.place,
         equation=effect.equation,
-        parameters=values_found(discovery.final, lambda parameter: parameter.effect == index),
+        parameters=values_found(discovery.final, lambda free: free.effect == index, with_rest=effect.is_stated),
         share_of_gap=step.share,
         delta_bic=step.delta_bic,
         ambiguous=[
@@ -268,9 +269,18 @@ def gap_pair(before: Array, after: Array, noise: Noise) -> GapPair:
     )
 
 
-def values_found(fit: Fit, wanted: Callable[[FreeParameter], bool]) -> list[ValueFound]:
-    """The wanted free parameters of a fit with their standard deviations and 95 % intervals."""
+def values_found(fit: Fit, wanted: Callable[[FreeParameter], bool], *, with_rest: bool = False) -> list[ValueFound]:
+    """The wanted free parameters of a fit with their standard deviations and 95 % intervals.
+
+    Args:
+        with_rest: whether what the model leaves counts as well as the noise, with its size and its colour
+            (:mod:`~fmu_didim.fit.uncertainty`): of values that are compared with those that the case states, as the
+            gains of a controller, which somebody will change. What other parameters take up of what is missing shows in
+            no residual, and counts in neither.
+    """
     deviation = np.sqrt(np.maximum(np.diag(fit.covariance), 0.0))
+    if with_rest:
+        deviation = np.maximum(deviation, fit_uncertainty(fit).deviation)
     blocks = fit.model.experiments.blocks(fit.residual)  # samples that count as independent:
     samples = sum(own.shape[0] * float(fit.noise.of(columns).factor.sum()) for columns, own in blocks)
     free = fit.model.free_parameters

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
+from scipy.stats import binomtest
 
 from fmu_didim import discover
 from fmu_didim.case import load_case
@@ -16,14 +17,20 @@ from fmu_didim.data.signals import trajectory, write_csv
 from fmu_didim.discovery.augmentation.builder import LoopModelBuilder
 from fmu_didim.discovery.augmentation.gains import found_gains, gain_notes
 from fmu_didim.discovery.augmentation.places import Proposal
+from fmu_didim.discovery.document import values_found
 from fmu_didim.dynamics.effects import EFFECTS
 from fmu_didim.dynamics.robot import read_robot
 from fmu_didim.fit.derivatives.sensitivity import sensitivity
+from fmu_didim.fit.noise.noise import Noise
+from fmu_didim.fit.solver.least_squares import minimise
+from fmu_didim.fit.solver.termination import Stopping
 from fmu_didim.model.loop_model import EffectAtJoint, LoopModel
-from tests.discovery.helpers import GAINS, arm_case, arm_model, with_torque
+from tests.discovery.helpers import GAINS, arm_case, arm_model, coloured, with_torque
 
 GAINS_OF_1 = EffectAtJoint("controller_gains", 1)
 FACTORS = {"position_gain": 0.6, "velocity_gain": 1.3}
+REPEATED = 60
+"""[logs] Of which the intervals are counted."""
 
 
 def with_other_gains(case: Path, position: float, velocity: float, **more: Any) -> Path:
@@ -190,3 +197,44 @@ def test_notes_name_the_joint_and_the_way(case: Path) -> None:
     assert "joint 1: controller.Kp1 = 1800 instead of 3000, controller.Kd1 = 195 instead of 150." in first
     assert "its command is 0.8 times that of its law" in second
     assert EFFECTS[one.effect].class_name == EFFECTS[GAINS_OF_1.effect].class_name
+
+
+@pytest.mark.slow
+def test_intervals_of_gains_hold_the_true_ones_beside_what_no_effect_explains(tmp_path: Path) -> None:
+    """Beside model error as large as half of the noise, which stays on one side for a quarter of a second: 95 % of them
+    should. By the noise alone fewer do."""
+    arm_model(tmp_path)
+    rng, model = np.random.default_rng(5), model_of(tmp_path / "case.yaml")
+    builder = LoopModelBuilder(model, read_robot(tmp_path / "robot.yaml"))
+    true = builder.build(model, [Proposal(GAINS_OF_1, FACTORS)])
+    torque, noise = true.torque(true.start), Noise(np.array([0.2]), np.zeros(1), "residual")
+    held = {False: 0, True: 0}
+    for _ in range(REPEATED):
+        rest = coloured(rng, torque.shape, rho=0.96, sigma=0.1) + 0.2 * rng.normal(size=torque.shape)
+        fit = minimise(with_torque(true, torque + rest), noise, stopping=Stopping(exact=True))
+        for with_rest in held:
+            values = values_found(fit, lambda parameter: parameter.effect == 0, with_rest=with_rest)
+            truth = zip(values, FACTORS.values(), strict=True)
+            held[with_rest] += sum(v.interval[0] <= t <= v.interval[1] for v, t in truth if v.interval)
+    count = 2 * REPEATED
+    assert binomtest(held[True], count, 0.95).pvalue > 0.01, held
+    assert binomtest(held[False], count, 0.95).pvalue < 0.01, held
+
+
+def test_intervals_of_what_the_case_states_are_never_shorter_than_by_noise(case: Path) -> None:
+    """Where nothing but noise is left they are the same but for chance; they count what is left where that is more."""
+    model = model_of(case)
+    builder = LoopModelBuilder(model, read_robot(case.parent / "robot.yaml"))
+    true = builder.build(model, [Proposal(GAINS_OF_1, FACTORS)])
+    torque, rng = true.torque(true.start), np.random.default_rng(2)
+    noise = Noise(np.array([0.2]), np.zeros(1), "residual")
+    ratios = []
+    for slow in (0.0, 0.4):
+        rest = coloured(rng, torque.shape, rho=0.96, sigma=slow) + 0.2 * rng.normal(size=torque.shape)
+        fit = minimise(with_torque(true, torque + rest), noise, stopping=Stopping(exact=True))
+        by_noise, with_rest = (
+            np.array([v.std for v in values_found(fit, lambda p: p.effect == 0, with_rest=w)], float)
+            for w in (False, True)
+        )  # fmt: skip
+        ratios.append(with_rest / by_noise)
+    assert (ratios[0] >= 1).all() and (ratios[0] < 1.2).all() and (ratios[1] > 1.5).all()
