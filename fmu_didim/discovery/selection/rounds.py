@@ -25,9 +25,8 @@ from fmu_didim.discovery.selection.parts import parts_instead
 from fmu_didim.discovery.selection.plausible import MAY_BE_ABSENT
 from fmu_didim.discovery.selection.pre_check import may_be_promising, pre_check
 from fmu_didim.discovery.selection.refitted import Refitted
-from fmu_didim.discovery.selection.wide_search import searched_widely
+from fmu_didim.discovery.selection.wide_search import searched_widely, wide_search_notes, worth_searching
 from fmu_didim.fit.fit import Fit
-from fmu_didim.fit.gap import joint_gaps
 from fmu_didim.fit.solver.least_squares import minimise
 from fmu_didim.fit.solver.termination import Stopping
 from fmu_didim.model.free_parameter import LOG
@@ -213,17 +212,25 @@ def _at_best_minima(
 ) -> list[FittedCandidate]:
     """Where nothing was accepted, the effects of many minima at a better one than they have in the ranking, on joints
     with a gap: the fit of one minimum tells nothing of the others."""
-    builder, fit = competition.builder, competition.fit
-    named = {(builder.effect(a).class_name, a.joint) for a in fit.model.added_effects}
-    of_many = (a for a in _candidates(builder, options, fit.model.added_effects) if builder.effect(a).has_minima)
-    asked = [a for a in of_many if builder.at(a).can_be_added and (builder.effect(a).class_name, a.joint) not in named]
+    asked = _of_many_minima(competition.builder, competition.fit, options)
     if not asked:
         return []
-    gaps = joint_gaps(fit.torque_alone.residual, fit.torque_alone.noise)
-    large = [a for a in asked if gaps[a.joint - 1] > options.smallest_size]
-    tried = (searched_widely(competition, a, seed=options.seed, progress=progress) for a in large)
+    tried = (searched_widely(competition, a, seed=options.seed, progress=progress) for a in asked)
     known = {c.effect_at: c.fit.chi_square for c in ranking}
     return [c for c in tried if c is not None and c.fit.chi_square < known.get(c.effect_at, np.inf)]
+
+
+def _of_many_minima(builder: LoopModelBuilder, fit: Fit, options: Options) -> list[EffectAtJoint]:
+    candidates = _candidates(builder, options, fit.model.added_effects)
+    return worth_searching(builder, fit, candidates, options.smallest_size)
+
+
+def not_widely_searched(builder: LoopModelBuilder, discovery: Discovery, options: Options) -> list[str]:
+    """Notes on effects of many minima that were looked for from a few starts alone."""
+    if discovery.ending is not Ending.COMPLETE:
+        return []  # what was not done then is told in other words
+    final = discovery.final
+    return wide_search_notes(builder, final, _of_many_minima(builder, final, options))
 
 
 def _widely_searched(
