@@ -217,6 +217,8 @@ class Competition:
         leading = LEADING * max((s.gain for s in chosen), default=0.0)
         report = progress.counted("fitting candidate", len(chosen))
         results, workers = list[FittedCandidate | Outcome](), fit.model.allowed_workers(fit.values)
+        hopeful = [c.effect_at for c in chosen if not self._is_hopeless(c, best, reach)]
+        self.builder.expect([(*fit.model.added_effects, a) for a in hopeful])
         for first in range(0, len(chosen), ABREAST):
             group = chosen[first : first + ABREAST]
             hopeless = [self._is_hopeless(candidate, best, reach) for candidate in group]
@@ -232,6 +234,7 @@ class Competition:
             results += side_by_side(tasks, workers)
             fitted = [c for c in results if not isinstance(c, Outcome) and not c.implausible]
             best = min([best, *(c.fit.chi_square for c in fitted)])
+        self.builder.expect(())
         found = sorted((c for c in results if not isinstance(c, Outcome)), key=lambda c: -c.delta_bic)
         pairs = list(zip(chosen, results, strict=True))
         unfitted = tuple(candidate for candidate, result in pairs if result is Outcome.LEFT_EARLY)

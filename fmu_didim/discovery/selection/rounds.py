@@ -109,6 +109,7 @@ def run_rounds(
             break
         if isinstance(accepted, FittedCandidate):
             fit, steps = _with(competition, ranking, accepted, base, steps, options, progress)
+            fit = builder.settled(fit)
             keep(Discovery(base, fit, tuple(steps), tried=tuple(tried), ending=Ending.RUNNING))
             candidates = _candidates(builder, options, fit.model.added_effects)
             catalogue = _beside(builder, catalogue, fit, candidates, progress)
@@ -128,6 +129,7 @@ def run_rounds(
                 refused = accepted
                 break
             fit, steps = changed
+            fit = builder.settled(fit)
             keep(Discovery(base, fit, tuple(steps), tried=tuple(tried), ending=Ending.RUNNING))
     return Discovery(base, fit, by_importance(steps, fit, builder), refused, tuple(tried), ending)
 
@@ -273,7 +275,8 @@ def _with(
         # valley of its stiffness and the inertia of its motor.
         is_long = any(competition.builder.effect(a).elastic for a in candidate.fit.model.added_effects)
         stopping = Stopping(exact=True) if is_long else Stopping(updates=1, exact=True)
-        return replace(candidate, fit=minimise(candidate.fit.model, competition.fit.noise, stopping=stopping))
+        model = competition.builder.settled(candidate.fit).model
+        return replace(candidate, fit=minimise(model, competition.fit.noise, stopping=stopping))
 
     parts, remark = parts_instead(competition, accepted, base, options)
     if parts:
