@@ -95,14 +95,15 @@ def run_rounds(
     refused: tuple[tuple[EffectAtJoint, str], ...] = ()
     tried: list[tuple[TriedCandidate, ...]] = []
     astray: dict[EffectAtJoint, float] = {}
+    vain: dict[EffectAtJoint, float] = {}
     ending = Ending.COMPLETE
     while len(steps) < options.rounds:
         if catalogue.left:  # the best may be among them
             tried.append(_not_tried([c for c in candidates if c not in fit.model.added_effects]))
             ending = Ending.TIME_UP
             break
-        competition = Competition(builder, fit, dict(astray))
-        ranking, tried_now, accepted = _round(competition, catalogue, base, options, progress, astray)
+        competition = Competition(builder, fit, dict(astray), dict(vain))
+        ranking, tried_now, accepted = _round(competition, catalogue, base, options, progress, astray, vain)
         tried.append(tried_now)
         if accepted is None:
             ending = Ending.TIME_UP
@@ -141,17 +142,19 @@ def _round(
     options: Options,
     progress: Progress,
     astray: dict[EffectAtJoint, float],
+    vain: dict[EffectAtJoint, float],
 ) -> tuple[
     Sequence[FittedCandidate],
     tuple[TriedCandidate, ...],
     FittedCandidate | tuple[tuple[EffectAtJoint, str], ...] | None,
 ]:
     """The ranking of a round, all candidates tried, and the one to add or the objections to all; None if the time was
-    up before all were tried. Those led astray are added to ``astray``."""
+    up before all were tried. Those led astray, or fitted in vain, are added to ``astray`` and ``vain``."""
     screened = competition.screen(catalogue)
     comparison = competition.compare(competition.shortlist(screened), progress=progress)
     ranking, tried = comparison.ranking, comparison.tried
     astray |= comparison.astray
+    vain |= comparison.vain
     if comparison.is_cut:
         return ranking, tried, None
     held = partial(_with_shapes_held, competition, screened)
