@@ -133,11 +133,16 @@ class Instance(ABC):
         """Go back to a saved state."""
 
     def native(self) -> Native | None:
-        """How compiled code runs this instance, asked after the initialisation; None if only Python can."""
+        """How compiled code runs this instance, asked after the initialisation; None if only Python can.
+
+        The same object as in its last run means that nothing has changed in it.
+        """
         return None
 
     def restart(self, component: Component) -> bool:
         """Become the instance that ``component.instantiate()`` would give, without loading it again.
+
+        Its buffers may stay those that it was bound to, with what is in them.
 
         Args:
             component: the same as the one this instance was made from, parameter values aside.

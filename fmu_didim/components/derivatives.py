@@ -18,7 +18,7 @@ import numpy as np
 from fmu_didim.base.errors import SimulationError
 from fmu_didim.components.base import Component, Instance
 from fmu_didim.components.native import FMI2, Native, NativeFmu
-from fmu_didim.data.signals import Variable
+from fmu_didim.data.signals import Array, Variable
 from fmu_didim.dynamics.block import Block
 from fmu_didim.export.variational import lane_count, variational_library
 
@@ -125,7 +125,12 @@ class _VariationalInstance(Instance):
         self._library = library = _loaded(component.library())
         self._memory = np.zeros(-(-int(library.instance_size()) // 8))
         self._self = self._memory.ctypes.data
+        self._as_native: NativeFmu | None = None
         self.take_variables(component.inputs, component.outputs)
+
+    def bind(self, inputs: Array, outputs: Array) -> None:
+        super().bind(inputs, outputs)
+        self._as_native = None
 
     def begin_initialisation(self, time: float) -> None:
         values = self._component.block.parameter_values
@@ -151,6 +156,11 @@ class _VariationalInstance(Instance):
             )  # fmt: skip
 
     def native(self) -> Native:
+        if self._as_native is None:
+            self._as_native = self._for_compiled_code()
+        return self._as_native
+
+    def _for_compiled_code(self) -> NativeFmu:
         none = (ctypes.c_uint32 * 1)()
         set_address, get_address, step_address = (
             ctypes.cast(function, _void).value or 0

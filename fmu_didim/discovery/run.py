@@ -41,7 +41,7 @@ from fmu_didim.discovery.selection.held_out import unconfirmed
 from fmu_didim.discovery.selection.plausible import unusual_values
 from fmu_didim.discovery.selection.refitted import Refitted, refitted_notes, refitted_shapes, with_stated
 from fmu_didim.discovery.selection.rivals import ambiguities
-from fmu_didim.discovery.selection.rounds import Discovery, Ending, run_rounds
+from fmu_didim.discovery.selection.rounds import Discovery, Ending, not_widely_searched, run_rounds
 from fmu_didim.discovery.unfinished import ended_before
 from fmu_didim.discovery.untried import motion_notes, untried_effects
 from fmu_didim.fit.fit import Fit
@@ -216,7 +216,8 @@ class _Search:
         is_virtual = base.model.loop.is_virtual  # there another way of sampling and a torque held longer look alike
         way = None if is_virtual else other_sampling(of_torque, unshifted, saved=saved, threshold=options.threshold)
         note = [way.text(1 / base.model.experiments[base.model.first].rate_hz)] if way is not None else []
-        notes = [*note, *notes, *forms.notes, *gain_notes(discovery.final, builder)]
+        unsearched = not_widely_searched(builder, discovery, options)
+        notes = [*note, *notes, *forms.notes, *gain_notes(discovery.final, builder), *unsearched]
         document = self.written(discovery, ratio, free, *notes, curves=forms.curves, doubts=forms.doubts)
         return Found(document, discovery, builder, forms.curves)
 

@@ -103,6 +103,22 @@ class Experiment:
         reference = self.reference
         return {**dict(zip(reference.names, reference.values[0].tolist(), strict=True)), **self.initial_state.values}
 
+    def plant_start(self, joint_count: int) -> dict[str, float]:
+        """Parameters of a plant of so many joints that say where it starts, by its first row: ``t_start`` (s),
+        ``q_start<j>``, ``dq_start<j>``; not to be changed."""
+        if joint_count not in self._plant_starts:  # each simulation asks for them
+            first, found = self.first_row, {"t_start": float(self.reference.time[0])}
+            for j in range(1, joint_count + 1):
+                if f"q{j}" in first:
+                    found[f"q_start{j}"] = float(first[f"q{j}"])
+                    found[f"dq_start{j}"] = float(first.get(f"dq{j}", 0.0))
+            self._plant_starts[joint_count] = found
+        return self._plant_starts[joint_count]
+
+    @cached_property
+    def _plant_starts(self) -> dict[int, dict[str, float]]:
+        return {}
+
     @property
     def rate_hz(self) -> float:
         """Mean rate of the torque log, counting the samples that are missing."""

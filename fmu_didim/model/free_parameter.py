@@ -101,6 +101,10 @@ class FreeParameters(tuple[FreeParameter, ...]):
     @property
     def start(self) -> Array:
         """(p,) start values."""
+        return self._start.copy()
+
+    @cached_property
+    def _start(self) -> Array:
         return np.array([parameter.value for parameter in self])
 
     @property

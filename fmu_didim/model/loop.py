@@ -217,15 +217,7 @@ class Loop:
 
     def start_values(self, experiment: Experiment) -> dict[str, float]:
         """Where the plant starts: the first row of the reference, or what is known instead."""
-        first = experiment.first_row
-        result = {"t_start": float(experiment.reference.time[0])}
-        if not self.shows_torque:
-            return result
-        for j in range(1, self.joint_count + 1):
-            if f"q{j}" in first:
-                result[f"q_start{j}"] = float(first[f"q{j}"])
-                result[f"dq_start{j}"] = float(first.get(f"dq{j}", 0.0))
-        return result
+        return experiment.plant_start(self.joint_count if self.shows_torque else 0)
 
     @cached_property
     def starts(self) -> tuple[StartValue, ...]:

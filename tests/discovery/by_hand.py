@@ -162,6 +162,8 @@ class Catalogue:
         self.amplitudes: tuple[Any, ...] = ()
         self.shapes: tuple[Any, ...] = ()
         self._costs, self._joints = dict(costs or {}), joints
+        self.expected: list[list[tuple[EffectAtJoint, ...]]] = []
+        self.stayed: list[Fit] = []
 
     def effect(self, effect_at: EffectAtJoint) -> Any:
         return self.effects[effect_at.effect]
@@ -189,6 +191,13 @@ class Catalogue:
 
     def prepare(self, wanted: Sequence[Sequence[EffectAtJoint]], **_: Any) -> None:
         pass
+
+    def expect(self, wanted: Sequence[Sequence[EffectAtJoint]]) -> None:
+        self.expected.append([tuple(each) for each in wanted])
+
+    def settled(self, fit: Fit) -> Fit:
+        self.stayed.append(fit)
+        return fit
 
 
 def with_effects(*names: str, square: float = 100.0, owner: str = PLANT) -> Fit:

@@ -15,7 +15,7 @@ from fmu_didim.components.fmu.binding import MAXIMUM_ITERATIONS, Call, EndedErro
 from fmu_didim.components.fmu.description import FLOAT_TYPES, REAL_TYPES, FmuVariable
 from fmu_didim.components.fmu.library import load_library
 from fmu_didim.components.fmu.ports import MixedCall
-from fmu_didim.components.fmu.settings import RESET, STATE, FmuSettings, RestartableInstance
+from fmu_didim.components.fmu.settings import RESET, STATE, FmuSettings, Ports, RestartableInstance
 from fmu_didim.components.fmu.units import Conversion
 from fmu_didim.components.native import ExchangeEquations, Native, NativeFmu
 from fmu_didim.data.signals import Array
@@ -78,7 +78,11 @@ class FmuInstance(RestartableInstance):
         self._new_state = self._binding.save_state() if keep_new_state else None
         self._trusts_derivatives = True
         self._called: dict[str, Any] | None = None
+        self._as_native: NativeFmu | None = None
+        self._connected: tuple[object, ...] = ()
+        self._setting: tuple[Ports, tuple[str, ...], list[int], Array, Call] | None = None
         self._take(component)
+        self._bind_anew()
 
     def _take(self, component: FmuSettings) -> None:
         """Take the variables of a component."""
@@ -87,12 +91,20 @@ class FmuInstance(RestartableInstance):
         self._input_types = component.input_types
         self._output_types = component.fmu.output_types
         self.input_names, self.output_names = component.ports.inputs, component.ports.outputs
-        self.bind(component.ports.starts.copy(), np.zeros(len(component.outputs)))
+
+    def _bind_anew(self) -> None:
+        """Take buffers of its own, with the inputs at their start values."""
+        ports = self._component.ports
+        self.bind(ports.starts.copy(), np.zeros(len(ports.outputs)))
 
     def _connect(self) -> None:
-        """Make the calls that pass values from and to the buffers."""
+        """Make the calls that pass values from and to the buffers, unless they are those of its last run."""
         component = self._component
         fmu, ports = component.fmu, component.ports
+        joined = (self.inputs, self.outputs, ports)
+        if self._connected and all(a is b for a, b in zip(joined, self._connected, strict=True)):
+            return
+        self._connected, self._as_native = joined, None
         self._in = _Port(component.input_conversions, self.inputs, converts=ports.converts_inputs)
         self._out = _Port(component.output_conversions, self.outputs, converts=ports.converts_outputs)
         self._set, self._set_arguments = self._port_call(
@@ -117,9 +129,20 @@ class FmuInstance(RestartableInstance):
         if not isinstance(component, FmuSettings):
             return False
         rerun = component.find_rerun()
-        return not rerun.isolated and self.restart_by(rerun.strategy, component)
+        if rerun.isolated or not self._go_back(rerun.strategy):
+            return False
+        self._take(component)
+        return True
 
     def restart_by(self, strategy: str, component: FmuSettings) -> bool:
+        if not self._go_back(strategy):
+            return False
+        self._take(component)
+        self._bind_anew()
+        return True
+
+    def _go_back(self, strategy: str) -> bool:
+        """To the state of a new instance; whether that is possible in this way."""
         if strategy == RESET:
             self._binding.forget_states(self._new_state)
             self._binding.reset()
@@ -128,10 +151,11 @@ class FmuInstance(RestartableInstance):
             self._binding.restore_state(self._new_state)
         else:
             return False
-        self._take(component)
         return True
 
     def begin_initialisation(self, time: float) -> None:
+        if not self._binding.gives_initial_outputs:
+            self._connected = ()  # nothing of its last run is shown until they are given
         self._connect()
         component = self._component
         self._binding.set_up_experiment(time)
@@ -141,7 +165,7 @@ class FmuInstance(RestartableInstance):
             self._binding.set_option(component.option_types[name], component.references[name], value)
         self._binding.enter_initialisation(time)
         if not self._binding.gives_initial_outputs:
-            self._get, self._get_arguments = _nothing, ()
+            self._get, self._get_arguments, self._connected = _nothing, (), ()
 
     def end_initialisation(self) -> None:
         """Raises FmuError if another value is read back than was set: the run would use that one."""
@@ -231,11 +255,22 @@ class FmuInstance(RestartableInstance):
         return list(wanted), np.array([x for group in wanted.values() for x in group])
 
     def _set_own(self, values: Mapping[str, float]) -> None:
-        wanted, numbers = self._own_values(values)
-        self._last_set = values, wanted, numbers
-        if wanted:
-            function, arguments = self._binding.real_call("Set", wanted, numbers)
-            self._binding.check(f"{self._real_function('Set')} of parameters", function(*arguments))
+        component, names = self._component, tuple(values)
+        if self._setting is not None and self._setting[0] is component.ports and self._setting[1] == names:
+            _, _, wanted, numbers, (function, arguments) = self._setting
+            numbers[:] = list(values.values())
+            self._last_set = values, wanted, numbers
+        else:
+            wanted, numbers = self._own_values(values)
+            self._last_set, self._setting = (values, wanted, numbers), None
+            if not wanted:
+                return
+            function, arguments = call = self._binding.real_call("Set", wanted, numbers)
+            if not (component.arrays or component.parameter_conversions):
+                self._setting = component.ports, names, wanted, numbers, call
+        status = function(*arguments)
+        if status > 1:
+            self._binding.check(f"{self._real_function('Set')} of parameters", status)
 
     def set_parameters(self, values: Mapping[str, float]) -> None:
         component = self._component
@@ -339,10 +374,12 @@ class FmuInstance(RestartableInstance):
                 "input_references": references(fmu.input_references),
                 "output_references": references(fmu.output_references),
             }  # fmt: skip
-        return NativeFmu(
-            kind, own_inputs=self._in.own, own_outputs=self._out.own, input_scaling=self._in.scaling,
-            output_scaling=self._out.scaling, exchange=exchange, **self._called,
-        )  # fmt: skip
+        if self._as_native is None or exchange is not None:
+            self._as_native = NativeFmu(
+                kind, own_inputs=self._in.own, own_outputs=self._out.own, input_scaling=self._in.scaling,
+                output_scaling=self._out.scaling, exchange=exchange, **self._called,
+            )  # fmt: skip
+        return self._as_native
 
 
 def _apart(found: Array, other: Array, rounding: Array) -> NDArray[np.intp]:

@@ -205,11 +205,15 @@ class FmuSettings(Component):
         if not values.keys() <= self.ports.settable:
             starts = tuple(Variable(name) for name in self.start_values)
             check_names("parameter", values, (*self.parameters, *self._option_variables, *starts), where=str(self.path))
-        parameters = tuple([v.starting_at(float(values[v.name])) if v.name in values else v for v in self.parameters])
-        start_values = {name: float(values.get(name, start)) for name, start in self.start_values.items()}
-        changed = self.of_other_values(
-            parameters=parameters, start_values=start_values, changed=self.changed.union(values)
+        parameters = tuple(
+            [
+                v if (x := values.get(v.name, v.start)) == v.start else altered(v, start=float(x))
+                for v in self.parameters
+            ]
         )
+        start_values = self.start_values and {n: float(values.get(n, start)) for n, start in self.start_values.items()}
+        known = self.changed if values.keys() <= self.changed else self.changed.union(values)
+        changed = self.of_other_values(parameters=parameters, start_values=start_values, changed=known)
         return changed.with_options(options) if options else changed
 
     def of_other_values(self, **values: Any) -> Self:

@@ -16,6 +16,8 @@ SMALLEST, LARGEST = 1 << 14, 1 << 21
 """[1] Numbers in a buffer that is used again: the allocator is quick with smaller ones, and larger ones would fill
 the memory."""
 _free: deque[Array] = deque(maxlen=4)
+_lent: dict[int, tuple[weakref.ref[Array], Array]] = {}
+"""What watches each array that is in use, by its identity, and the buffer of that array."""
 
 
 def recording_buffer(rows: int, columns: int) -> Array:
@@ -29,8 +31,16 @@ def recording_buffer(rows: int, columns: int) -> Array:
     buffer = _fitting(count)
     # Views of an array over a foreign buffer refer to that array, so it lives as long as they do.
     array: Array = np.frombuffer(buffer.data, count=count)
-    weakref.finalize(array, _free.append, buffer).atexit = False
+    watch = weakref.ref(array, _take_back)  # weakref.finalize takes several times as long
+    _lent[id(watch)] = watch, buffer
     return array.reshape(rows, columns)
+
+
+def _take_back(
+    watch: weakref.ref[Array], lent: dict[int, tuple[weakref.ref[Array], Array]] = _lent, free: deque[Array] = _free
+) -> None:
+    """The buffer of an array that is gone serves another one; what it needs is bound here, for the end of Python."""
+    free.append(lent.pop(id(watch))[1])
 
 
 def _fitting(count: int) -> Array:

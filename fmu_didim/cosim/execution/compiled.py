@@ -9,6 +9,7 @@ from __future__ import annotations
 import ctypes
 import hashlib
 import time as clock
+from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
 from pathlib import Path
@@ -20,6 +21,7 @@ from fmu_didim.base.cache import cached_folder
 from fmu_didim.base.errors import BuildError, InputError, SimulationError
 from fmu_didim.components.native import EXCHANGE, FMI2, LINEAR, ExchangeEquations, Native, NativeFmu, NativeLinear
 from fmu_didim.cosim.execution.running import CHECK_INTERVAL, LATEST, LoopRun, Part
+from fmu_didim.data.signals import Array
 from fmu_didim.export.build import compile_shared_library, find_compiler
 
 _DONE, _FAILED, _STOPPED = 0, 1, 2
@@ -89,7 +91,7 @@ def loop_library() -> Any:
     """The compiled loop; None where it cannot be built, so that Python runs it.
 
     Returns:
-        The library, with the function ``run_loop`` and the callbacks of CVode.
+        The library, with the functions ``run_loop`` and ``pass_values`` and the callbacks of CVode.
     """
     try:
         compiler = find_compiler()
@@ -106,6 +108,7 @@ def loop_library() -> Any:
     except (BuildError, InputError, OSError):
         return None
     library.run_loop.argtypes, library.run_loop.restype = (_void, _int64, _int64, _int64), ctypes.c_int
+    library.pass_values.argtypes, library.pass_values.restype = (_void, _void), ctypes.c_int
     return library
 
 
@@ -128,13 +131,8 @@ def run_compiled(run: LoopRun, natives: list[Native]) -> None:
         SimulationError: a component refused a step.
     """
     function, end = loop_library().run_loop, run.end
-    keep: list[Any] = []
-    values = _address(run.values, keep) or 0
-    parts = (_Part * len(run.parts))(*(_part(run, i, native, values, keep) for i, native in enumerate(natives)))
-    for part in parts:
-        if part.exchange:
-            _Exchange.from_address(part.exchange).part = ctypes.addressof(part)
-    loop, longest = _loop(run, parts, values, keep), CHUNK if run.columns is None else TAKEN
+    calls, keep = _calls(run, natives), list[Any]()
+    loop, longest = _loop(run, calls, keep), CHUNK if run.columns is None else TAKEN
     taken = None if run.columns is None else np.empty((TAKEN, run.values.size))
     if taken is not None:
         loop.applied = loop.sampled = _address(taken, keep)
@@ -155,6 +153,70 @@ def run_compiled(run: LoopRun, natives: list[Native]) -> None:
     run.finite = not loop.unsound
 
 
+@dataclass(frozen=True)
+class _Calls:
+    """How compiled code calls the parts of an assembly.
+
+    Attributes:
+        natives: of the parts; columns: of the recording.
+        values: address of the values; parts: structures of C; before: memory for the signals; kept: what must live as
+            long.
+    """
+
+    natives: list[Native]
+    columns: list[int] | None
+    values: int
+    parts: Any
+    before: Array
+    kept: list[Any]
+
+    def serve(self, run: LoopRun, natives: list[Native]) -> bool:
+        """Whether another run finds them as it would make them, what is read for its recording aside: FMUs that are
+        what they were, called at each tick."""
+        return (
+            len(natives) == len(self.natives)
+            and all(a is b for a, b in zip(natives, self.natives, strict=True))
+            and all(isinstance(n, NativeFmu) and n.exchange is None for n in natives)
+            and not any(p.delayed or p.ramps or p.between is not None or p.instants is not None for p in run.parts)
+        )
+
+
+def _calls(run: LoopRun, natives: list[Native]) -> _Calls:
+    """How compiled code calls the parts: as in the last run of the same assembly where that serves."""
+    known: _Calls | None = run.assembly.calls
+    if known is not None and known.columns == run.columns and known.serve(run, natives):
+        return known
+    keep: list[Any] = []
+    values = _address(run.values, keep) or 0
+    parts = (_Part * len(run.parts))(*(_part(run, i, native, values, keep) for i, native in enumerate(natives)))
+    for part in parts:
+        if part.exchange:
+            _Exchange.from_address(part.exchange).part = ctypes.addressof(part)
+    run.assembly.calls = made = _Calls(natives, run.columns, values, parts, np.zeros(run.signals.size), keep)
+    return made
+
+
+def pass_values(run: LoopRun) -> bool:
+    """Let values pass around a run that is being initialised, by the calls of its last run; whether that was possible.
+
+    Raises:
+        SimulationError: a component refused a value.
+    """
+    calls: _Calls | None = run.assembly.calls
+    if calls is None:
+        return False
+    natives = [native for part in run.parts if (native := part.instance.native()) is not None]
+    if not calls.serve(run, natives):
+        return False
+    loop = _Loop(
+        parts=ctypes.addressof(calls.parts), part_count=len(run.parts), values=calls.values,
+        signal_count=run.signals.size, start=run.start,
+    )  # fmt: skip
+    if loop_library().pass_values(ctypes.byref(loop), calls.before.ctypes.data) != _DONE:
+        raise _refusal(run, loop, natives, None)
+    return True
+
+
 def _address(array: Any, keep: list[Any]) -> int | None:
     """Address of an array that lives as long as the run; None for an empty one."""
     if array is None:
@@ -165,12 +227,12 @@ def _address(array: Any, keep: list[Any]) -> int | None:
     return int(array.ctypes.data)
 
 
-def _loop(run: LoopRun, parts: Any, values: int, keep: list[Any]) -> _Loop:
+def _loop(run: LoopRun, calls: _Calls, keep: list[Any]) -> _Loop:
     table, ticks = np.ascontiguousarray(run.table), np.ascontiguousarray(run.ticks, dtype=np.int64)
     gapless = ticks[-1] - ticks[0] + 1 == ticks.size
     return _Loop(
-        parts=ctypes.addressof(parts), part_count=len(parts), jacobi=run.system.jacobi, delayed=run.delayed,
-        values=values, signal_count=run.signals.size, value_count=run.values.size,
+        parts=ctypes.addressof(calls.parts), part_count=len(run.parts), jacobi=run.system.jacobi, delayed=run.delayed,
+        values=calls.values, signal_count=run.signals.size, value_count=run.values.size,
         table=_address(table, keep), table_rows=table.shape[0], table_columns=table.shape[1], start=run.start,
         step=run.system.step_size, recorded=None if gapless else _address(ticks, keep), first_recorded=ticks[0],
         recorded_count=ticks.size, applied=_address(run.record, keep), sampled=_address(run.sampled, keep),
@@ -292,6 +354,13 @@ def _error(run: LoopRun, loop: _Loop, result: int, natives: list[Native]) -> Exc
             "The FMU ended the simulation.", where=name,
             next_step="Check its parameters and its stop time; fmu-didim fmu check FILE tries it alone.",
         ).in_component(name, time)  # fmt: skip
+    return _refusal(run, loop, natives, time)
+
+
+def _refusal(run: LoopRun, loop: _Loop, natives: list[Native], time: float | None) -> SimulationError:
+    """The error of a component that refused a call at a time in s; None: in its initialisation."""
+    name, native = run.parts[loop.failed_part].name, natives[loop.failed_part]
+    assert isinstance(native, NativeFmu)
     try:
         at = f" at t = {time:.6g} s" if loop.failed_call == _STEP else ""
         native.check(native.calls[loop.failed_call] + at, int(loop.status))

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from fmu_didim.base.errors import DivergedError, FmuDidimError, InputError
 from fmu_didim.components.native import Native
 from fmu_didim.cosim.execution.algebraic_loops import LoopSolver, algebraic_loops, really_closed
-from fmu_didim.cosim.execution.compiled import fits, loop_library, run_compiled
+from fmu_didim.cosim.execution.compiled import fits, loop_library, pass_values, run_compiled
 from fmu_didim.cosim.execution.instance_pool import InstancePool
 from fmu_didim.cosim.execution.interpreted import run_interpreted
 from fmu_didim.cosim.execution.running import Beat, LoopRun, Order, assemble
@@ -33,7 +33,7 @@ def run_in_process(order: Order, pool: InstancePool | None = None, beat: Beat | 
         system = compiled_components(order.system)
         order = order if system is order.system else replace(order, system=system)
     try:
-        with _running(order, pool, beat) as run:
+        with _running(order, pool, beat, python=python) as run:
             solver = _loop_solver(run)
             natives = None if python or solver is not None else _natives(run)
             if order.compiled and natives is None:
@@ -50,20 +50,23 @@ def run_in_process(order: Order, pool: InstancePool | None = None, beat: Beat | 
         first = error
     # Signals are looked at every 32 ticks: by then NaN has gone around the loop, and the first one in the
     # order of the signals is not the first one in time.
-    with _running(order, pool, beat) as run:
+    with _running(order, pool, beat, python=True) as run:
         run.allocate()
         run_interpreted(run, solver=_loop_solver(run), careful=True)
     raise first  # it was one only once
 
 
 @contextmanager
-def _running(order: Order, pool: InstancePool | None, beat: Beat | None) -> Iterator[LoopRun]:
-    """A run that is initialised; its instances go back to the pool, unless a component failed in it."""
+def _running(
+    order: Order, pool: InstancePool | None, beat: Beat | None, *, python: bool = False
+) -> Iterator[LoopRun]:  # fmt: skip
+    """A run that is initialised, by compiled code where that is known from its last run, unless it must be Python; its
+    instances go back to the pool, unless a component failed in it."""
     run, reusable = assemble(order.system, order.reference, pool, beat), False
     try:
         with np.errstate(all="ignore"):
             run.prepare(_all_ticks(order.reference.time.size) if order.ticks is None else order.ticks, order.bounds)
-            run.initialise()
+            run.initialise(None if python else pass_values)
             yield run
         reusable = True
     except FmuDidimError as error:
@@ -144,7 +147,10 @@ def check_reference(order: Order) -> None:
             next_step="Resample it to the control rate, or correct the rate of the loop.",
         )
     if ticks is not None and (
-        ticks.size == 0 or ticks[0] < 0 or ticks[-1] >= time.size or (ticks[1:] <= ticks[:-1]).any()
+        ticks.size == 0
+        or ticks.item(0) < 0
+        or ticks.item(-1) >= time.size
+        or np.count_nonzero(ticks[1:] > ticks[:-1]) < ticks.size - 1
     ):
         raise InputError(
             "The ticks to record lie outside the reference.",
@@ -170,13 +176,14 @@ def _recording(run: LoopRun, *, compiled: bool) -> Recording:
     if run.columns is not None:
         kept = {run.recorded[i]: k for k, i in enumerate(run.columns)}
         signals, inputs = ({name: k for name, k in kept.items() if name in of} for of in (signals, inputs))
+    applied = Columns(signals, run.record)
     return Recording(
         ticks=run.ticks,
         start=run.start,
         step_size=run.system.step_size,
-        applied=Columns(signals, run.record),
+        applied=applied,
         inputs=Columns(inputs, run.record),
-        sampled=Columns(signals, run.sampled if run.delayed else run.record),
+        sampled=Columns(signals, run.sampled) if run.delayed else applied,
         compiled=compiled,
         instants=None if run.instants is None else run.instants[run.ticks],
     )

@@ -4,11 +4,16 @@ from __future__ import annotations
 
 import threading
 import weakref
+from collections import deque
 from collections.abc import Hashable
 from typing import Any
 
 from fmu_didim.base.errors import FmuDidimError
 from fmu_didim.components import Component, Instance
+
+KEPT_ASSEMBLIES = 16
+"""[1] Wired systems kept: one is in use by each experiment and thread of an identification, the last few models of a
+discovery; they hold little beside their instances."""
 
 
 class InstancePool:
@@ -32,14 +37,16 @@ class InstancePool:
         self.slow_runs = 0
         self._kept: dict[Any, list[Any]] = {}
         self.noted: set[Hashable] = set()
+        self._assemblies: deque[tuple[object, Any]] = deque(maxlen=KEPT_ASSEMBLIES)
         self._lock = threading.Lock()
         self._end = weakref.finalize(self, _close_all, self._kept)
 
-    def take(self, component: Component) -> Instance:
-        """An instance ready for its initialisation: one that was given back, or a new one."""
+    def take(self, component: Component, wanted: Instance | None = None) -> Instance:
+        """An instance ready for its initialisation: one that was given back, the wanted one before others, or a new
+        one."""
         key = component.pool_key()
         while True:
-            instance: Instance | None = self.borrow(key) if key is not None else None
+            instance: Instance | None = self.borrow(key, wanted) if key is not None else None
             if instance is None:
                 return component.instantiate()
             ready = False
@@ -55,10 +62,14 @@ class InstancePool:
         """Keep an instance whose run is over."""
         self.put_back(component.pool_key(), instance)
 
-    def borrow(self, key: Hashable) -> Any:
-        """The instance or process that was returned under a key; None if none is waiting."""
+    def borrow(self, key: Hashable, wanted: Any = None) -> Any:
+        """The instance or process that was returned under a key, the wanted one before others; None if none is
+        waiting."""
         with self._lock:
             waiting = self._kept.get(key, [])
+            for i, thing in enumerate(waiting):
+                if thing is wanted:
+                    return waiting.pop(i)
             return waiting.pop() if waiting else None
 
     def put_back(self, key: Hashable | None, thing: Any) -> None:
@@ -70,9 +81,27 @@ class InstancePool:
                 return
         thing.close()
 
+    def find_assembly(self, layout: object) -> Any:
+        """The assembly of this very layout that was kept last; None without. Others that begin meanwhile do not find
+        it. Its instances wait in the pool, unless another system has taken them."""
+        with self._lock:
+            for i in range(len(self._assemblies) - 1, -1, -1):
+                if self._assemblies[i][0] is layout:
+                    found = self._assemblies[i][1]
+                    del self._assemblies[i]
+                    return found
+        return None
+
+    def keep_assembly(self, layout: object, assembly: Any) -> None:
+        """Keep the parts of a run that is over, whose instances were given back."""
+        with self._lock:
+            if self._end.alive:
+                self._assemblies.append((layout, assembly))
+
     def close(self) -> None:
         """Close all instances; the pool can still be used, but keeps no further instances."""
         with self._lock:
+            self._assemblies.clear()
             self._end()
             self._kept.clear()
 

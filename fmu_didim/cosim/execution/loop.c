@@ -453,11 +453,14 @@ static int run_plain(Loop *l, int64_t first, int64_t last) {
     double *const values = l->values;
     Plain plain[MOST_PLAIN];
     for (int64_t i = 0; i < count; i++) plain[i] = plain_of(&l->parts[i]);
-    int64_t index = 0;
+    /* Known here, as what a called FMU might change must be read again after each call. */
+    const int64_t first_recorded = l->first_recorded, ticks = l->ticks;
+    int64_t next_check = l->next_check, index = 0;
+    double *row = applied_row(l, l->next_row);
     for (int64_t tick = first; tick < last; tick++, given += columns) {
         const double time = start + (double)tick * step;
-        const bool due = recorded ? recorded[l->next_row] == tick : tick >= l->first_recorded;
-        const bool checked = tick == l->next_check, ends = tick + 1 == l->ticks;
+        const bool due = recorded ? recorded[l->next_row] == tick : tick >= first_recorded;
+        const bool checked = tick == next_check, ends = tick + 1 == ticks;
         const bool all = due || checked || ends;
         copy(values, given, columns);
         for (index = 0; index < count; index++) {
@@ -467,10 +470,10 @@ static int run_plain(Loop *l, int64_t first, int64_t last) {
             if (p->set) TRY(p->set(p->self, p->input_references, p->input_count, p->inputs), CALL_SET);
             if (read) TRY(p->get(p->self, p->output_references, read, p->outputs), CALL_GET);
         }
-        if (due) copy(applied_row(l, l->next_row++), values, width);
+        if (due) copy(row, values, width), row += width, l->next_row++;
         if (checked) {
             if (look(l, tick, time)) return OUT_OF_BOUNDS;
-            look_at_rows(l, l->next_row);
+            look_at_rows(l, l->next_row), next_check = l->next_check;
         }
         for (index = 0; index < count; index++) {
             const Plain *p = &plain[index];
@@ -478,6 +481,26 @@ static int run_plain(Loop *l, int64_t first, int64_t last) {
             TRY(p->step(p->self, time, step, 1), CALL_STEP);
             if (read) TRY(p->get(p->self, p->output_references, read, p->outputs), CALL_GET);
         }
+    }
+    return DONE;
+}
+
+/* In initialisation values pass around the loop until each part has received those of all others, or none changes any
+   more; `before` has room for the signals. The first row of the table is among them already. */
+EXPORT int pass_values(Loop *l, double *before) {
+    const int64_t tick = 0, count = l->part_count;
+    const double time = l->start;
+    for (int64_t round = 0; round <= count; round++) {
+        bool same = true;
+        memcpy(before, l->values, (size_t)l->signal_count * sizeof(double));
+        for (int64_t index = 0; index < count; index++) {
+            Part *p = &l->parts[index];
+            gather(p, l->values);
+            TRY(set_part(p), CALL_SET);
+            if (p->output_count) TRY(get_part(p, p->output_count), CALL_GET);
+        }
+        for (int64_t i = 0; i < l->signal_count; i++) same = same && before[i] == l->values[i];
+        if (same) break;
     }
     return DONE;
 }

@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -82,19 +83,27 @@ class Part:
     def __init__(self, name: str, system: System, instance: Instance, place: Place, values: Array) -> None:
         self.name, self.instance, self.wiring = name, instance, place.wiring
         self.place, self.given, self.readers = place.outputs, place.inputs, place.readers
-        self.inputs = values[self.given]
-        self._component = component = system.components[name]
+        self.inputs, self.outputs = values[self.given], values[self.place]
         self.every = system.every.get(name, 1)
         self.substeps = system.substeps.get(name, 1)
         self.after_step = name in system.after_step
-        self.between = reads_between(component)
         self.whole, self.part = split_delay(system.delays.get(name, 0.0) / self.every)
         self.step_size = system.step_size
+        self._straight, self._starts = place.ramps, place.starts
+
+    def begin(self, component: Component) -> None:
+        """Be at the beginning of a run, with the values of this component."""
+        self._component = component
+        self.between = reads_between(component)
         self.line: list[Array] = []
         sees_all = component.sample_time is None and not self.delayed and self.every == 1
-        self.ramps = place.ramps if sees_all else ()
+        self.ramps = self._straight if sees_all else ()
         self.follows_ramps = bool(self.ramps) and component.follows_ramps
         self.start, self.instants, self.longest = 0.0, None, np.inf
+        self.inputs[:] = self._starts  # where nothing is connected, it stays
+        self.instance.slopes = None
+        if self.instance.inputs is not self.inputs or self.instance.outputs is not self.outputs:
+            self.instance.bind(self.inputs, self.outputs)
 
     def follow(self, start: float, instants: Array | None) -> None:
         """Take the time of tick 0 (s), and the instants of all ticks where these are not equally spaced."""
@@ -197,14 +206,36 @@ class Part:
 
 
 @dataclass
+class Assembly:
+    """The parts of a system, wired over one memory. A pool keeps it, so that the next run of the same system with other
+    values finds all of it ready.
+
+    Attributes:
+        layout: where the values lie; values: present values of the signals, then of the inputs of all parts.
+        parts: in the order of evaluation.
+        calls: how compiled code calls the parts, made in the first run that needs it.
+    """
+
+    layout: Layout
+    values: Array
+    parts: list[Part] = field(default_factory=list)
+    calls: Any = None
+
+    @cached_property
+    def unbounded(self) -> tuple[Array, Array]:
+        """Bounds of the signals that let all pass."""
+        count = len(self.layout.signals)
+        return np.full(count, -1e100), np.full(count, 1e100)
+
+
+@dataclass
 class LoopRun:
     """A system and the memory of one run of it.
 
     Attributes:
-        layout: where the values lie.
-        values: present values of the signals, then of the inputs of all parts; signals: the first of them.
+        assembly: its parts, and the memory on which they work.
+        layout, values, parts: those of it; signals: the first of the values.
         start: time of tick 0, s.
-        parts: in the order of evaluation.
         names, recorded: of the signals, and of all values.
         table: (T, c) reference; rows: tick -> row of the recording, -1 where nothing is recorded.
         record: (K, values), the signals and inputs when these begin to act; applied: its signals.
@@ -218,9 +249,7 @@ class LoopRun:
 
     system: System
     reference: Trajectory
-    layout: Layout
-    values: Array
-    parts: list[Part]
+    assembly: Assembly
     ticks: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     finite: bool | None = None
     columns: list[int] | None = None
@@ -228,6 +257,7 @@ class LoopRun:
     beat: Beat | None = None
 
     def __post_init__(self) -> None:
+        self.layout, self.values, self.parts = self.assembly.layout, self.assembly.values, self.assembly.parts
         self.names, self.recorded = self.layout.signals, self.layout.values
         self.signals = self.values[: len(self.names)]
         self.start = float(self.reference.time[0])
@@ -260,7 +290,9 @@ class LoopRun:
         for part in self.parts:
             counts = self.system.components[part.name].sample_time is not None
             part.follow(self.start, None if counts else self.instants)
-        self.lowest, self.highest = np.full(len(self.names), -1e100), np.full(len(self.names), 1e100)
+        self.lowest, self.highest = self.assembly.unbounded
+        if bounds:
+            self.lowest, self.highest = self.lowest.copy(), self.highest.copy()
         for name, (low, high) in (bounds or {}).items():
             if name not in self.names:
                 raise UnknownNameError("signal", name, self.names, where="bounds")
@@ -297,16 +329,21 @@ class LoopRun:
         """Number of ticks to run: a whole delay of m samples lets the last command act m ticks later."""
         return int(self.ticks[-1]) + self.lag + 1
 
-    def initialise(self) -> None:
+    def initialise(self, passing: Callable[[LoopRun], bool] | None = None) -> None:
         """Initialisation mode: values pass around the loop until each component has received those of all others,
-        or none changes any more."""
+        or none changes any more.
+
+        Args:
+            passing: does that in compiled code, where it returns True.
+        """
         self.signals[: self.table.shape[1]] = self.table[0]
         part = self.parts[0]
         try:
             for part in self.parts:
                 part.instance.begin_initialisation(self.start)
                 self._goes_on()
-            for _ in range(len(self.parts) + 1):
+            done = passing is not None and passing(self)
+            for _ in range(0 if done else len(self.parts) + 1):
                 before = self.signals.copy()
                 for part in self.parts:
                     part.gather(self.signals)
@@ -358,23 +395,31 @@ class LoopRun:
                 pool.give_back(self.system.components[part.name], part.instance)
             else:
                 part.instance.close()
+        if pool is not None and reusable:
+            pool.keep_assembly(self.layout, self.assembly)
 
 
 def assemble(system: System, reference: Trajectory, pool: InstancePool | None, beat: Beat | None = None) -> LoopRun:
     """Instances of all components, wired; raises UnknownNameError for a column that the reference lacks."""
-    layout = system.layout(reference.names)
-    run = LoopRun(system, reference, layout, np.zeros(len(layout.values)), [], beat=beat)
+    layout, instances = system.layout(reference.names), list[Instance]()
+    known = None if pool is None else pool.find_assembly(layout)
+    parts = [None] * len(system.order) if known is None else known.parts
     try:
-        for name in system.order:
-            component, place = system.components[name], layout.places[name]
-            instance = pool.take(component) if pool is not None else component.instantiate()
-            run.values[place.inputs] = place.starts  # where nothing is connected, it stays
-            run.parts.append(Part(name, system, instance, place, run.values))
-            instance.slopes = None
-            instance.bind(run.values[place.inputs], run.values[place.outputs])
+        for name, part in zip(system.order, parts, strict=True):
+            component = system.components[name]
+            wanted = None if part is None else part.instance
+            instances.append(component.instantiate() if pool is None else pool.take(component, wanted))
             if beat is not None:
                 beat()
+        if known is None or any(p.instance is not i for p, i in zip(known.parts, instances, strict=True)):
+            known = Assembly(layout, np.zeros(len(layout.values)))
+            for name, instance in zip(system.order, instances, strict=True):
+                known.parts.append(Part(name, system, instance, layout.places[name], known.values))
+        known.values[:] = 0.0
+        for part in known.parts:
+            part.begin(system.components[part.name])
     except BaseException:
-        run.close(None, reusable=False)
+        for instance in instances:
+            instance.close()
         raise
-    return run
+    return LoopRun(system, reference, known, beat=beat)

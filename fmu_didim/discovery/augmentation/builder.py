@@ -19,6 +19,7 @@ from fmu_didim.discovery.augmentation.plants import Plants, described
 from fmu_didim.discovery.progress import Progress
 from fmu_didim.dynamics.effects import EFFECTS, Effect
 from fmu_didim.dynamics.robot import RobotDescription
+from fmu_didim.fit.fit import Fit
 from fmu_didim.model.free_parameter import PLANT
 from fmu_didim.model.loop_model import EffectAtJoint, LoopModel
 
@@ -119,6 +120,16 @@ class LoopModelBuilder:
         for added_effects in wanted:
             if not progress.is_time_up:
                 self._with_effects(self.base, tuple(added_effects))
+
+    def expect(self, wanted: Sequence[Sequence[EffectAtJoint]]) -> None:
+        """Let what is prepared next serve models with these effects, too."""
+        self._plants.expect([self._at_all(added_effects) for added_effects in wanted])
+
+    def settled(self, fit: Fit) -> Fit:
+        """A fit whose model stays, with a plant of its own effects alone, none that stand idle."""
+        model = fit.model
+        plant = self._plants.alone(self._at_all(model.added_effects))
+        return fit if plant is model.loop.plant else replace(fit, model=model.with_loop(plant=plant))
 
     def _at_all(self, added_effects: Sequence[EffectAtJoint]) -> list[LoopEffect]:
         return [self.at(effect_at) for effect_at in added_effects]

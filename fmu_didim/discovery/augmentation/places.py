@@ -139,6 +139,12 @@ class LoopEffect(ABC):
         return {name: within.adapted(s, units[name]) for name, s in self.effect.search(kind).items()}
 
     @property
+    def can_stand_idle(self) -> bool:
+        """Whether a plant that has it, with its parameters as they stand, is the plant without it: amplitudes of zero,
+        no states, and nothing that sets the steps of the integration."""
+        return False
+
+    @property
     def amplitudes(self) -> tuple[Variable, ...]:
         """Its amplitudes, by their plain names."""
         found = self.effect.parameters(self.joint_type)
@@ -201,6 +207,15 @@ class InEquations(LoopEffect):
     @property
     def can_be_added(self) -> bool:
         return self.loop.description is not None
+
+    @property
+    def can_stand_idle(self) -> bool:
+        effect, kind = self.effect, self.joint_type
+        if not isinstance(effect, TorqueEffect) or effect.is_form or effect.sets_rate:
+            return False
+        if effect.states(kind) or "time" in effect.needs:  # time is a state
+            return False
+        return all(v.start == 0 for v in effect.parameters(kind))
 
 
 class InBlackBox(LoopEffect):

@@ -43,7 +43,8 @@ def fitted_to_minimum(builder: LoopModelBuilder, candidate: FittedCandidate) -> 
     competition are short. That of an elastic gear lies in a valley of its stiffness and the inertia of its motor."""
     is_long = any(builder.effect(a).elastic for a in candidate.fit.model.added_effects)
     stopping = Stopping(exact=True) if is_long else Stopping(updates=1, exact=True)
-    return replace(candidate, fit=minimise(candidate.fit.model, candidate.fit.noise, stopping=stopping))
+    model = builder.settled(candidate.fit).model
+    return replace(candidate, fit=minimise(model, candidate.fit.noise, stopping=stopping))
 
 
 def fit_without(builder: LoopModelBuilder, fit: Fit, step: Step) -> Fit | None:

@@ -106,13 +106,15 @@ class Comparison:
     Attributes:
         ranking: the fitted ones, the best first; tried: all candidates, in the order of the fits.
         unfitted: those left early by their signatures, or because they were led astray before.
-        astray: what those in the torque balance promised whose fit ended hardly better than without them.
+        astray: what those in the torque balance promised whose fit ended hardly better than without them; vain: whose
+            whole fit ended worse than without them by BIC.
     """
 
     ranking: tuple[FittedCandidate, ...]
     tried: tuple[TriedCandidate, ...]
     unfitted: tuple[ScreenedCandidate, ...] = ()
     astray: Mapping[EffectAtJoint, float] = field(default_factory=dict)
+    vain: Mapping[EffectAtJoint, float] = field(default_factory=dict)
 
     @property
     def is_cut(self) -> bool:

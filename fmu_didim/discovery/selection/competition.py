@@ -89,8 +89,9 @@ HELD_UPDATES = 3
 """[sensitivities] Taken anew at most while it is held, and when it is released: the first ones are those of a base that
 may be far off."""
 GROWN = 1.5
-"""[1] Times what a candidate promised when its fit was led astray that it must promise to be fitted again while others
-are: on a measured TX40 a payload was fitted from three starts in each of five rounds, and never gained anything."""
+"""[1] Times what a candidate promised when its fit was led astray, or in vain, that it must promise to be fitted again
+while others are: on a measured TX40 a payload was fitted from three starts in each of five rounds, and never gained
+anything, and friction that drifts with the temperature in three, each time to a negative BIC difference."""
 LEAST = 5.0
 """[chi-square] By which a candidate must promise to lower it for its fit to be completed: less is no BIC difference
 of 10."""
@@ -103,12 +104,13 @@ class Competition:
     Attributes:
         builder: builds the loops with them; fit: of the present model.
         astray: what candidates in the torque balance promised whose fit ended hardly better than the model without
-            them, in a round before.
+            them, in a round before; vain: whose whole fit ended worse than without them by BIC.
     """
 
     builder: LoopModelBuilder
     fit: Fit
     astray: Mapping[EffectAtJoint, float] = field(default_factory=dict)
+    vain: Mapping[EffectAtJoint, float] = field(default_factory=dict)
 
     @cached_property
     def base(self) -> BaseProjection:
@@ -217,9 +219,12 @@ class Competition:
         leading = LEADING * max((s.gain for s in chosen), default=0.0)
         report = progress.counted("fitting candidate", len(chosen))
         results, workers = list[FittedCandidate | Outcome](), fit.model.allowed_workers(fit.values)
+        foretold = max((s.predicted for s in chosen), default=0.0)
+        hopeful = [c.effect_at for c in chosen if not self._is_hopeless(c, best, reach, foretold)]
+        self.builder.expect([(*fit.model.added_effects, a) for a in hopeful])
         for first in range(0, len(chosen), ABREAST):
             group = chosen[first : first + ABREAST]
-            hopeless = [self._is_hopeless(candidate, best, reach) for candidate in group]
+            hopeless = [self._is_hopeless(candidate, best, reach, foretold) for candidate in group]
             wanted = [c.effect_at for c, is_left in zip(group, hopeless, strict=True) if not is_left]
             self.builder.prepare([(*fit.model.added_effects, a) for a in wanted], progress=progress, workers=workers)
             tasks = [
@@ -232,22 +237,31 @@ class Competition:
             results += side_by_side(tasks, workers)
             fitted = [c for c in results if not isinstance(c, Outcome) and not c.implausible]
             best = min([best, *(c.fit.chi_square for c in fitted)])
+        self.builder.expect(())
         found = sorted((c for c in results if not isinstance(c, Outcome)), key=lambda c: -c.delta_bic)
         pairs = list(zip(chosen, results, strict=True))
         unfitted = tuple(candidate for candidate, result in pairs if result is Outcome.LEFT_EARLY)
         lost = {c.effect_at for c in found if fit.chi_square - c.fit.chi_square < LEAST}
-        promised = {c.effect_at: self._promised(c) for c in chosen if c.effect_at in lost}
-        astray = {effect_at: most for effect_at, most in promised.items() if np.isfinite(most)}
-        return Comparison(tuple(found), tuple(_tried(c.effect_at, r) for c, r in pairs), unfitted, astray)
+        vain = {c.effect_at for c in found if c.delta_bic < 0 and not c.fit.given_up} - lost
+        promised = {c.effect_at: self._promised(c) for c in chosen if c.effect_at in lost | vain}
+        known = {effect_at: most for effect_at, most in promised.items() if np.isfinite(most)}
+        return Comparison(
+            tuple(found), tuple(_tried(c.effect_at, r) for c, r in pairs), unfitted,
+            {a: most for a, most in known.items() if a in lost}, {a: most for a, most in known.items() if a in vain},
+        )  # fmt: skip
 
-    def _is_hopeless(self, candidate: ScreenedCandidate, best: float, reach: float) -> bool:
-        """Whether a candidate is not fitted while others are: it cannot reach the best, or its fit was led astray
-        before and it promises hardly more now."""
+    def _is_hopeless(self, candidate: ScreenedCandidate, best: float, reach: float, foretold: float) -> bool:
+        """Whether a candidate is not fitted while others are: it cannot reach the best, or it promises hardly more than
+        before, when its fit was led astray, or was in vain and the best BIC difference foretold is far above its
+        own."""
         if self._is_missing_base(candidate) or not np.isfinite(reach):
             return False
-        promised = self._promised(candidate)
-        was_astray = promised <= GROWN * self.astray.get(candidate.effect_at, 0.0)
-        return was_astray or self.fit.chi_square - reach * promised > best
+        promised, effect_at = self._promised(candidate), candidate.effect_at
+        was_astray = promised <= GROWN * self.astray.get(effect_at, 0.0)
+        was_vain = promised <= GROWN * self.vain.get(effect_at, 0.0) and candidate.predicted < WORTH * max(
+            foretold, 0.0
+        )
+        return was_astray or was_vain or self.fit.chi_square - reach * promised > best
 
     def _outcome(
         self, candidate: ScreenedCandidate, best: float, *, is_left: bool, scan: bool, progress: Progress, report: Say

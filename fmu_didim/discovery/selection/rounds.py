@@ -31,9 +31,8 @@ from fmu_didim.discovery.selection.plausible import MAY_BE_ABSENT
 from fmu_didim.discovery.selection.pre_check import may_be_promising, pre_check
 from fmu_didim.discovery.selection.refitted import Refitted
 from fmu_didim.discovery.selection.rivals import Rivalry
-from fmu_didim.discovery.selection.wide_search import searched_widely
+from fmu_didim.discovery.selection.wide_search import searched_widely, wide_search_notes, worth_searching
 from fmu_didim.fit.fit import Fit
-from fmu_didim.fit.gap import joint_gaps
 from fmu_didim.fit.solver.least_squares import minimise
 from fmu_didim.fit.solver.termination import Stopping
 from fmu_didim.model.loop_model import EffectAtJoint
@@ -106,14 +105,15 @@ def run_rounds(
     tried: list[tuple[TriedCandidate, ...]] = []
     astray: dict[EffectAtJoint, float] = {}
     rivalry = Rivalry(builder, base, options, progress)
+    vain: dict[EffectAtJoint, float] = {}
     ending = Ending.COMPLETE
     while len(steps) < options.rounds:
         if catalogue.left:  # the best may be among them
             tried.append(_not_tried([c for c in candidates if c not in fit.model.added_effects]))
             ending = Ending.TIME_UP
             break
-        competition = Competition(builder, fit, dict(astray))
-        ranking, tried_now, accepted = _round(competition, catalogue, base, options, progress, astray)
+        competition = Competition(builder, fit, dict(astray), dict(vain))
+        ranking, tried_now, accepted = _round(competition, catalogue, base, options, progress, astray, vain)
         tried.append(tried_now)
         if accepted is None:
             ending = Ending.TIME_UP
@@ -129,6 +129,7 @@ def run_rounds(
                 refused = accepted
                 break
             fit, steps = changed
+        fit = builder.settled(fit)
         keep(Discovery(base, fit, tuple(steps), tried=tuple(tried), ending=Ending.RUNNING))
         candidates = _candidates(builder, options, fit.model.added_effects)
         catalogue = _beside(builder, catalogue, fit, candidates, progress)
@@ -179,17 +180,19 @@ def _round(
     options: Options,
     progress: Progress,
     astray: dict[EffectAtJoint, float],
+    vain: dict[EffectAtJoint, float],
 ) -> tuple[
     Sequence[FittedCandidate],
     tuple[TriedCandidate, ...],
     FittedCandidate | tuple[tuple[EffectAtJoint, str], ...] | None,
 ]:
     """The ranking of a round, all candidates tried, and the one to add or the objections to all; None if the time was
-    up before all were tried. Those led astray are added to ``astray``."""
+    up before all were tried. Those led astray, or fitted in vain, are added to ``astray`` and ``vain``."""
     screened = competition.screen(catalogue)
     comparison = competition.compare(competition.shortlist(screened), progress=progress)
     ranking, tried = comparison.ranking, comparison.tried
     astray |= comparison.astray
+    vain |= comparison.vain
     if comparison.is_cut:
         return ranking, tried, None
     judge = partial(_judge(competition, base, options), held=partial(_with_shapes_held, competition, screened))
@@ -259,17 +262,25 @@ def _at_best_minima(
 ) -> list[FittedCandidate]:
     """Where nothing was accepted, the effects of many minima at a better one than they have in the ranking, on joints
     with a gap: the fit of one minimum tells nothing of the others."""
-    builder, fit = competition.builder, competition.fit
-    named = {(builder.effect(a).class_name, a.joint) for a in fit.model.added_effects}
-    of_many = (a for a in _candidates(builder, options, fit.model.added_effects) if builder.effect(a).has_minima)
-    asked = [a for a in of_many if builder.at(a).can_be_added and (builder.effect(a).class_name, a.joint) not in named]
+    asked = _of_many_minima(competition.builder, competition.fit, options)
     if not asked:
         return []
-    gaps = joint_gaps(fit.torque_alone.residual, fit.torque_alone.noise)
-    large = [a for a in asked if gaps[a.joint - 1] > options.smallest_size]
-    tried = (searched_widely(competition, a, seed=options.seed, progress=progress) for a in large)
+    tried = (searched_widely(competition, a, seed=options.seed, progress=progress) for a in asked)
     known = {c.effect_at: c.fit.chi_square for c in ranking}
     return [c for c in tried if c is not None and c.fit.chi_square < known.get(c.effect_at, np.inf)]
+
+
+def _of_many_minima(builder: LoopModelBuilder, fit: Fit, options: Options) -> list[EffectAtJoint]:
+    candidates = _candidates(builder, options, fit.model.added_effects)
+    return worth_searching(builder, fit, candidates, options.smallest_size)
+
+
+def not_widely_searched(builder: LoopModelBuilder, discovery: Discovery, options: Options) -> list[str]:
+    """Notes on effects of many minima that were looked for from a few starts alone."""
+    if discovery.ending is not Ending.COMPLETE:
+        return []  # what was not done then is told in other words
+    final = discovery.final
+    return wide_search_notes(builder, final, _of_many_minima(builder, final, options))
 
 
 def _widely_searched(

@@ -18,12 +18,14 @@ from functools import partial
 import numpy as np
 
 from fmu_didim.data.signals import Array
+from fmu_didim.discovery.augmentation.builder import LoopModelBuilder
 from fmu_didim.discovery.augmentation.places import Proposal
 from fmu_didim.discovery.progress import Progress
 from fmu_didim.discovery.selection.candidates import FittedCandidate
 from fmu_didim.discovery.selection.competition import Competition, fitted_proposal
 from fmu_didim.dynamics.effects import Search
 from fmu_didim.fit.fit import Fit
+from fmu_didim.fit.gap import joint_gaps
 from fmu_didim.model.loop_model import EffectAtJoint
 from fmu_didim.model.workers import side_by_side
 
@@ -37,6 +39,13 @@ MOST_STEPS = 5e8
 minute. Six joints at 5 kHz would take ten minutes."""
 UNSTABLE = 1e30
 """[1] Sum of squares of what cannot be simulated."""
+_FROM_FEW = (
+    "from a few starts alone: its whole range would take more than three quarters of a minute of simulations on each "
+    "joint. {0} A shorter log, or a lower rate_hz of the loop, lets it be searched."
+)
+UNSEEN = "{0} was looked for on {1} " + _FROM_FEW.format("So it may be there and not be found.")
+OTHER_MINIMUM = "{0} on {1} was fitted " + _FROM_FEW.format("So other values of it may explain more.")
+"""Notes on an effect and its joints, where it has no name in the answer, and where it has."""
 
 
 @dataclass(frozen=True)
@@ -66,10 +75,8 @@ def searched_widely(
         begin: a fit with the effect, whose values are in the first generation; seed: of the search.
     """
     builder, fit = competition.builder, competition.fit
-    ranges = {name: _Range(search) for name, search in builder.at(effect_at).search.items()}
-    count = PEOPLE * len(ranges) * (GENERATIONS + 1)
-    steps = sum(fit.model.simulation(fit.values, label).integration_steps for label in fit.model.estimation_labels)
-    if progress.is_time_up or not ranges or count * steps * fit.model.joint_count**2 > MOST_STEPS:
+    ranges = _ranges(builder, effect_at)
+    if progress.is_time_up or not ranges or takes_too_long(builder, fit, effect_at):
         return None
     builder.prepare([(*fit.model.added_effects, effect_at)], progress=progress, workers=fit.model.workers)
     progress.say(f"{effect_at.effect} on joint {effect_at.joint} in the whole range of its parameters")
@@ -88,6 +95,49 @@ def searched_widely(
         return None
     found = competition.refit(Proposal(effect_at, _values(ranges, parts)))
     return None if found is None else competition.finished(competition.assess(effect_at, found))
+
+
+def takes_too_long(builder: LoopModelBuilder, fit: Fit, effect_at: EffectAtJoint) -> bool:
+    """Whether an effect is not looked for in the whole range of its parameters, as that would take too long."""
+    count = PEOPLE * len(_ranges(builder, effect_at)) * (GENERATIONS + 1)
+    steps = sum(fit.model.simulation(fit.values, label).integration_steps for label in fit.model.estimation_labels)
+    return count * steps * fit.model.joint_count**2 > MOST_STEPS
+
+
+def worth_searching(
+    builder: LoopModelBuilder, fit: Fit, candidates: Iterable[EffectAtJoint], smallest_size: float
+) -> list[EffectAtJoint]:
+    """Those of the candidates that have many minima, of no class that is named on their joint, where that has a gap of
+    this size left."""
+    named = {(builder.effect(a).class_name, a.joint) for a in fit.model.added_effects}
+    of_many = [a for a in candidates if builder.effect(a).has_minima]
+    asked = [a for a in of_many if builder.at(a).can_be_added and (builder.effect(a).class_name, a.joint) not in named]
+    if not asked:
+        return []
+    gaps = joint_gaps(fit.torque_alone.residual, fit.torque_alone.noise)
+    return [a for a in asked if gaps[a.joint - 1] > smallest_size]
+
+
+def wide_search_notes(builder: LoopModelBuilder, fit: Fit, unnamed: Iterable[EffectAtJoint]) -> list[str]:
+    """Notes on effects of many minima that were not looked for in their whole range, as that takes too long.
+
+    Args:
+        unnamed: effects that are not in the model of the fit, and would have been looked for there.
+    """
+    named = (a for a in fit.model.added_effects if builder.effect(a).has_minima)
+    notes = []
+    for text, asked in ((OTHER_MINIMUM, named), (UNSEEN, unnamed)):
+        joints: dict[str, list[int]] = {}
+        for a in asked:
+            if takes_too_long(builder, fit, a):
+                joints.setdefault(builder.effect(a).title, []).append(a.joint)
+        for title, on in joints.items():
+            notes.append(text.format(title, f"joint{'s' * (len(on) > 1)} {', '.join(map(str, on))}"))
+    return notes
+
+
+def _ranges(builder: LoopModelBuilder, effect_at: EffectAtJoint) -> dict[str, _Range]:
+    return {name: _Range(search) for name, search in builder.at(effect_at).search.items()}
 
 
 def _values(ranges: Mapping[str, _Range], parts: Array) -> dict[str, float]:

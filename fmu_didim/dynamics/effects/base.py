@@ -264,6 +264,13 @@ class TorqueEffect(Effect):
             getattr(type(self), method) is not getattr(TorqueEffect, method) for method in ("damping", "stiffness")
         )
 
+    @property
+    def sets_rate(self) -> bool:
+        """Whether it sets a rate that the integration must resolve or be stable at, whatever its amplitudes."""
+        return any(
+            getattr(type(self), method) is not getattr(TorqueEffect, method) for method in ("own_rate", "relaxation")
+        )
+
     def states(self, joint_type: JointType) -> tuple[Variable, ...]:
         """Own continuous states; ``start`` is their initial value."""
         return ()

@@ -16,7 +16,7 @@ from fmu_didim.discovery.augmentation.places import Proposal
 from fmu_didim.discovery.progress import Progress
 from fmu_didim.discovery.screening.catalogue import Signature
 from fmu_didim.discovery.selection import competition as entries
-from fmu_didim.discovery.selection.candidates import Outcome, ScreenedCandidate
+from fmu_didim.discovery.selection.candidates import FittedCandidate, Outcome, ScreenedCandidate
 from fmu_didim.discovery.selection.competition import Competition, _idle, foreseen, proposal_of
 from fmu_didim.dynamics.effects import Search
 from fmu_didim.fit.ending import Ending
@@ -696,6 +696,60 @@ def test_what_was_led_astray_is_fitted_again_where_it_promises_half_as_much_more
         assert comparison.unfitted == ((candidate,) if left else ())
         is_lost = not left and gained < 5
         assert comparison.astray == ({candidate.effect_at: pytest.approx(promised)} if is_lost else {})
+
+
+@pytest.mark.parametrize(
+    ("before", "predicted", "foretold", "reach", "left"),
+    [
+        (1.0, 20.0, 100.0, 4.0, True),
+        (0.7, 20.0, 100.0, 4.0, True),
+        (0.6, 20.0, 100.0, 4.0, False),  # it promises half as much more now
+        (1.0, 26.0, 100.0, 4.0, False),  # it may be more than a quarter of the best
+        (1.0, 20.0, 20.0, 4.0, False),  # it is the best
+        (1.0, -1.0, -1.0, 4.0, True),
+        (1.0, 20.0, 100.0, np.inf, False),  # all others were refused
+        (None, 20.0, 100.0, 4.0, False),
+    ],
+)
+def test_what_was_fitted_in_vain_waits_for_what_foretells_more(
+    before: float | None, predicted: float, foretold: float, reach: float, left: bool
+) -> None:
+    """``before``: of what it promises now, when its fit was in vain."""
+    slope = Signature(EffectAtJoint("a", 1), {"v": 0.0}, ("F",), column((1.0, OTHER)), {})
+    candidate = ScreenedCandidate(slope, np.array([1.0]), 50.0, 1.0, None, predicted)
+    other = replace(tried(100.0), predicted=foretold)
+    competition = Competition(Builder(effect_of("gear"), effect_of("a")), fitted(plant()))
+    vain = {} if before is None else {candidate.effect_at: before * competition._promised(candidate)}
+    comparison = replace(competition, vain=vain).compare([other, candidate], progress=Progress(), reach=reach)
+    assert comparison.unfitted == ((candidate,) if left else ())
+
+
+@pytest.mark.parametrize(
+    ("gained", "bic", "given_up", "astray", "vain"),
+    [
+        (50.0, -0.1, False, False, True),
+        (50.0, 0.1, False, False, False),
+        (50.0, -0.1, True, False, False),  # nobody knows where its fit would have ended
+        (4.9, -5.0, False, True, False),
+    ],
+)
+def test_a_whole_fit_that_ends_worse_by_bic_was_in_vain(
+    monkeypatch: pytest.MonkeyPatch, gained: float, bic: float, given_up: bool, astray: bool, vain: bool
+) -> None:
+    slope = Signature(EffectAtJoint("a", 1), {"v": 0.0}, ("F",), column((1.0, OTHER)), {})
+    candidate = ScreenedCandidate(slope, np.array([1.0]), 50.0, 1.0, None)
+    competition = Competition(Builder(effect_of("a")), fitted(plant()))
+    assess = Competition.assess
+
+    def assessed(self: Competition, effect_at: EffectAtJoint, found: Fit) -> FittedCandidate:
+        ending = Ending.HOPELESS if given_up else Ending.SETTLED
+        found = replace(found, chi_square=self.fit.chi_square - gained, ending=ending)
+        return replace(assess(self, effect_at, found), fit=found, delta_bic=bic)
+
+    monkeypatch.setattr(Competition, "assess", assessed)
+    comparison = competition.compare([candidate], progress=Progress())
+    known = {candidate.effect_at: pytest.approx(competition._promised(candidate))}
+    assert (comparison.astray, comparison.vain) == (known if astray else {}, known if vain else {})
 
 
 def ending_at(chi_square: float, fit: Fit | None) -> Fit:

@@ -76,6 +76,7 @@ class ByHand:
         self.reached: list[Any] = []
         self.judged: list[Any] = []
         self.astray: list[dict[EffectAtJoint, float]] = []
+        self.vain: list[dict[EffectAtJoint, float]] = []
         self.checks: list[Fit] = []
         self.paired: list[int] = []
         self.pairs: list[str] = []
@@ -125,8 +126,11 @@ class ByHand:
         self.catalogues.append((fit, candidates))
         return SimpleNamespace(fit=fit, left=self.left)
 
-    def do_competition(self, builder: Any, fit: Fit, astray: dict[EffectAtJoint, float]) -> Any:
+    def do_competition(
+        self, builder: Any, fit: Fit, astray: dict[EffectAtJoint, float], vain: dict[EffectAtJoint, float]
+    ) -> Any:
         self.astray.append(astray)
+        self.vain.append(vain)
 
         def screen(catalogue: Any) -> list[Any]:
             self.screened.append(fit)
@@ -150,7 +154,7 @@ class ByHand:
             return Comparison((candidate_of("first"),), (late, *tried), self.unfitted)
         return Comparison(
             (*chosen, "fitted"), (*tried, TriedCandidate(EffectAtJoint("b", 1), Outcome.NOT_TRIED)) if cut else tried,
-            astray=lost,
+            astray=lost, vain={EffectAtJoint("vain", len(self.screened)): 3.0},
         )  # fmt: skip
 
     def do_decide(
@@ -336,10 +340,11 @@ def test_no_more_rounds_than_asked_for(monkeypatch: pytest.MonkeyPatch, most: in
     assert len(found.steps) == count
 
 
-def test_what_was_led_astray_is_known_in_the_rounds_after(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_was_led_astray_or_in_vain_is_known_in_the_rounds_after(monkeypatch: pytest.MonkeyPatch) -> None:
     competition = ByHand(monkeypatch, added("a"), added("ab"), ())
     run(rounds=3)
-    assert [{a.joint for a in known} for known in competition.astray] == [set(), {1}, {1, 2}]
+    for lost in (competition.astray, competition.vain):
+        assert [{a.joint for a in known} for known in lost] == [set(), {1}, {1, 2}]
 
 
 def test_effects_of_the_pre_check_count_as_rounds(monkeypatch: pytest.MonkeyPatch) -> None:

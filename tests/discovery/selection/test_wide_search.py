@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -14,7 +15,15 @@ from fmu_didim.discovery.progress import Progress
 from fmu_didim.discovery.selection import rounds, wide_search
 from fmu_didim.discovery.selection.candidates import FittedCandidate
 from fmu_didim.discovery.selection.decide import Options
-from fmu_didim.discovery.selection.rounds import _at_best_minima, _at_best_minimum, _ranked, _widely_searched
+from fmu_didim.discovery.selection.rounds import (
+    Discovery,
+    Ending,
+    _at_best_minima,
+    _at_best_minimum,
+    _ranked,
+    _widely_searched,
+    not_widely_searched,
+)
 from fmu_didim.discovery.selection.wide_search import (
     GENERATIONS,
     MOST_STEPS,
@@ -210,6 +219,37 @@ def test_minima_are_looked_for_on_joints_with_a_gap(
     ranking = [candidate("spring", 1.0), *(candidate("play", square, j) for j, square in in_ranking.items())]
     found = _at_best_minima(beside(squares, named=named), ranking, Options(), Progress())
     assert [(c.effect_at.effect, c.effect_at.joint) for c in found] == [("play", j) for j in wanted]
+
+
+@pytest.mark.parametrize(
+    ("squares", "named", "too_long", "unseen", "other"),
+    [
+        ((2.0, 2.0), (), {1, 2}, "joints 1, 2 ", ""),
+        ((2.0, 2.0), (), {2}, "joint 2 ", ""),
+        ((2.0, 1.3), (), {1, 2}, "joint 1 ", ""),  # a gap of 0.55 would not have been looked at
+        ((2.0, 2.0), (), set(), "", ""),
+        ((1.0, 1.0), (), {1, 2}, "", ""),
+        ((2.0, 2.0), (EffectAtJoint("play", 2),), {1, 2}, "joint 1 ", "joint 2 "),
+        ((1.0, 1.0), (EffectAtJoint("play", 2), EffectAtJoint("spring", 1)), {1, 2}, "", "joint 2 "),
+        ((1.0, 1.0), (EffectAtJoint("play", 2),), {1}, "", ""),
+    ],
+)
+def test_what_was_not_searched_in_its_whole_range_is_told(
+    monkeypatch: pytest.MonkeyPatch, squares: tuple[float, float], named: tuple[EffectAtJoint, ...],
+    too_long: set[int], unseen: str, other: str,
+) -> None:  # fmt: skip
+    monkeypatch.setattr(wide_search, "takes_too_long", lambda builder, fit, a: a.joint in too_long)
+    competition = beside(squares, named=named)
+    for effect in competition.builder.effects.values():
+        effect.title = effect.name.capitalize()
+    discovery = Discovery(competition.fit, competition.fit, ())
+    notes = not_widely_searched(competition.builder, discovery, Options())
+    told = [n for n in notes if "may be there and not be found" in n], [n for n in notes if "may explain more" in n]
+    assert len(notes) == bool(unseen) + bool(other)
+    for found, where, begin in zip(told, (unseen, other), ("Play was looked for on ", "Play on "), strict=True):
+        assert [text.startswith(f"{begin}{where}") for text in found] == [True] * bool(where)
+    cut = replace(discovery, ending=Ending.TIME_UP)
+    assert not_widely_searched(competition.builder, cut, Options()) == []
 
 
 def test_a_ranking_with_other_fits_is_in_order() -> None:
