@@ -14,8 +14,12 @@ import casadi as ca
 import numpy as np
 
 from fmu_didim.base.symbolic import jacobian
+from fmu_didim.data.signals import Array
 from fmu_didim.dynamics.effects import PAYLOAD, Surroundings, TorqueEffect
 from fmu_didim.dynamics.robot.description import RobotDescription
+
+ROUNDING = 1e-14
+"""[1 or m] By which sines and cosines of right angles, and lengths made of them, miss a whole number."""
 
 
 def rigid_body_torque(
@@ -68,9 +72,7 @@ def link_geometry(robot: RobotDescription, q: ca.SX) -> tuple[list[ca.SX], list[
         theta = joint.theta + q[j] if joint.type == "revolute" else ca.SX(joint.theta)
         d = joint.d + q[j] if joint.type == "prismatic" else ca.SX(joint.d)
         ct, st = (_exact(ca.cos(theta)), _exact(ca.sin(theta)))
-        before = ca.SX(*joint.before.shape)
-        for row, column in np.ndindex(*before.shape):
-            before[row, column] = _exact(ca.SX(joint.before[row, column]))
+        before = ca.SX(ca.DM(_exact_numbers(joint.before)))
         spin = ca.vertcat(ca.horzcat(ct, -st, 0), ca.horzcat(st, ct, 0), ca.horzcat(0, 0, 1))
         rotations.append(before[:3, :3] @ spin)
         offsets.append(before[:3, 3] + d * before[:3, 2])
@@ -78,12 +80,14 @@ def link_geometry(robot: RobotDescription, q: ca.SX) -> tuple[list[ca.SX], list[
 
 
 def _exact(value: ca.SX) -> ca.SX:
-    """Constants within rounding of -1, 0 or 1 made exact, so that zero terms vanish from the code."""
-    if value.is_constant():
-        number = float(value)
-        if abs(number - round(number)) < 1e-14:
-            return ca.SX(round(number))
-    return value
+    """A constant within rounding of -1, 0 or 1 made exact, so that zero terms vanish from the code."""
+    return ca.SX(float(_exact_numbers(np.array(float(value))))) if value.is_constant() else value
+
+
+def _exact_numbers(values: Array) -> Array:
+    """Numbers within rounding of a whole one made exact."""
+    whole = np.round(values)
+    return np.where(np.abs(values - whole) < ROUNDING, whole + 0.0, values)
 
 
 def _inertial(parameters: Mapping[str, ca.SX], j: int) -> tuple[ca.SX, ca.SX, ca.SX]:
