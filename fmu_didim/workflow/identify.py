@@ -153,6 +153,10 @@ def _estimated(
         if estimate is None:
             of_all = None if part is None else refuse_problems(case_diagnostics(case))
             estimate = estimated(case, model, names, data.progress, essential=essential)
+        if data.goes_on and refusal.folder is not None:
+            from fmu_didim.report.page import load_templates
+
+            load_templates()  # which has to be done some time; here it costs no waiting
         data.tell()
         return estimate, before()
     except (RefusedError, SimulationError) as caught:
