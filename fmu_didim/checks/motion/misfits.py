@@ -524,7 +524,8 @@ def _zeros(motions: FittedMotions, robot: RobotModel) -> Iterator[Load]:
 
 def _change_of_links(motions: FittedMotions, changed: RobotDescription) -> dict[str, Array]:
     """(K, n) change of the torque of the links by another description, over the small step to it."""
-    found = _links(motions, RobotModel(changed))
+    assert motions.robot is not None
+    found = _links(motions, motions.robot.like(changed))
     return {label: (table - motions.motions[label].load) / SMALL_STEP for label, table in found.items()}
 
 
