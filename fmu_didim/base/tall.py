@@ -7,9 +7,12 @@ from collections.abc import Iterable, Iterator
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import lapack
 
 ROWS = 8192
 """[rows] Of a table at a time: they stay in the caches of the processor."""
+FACTORISED = 1024
+"""[rows] Of them that are factorised at a time: of sixty columns, half a megabyte."""
 
 Array = NDArray[np.float64]
 
@@ -33,8 +36,20 @@ def triangle_by_parts(blocks: Iterable[Array], count: int) -> Array:
     Scientific Computing 34 (2012))."""
     r = np.zeros((0, count))
     for block in blocks:
-        r = np.asarray(np.linalg.qr(np.concatenate([r, block]), mode="r"))
+        for first in range(0, len(block), FACTORISED):
+            r = _triangle(r, block[first : first + FACTORISED])
     return r
+
+
+def _triangle(above: Array, rows: Array) -> Array:
+    """That of some rows (b, m) below another triangle (r, m), column by column as LAPACK works: in half of the time of
+    :func:`numpy.linalg.qr`, which turns the table over twice."""
+    table = np.empty((len(above) + len(rows), above.shape[1]), order="F")
+    table[: len(above)], table[len(above) :] = above, rows
+    if not table.size:
+        return table[: above.shape[1]]
+    packed = lapack.dgeqrf(table, overwrite_a=True)[0]
+    return np.triu(packed[: above.shape[1]])
 
 
 def triangle_beside(table: Array, right: Array) -> tuple[Array, Array, float]:

@@ -57,7 +57,7 @@ def _gravity_columns(model: RobotModel, chi: Array, q: Array) -> Array:
     """Torque at rest of unit gravity along each axis, (K, n, 3)."""
 
     def at_rest(gravity: tuple[float, float, float]) -> Array:
-        turned = RobotModel(model.description.model_copy(update={"gravity": gravity}))
+        turned = model.like(model.description.model_copy(update={"gravity": gravity}))
         still = np.zeros_like(q)
         return np.asarray(turned.regressor_rows(q, still, still) @ chi)
 

@@ -26,7 +26,7 @@ from fmu_didim.cli.campaign import add_campaign
 from fmu_didim.cli.compare import add_compare, compare_results
 from fmu_didim.cli.console import CurrentStderr, Display, begin, is_terminal, show, since_start
 from fmu_didim.cli.excite import add_excite_options, run_excite
-from fmu_didim.cli.memory import keep_freed_memory
+from fmu_didim.cli.memory import end_at_once, keep_freed_memory, loading
 from fmu_didim.cli.name_controller import add_name_controller_options, run_name_controller
 from fmu_didim.cli.numbers import at_least_one, at_least_two, not_negative, positive
 from fmu_didim.cli.prepare import add_prepare_verbs
@@ -51,6 +51,7 @@ def main(arguments: list[str] | None = None) -> int:
     begin()
     gc.set_threshold(GARBAGE, *gc.get_threshold()[1:])
     keep_freed_memory()
+    end_at_once()
     with kept_apart() as last_lines, printable():
         typed = sys.argv[1:] if arguments is None else arguments
         return _run(command_parser().parse_args(typed), typed, last_lines)
@@ -366,15 +367,16 @@ def _identify(options: argparse.Namespace) -> int:
     out = options.out or Path("results") / _stem(options.case)
     with Display(quiet=options.quiet or options.json) as display:
         display.say(f"Reading {options.case} and building its FMUs (the first time takes some seconds) ...")
-        from fmu_didim.case import load_case  # what takes a second to import comes after the first line
-        from fmu_didim.workflow.identify import identify
-        from fmu_didim.workflow.output.result import (
-            ESSENTIAL_ROBOT_FILE,
-            OWN_ROBOT_FILE,
-            ROBOT_FILE,
-            result_folder,
-        )
-        from fmu_didim.workflow.output.values import SSV_FILE, VALUES_FILE
+        with loading():  # what takes a second to import comes after the first line
+            from fmu_didim.case import load_case
+            from fmu_didim.workflow.identify import identify
+            from fmu_didim.workflow.output.result import (
+                ESSENTIAL_ROBOT_FILE,
+                OWN_ROBOT_FILE,
+                ROBOT_FILE,
+                result_folder,
+            )
+            from fmu_didim.workflow.output.values import SSV_FILE, VALUES_FILE
 
         result_folder(out).check()
         case = load_case(options.case)
@@ -408,7 +410,8 @@ def _identify(options: argparse.Namespace) -> int:
 
 def _check(options: argparse.Namespace) -> int:
     """Check plant, parameters, data and start of a case; the exit code is 1 where something must be fixed."""
-    from fmu_didim.workflow.check import check
+    with loading():
+        from fmu_didim.workflow.check import check
     from fmu_didim.workflow.output.result_folder import check_writable, write_whole
     from fmu_didim.workflow.reference.codes import codes_text
 
@@ -447,7 +450,8 @@ def _discover(options: argparse.Namespace) -> int:
     out = options.out or Path("results") / f"{_stem(options.case)}_discover"
     with Display(quiet=options.quiet or options.json) as display:
         display.say(f"reading {options.case}")
-        from fmu_didim.workflow.discover import discover
+        with loading():
+            from fmu_didim.workflow.discover import discover
 
         found = discover(
             options.case, out, forbid=options.forbid, prefer=options.prefer, effects=options.effect,

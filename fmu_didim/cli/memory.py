@@ -1,9 +1,13 @@
-"""What a command does with memory that it has freed."""
+"""What a command does with memory: that which it has freed, and objects that nobody needs any more."""
 
 from __future__ import annotations
 
+import atexit
 import ctypes
+import gc
 import platform
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 KEPT_BYTES = 64 << 20
 """[bytes] That are kept at most for the next tables, where the C library would give back what was freed and ask for it
@@ -20,3 +24,26 @@ def keep_freed_memory() -> bool:
         return False
     settings = {_MMAP_THRESHOLD: LARGE_BYTES, _TRIM_THRESHOLD: KEPT_BYTES}
     return all(ctypes.CDLL(None).mallopt(name, size) == 1 for name, size in settings.items())
+
+
+@contextmanager
+def loading() -> Iterator[None]:
+    """Modules are imported, which make hundreds of thousands of objects that stay: they are not looked through for
+    cycles of what is needed no more, now or with the next new objects."""
+    gc.disable()
+    try:
+        yield
+    finally:
+        gc.freeze()
+        gc.unfreeze()  # both together: all are old
+        gc.enable()
+
+
+def end_at_once() -> None:
+    """At the end of the process, leave its memory to the system, which takes it back as a whole: Python would look for
+    cycles in all of it first, and free one object after the other, for which a user waits.
+
+    What has to be closed, as instances of FMUs and their processes, is closed before that: ``weakref.finalize`` and
+    ``atexit`` call it.
+    """
+    atexit.register(gc.freeze)

@@ -55,7 +55,7 @@ class LinearProblem:
             if prior is not None:
                 yield np.column_stack(prior)
 
-        r = triangle_by_parts(blocks(), count + 1) if residual.size > ROWS else np.concatenate(list(blocks()))
+        r = triangle_by_parts(blocks(), count + 1)
         r = np.pad(r, ((0, max(count - len(r), 0)), (0, 0)))  # rows, where there are fewer than columns
         scale = np.linalg.norm(r[:, :count], axis=0)
         q, triangle = np.linalg.qr(r[:, :count] / np.where(scale > 0, scale, 1.0))

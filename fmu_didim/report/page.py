@@ -13,10 +13,18 @@ from fmu_didim.report.drawing.charts import chart_json, limited, points_per_trac
 from fmu_didim.report.sections import Report, Table
 from fmu_didim.report.verdict import reason_text
 
+PAGE, MACROS = "page.html.j2", "macros.html.j2"
+
+
+def load_templates() -> None:
+    """Compile the templates of a page ahead: that takes as long as to fill them in."""
+    for name in (MACROS, PAGE):
+        environment().get_template(name)
+
 
 def write_page(report: Report, path: Path) -> Path:
     """Write the page of a report and return its path; all texts are escaped."""
-    template = environment().get_template("page.html.j2")
+    template = environment().get_template(PAGE)
     points = points_per_trace(report.charts)
     path.write_text(template.render(report=report, sections=report.on("page"), points=points), encoding="utf-8")
     return path

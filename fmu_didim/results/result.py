@@ -26,7 +26,7 @@ from fmu_didim.data.signals import Trajectory, trajectory, write_csv
 from fmu_didim.data.tables import read_table
 from fmu_didim.results.searches import EssentialResult, LocalSensitivityResult, ProfileResult, SearchResult
 
-RESULT_FILE = "result.json"
+RESULT_FILE, REPORT_FILE = "result.json", "report.html"
 ALL_DIGITS = 17
 """Digits of the torque tables, from which a loaded result has the same numbers to the last bit."""
 

@@ -13,7 +13,7 @@ from fmu_didim.base.diagnostics import REMARK, DiagnosedError, Diagnostic, by_we
 from fmu_didim.base.errors import FmuDidimError, IdentificationError, InputError, SimulationError
 from fmu_didim.case import Case, CaseObjects, with_objects
 from fmu_didim.checks.identification import acknowledging, checked
-from fmu_didim.checks.validation import validated
+from fmu_didim.checks.validation import Validation, validated
 from fmu_didim.estimators import Progress, no_progress
 from fmu_didim.estimators.search import check_reducible
 from fmu_didim.fit.estimate import Estimate, RefusedError
@@ -106,8 +106,10 @@ def identify(
         if consistency is not None:
             refusal.known["consistency"] = consistency_result(consistency)
         model.pool.failure = None  # what was tried before may have gone beyond what the components stand
-        estimate, before = _estimated(case, model, data, of_plant, part, names, refusal, essential=essential)
-        result = _judged(case, replace(estimate, provenance=record), before, refusal.known, sentences)
+        found = _estimated(case, model, data, of_plant, part, names, refusal, essential=essential)
+        result = _judged(
+            case, replace(found, estimate=replace(found.estimate, provenance=record)), refusal.known, sentences
+        )
     except DiagnosedError as error:
         refusal.save(error, error.found)
         raise
@@ -130,6 +132,15 @@ def _record(case: Case, out: Path | str | None, choices: Mapping[str, Any]) -> d
     return record
 
 
+@dataclass(frozen=True)
+class _Estimated:
+    """An estimate, each experiment simulated with its values, and what was found before it of data and plant."""
+
+    estimate: Estimate
+    validations: Sequence[Validation]
+    before: Sequence[Diagnostic]
+
+
 def _estimated(
     case: Case,
     model: LoopModel,
@@ -140,9 +151,9 @@ def _estimated(
     refusal: _Refusal,
     *,
     essential: bool,
-) -> tuple[Estimate, list[Diagnostic]]:
-    """The estimate, and what was found before it of data and plant; of all data where those of a part have led to no
-    estimate. Raises what :func:`identify` raises."""
+) -> _Estimated:
+    """The estimate, its validation, and what was found before it of data and plant; of all data where those of a part
+    have led to no estimate. Raises what :func:`identify` raises."""
     of_all: list[Diagnostic] | None = None
 
     def before() -> list[Diagnostic]:
@@ -153,8 +164,13 @@ def _estimated(
         if estimate is None:
             of_all = None if part is None else refuse_problems(case_diagnostics(case))
             estimate = estimated(case, model, names, data.progress, essential=essential)
+        validations = validated(estimate)  # beside the checks of the data, if these take longer, as the templates
+        if data.goes_on and refusal.folder is not None:
+            from fmu_didim.report.page import load_templates
+
+            load_templates()
         data.tell()
-        return estimate, before()
+        return _Estimated(estimate, validations, before())
     except (RefusedError, SimulationError) as caught:
         known = before()
         refused = _refused(caught).because_of(model.pool.failure)  # the first one of a component, if there was one
@@ -206,13 +222,12 @@ class _Refusal:
 
 def _judged(
     case: Case,
-    estimate: Estimate,
-    before: Sequence[Diagnostic],
+    found: _Estimated,
     known: Mapping[str, Any],
     sentences: Mapping[str, str],
 ) -> Result:
-    validations = validated(estimate)
-    checks = acknowledging(checked(estimate, validations, before=before), estimate, sentences)
+    estimate, validations = found.estimate, found.validations
+    checks = acknowledging(checked(estimate, validations, before=found.before), estimate, sentences)
     if estimate.all_samples is not None:  # whose problems would have been found before, had they been in the part
         refuse_problems(checks.judgement.reasons)
     document = result_document(

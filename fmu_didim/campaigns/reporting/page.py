@@ -20,10 +20,10 @@ from fmu_didim.campaigns.reporting.sections import brief_report, confusion_secti
 from fmu_didim.campaigns.running.store import FILES, unwritable
 from fmu_didim.report.discovery.sections import DISCOVERY_FILE
 from fmu_didim.report.drawing.forest_chart import Expectation, forest_chart
-from fmu_didim.report.identification.sections import REPORT_FILE
 from fmu_didim.report.numbers import MISSING, pretty_unit, significant
 from fmu_didim.report.page import write_page
 from fmu_didim.report.sections import Block, Charts, Column, Folded, Link, Report, Section, Table, note, words
+from fmu_didim.results.result import REPORT_FILE
 from fmu_didim.workflow.case_files import shell_line
 
 ROWS_OPEN = 48

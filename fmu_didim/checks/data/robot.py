@@ -162,7 +162,8 @@ def _link_lengths(fitted: FittedMotion) -> Iterator[Explanation]:
         def misfit(x: float, j: int = j, name: str = name, length: float = length) -> float:
             joints = list(robot.joints)
             joints[j - 1] = joints[j - 1].model_copy(update={name: length * (1 + x)})
-            other = RobotParameters(RobotModel(robot.model_copy(update={"joints": tuple(joints)})), parameters.base)
+            longer_robot = parameters.model.like(robot.model_copy(update={"joints": tuple(joints)}))
+            other = RobotParameters(longer_robot, parameters.base)
 
             def longer(ticks: Ticks) -> tuple[np.ndarray, np.ndarray]:
                 return fitted.along.columns(other, ticks), fitted.along(ticks)[1]
@@ -189,7 +190,7 @@ def _other_descriptions(fitted: FittedMotion) -> Iterator[Explanation]:
         if least > GRAVITY_LEAVES:
             continue
         diagnostic = _misread_diagnostic(fitted.run, [(robot, math.sqrt(least))], 1.0)
-        count = len(base_parameters(other.model).names)
+        count = len(base_parameters(RobotModel(robot)).names)
         yield Explanation(least, fitted.gain(least, 1.0 + max(count - own, 0)), diagnostic)
 
 
@@ -228,22 +229,25 @@ def _misread(model: LoopModel) -> Iterator[tuple[RobotDescription, RobotParamete
         others.append(
             robot.model_copy(update={"joints": turned, "original_frames": "standard", "identified": "computed"})
         )
+    assert isinstance(model.parameters, RobotParameters)
     for other in others:
-        yield other, _parameters_of(_Same(other.model_dump_json(), get_ident(), other))
+        yield other, _parameters_of(_Same(other.model_dump_json(), get_ident(), other, model.parameters.model))
 
 
 @dataclass(frozen=True)
 class _Same:
-    """A robot by its content, in one thread: two at once must not make functions of the same symbols."""
+    """A robot by its content, in one thread: two at once must not make functions of the same symbols; ``own``: that of
+    the description."""
 
     content: str
     thread: int
     robot: RobotDescription = field(compare=False)
+    own: RobotModel = field(compare=False)
 
 
 @lru_cache(maxsize=KEPT)
 def _parameters_of(same: _Same) -> RobotParameters:
-    model = RobotModel(same.robot)
+    model = same.own.like(same.robot)
     return RobotParameters(model, all_parameters(model))
 
 

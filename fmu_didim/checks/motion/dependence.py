@@ -337,13 +337,18 @@ def joint_residuals(
 
 
 def dependence_of_fit(
-    fit: Fit, misfits: Iterable[Misfit] = (), joints: Sequence[JointResidual] | None = None
+    fit: Fit,
+    misfits: Iterable[Misfit] = (),
+    joints: Sequence[JointResidual] | None = None,
+    *,
+    workers: int | None = None,
 ) -> list[Dependence]:
     """How the residual of each joint depends on the motion at a point of the closed loop.
 
     Args:
         misfits: whose signatures are looked for, too.
         joints: what is looked at, where it is known.
+        workers: processes at the same time; None: as many as the model has threads.
     """
     rows = tested_rows(fit)
     if fit.model.experiments.low_pass is not None:
@@ -353,7 +358,7 @@ def dependence_of_fit(
     joints = residuals_of_fit(fit, rows, misfits) if joints is None else joints
     return [
         replace(found, moved=_moved_by_clock(fit, found, joints)) if found.is_clock else found
-        for found in apart([one.dependence for one in joints], fit.model.threads)
+        for found in apart([one.dependence for one in joints], workers or fit.model.threads)
     ]
 
 

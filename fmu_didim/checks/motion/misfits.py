@@ -213,26 +213,25 @@ class Misfits:
         return cls.along(fitted_motions(fit))
 
     @classmethod
-    def along(cls, motions: FittedMotions | None) -> Misfits:
-        """Those along the motions of a fit; none where there are none."""
-        return cls() if motions is None else cls(tuple(misfits(motions)), tuple(misfits_on_the_way(motions)), motions)
+    def along(cls, motions: FittedMotions | None, effects: Mapping[str, Effect] = EFFECTS) -> Misfits:
+        """Those along the motions of a fit, in the order of a catalogue and then of what a case says; none where there
+        are no motions."""
+        if motions is None:
+            return cls()
+        fitted = _FittedColumns.of(motions)
+        loads = chain(loads_of_effects(motions, effects), loads_of_case(motions))
+        stated, on_the_way = (
+            tuple(_all_answered(motions, some, fitted)) for some in (loads, _loads_on_the_way(motions, effects))
+        )
+        return cls(stated, on_the_way, motions)
 
     def __iter__(self) -> Iterator[Misfit]:
         yield from (*self.stated, *self.on_the_way)
 
 
-def misfits(motions: FittedMotions, effects: Mapping[str, Effect] = EFFECTS) -> list[Misfit]:
-    """All misfits whose size is stated, in the order of the catalogue, and then those of what a case says."""
-    return _all_answered(motions, chain(loads_of_effects(motions, effects), loads_of_case(motions)))
-
-
-def misfits_on_the_way(motions: FittedMotions, effects: Mapping[str, Effect] = EFFECTS) -> list[Misfit]:
-    """Those of effects that begin at an instant, at the instants ``INSTANTS``, for each parameter by itself: a load
-    need not be shaped like the link."""
-    return _all_answered(motions, _loads_on_the_way(motions, effects))
-
-
 def _loads_on_the_way(motions: FittedMotions, effects: Mapping[str, Effect]) -> Iterator[Load]:
+    """The loads of effects that begin at an instant, at the instants ``INSTANTS``, for each parameter by itself: a load
+    need not be shaped like the link."""
     for name, effect in effects.items():
         stated = effect.stated
         if stated is None or BEGIN not in stated.in_log or not isinstance(effect, TorqueEffect):
@@ -247,12 +246,11 @@ def _loads_on_the_way(motions: FittedMotions, effects: Mapping[str, Effect]) -> 
                     yield made
 
 
-def _all_answered(motions: FittedMotions, loads: Iterator[Load]) -> list[Misfit]:
+def _all_answered(motions: FittedMotions, loads: Iterator[Load], fitted: _FittedColumns) -> list[Misfit]:
     """The misfits of loads, some at a time: those of a long log take much memory."""
-    found, fitted = list[Misfit](), None
+    found = list[Misfit]()
     size = sum(motion.q.size for motion in motions.motions.values())
     while some := list(islice(loads, min(max(VALUES // size, 1), AT_ONCE))):
-        fitted = fitted or _FittedColumns.of(motions)
         found += _answered(motions, some, fitted)
     return found
 
@@ -524,7 +522,8 @@ def _zeros(motions: FittedMotions, robot: RobotModel) -> Iterator[Load]:
 
 def _change_of_links(motions: FittedMotions, changed: RobotDescription) -> dict[str, Array]:
     """(K, n) change of the torque of the links by another description, over the small step to it."""
-    found = _links(motions, RobotModel(changed))
+    assert motions.robot is not None
+    found = _links(motions, motions.robot.like(changed))
     return {label: (table - motions.motions[label].load) / SMALL_STEP for label, table in found.items()}
 
 

@@ -58,10 +58,12 @@ class MotionTests:
             return cls(found, replace(Misfits.along(motions), motions=None))  # of a long log, large
         motions = motions or fitted_motions(fit)
         search = partial(_searched, motions, joints)
-        searched = Beside(search, fit.model.threads if is_short else 1, at_once=False)
+        at_once = fit.model.threads if is_short else 1
+        searched = Beside(search, at_once, at_once=False)
         misfits = replace(Misfits.along(motions), motions=None)
         beside = None if joints is None else with_misfits(joints, misfits, samples_of(fit, rows))
-        if found := motion_diagnostics(dependence_of_fit(fit, misfits, beside)):
+        workers = fit.model.threads - (at_once > 1)  # beside the copy that searches
+        if found := motion_diagnostics(dependence_of_fit(fit, misfits, beside, workers=workers)):
             searched.leave()
             return cls(found, misfits)
         found = searched.result()

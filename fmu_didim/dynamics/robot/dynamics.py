@@ -1,4 +1,5 @@
-"""Recursive Newton-Euler inverse dynamics in CasADi.
+"""Recursive Newton-Euler inverse dynamics in CasADi, for the lengths and the gravity of a robot, or with these as
+arguments: the equations of robots that differ in them alone are formed once.
 
 Source: Khalil and Dombre, *Modeling, Identification and Control of Robots*, section 9.5, with the
 inertia and the first moments taken about the origin of the link frame, so that the torque is linear
@@ -8,14 +9,75 @@ in all inertial parameters.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import casadi as ca
 import numpy as np
 
 from fmu_didim.base.symbolic import jacobian
+from fmu_didim.data.signals import Array
 from fmu_didim.dynamics.effects import PAYLOAD, Surroundings, TorqueEffect
 from fmu_didim.dynamics.robot.description import RobotDescription
+
+ROUNDING = 1e-14
+"""[1 or m] By which sines and cosines of right angles, and lengths made of them, miss a whole number."""
+
+LENGTHS = ("a", "d")
+
+
+@dataclass(frozen=True)
+class FreeGeometry:
+    """What of a robot is an argument of its equations; nothing by default.
+
+    Attributes:
+        lengths: (number of the joint, from 0, ``a`` or ``d``) -> its symbol; gravity: (3,) symbols.
+    """
+
+    lengths: Mapping[tuple[int, str], ca.SX] = field(default_factory=dict)
+    gravity: ca.SX | None = None
+
+    @staticmethod
+    def of_lengths(robot: RobotDescription) -> FreeGeometry:
+        """All lengths that are not zero: those add no terms to the equations."""
+        places = [(j, name) for j, joint in enumerate(robot.joints) for name in LENGTHS if getattr(joint, name)]
+        return FreeGeometry({(j, name): ca.SX.sym(f"{name}{j + 1}") for j, name in places})
+
+    @staticmethod
+    def of_gravity() -> FreeGeometry:
+        """Gravity along all axes of the base."""
+        return FreeGeometry(gravity=ca.SX.sym("gravity", 3))
+
+    @property
+    def symbols(self) -> list[ca.SX]:
+        """The argument (m,), if there is one."""
+        symbols = [*self.lengths.values(), *([] if self.gravity is None else [self.gravity])]
+        return [ca.vertcat(*symbols)] if symbols else []
+
+    def values(self, robot: RobotDescription) -> list[Array]:
+        """Its values (m,) for a robot."""
+        found = [float(getattr(robot.joints[j], name)) for j, name in self.lengths]
+        return [np.array(found if self.gravity is None else [*found, *robot.gravity])] if self.symbols else []
+
+
+def free_geometry(robot: RobotDescription, other: RobotDescription) -> FreeGeometry | None:
+    """What must be an argument so that the equations of a robot are those of another one, too; None where they differ
+    in more than lengths that are not zero, or than gravity."""
+    lengths = {name for joint in robot.joints for name in LENGTHS if getattr(joint, name)}
+    if len(robot.joints) != len(other.joints):
+        return None
+    for own, others in zip(robot.joints, other.joints, strict=True):
+        lengthened = own.model_copy(update={k: getattr(others, k) for k in lengths if getattr(own, k)})
+        if lengthened != others:
+            return None
+    same_gravity, same_lengths = robot.gravity == other.gravity, robot.joints == other.joints
+    if same_gravity:
+        return FreeGeometry.of_lengths(robot)
+    # The axes about which a base is tilted depend on gravity.
+    is_tilted = any(v.name.startswith("tilt_") for v in robot.shape_parameters())
+    return FreeGeometry.of_gravity() if same_lengths and not is_tilted else None
+
+
+NOTHING = FreeGeometry()
 
 
 def rigid_body_torque(
@@ -26,6 +88,7 @@ def rigid_body_torque(
     parameters: Mapping[str, ca.SX],
     *,
     gravity: ca.SX | None = None,
+    geometry: FreeGeometry = NOTHING,
 ) -> ca.SX:
     """Torques of the links alone, gravity, inertia and Coriolis terms, shape (n,).
 
@@ -34,8 +97,9 @@ def rigid_body_torque(
         q, dq, ddq: (n,) joint positions, velocities, accelerations (rad or m, ...).
         parameters: inertial parameters by name (``ZZ1``, ``M1``, ...).
         gravity: (3,) in m/s2; that of the description by default.
+        geometry: what of the robot is a symbol.
     """
-    rotations, offsets = link_geometry(robot, q)
+    rotations, offsets = link_geometry(robot, q, geometry)
     axis = ca.SX([0.0, 0.0, 1.0])
     omega, domega = ca.SX(3, 1), ca.SX(3, 1)
     # Gravity enters as an acceleration of the base.
@@ -61,16 +125,17 @@ def rigid_body_torque(
     return _balance(robot, rotations, offsets, forces, moments)
 
 
-def link_geometry(robot: RobotDescription, q: ca.SX) -> tuple[list[ca.SX], list[ca.SX]]:
+def link_geometry(
+    robot: RobotDescription, q: ca.SX, geometry: FreeGeometry = NOTHING
+) -> tuple[list[ca.SX], list[ca.SX]]:
     """Rotation of frame j in frame j-1, and position of its origin, for each joint."""
-    rotations, offsets = [], []
+    rotations, offsets, lengths = [], [], geometry.lengths
     for j, joint in enumerate(robot.joints):
         theta = joint.theta + q[j] if joint.type == "revolute" else ca.SX(joint.theta)
-        d = joint.d + q[j] if joint.type == "prismatic" else ca.SX(joint.d)
+        d = lengths.get((j, "d"), ca.SX(joint.d)) + (q[j] if joint.type == "prismatic" else 0)
         ct, st = (_exact(ca.cos(theta)), _exact(ca.sin(theta)))
-        before = ca.SX(*joint.before.shape)
-        for row, column in np.ndindex(*before.shape):
-            before[row, column] = _exact(ca.SX(joint.before[row, column]))
+        before = ca.SX(ca.DM(_exact_numbers(joint.before)))
+        before[0, 3] = lengths.get((j, "a"), before[0, 3])
         spin = ca.vertcat(ca.horzcat(ct, -st, 0), ca.horzcat(st, ct, 0), ca.horzcat(0, 0, 1))
         rotations.append(before[:3, :3] @ spin)
         offsets.append(before[:3, 3] + d * before[:3, 2])
@@ -78,12 +143,14 @@ def link_geometry(robot: RobotDescription, q: ca.SX) -> tuple[list[ca.SX], list[
 
 
 def _exact(value: ca.SX) -> ca.SX:
-    """Constants within rounding of -1, 0 or 1 made exact, so that zero terms vanish from the code."""
-    if value.is_constant():
-        number = float(value)
-        if abs(number - round(number)) < 1e-14:
-            return ca.SX(round(number))
-    return value
+    """A constant within rounding of -1, 0 or 1 made exact, so that zero terms vanish from the code."""
+    return ca.SX(float(_exact_numbers(np.array(float(value))))) if value.is_constant() else value
+
+
+def _exact_numbers(values: Array) -> Array:
+    """Numbers within rounding of a whole one made exact."""
+    whole = np.round(values)
+    return np.where(np.abs(values - whole) < ROUNDING, whole + 0.0, values)
 
 
 def _inertial(parameters: Mapping[str, ca.SX], j: int) -> tuple[ca.SX, ca.SX, ca.SX]:

@@ -30,7 +30,7 @@ from fmu_didim.base.symbolic import jacobian
 from fmu_didim.data.signals import Variable
 from fmu_didim.dynamics.effects import NOMINAL_SPEED, UNITS
 from fmu_didim.dynamics.robot.description import RobotDescription
-from fmu_didim.dynamics.robot.dynamics import add_effect, link_columns, own_parameters
+from fmu_didim.dynamics.robot.dynamics import NOTHING, FreeGeometry, add_effect, link_columns, own_parameters
 from fmu_didim.dynamics.robot.equations import EquationsOfMotion
 from fmu_didim.dynamics.robot.implicit import NEWTON_STEPS, StiffBalance
 from fmu_didim.dynamics.robot.rate import EXPLICIT, Method, fastest_rate
@@ -55,9 +55,9 @@ class ElasticEquations(EquationsOfMotion):
         gear: (m,) tau_s of these; turn: (m,) 1 + e'; motor: (m,) their Im.
     """
 
-    def __init__(self, robot: RobotDescription) -> None:
+    def __init__(self, robot: RobotDescription, geometry: FreeGeometry = NOTHING) -> None:
         self.elastic = robot.elastic_joints()
-        super().__init__(robot)
+        super().__init__(robot, geometry)
 
     def _make_links(self) -> None:
         m, numbers = len(self.elastic), [j + 1 for j in self.elastic]

@@ -11,6 +11,8 @@ from fmu_didim.base.symbolic import jacobian
 from fmu_didim.data.signals import Variable
 from fmu_didim.dynamics.robot.description import RobotDescription
 from fmu_didim.dynamics.robot.dynamics import (
+    NOTHING,
+    FreeGeometry,
     PlacedEffect,
     add_effect,
     link_columns,
@@ -26,6 +28,9 @@ from fmu_didim.dynamics.robot.tilt import gravity_vector
 class EquationsOfMotion:
     """tau = G(q, dq, ddq) + sum of the effects, G the rigid-body torque, in symbols.
 
+    Args:
+        geometry: what of the robot is a symbol, too.
+
     Attributes:
         q, dq, ddq, tau: (n,) symbols; chi (ns,), s: parameters and shapes; z: states of the effects; clock: time;
         load: (n,) symbols for the transmitted torque G.
@@ -34,7 +39,7 @@ class EquationsOfMotion:
         states: variables of z; uses_clock: whether anything depends on time; loaded: joints whose load matters.
     """
 
-    def __init__(self, robot: RobotDescription) -> None:
+    def __init__(self, robot: RobotDescription, geometry: FreeGeometry = NOTHING) -> None:
         self.robot = robot
         n = len(robot.joints)
         parameters, shapes = robot.standard_parameters(), robot.shape_parameters()
@@ -46,9 +51,11 @@ class EquationsOfMotion:
         self.states = tuple(v for placed in self.effects for v in self._states(placed))
         self.z, self.clock, self.load = ca.SX.sym("z", len(self.states)), ca.SX.sym("clock"), ca.SX.sym("load", n)
         self._make_links()
-        gravity = gravity_vector(robot, self.by_shape)
+        gravity = gravity_vector(robot, self.by_shape) if geometry.gravity is None else geometry.gravity
         q, dq, ddq = self.link_motion
-        self.rigid = rigid_body_torque(robot, q, dq, ddq, self.by_name, gravity=gravity)
+        self.rigid = rigid_body_torque(
+            robot, q, dq, ddq, self.by_name, gravity=gravity, geometry=geometry
+        )  # fmt: skip
         self._build()
         whole = ca.vertcat(self.torque, self.rates)
         self.uses_clock = bool(ca.depends_on(whole, self.clock))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from copy import copy
 from dataclasses import replace
 from functools import cached_property
 from typing import Literal
@@ -18,6 +19,7 @@ from fmu_didim.dynamics.effects import UNITS
 from fmu_didim.dynamics.linearly_implicit import LinearlyImplicit
 from fmu_didim.dynamics.robot.balance import plant_balance
 from fmu_didim.dynamics.robot.description import RobotDescription
+from fmu_didim.dynamics.robot.dynamics import NOTHING, FreeGeometry, free_geometry
 from fmu_didim.dynamics.robot.elastic import ElasticEquations
 from fmu_didim.dynamics.robot.equations import EquationsOfMotion
 from fmu_didim.dynamics.robot.implicit import implicit_step
@@ -63,12 +65,12 @@ class RobotModel:
             ``ddq_link<j>`` of the elastic joints.
     """
 
-    def __init__(self, description: RobotDescription) -> None:
-        self.description = description
+    def __init__(self, description: RobotDescription, geometry: FreeGeometry = NOTHING) -> None:
+        self.description, self._geometry = description, geometry
         self.parameters: tuple[Variable, ...] = description.standard_parameters()
         self.shapes: tuple[Variable, ...] = description.shape_parameters()
         self._equations = equations = (ElasticEquations if description.elastic_joints() else EquationsOfMotion)(
-            description
+            description, geometry
         )
         clock = (Variable("clock", "s", "local", 0.0, "time of the loop"),) if equations.uses_clock else ()
         loads = (
@@ -83,6 +85,22 @@ class RobotModel:
         self._e = ca.vertcat(equations.z, equations.clock) if equations.uses_clock else equations.z
         self._e = ca.vertcat(self._e, equations.link)
         self._vectorised: dict[str, Vectorised] = {}
+        self._alike: dict[tuple[str, ...], RobotModel] = {}
+
+    def like(self, description: RobotDescription) -> RobotModel:
+        """The model of another robot. Where it has other lengths of links, or another gravity, and is the same
+        otherwise, its regressor and the torque of its links at many points, and nothing else of it, come by functions
+        that are made once for all such robots."""
+        geometry = free_geometry(self.description, description)
+        if geometry is None:
+            return RobotModel(description)
+        key = tuple(map(str, geometry.symbols))
+        if key not in self._alike:
+            self._alike[key] = RobotModel(self.description, geometry)
+            _ = self._alike[key].active
+        found = copy(self._alike[key])
+        found.description, found._alike = description, {}
+        return found
 
     @property
     def joint_count(self) -> int:
@@ -123,7 +141,8 @@ class RobotModel:
         """(q, dq, ddq, s[, observed]) -> W, (n, ns): the derivative of tau by chi, exact because it is linear."""
         loads = [self._equations.load[j] for j in self._equations.loaded]
         given = [ca.vertcat(self._e, *loads, self._equations.link_ddq)] if self.observed else []
-        return self._function("regressor", [self._q, self._dq, self._ddq, self._s, *given], self._columns)
+        arguments = [self._q, self._dq, self._ddq, self._s, *given, *self._geometry.symbols]
+        return self._function("regressor", arguments, self._columns)
 
     @cached_property
     def _columns(self) -> ca.SX:
@@ -132,7 +151,7 @@ class RobotModel:
     @cached_property
     def transmitted(self) -> ca.Function:
         """(q, dq, ddq, chi) -> load, (n,): the torque of the links alone: gravity, inertia and Coriolis terms."""
-        arguments = [self._q, self._dq, self._ddq, self._chi]
+        arguments = [self._q, self._dq, self._ddq, self._chi, *self._geometry.symbols]
         return self._function("transmitted", arguments, self._equations.locked(self._equations.rigid))
 
     @cached_property
@@ -214,7 +233,7 @@ class RobotModel:
         count, n = q.shape
         s = self.shape_values if shapes is None else shapes
         given = np.zeros((count, len(self.observed))) if observed is None else observed
-        arguments = (q.T, dq.T, ddq.T, s, *([given.T] if self.observed else []))
+        arguments = (q.T, dq.T, ddq.T, s, *([given.T] if self.observed else []), *self._lengths)
         elements = [n * k + j for k in columns for j in range(n)]
         for part, block in self._by_points("regressor").blocks(count, arguments, elements):
             yield part, block.reshape(len(columns), n, -1)
@@ -227,7 +246,12 @@ class RobotModel:
         Args:
             arguments: (n, N) each, or (n,) of what is the same at all points; the first is of the points.
         """
-        return self._by_points(name)(arguments[0].shape[1], arguments)
+        return self._by_points(name)(arguments[0].shape[1], (*arguments, *self._lengths))
+
+    @property
+    def _lengths(self) -> list[Array]:
+        """Values of the free geometry, if there is any."""
+        return self._geometry.values(self.description)
 
     def _by_points(self, name: str) -> Vectorised:
         if name not in self._vectorised:

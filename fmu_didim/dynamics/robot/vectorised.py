@@ -12,8 +12,8 @@ from fmu_didim.data.signals import Array
 
 TOGETHER = 4096
 """Points evaluated at once: more would need much memory and leave the processor's caches."""
-_OPERATIONS: dict[int, Callable[..., Any]] = {
-    ca.OP_ASSIGN: lambda x: x,
+_OPERATIONS: dict[int, Callable[..., Any]] = {  # of one argument or two, and the array that they fill
+    ca.OP_ASSIGN: np.positive,
     ca.OP_ADD: np.add,
     ca.OP_SUB: np.subtract,
     ca.OP_MUL: np.multiply,
@@ -27,7 +27,7 @@ _OPERATIONS: dict[int, Callable[..., Any]] = {
     ca.OP_CONSTPOW: np.power,
     ca.OP_SQRT: np.sqrt,
     ca.OP_SQ: np.square,
-    ca.OP_TWICE: lambda x: 2.0 * x,
+    ca.OP_TWICE: lambda x, out: np.multiply(2.0, x, out),
     ca.OP_INV: np.reciprocal,
     ca.OP_SIN: np.sin,
     ca.OP_COS: np.cos,
@@ -48,23 +48,23 @@ _OPERATIONS: dict[int, Callable[..., Any]] = {
     ca.OP_FMIN: np.fmin,
     ca.OP_FMAX: np.fmax,
     ca.OP_HYPOT: np.hypot,
-    ca.OP_LT: lambda x, y: np.less(x, y).astype(float),
-    ca.OP_LE: lambda x, y: np.less_equal(x, y).astype(float),
-    ca.OP_EQ: lambda x, y: np.equal(x, y).astype(float),
-    ca.OP_NE: lambda x, y: np.not_equal(x, y).astype(float),
-    ca.OP_NOT: lambda x: np.equal(x, 0.0).astype(float),
-    ca.OP_AND: lambda x, y: np.logical_and(x, y).astype(float),
-    ca.OP_OR: lambda x, y: np.logical_or(x, y).astype(float),
-    ca.OP_IF_ELSE_ZERO: lambda x, y: np.where(np.not_equal(x, 0.0), y, 0.0),
+    ca.OP_LT: np.less,
+    ca.OP_LE: np.less_equal,
+    ca.OP_EQ: np.equal,
+    ca.OP_NE: np.not_equal,
+    ca.OP_NOT: lambda x, out: np.equal(x, 0.0, out),
+    ca.OP_AND: np.logical_and,
+    ca.OP_OR: np.logical_or,
+    ca.OP_IF_ELSE_ZERO: lambda x, y, out: np.copyto(out, np.where(np.not_equal(x, 0.0), y, 0.0)),
 }
 
 
 class Vectorised:
     """A function of scalar expressions with one dense output, evaluated at K points.
 
-    An instruction is a numpy operation on K numbers, or on one number where all points have the same: many times
-    faster than CasADi's virtual machine, which goes through all instructions for each point. A function that holds
-    other instructions is left to CasADi.
+    An instruction is a numpy operation on K numbers, into the place where CasADi keeps its result: many times faster
+    than CasADi's virtual machine, which goes through all instructions for each point. A function that holds other
+    instructions is left to CasADi.
 
     Args:
         function: (a, b, ...) -> y (m,).
@@ -77,7 +77,7 @@ class Vectorised:
         self._function, self._size = function, function.nnz_out(0)
         count = function.n_instructions() if function.is_a("SXFunction") else 0
         self._program = [_Instruction.of(function, k) for k in range(count)]
-        self._parts = dict[tuple[int, ...], list[_Instruction]]()
+        self._parts = dict[tuple[int, ...], _Steps]()
         known = {*_OPERATIONS, ca.OP_INPUT, ca.OP_OUTPUT, ca.OP_CONST}
         self.is_known = count > 0 and all(one.operation in known for one in self._program)
 
@@ -110,30 +110,16 @@ class Vectorised:
         self, count: int, arguments: Sequence[Array | Sequence[Any]], elements: tuple[int, ...]
     ) -> Iterator[tuple[slice, Array]]:
         if elements not in self._parts:
-            self._parts[elements] = _needed_for(self._program, elements)
+            self._parts[elements] = _Steps.of(
+                _needed_for(self._program, elements), self._function.sz_w(), len(elements)
+            )
         for part in _parts(count):
             inputs = [
                 [np.ascontiguousarray(value[part]) if np.ndim(value) else value for value in rows] for rows in arguments
             ]
             own = np.zeros((len(elements), part.stop - part.start))
-            self._run(self._parts[elements], inputs, own)
+            self._parts[elements].run(inputs, own)
             yield part, own
-
-    def _run(self, program: Sequence[_Instruction], arguments: Sequence[Sequence[Any]], result: Array) -> None:
-        """Fill (e, K) of the output."""
-        work: list[Any] = [0.0] * max(self._function.sz_w(), 1)
-        with np.errstate(all="ignore"):
-            for operation, given, made, constant in program:
-                if operation == ca.OP_INPUT:
-                    work[made] = arguments[given[0]][given[1]]
-                elif operation == ca.OP_CONST:
-                    work[made] = constant
-                elif operation == ca.OP_OUTPUT:
-                    result[made] = work[given[0]]
-                elif len(given) == 1:
-                    work[made] = _OPERATIONS[operation](work[given[0]])
-                else:
-                    work[made] = _OPERATIONS[operation](work[given[0]], work[given[1]])
 
     def _by_casadi(self, count: int, arguments: Sequence[Array | Sequence[Any]]) -> Array:
         tables = [
@@ -157,6 +143,53 @@ class _Instruction(NamedTuple):
         constant = function.instruction_constant(k) if operation == ca.OP_CONST else 0.0
         place = made[1] if operation == ca.OP_OUTPUT else made[0]
         return cls(operation, tuple(function.instruction_input(k)), place, constant)
+
+
+class _Steps(NamedTuple):
+    """A program as numpy operations on a list of places: those of the work vector, which are used again and again, of
+    the results, of inputs and of constants.
+
+    Attributes:
+        work: number of places of the work vector.
+        inputs: (argument, element) of those behind the results; constants: values of those behind them.
+        steps: (operation, place of its first argument, of its second one or -1, place that it fills).
+    """
+
+    work: int
+    inputs: list[tuple[int, ...]]
+    constants: list[float]
+    steps: list[tuple[Callable[..., Any], int, int, int]]
+
+    @classmethod
+    def of(cls, program: Sequence[_Instruction], work: int, results: int) -> _Steps:
+        inputs = list(dict.fromkeys(one.given for one in program if one.operation == ca.OP_INPUT))
+        input_places = {given: work + results + k for k, given in enumerate(inputs)}
+        steps, at, constants = list[tuple[Callable[..., Any], int, int, int]](), dict[int, int](), list[float]()
+        for one in program:
+            if one.operation == ca.OP_INPUT:
+                at[one.made] = input_places[one.given]
+            elif one.operation == ca.OP_CONST:
+                at[one.made] = work + results + len(inputs) + len(constants)
+                constants.append(one.constant)
+            elif one.operation == ca.OP_OUTPUT:
+                steps.append((np.positive, at[one.given[0]], -1, work + one.made))
+            else:
+                places = [at[place] for place in one.given]
+                at[one.made] = one.made
+                steps.append((_OPERATIONS[one.operation], places[0], places[1] if len(places) > 1 else -1, one.made))
+        return cls(work, inputs, constants, steps)
+
+    def run(self, arguments: Sequence[Sequence[Any]], result: Array) -> None:
+        """Fill (e, K) of the output."""
+        places: list[Any] = [*np.empty((self.work, result.shape[1])), *result]
+        places += [arguments[argument][element] for argument, element in self.inputs]
+        places += self.constants
+        with np.errstate(all="ignore"):
+            for operation, first, second, made in self.steps:
+                if second < 0:
+                    operation(places[first], places[made])
+                else:
+                    operation(places[first], places[second], places[made])
 
 
 def _needed_for(program: Sequence[_Instruction], elements: Sequence[int]) -> list[_Instruction]:

@@ -63,9 +63,8 @@ from fmu_didim.report.sections import (
 )
 from fmu_didim.report.terminal import report_text
 from fmu_didim.report.verdict import verdict
-from fmu_didim.results.result import ParameterResult, ResultDocument, read_result, saved_tables
+from fmu_didim.results.result import REPORT_FILE, ParameterResult, ResultDocument, read_result, saved_tables
 
-REPORT_FILE = "report.html"
 SHOWN_CORRELATIONS = 5
 LABEL = 24
 """[characters] Of the name of an experiment that the terminal shows."""

@@ -18,6 +18,7 @@ from fmu_didim.dynamics.robot import RobotDescription, read_robot, write_robot
 from fmu_didim.fit.estimate import Estimate
 from fmu_didim.model.loop_model import LoopModel
 from fmu_didim.results.result import (
+    REPORT_FILE,
     RESULT_FILE,
     ParameterResult,
     ResultDocument,
@@ -45,8 +46,6 @@ SHARED = ""
 
 def result_folder(out: Path | str, *, figures: bool = False) -> ResultFolder:
     """The folder of the results of ``identify``."""
-    from fmu_didim.report.identification.sections import REPORT_FILE
-
     patterns = (
         OWN_ROBOT_FILE.format(label="*"),
         "torque_*.csv",

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from fmu_didim.checks.identification import checked
-from fmu_didim.checks.motion.misfits import FittedMotions, Misfit, Misfits, misfits
+from fmu_didim.checks.motion.misfits import FittedMotions, Misfit, Misfits
 from fmu_didim.checks.power.statement import HOW_TO_CHECK, power_of_fit
 from fmu_didim.checks.validation import validate_on, validated
 from fmu_didim.data.signals import Array
@@ -37,7 +37,7 @@ def fitted(request: pytest.FixtureRequest) -> tuple[str, Fit, list[Misfit]]:
     fit = at_the_truth(request.param)
     motions = FittedMotions.of(fit)
     assert motions is not None
-    return request.param, fit, misfits(motions)
+    return request.param, fit, list(Misfits.along(motions).stated)
 
 
 def of(found: list[Misfit], name: str) -> list[Misfit]:
@@ -103,8 +103,8 @@ def test_what_the_model_has_is_not_stated() -> None:
     motions = FittedMotions.of(fit)
     assert motions is not None
     said = {"torque_scale", "link_length", "position_zero"}
-    assert {m.load.effect for m in misfits(motions, {"coulomb": EFFECTS["coulomb"]})} == said
-    assert {m.load.effect for m in misfits(motions, {"own": DeadZone()})} == {"own", *said}
+    assert {m.load.effect for m in Misfits.along(motions, {"coulomb": EFFECTS["coulomb"]}).stated} == said
+    assert {m.load.effect for m in Misfits.along(motions, {"own": DeadZone()}).stated} == {"own", *said}
 
 
 def test_a_valid_verdict_states_what_it_excludes_and_another_one_does_not() -> None:
