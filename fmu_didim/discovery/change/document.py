@@ -28,7 +28,7 @@ from fmu_didim.discovery.change.causes import JOINT_TORQUE_SCALE
 from fmu_didim.discovery.change.contest import Contest, Explanation
 from fmu_didim.discovery.change.difference import CHANGED, SEEN, Difference
 from fmu_didim.discovery.change.explain import explained
-from fmu_didim.discovery.change.log_fit import Known, LogFit
+from fmu_didim.discovery.change.log_fit import Known, LogFit, not_widely_searched
 from fmu_didim.discovery.change.words import cause_text
 from fmu_didim.discovery.progress import Progress
 from fmu_didim.discovery.selection import decide
@@ -123,6 +123,8 @@ def compared(
     elif is_changed and robot is not None and robot.logged is None and robot.parameters.joint_count > 1:
         notes.append(WITHOUT_MOTION)
     notes += _scaled_logs(result)
+    if logs is not None:
+        notes += not_widely_searched(logs, {kind for e in result.named for kind, _, _ in e.causes})
     judged = judgement([*known(before, after, left), *_rest(result), *_lacks(result), *residual_diagnostics(residual)])
     change = _answer(result)
     return ComparisonDocument(

@@ -6,7 +6,7 @@ from several softnesses and sizes, of which the loop itself says which are neare
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -22,7 +22,7 @@ from fmu_didim.discovery.progress import Progress
 from fmu_didim.discovery.screening.catalogue import SignatureCatalogue
 from fmu_didim.discovery.selection.competition import FURTHER, SIZES, Competition, fitted_proposal
 from fmu_didim.discovery.selection.plausible import implausible
-from fmu_didim.discovery.selection.wide_search import searched_widely
+from fmu_didim.discovery.selection.wide_search import searched_widely, wide_search_notes
 from fmu_didim.dynamics.effects import Effect
 from fmu_didim.dynamics.prior import Prior
 from fmu_didim.dynamics.robot import RobotDescription
@@ -156,6 +156,19 @@ def louder(sides: tuple[LogFit, LogFit]) -> tuple[set[int], set[int]]:
         if chance_of_sizes(first, second, (freedom[0][j], freedom[1][j])) < CHANGED / sizes[0].size:
             found[int(second > first)].add(j + 1)
     return found
+
+
+def not_widely_searched(sides: tuple[LogFit, LogFit], named: Collection[str]) -> list[str]:
+    """Notes on effects of many minima that were not looked for in their whole range, as that takes too long, on joints
+    whose residual is larger in one of two logs; without those of ``named`` kinds."""
+    notes: dict[str, None] = {}
+    for side, joints in zip(sides, louder(sides), strict=True):
+        asked = [
+            a for a in side.candidates()
+            if a.joint in joints and a.effect not in named and side.builder.effect(a).has_minima
+        ]  # fmt: skip
+        notes |= dict.fromkeys(wide_search_notes(side.builder, side.fit, asked))
+    return list(notes)
 
 
 def _refitted(side: LogFit, start: Proposal) -> Fit | None:

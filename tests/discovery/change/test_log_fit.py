@@ -26,11 +26,13 @@ from fmu_didim.discovery.change.log_fit import (
     in_common,
     known,
     louder,
+    not_widely_searched,
     settled,
     shared,
 )
 from fmu_didim.discovery.change.worlds import difference_of, may_be_gear
 from fmu_didim.discovery.progress import Progress
+from fmu_didim.discovery.selection import wide_search
 from fmu_didim.discovery.selection.competition import Competition
 from fmu_didim.discovery.selection.decide import BIC
 from fmu_didim.dynamics.effects import EFFECTS, Effect
@@ -158,6 +160,30 @@ def test_an_effect_that_may_be_absent_by_the_noise_of_its_residual_is_no_cause(
     monkeypatch.setattr(worlds, "fit_uncertainty", lambda fit: SimpleNamespace(covariance=covariance))
     side = SimpleNamespace(builder=SimpleNamespace(effect=lambda at: SimpleNamespace(neutral=neutral)))
     assert worlds._is_told(cast(LogFit, side), cast(Fit, fit), gear) is told
+
+
+@pytest.mark.parametrize(
+    ("loud", "too_long", "named", "told"),
+    [
+        (({1}, set()), True, set(), True),
+        (({1}, {1}), True, set(), True),  # once
+        (({1}, set()), False, set(), False),  # it was searched
+        ((set(), set()), True, set(), False),  # and not asked
+        (({1}, set()), True, {"backlash"}, False),  # it was found all the same
+    ],
+)  # fmt: skip
+def test_play_that_was_not_searched_in_its_whole_range_is_told(
+    loud: tuple[set[int], set[int]], too_long: bool, named: set[str], told: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(log_fit, "louder", lambda sides: loud)
+    monkeypatch.setattr(wide_search, "takes_too_long", lambda *_: too_long)
+    fit = SimpleNamespace(model=SimpleNamespace(added_effects=()))
+    candidates = [EffectAtJoint("backlash", 1), EffectAtJoint("torque_offset", 1)]
+    side = SimpleNamespace(
+        builder=SimpleNamespace(effect=lambda at: EFFECTS[at.effect]), fit=fit, candidates=lambda: candidates
+    )
+    notes = not_widely_searched(cast(tuple[LogFit, LogFit], (side, side)), named)
+    assert [note.startswith("Backlash was looked for on joint 1 from a few starts") for note in notes] == [True] * told
 
 
 @pytest.mark.parametrize(
