@@ -24,7 +24,7 @@ from fmu_didim.discovery.augmentation.builder import LoopModelBuilder
 from fmu_didim.discovery.progress import Progress
 from fmu_didim.discovery.selection.beside_others import fit_without
 from fmu_didim.discovery.selection.candidates import FittedCandidate
-from fmu_didim.discovery.selection.competition import Competition
+from fmu_didim.discovery.selection.competition import Competition, proposal_of
 from fmu_didim.discovery.selection.decide import NEAR_STATED, Options, Step, nearness, objection, step_of
 from fmu_didim.discovery.selection.plausible import MAY_BE_ABSENT
 from fmu_didim.discovery.selection.wide_search import searched_widely
@@ -38,8 +38,8 @@ EFFECT_AMBIGUOUS = CATALOGUE(
     meaning="Another effect, of another kind or on another joint, explains these data as well as the one that is "
     "named, beside all else that was found. Which of them acts is not told, and what to do about them differs: play is "
     "taken up, an elastic gear is not.",
-    next_step="Run the motion that splits them, which the results propose, and analyse both logs together; what tells "
-    "them apart stands with the finding in the report.",
+    next_step="Do what the report names with the finding to split them, a motion or another sensor, and analyse both logs "
+    "together.",
 )  # fmt: skip
 IN_ITS_PLACE = "{0} on joint {1} was accepted first; beside all others {2} explains {3:.0f} more in BIC in its place."
 """Remark on an effect that is named in the place of another one."""
@@ -210,13 +210,21 @@ def with_rivals(
         found = _known(builder, fit, step, base, options, progress, contests)
         if found is None:
             near = (r for r, behind in step.ambiguous if np.isfinite(behind) and _is_other(builder, fit, step, r))
-            rivals = tuple((r, float("nan")) for r in near)
-        else:
-            rivals = tuple(
-                (c.effect_at, lead) for c, lead, how in found.standings(options) if how is not Standing.BEHIND
-            )
-        told.append(replace(step, rivals=rivals))
+            told.append(replace(step, rivals=tuple((r, float("nan")) for r in near)))
+            continue
+        left = [(c, lead) for c, lead, how in found.standings(options) if how is not Standing.BEHIND]
+        told.append(_with_in_set(replace(step, rivals=tuple((c.effect_at, lead) for c, lead in left)), left))
     return tuple(told)
+
+
+def _with_in_set(step: Step, rivals: Sequence[tuple[FittedCandidate, float]]) -> Step:
+    """The step with rivals in its set that its round did not have there."""
+    known = {a for a, _ in step.ambiguous}
+    new = [(c, lead) for c, lead in rivals if c.effect_at not in known]
+    return replace(
+        step, ambiguous=(*step.ambiguous, *((c.effect_at, max(-lead, 0.0)) for c, lead in new)),
+        members=(*step.members, *(proposal_of(c) for c, _ in new)),
+    )  # fmt: skip
 
 
 def ambiguities(builder: LoopModelBuilder, steps: Sequence[Step]) -> list[Diagnostic]:
