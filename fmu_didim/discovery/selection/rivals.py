@@ -38,8 +38,8 @@ EFFECT_AMBIGUOUS = CATALOGUE(
     meaning="Another effect, of another kind or on another joint, explains these data as well as the one that is "
     "named, beside all else that was found. Which of them acts is not told, and what to do about them differs: play is "
     "taken up, an elastic gear is not.",
-    next_step="Do what the report names with the finding to split them, a motion or another sensor, and analyse both logs "
-    "together.",
+    next_step="Do what the report names with the finding to split them, a motion or another sensor, and analyse both "
+    "logs together.",
 )  # fmt: skip
 IN_ITS_PLACE = "{0} on joint {1} was accepted first; beside all others {2} explains {3:.0f} more in BIC in its place."
 """Remark on an effect that is named in the place of another one."""
