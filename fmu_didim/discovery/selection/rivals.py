@@ -19,6 +19,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from enum import Enum
+from functools import partial
 
 import numpy as np
 
@@ -34,7 +35,7 @@ from fmu_didim.discovery.selection.beside_others import (
     without_superfluous,
 )
 from fmu_didim.discovery.selection.candidates import FittedCandidate, ScreenedCandidate
-from fmu_didim.discovery.selection.competition import Competition
+from fmu_didim.discovery.selection.competition import Competition, proposal_of
 from fmu_didim.discovery.selection.decide import NEAR_STATED, Options, Step, nearness, objection, step_of
 from fmu_didim.discovery.selection.plausible import MAY_BE_ABSENT
 from fmu_didim.discovery.selection.wide_search import searched_widely
@@ -46,8 +47,8 @@ EFFECT_AMBIGUOUS = CATALOGUE(
     meaning="Another effect, of another kind or on another joint, explains these data as well as the one that is "
     "named, beside all else that was found. Which of them acts is not told, and what to do about them differs: play is "
     "taken up, an elastic gear is not.",
-    next_step="Run the motion that splits them, which the results propose, and analyse both logs together; what tells "
-    "them apart stands with the finding in the report.",
+    next_step="Do what the report names with the finding to split them, a motion or another sensor, and analyse both "
+    "logs together.",
 )  # fmt: skip
 PROMISED = 2
 """[candidates] Fitted in the place of an effect beside the rivals of its set: the first of those that promise more than
@@ -163,14 +164,16 @@ class Rivalry:
         with those of its set."""
         told = []
         for step in steps:
-            found = self._contest(fit, step)
-            near = [(r, float("nan")) for r, behind in step.ambiguous if np.isfinite(behind)]
-            if found is not None:
-                near = [
-                    (c.effect_at, lead) for c, lead, how in found.standings(self.options) if how is not Standing.BEHIND
-                ]
-            others = tuple((r, lead) for r, lead in near if _is_other(self.builder, fit, step, r))
-            told.append(replace(step, rivals=others))
+            found, is_other = self._contest(fit, step), partial(_is_other, self.builder, fit, step)
+            if found is None:
+                near = (r for r, behind in step.ambiguous if np.isfinite(behind) and is_other(r))
+                told.append(replace(step, rivals=tuple((r, float("nan")) for r in near)))
+                continue
+            left = [
+                (c, lead) for c, lead, how in found.standings(self.options)
+                if how is not Standing.BEHIND and is_other(c.effect_at)
+            ]  # fmt: skip
+            told.append(_with_in_set(replace(step, rivals=tuple((c.effect_at, lead) for c, lead in left)), left))
         return tuple(told)
 
     def _contest(self, fit: Fit, step: Step, catalogue: SignatureCatalogue | None = None) -> Contest | None:
@@ -261,6 +264,16 @@ def _may_stand_for_named(builder: LoopModelBuilder, effect_at: EffectAtJoint, fi
     """Whether an effect may only stand for what a model has on its joint, as a stop for a spring."""
     named = {a.effect for a in fit.model.added_effects if a.joint == effect_at.joint}
     return bool(named & set(builder.effect(effect_at).stands_for))
+
+
+def _with_in_set(step: Step, rivals: Sequence[tuple[FittedCandidate, float]]) -> Step:
+    """The step with rivals in its set that its round did not have there."""
+    known = {a for a, _ in step.ambiguous}
+    new = [(c, lead) for c, lead in rivals if c.effect_at not in known]
+    return replace(
+        step, ambiguous=(*step.ambiguous, *((c.effect_at, max(-lead, 0.0)) for c, lead in new)),
+        members=(*step.members, *(proposal_of(c) for c, _ in new)),
+    )  # fmt: skip
 
 
 def ambiguities(builder: LoopModelBuilder, steps: Sequence[Step]) -> list[Diagnostic]:

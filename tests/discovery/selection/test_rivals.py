@@ -204,6 +204,15 @@ def test_without_a_contest_the_set_of_the_round_is_doubted(monkeypatch: pytest.M
     assert doubt.text == "Lag on joint 1 explains the data as well."
 
 
+def test_a_rival_that_its_round_did_not_have_comes_into_the_set(monkeypatch: pytest.MonkeyPatch) -> None:
+    """With its values, so that the motion which splits them can be designed."""
+    Beside(monkeypatch, {"elastic": 100.0, "play": 104.0}, widely=0.5)
+    fit, step = model_with(at("elastic")), found(at("elastic"), members=(Proposal(at("elastic"), {}),))
+    (told,) = Rivalry(BUILDER, fit, Options(), Progress()).told(fit, [step])
+    assert told.rivals == ((at("play"), 4.0),) and told.ambiguous == ((at("play"), 0.0),)
+    assert [p.effect_at for p in told.members] == [at("elastic"), at("play")]
+
+
 @pytest.mark.parametrize(("time_up", "acts_in_it"), [(True, False), (False, True)])
 def test_where_no_contest_is_run(monkeypatch: pytest.MonkeyPatch, time_up: bool, acts_in_it: bool) -> None:
     """What acts in an elastic gear would go with it: a rival has more to explain than the gear alone."""
