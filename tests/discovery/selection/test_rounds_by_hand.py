@@ -333,6 +333,16 @@ def test_a_search_that_went_through_is_complete(monkeypatch: pytest.MonkeyPatch)
     assert run()[0].ending is Ending.COMPLETE
 
 
+def test_a_model_that_stays_has_a_plant_of_its_own_effects(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Candidates share plants in which others stand idle: what is accepted is fitted to its minimum without those."""
+    stayed: list[Fit] = []
+    monkeypatch.setattr(EFFECTS, "settled", lambda fit: stayed.append(fit) or replace(fit, simulations=99))
+    competition = ByHand(monkeypatch, added("a"), ())
+    found, _ = run()
+    assert [fit.model.added_effects for fit in stayed] == 2 * [(EffectAtJoint("a", 1),)]
+    assert found.final.simulations == 99 and competition.fitted
+
+
 @pytest.mark.parametrize(("most", "count"), [(0, 0), (1, 1), (2, 2)])
 def test_no_more_rounds_than_asked_for(monkeypatch: pytest.MonkeyPatch, most: int, count: int) -> None:
     ByHand(monkeypatch, added("a"), added("ab"), added("abc"))
