@@ -23,6 +23,7 @@ from typing import Any
 from fmu_didim.base.errors import InputError
 from fmu_didim.base.files import advice, partial_folder, patiently, remove_stale, sync, whole_file
 from fmu_didim.case import Case, CaseObjects, case_of
+from fmu_didim.model.workers import MOST_WORKERS, side_by_side
 from fmu_didim.workflow.case_files import paths_read
 
 LEAST_FREE = 16 * 2**20
@@ -90,8 +91,7 @@ class ResultFolder:
 
     def _take_in(self, new: Path) -> None:
         names = {path.name for path in new.iterdir()}
-        for name in names:
-            sync(new / name)
+        side_by_side([partial(sync, new / name) for name in names], MOST_WORKERS)  # the disk takes them in one go
         known = self._earlier() | names
         self._write_list(known)
         aside = new / "replaced"
