@@ -94,8 +94,7 @@ def run_rounds(
     progress.say("competition of the candidates")
     refused: tuple[tuple[EffectAtJoint, str], ...] = ()
     tried: list[tuple[TriedCandidate, ...]] = []
-    astray: dict[EffectAtJoint, float] = {}
-    vain: dict[EffectAtJoint, float] = {}
+    astray, vain = dict[EffectAtJoint, float](), dict[EffectAtJoint, float]()
     ending = Ending.COMPLETE
     while len(steps) < options.rounds:
         if catalogue.left:  # the best may be among them
