@@ -103,9 +103,8 @@ def run_rounds(
     progress.say("competition of the candidates")
     refused: tuple[tuple[EffectAtJoint, str], ...] = ()
     tried: list[tuple[TriedCandidate, ...]] = []
-    astray: dict[EffectAtJoint, float] = {}
+    astray, vain = dict[EffectAtJoint, float](), dict[EffectAtJoint, float]()
     rivalry = Rivalry(builder, base, options, progress)
-    vain: dict[EffectAtJoint, float] = {}
     ending = Ending.COMPLETE
     while len(steps) < options.rounds:
         if catalogue.left:  # the best may be among them
