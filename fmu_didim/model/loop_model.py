@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fmu_didim.base.errors import DivergedError
+from fmu_didim.base.errors import DivergedError, FmuError, SimulationError
 from fmu_didim.components import Component, SameObject
 from fmu_didim.cosim import (
     InstancePool,
@@ -285,6 +285,15 @@ class LoopModel:
         if self.threads == 1 or not may_run_side_by_side(self.loop.systems[self.first]):
             return 1
         return self.threads if self.simulation(values).record(ticks=np.zeros(1, dtype=np.int64)).compiled else 1
+
+    @property
+    def workers_from_start(self) -> int:
+        """How many simulations may run at once from the start values on; one where these cannot be simulated, with
+        which each of them deals by itself."""
+        try:
+            return self.allowed_workers(self.start)
+        except (SimulationError, FmuError):
+            return 1
 
     # ---- how finely its plant is integrated
 

@@ -7,7 +7,6 @@ from functools import cached_property, partial
 from typing import TypeVar
 
 from fmu_didim.base.diagnostics import DiagnosedError, Diagnostic, by_weight, refuse_problems
-from fmu_didim.base.errors import SimulationError
 from fmu_didim.case import Case
 from fmu_didim.checks.data.checks import data_diagnostics, without_outliers
 from fmu_didim.checks.outputs.data import model_data_diagnostics
@@ -124,7 +123,4 @@ def _workers(case: Case) -> int:
     model = case.model
     if case.document.search is not None or any(e.leaves_out_outliers for e in model.experiments.values()):
         return 1
-    try:
-        return model.allowed_workers(model.start)
-    except SimulationError:  # which the checks deal with by themselves
-        return 1
+    return model.workers_from_start

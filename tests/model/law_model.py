@@ -134,6 +134,10 @@ class LawModel:
     def allowed_workers(self, values: Array) -> int:
         return self.workers
 
+    @property
+    def workers_from_start(self) -> int:
+        return self.workers
+
     def torque(self, values: Array, label: str | None = None) -> Array:
         labels = self.estimation_labels if label is None else (label,)
         named = dict(zip(self.names, (float(v) for v in values), strict=True))

@@ -11,7 +11,8 @@ import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
 
 from fmu_didim import discover, identify
-from fmu_didim.base.errors import InputError, SimulationError
+from fmu_didim.base.errors import FmuDidimError, FmuError, InputError, SimulationError
+from fmu_didim.data.signals import Array
 from fmu_didim.estimators import Didim
 from fmu_didim.estimators.starts.start import with_free_delay
 from fmu_didim.fit.derivatives.sensitivity import sensitivity
@@ -93,6 +94,19 @@ def test_only_compiled_loops_of_own_fmus_run_side_by_side(model: LoopModel) -> N
     foreign = with_component(several, "plant", replace(plant, fmu=replace(plant.fmu, tool="Another tool")))
     assert not may_run_side_by_side(foreign.system(TRUTH))
     assert foreign.allowed_workers(TRUTH) == 1
+
+
+@pytest.mark.parametrize("error", [SimulationError("It diverges."), FmuError("It was ended.")])
+def test_one_runs_at_a_time_where_the_start_values_cannot_be_simulated(
+    model: LoopModel, error: FmuDidimError, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fails(model: LoopModel, values: Array) -> int:
+        raise error
+
+    monkeypatch.setattr(LoopModel, "allowed_workers", fails)
+    assert model.workers_from_start == 1
+    monkeypatch.setattr(LoopModel, "allowed_workers", lambda model, values: 3)
+    assert model.workers_from_start == 3
 
 
 def test_the_variable_states_the_number_of_threads(monkeypatch: pytest.MonkeyPatch) -> None:

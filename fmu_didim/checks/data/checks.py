@@ -90,23 +90,14 @@ def data_diagnostics(model: LoopModel, *, without_torque: Sequence[str] = (), ca
     found += plant_diagnostics(model.simulation(model.start, model.first))
     gains, explained = drive_gains(model), list[Diagnostic]()
     tasks = [partial(_of_log, model, label, gains, causes=causes) for label in model.experiments]
-    for label, of_log in zip(model.experiments, apart(tasks, _workers(model)), strict=True):
+    workers = model.workers_from_start if len(tasks) > 1 else 1
+    for label, of_log in zip(model.experiments, apart(tasks, workers), strict=True):
         if explained and model.experiments[label].role == "validation":
             found += of_log.told  # what explains the fitted logs better explains these, too
         else:
             found += of_log.told if of_log.near is None else of_log.near
             explained += of_log.explained
     return by_weight([*found, *explained])
-
-
-def _workers(model: LoopModel) -> int:
-    """How many logs are looked at at once."""
-    if len(model.experiments) < 2:
-        return 1
-    try:
-        return model.allowed_workers(model.start)
-    except SimulationError:  # which each log deals with by itself
-        return 1
 
 
 @dataclass(frozen=True)

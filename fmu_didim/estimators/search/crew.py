@@ -165,7 +165,4 @@ class InThisProcess(Crew):
     @property
     def workers(self) -> int:
         """How many run at the same time."""
-        try:
-            return self.model.allowed_workers(self.model.start)
-        except (SimulationError, FmuError):
-            return 1
+        return self.model.workers_from_start
