@@ -96,7 +96,10 @@ def test_only_compiled_loops_of_own_fmus_run_side_by_side(model: LoopModel) -> N
     assert foreign.allowed_workers(TRUTH) == 1
 
 
-@pytest.mark.parametrize("error", [SimulationError("It diverges."), FmuError("It was ended.")])
+@pytest.mark.parametrize(
+    "error",
+    [SimulationError("It diverges.", next_step="Change it."), FmuError("It was ended.", next_step="Ask its maker.")],
+)
 def test_one_runs_at_a_time_where_the_start_values_cannot_be_simulated(
     model: LoopModel, error: FmuDidimError, monkeypatch: pytest.MonkeyPatch
 ) -> None:
