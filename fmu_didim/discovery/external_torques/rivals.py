@@ -10,9 +10,8 @@ from fmu_didim.discovery.screening.catalogue import SignatureCatalogue
 from fmu_didim.discovery.selection.candidates import ScreenedCandidate
 from fmu_didim.discovery.selection.competition import Competition
 from fmu_didim.discovery.selection.decide import SMALLEST_SIZE
-from fmu_didim.discovery.selection.wide_search import searched_widely
+from fmu_didim.discovery.selection.wide_search import searched_widely, worth_searching
 from fmu_didim.fit.fit import Fit
-from fmu_didim.fit.gap import joint_gaps
 from fmu_didim.model.loop_model import EffectAtJoint
 
 
@@ -42,10 +41,7 @@ def rivalled(
     best = competition.compare(list(first.values()), progress=progress).ranking
     if best and best[0].delta_bic > fitted_torques.delta_bic:
         return True
-    gaps = joint_gaps(base.residual, base.noise)
-    of_minima = (EffectAtJoint(n, j) for n, effect in rivals.items() if effect.has_minima for j in builder.joints(n))
-    tried = (
-        searched_widely(competition, a, seed=seed, progress=progress)
-        for a in of_minima if gaps[a.joint - 1] > SMALLEST_SIZE and builder.at(a).can_be_added
-    )  # fmt: skip
+    of_minima = [EffectAtJoint(n, j) for n, effect in rivals.items() if effect.has_minima for j in builder.joints(n)]
+    asked = worth_searching(builder, base, of_minima, SMALLEST_SIZE)
+    tried = (searched_widely(competition, a, seed=seed, progress=progress) for a in asked)
     return any(c is not None and c.delta_bic > fitted_torques.delta_bic for c in tried)
