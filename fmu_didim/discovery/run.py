@@ -140,7 +140,7 @@ class _Search:
         prepared: the base model; base: its fit, with the noise of the data without torques from outside.
         torques: from outside, where they explain most of its residual; builder: of the models that follow.
         is_late: whether the time was up before the search for them; disagreement: where the base model disagrees.
-        after_start: what the data after their start say, where these count as well.
+        later: what the data after their start say, where these count as well.
     """
 
     request: Request
@@ -150,10 +150,10 @@ class _Search:
     builder: LoopModelBuilder
     is_late: bool
     disagreement: list[RegionResult]
-    after_start: AfterStart | None = None
+    later: AfterStart | None = None
 
     @staticmethod
-    def of(request: Request, prepared: Prepared, after_start: AfterStart | None = None) -> _Search:
+    def of(request: Request, prepared: Prepared, later: AfterStart | None = None) -> _Search:
         """Fit the torques from outside, if there are any."""
         request = replace(request, doubts=(*request.doubts, *prepared.doubts))
         base, progress = prepared.fit, request.progress
@@ -183,7 +183,7 @@ class _Search:
         elif base is not alone:
             builder = build(base.model)
         regions = regions_of_fit(base.torque_alone, builder.description)
-        return _Search(request, prepared, base, torques, builder, is_late, regions, after_start)
+        return _Search(request, prepared, base, torques, builder, is_late, regions, later)
 
     def found(self) -> Found:
         """Run the rounds and document their result."""
@@ -286,7 +286,7 @@ class _Search:
             *doubts, *self.torn(discovery.final), *untried_effects(self.builder, discovery.final),
             *contradictions(discovery, ladders), *of_other_size(discovery, ladders),
             *unusual_values(discovery.final, self.builder), *ambiguities(self.builder, discovery.steps),
-            *([] if self.after_start is None else self.after_start.diagnostics(discovery, self.builder)),
+            *([] if self.later is None else self.later.diagnostics(discovery, self.builder)),
         ]  # fmt: skip
         document = findings_document(
             replace(request, doubts=(*request.doubts, *doubts)), discovery, self.builder, ratio=ratio,
@@ -389,7 +389,7 @@ def _gears_by_beginning(
 
 
 def _search_with_start(
-    request: Request, prepared: Prepared, looked_for: Set[str], after_start: AfterStart, note: str
+    request: Request, prepared: Prepared, looked_for: Set[str], later: AfterStart, note: str
 ) -> Found:
     """A search among some effects with the start of the data."""
     options = request.options
@@ -397,7 +397,7 @@ def _search_with_start(
     again = replace(
         request, options=options, keep=None, notes=(*request.notes, f"{note}: the final model includes them.")
     )
-    return _Search.of(again, prepared, after_start).found()
+    return _Search.of(again, prepared, later).found()
 
 
 def _recorded(second: Found, first: Found) -> Found:
