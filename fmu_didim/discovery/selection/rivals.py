@@ -35,7 +35,7 @@ from fmu_didim.discovery.selection.beside_others import (
     without_superfluous,
 )
 from fmu_didim.discovery.selection.candidates import FittedCandidate, ScreenedCandidate
-from fmu_didim.discovery.selection.competition import Competition, proposal_of
+from fmu_didim.discovery.selection.competition import LEADING, Competition, proposal_of
 from fmu_didim.discovery.selection.decide import NEAR_STATED, Options, Step, nearness, objection, step_of
 from fmu_didim.discovery.selection.plausible import MAY_BE_ABSENT
 from fmu_didim.discovery.selection.wide_search import searched_widely
@@ -205,7 +205,8 @@ class Rivalry:
             found += map(beside.finished, beside.compare(promising, progress=progress, reach=np.inf).ranking)
         if progress.is_time_up:
             return None
-        judged = [(c, objection(c, without, options, base=self.base)) for c in found if c is not None]
+        fitted = [from_where_named(beside, c, named) for c in found if c is not None]
+        judged = [(c, objection(c, without, options, base=self.base)) for c in fitted]
         return Contest(beside, named, tuple(sorted(judged, key=lambda r: -r[0].delta_bic)))
 
 
@@ -242,18 +243,41 @@ def fitted_rival(
     return min((c for c in (candidate, widely) if c is not None), key=lambda c: c.fit.chi_square, default=None)
 
 
+def from_where_named(beside: Competition, rival: FittedCandidate, named: FittedCandidate) -> FittedCandidate:
+    """A rival behind the effect that is named, fitted once more with all else where that effect has led it, if that is
+    better, and to its minimum where it is near: beside a base that is tilted an offset may end elsewhere from where the
+    tilt stands for the offset, too."""
+    if rival.fit.chi_square <= named.fit.chi_square or beside.builder.effect(rival.effect_at).has_minima:
+        return rival
+    led = dict(zip(named.fit.model.names, named.fit.values, strict=True))
+    begin = np.array([led[name] for name in beside.fit.model.names])
+    found = beside.refit(proposal_of(rival), begin=begin)
+    if found is not None and found.chi_square < rival.fit.chi_square:
+        rival = beside.finished(beside.assess(rival.effect_at, found))
+    if rival.delta_bic < LEADING * named.delta_bic or rival.fit.chi_square <= named.fit.chi_square:
+        return rival
+    return beside.assess(rival.effect_at, fitted_to_minimum(beside.builder, rival).fit)
+
+
 def promising_instead(
     beside: Competition, catalogue: SignatureCatalogue, fit: Fit, named: FittedCandidate, options: Options,
     known: Sequence[EffectAtJoint],
 ) -> list[ScreenedCandidate]:  # fmt: skip
-    """The first of those candidates that promise more beside the others than an effect of a fit, ``named``, explains
-    there; without the rivals that are known, and what may only stand for another effect that was found."""
+    """The first of those candidates that promise more beside the others than an effect of a fit, ``named``, explains or
+    promises itself there; without the rivals that are known, and what may only stand for another effect that was found.
+
+    A promise is linear, about the fit of the others alone: where these have taken up much of an effect that is not
+    among them, it is a fraction of what a fit gains, of this effect and of its rivals alike.
+    """
     if shifts_log(beside.fit) != shifts_log(catalogue.fit):  # its signatures are at other samples
         return []
-    least = named.delta_bic + nearness(named.delta_bic, options)
+    screened = beside.screen(catalogue)
+    own = (s.predicted for s in screened if s.effect_at == named.effect_at)
+    least = min(named.delta_bic, next(own, np.inf))
+    least += nearness(least, options)
     others, taken = beside.fit.model.added_effects, {*fit.model.added_effects, *known}
     found = [
-        s for s in beside.screen(catalogue)
+        s for s in screened
         if s.effect_at not in taken and s.predicted > least and beside.builder.has_place(s.effect_at, others)
         and not _may_stand_for_named(beside.builder, s.effect_at, fit)
     ]  # fmt: skip

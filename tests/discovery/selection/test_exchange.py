@@ -35,6 +35,7 @@ class Exchange:
         stands_for = stands_for or {}
         self.fitted: list[str] = []
         monkeypatch.setattr(beside_others, "minimise", self.minimise)
+        monkeypatch.setattr(rivals, "from_where_named", lambda beside, rival, named: rival)
         monkeypatch.setattr(rivals, "Competition", self.competition)
         monkeypatch.setattr(rivals, "step_of", lambda c, ranking, *_: step_of_(c))
         monkeypatch.setattr(rivals, "objection", lambda c, *_, **__: "no" if c.effect_at.effect in objected else "")

@@ -19,10 +19,13 @@ from fmu_didim.discovery.selection.rivals import (
     Standing,
     ambiguities,
     fitted_rival,
+    from_where_named,
+    promising_instead,
     rivals_of,
     standing,
 )
 from fmu_didim.fit.fit import Fit
+from fmu_didim.model.free_parameter import FreeParameter
 from fmu_didim.model.loop_model import EffectAtJoint
 from tests.discovery.by_hand import Catalogue, TableModel, candidate_of, effect_of, fit_of, residual
 
@@ -116,7 +119,7 @@ class Beside:
         monkeypatch.setattr(rivals, "without_superfluous", lambda builder, fit, steps, *_: (fit, steps))
         monkeypatch.setattr(rivals, "step_of", lambda accepted, ranking, *_: found(accepted.effect_at))
 
-    def refit(self, proposal: Proposal) -> Fit:
+    def refit(self, proposal: Proposal, **_: Any) -> Fit:
         self.started.append(proposal)
         return model_with(proposal.effect_at)
 
@@ -256,3 +259,71 @@ def test_the_best_rival_takes_the_place(monkeypatch: pytest.MonkeyPatch) -> None
         ("elastic", 50.0),
         ("lag", 30.0),
     ]
+
+
+@pytest.mark.parametrize(
+    ("gain", "promises", "wanted"),
+    [
+        (100.0, {"slide": 95.0, "lag": 105.0}, []),  # within what decides nothing
+        (100.0, {"slide": 95.0, "lag": 106.0}, ["lag"]),
+        (2142.0, {"slide": 975.0, "lag": 1086.0}, ["lag"]),  # the others have taken up half of it, from a rival, too
+        (2142.0, {"slide": 975.0, "lag": 990.0}, []),
+        (100.0, {"slide": 900.0, "lag": 111.0}, ["lag"]),  # a promise that its own fit does not keep
+        (100.0, {"lag": 111.0}, ["lag"]),  # it promises nothing itself: the others can make it
+        (100.0, {"slide": 50.0, "lag": 80.0, "rub": 90.0, "gains": 70.0}, ["rub", "lag"]),  # the first two
+        (100.0, {"slide": 50.0, "elastic": 90.0}, []),  # it may only stand for the effect that is named
+    ],
+)
+def test_what_promises_more_in_the_place_of_an_effect(
+    gain: float, promises: dict[str, float], wanted: list[str]
+) -> None:
+    builder: Any = Catalogue(
+        effect_of("slide"), effect_of("lag"), effect_of("rub"), effect_of("gains"),
+        effect_of("elastic", stands_for=("slide",)),
+    )  # fmt: skip
+    builder.has_place = lambda effect_at, others: True
+    without, fit = model_with(), model_with(at("slide"))
+    screened = [SimpleNamespace(effect_at=at(name), predicted=promised) for name, promised in promises.items()]
+    beside: Any = SimpleNamespace(builder=builder, fit=without, screen=lambda _: screened)
+    catalogue: Any = SimpleNamespace(fit=without)
+    found = promising_instead(beside, catalogue, fit, candidate_of("slide", bic=gain), Options(), ())
+    assert [s.effect_at.effect for s in found] == wanted
+
+
+@pytest.mark.parametrize(
+    ("rival", "from_named", "at_minimum", "left"),
+    [
+        ({"bic": 120.0, "left": 0.5}, 0.1, 0.1, 0.5),  # ahead: nothing is fitted again
+        ({"bic": 90.0, "left": 2.0}, 1.8, 1.5, 1.5),
+        ({"bic": 90.0, "left": 2.0}, 2.5, 1.7, 1.7),  # its first fit was nearer
+        ({"bic": 90.0, "left": 2.0}, None, 1.7, 1.7),
+        ({"bic": 90.0, "left": 2.0}, 0.9, 0.1, 0.9),  # ahead from there
+        ({"bic": 50.0, "left": 2.0}, 2.5, 0.1, 2.0),  # far behind from both: it is not fitted to its minimum
+    ],
+)
+def test_a_rival_behind_starts_where_the_named_effect_has_led_all_else(
+    monkeypatch: pytest.MonkeyPatch, rival: dict[str, float], from_named: float | None, at_minimum: float, left: float
+) -> None:
+    begun = list[list[float]]()
+
+    def refit(proposal: Proposal, *, begin: Any) -> Fit | None:
+        begun.append(list(begin))
+        return None if from_named is None else model_with(at("lag"), square=from_named)
+
+    def minimum(builder: Any, candidate: FittedCandidate) -> FittedCandidate:
+        return candidate_of("lag", bic=rival["bic"], fit=model_with(at("lag"), square=at_minimum))
+
+    monkeypatch.setattr(rivals, "fitted_to_minimum", minimum)
+    monkeypatch.setattr(rivals, "proposal_of", lambda candidate: Proposal(at("lag"), {}))
+    tilt = FreeParameter("tilt", "rad", "plant", "tilt", -0.29, 1.0)
+    offset = FreeParameter("offset", "N.m", "plant", "offset", 0.0, 1.0)
+    named_fit = fit_of(TableModel(residual(1.0), {}, (at("slide"),), (offset, tilt)), values=[5.0, -0.29])
+    beside: Any = SimpleNamespace(
+        builder=BUILDER, fit=fit_of(TableModel(residual(3.0), {}, (), (tilt,)), values=[0.1]), refit=refit,
+        finished=lambda candidate: candidate,
+        assess=lambda effect_at, fit: candidate_of("lag", bic=rival["bic"], fit=fit),
+    )  # fmt: skip
+    before = candidate_of("lag", bic=rival["bic"], fit=model_with(at("lag"), square=rival["left"]))
+    found = from_where_named(beside, before, candidate_of("slide", bic=100.0, fit=named_fit))
+    assert found.fit.chi_square == pytest.approx(left * before.fit.chi_square / rival["left"])
+    assert begun == ([] if rival["bic"] > 100.0 else [[-0.29]])
