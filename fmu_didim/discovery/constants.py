@@ -62,7 +62,7 @@ DECIDING = (
     (plausible, ("ZERO", "UNTOLD", "LONGEST", "FEWEST_REPEATS", "STILL", "MOSTLY_STILL")),
     (pre_check, ("FITTED", "PROMISING", "WORSE")),
     (beside_others, ("KEPT_GAIN",)),
-    (rivals, ("PROMISED",)),
+    (rivals, ("PROMISED", "OF_ONE_PERIOD")),
     (rounds, ("PAIRED", "VALLEY")),
     (wide_search, ("PEOPLE", "GENERATIONS", "MOST_STEPS")),
     (beginning, ("SAME_VALUES",)),

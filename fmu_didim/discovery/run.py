@@ -40,7 +40,7 @@ from fmu_didim.discovery.selection.competition import Competition
 from fmu_didim.discovery.selection.held_out import unconfirmed
 from fmu_didim.discovery.selection.plausible import unusual_values
 from fmu_didim.discovery.selection.refitted import Refitted, refitted_notes, refitted_shapes, with_stated
-from fmu_didim.discovery.selection.rivals import ambiguities
+from fmu_didim.discovery.selection.rivals import ambiguities, of_one_period
 from fmu_didim.discovery.selection.rounds import Discovery, Ending, not_widely_searched, run_rounds
 from fmu_didim.discovery.unfinished import ended_before
 from fmu_didim.discovery.untried import motion_notes, untried_effects
@@ -286,6 +286,7 @@ class _Search:
             *doubts, *self.torn(discovery.final), *untried_effects(self.builder, discovery.final),
             *contradictions(discovery, ladders), *of_other_size(discovery, ladders),
             *unusual_values(discovery.final, self.builder), *ambiguities(self.builder, discovery.steps),
+            *of_one_period(self.builder, discovery.final),
             *([] if self.later is None else self.later.diagnostics(discovery, self.builder)),
         ]  # fmt: skip
         document = findings_document(

@@ -70,9 +70,9 @@ def implausible(fit: Fit, index: int, effect: Effect, link: Mapping[str, float])
         return (
             f"lasts {100 * part:.0f} % of the data: more than {100 * LONGEST:g} % may be an offset, a load or a drift"
         )
-    if (repeats := _repeats(fit, index, effect)) < FEWEST_REPEATS:
+    if (often := repeats(fit, index, effect)) < FEWEST_REPEATS:
         return (
-            f"repeats {repeats:.2g} times over the range in which the joint moved: fewer than {FEWEST_REPEATS:g} times "
+            f"repeats {often:.2g} times over the range in which the joint moved: fewer than {FEWEST_REPEATS:g} times "
             "may be any bump or notch"
         )
     names, places = list(amplitudes), list(amplitudes.values())
@@ -160,7 +160,7 @@ def _span(fit: Fit, index: int, effect: Effect) -> tuple[float, float] | None:
     return effect.acts(shapes) if shapes else None
 
 
-def _repeats(fit: Fit, index: int, effect: Effect) -> float:
+def repeats(fit: Fit, index: int, effect: Effect) -> float:
     """How often an effect repeats over the range in which its joint moved; infinite of one that need not repeat, and
     where no reference says how it moved."""
     if not effect.frequency:

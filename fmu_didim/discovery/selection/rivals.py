@@ -37,7 +37,7 @@ from fmu_didim.discovery.selection.beside_others import (
 from fmu_didim.discovery.selection.candidates import FittedCandidate, ScreenedCandidate
 from fmu_didim.discovery.selection.competition import LEADING, Competition, proposal_of
 from fmu_didim.discovery.selection.decide import NEAR_STATED, Options, Step, nearness, objection, step_of
-from fmu_didim.discovery.selection.plausible import MAY_BE_ABSENT
+from fmu_didim.discovery.selection.plausible import MAY_BE_ABSENT, repeats
 from fmu_didim.discovery.selection.wide_search import searched_widely
 from fmu_didim.fit.fit import Fit
 from fmu_didim.model.loop_model import EffectAtJoint
@@ -53,6 +53,9 @@ EFFECT_AMBIGUOUS = CATALOGUE(
 PROMISED = 2
 """[candidates] Fitted in the place of an effect beside the rivals of its set: the first of those that promise more than
 it explains beside all others."""
+OF_ONE_PERIOD = 0.25
+"""[periods] By which two errors that repeat along a joint may drift apart over the range of its motion and still be one
+of the same period."""
 IN_ITS_PLACE = "{0} on joint {1} was accepted first; beside all others {2} explains {3:.0f} more in BIC in its place."
 """Remark on an effect that is named in the place of another one."""
 
@@ -308,6 +311,26 @@ def ambiguities(builder: LoopModelBuilder, steps: Sequence[Step]) -> list[Diagno
         if names:
             text = f"{' and '.join(names)} {'explain' if len(names) > 1 else 'explains'} the data as well"
             found.append(Diagnostic(EFFECT_AMBIGUOUS, f"{text}.", step.effect_at.text))
+    return found
+
+
+def of_one_period(builder: LoopModelBuilder, fit: Fit) -> list[Diagnostic]:
+    """The doubts about errors of a gear that repeat as a ripple of the same joint does.
+
+    Effects of the catalogue that repeat act on the motor. What acts on the link, behind a gear that gives way, is seen
+    at the motor through its resonance, and so is an error of its teeth: beside a ripple of the motor it looks alike.
+    """
+    effects = fit.model.added_effects
+    seen = {a: repeats(fit, i, builder.effect(a)) for i, a in enumerate(effects) if builder.effect(a).frequency}
+    found = []
+    for inside in (a for a in seen if builder.effect(a).needs_elastic):
+        ripples = (a for a in seen if a.joint == inside.joint and not builder.effect(a).needs_elastic)
+        for ripple in (a for a in ripples if abs(seen[a] - seen[inside]) < OF_ONE_PERIOD):
+            text = (
+                f"It repeats as often as {builder.effect(ripple).title} there: one ripple that acts on the link, "
+                "behind the gear, may explain both."
+            )
+            found.append(Diagnostic(EFFECT_AMBIGUOUS, text, inside.text))
     return found
 
 

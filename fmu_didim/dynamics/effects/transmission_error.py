@@ -35,6 +35,7 @@ class TransmissionError(StructureEffect):
     )
     signed = frozenset({"gear_cosine", "gear_sine"})
     needs_elastic = True
+    frequency = "gear_number"
     is_smooth = True
     own_parameters = (
         amplitude("gear_cosine", "error of the gear, cosine of N q"),

@@ -20,6 +20,7 @@ from fmu_didim.discovery.selection.rivals import (
     ambiguities,
     fitted_rival,
     from_where_named,
+    of_one_period,
     promising_instead,
     rivals_of,
     standing,
@@ -327,3 +328,30 @@ def test_a_rival_behind_starts_where_the_named_effect_has_led_all_else(
     found = from_where_named(beside, before, candidate_of("slide", bic=100.0, fit=named_fit))
     assert found.fit.chi_square == pytest.approx(left * before.fit.chi_square / rival["left"])
     assert begun == ([] if rival["bic"] > 100.0 else [[-0.29]])
+
+
+@pytest.mark.parametrize(
+    ("ripple", "teeth", "doubted"),
+    [
+        (at("ripple"), 24.4, True),
+        (at("ripple"), 24.9, False),  # over half a turn they drift apart by 0.3 of a period
+        (at("ripple", 2), 24.4, False),  # of another joint
+        (at("slide"), 24.4, False),  # does not repeat
+    ],
+)
+def test_an_error_of_a_gear_that_repeats_as_a_ripple_does(
+    monkeypatch: pytest.MonkeyPatch, ripple: EffectAtJoint, teeth: float, doubted: bool
+) -> None:
+    """It may be one ripple that acts on the link: of one in a blind case both were named."""
+    builder: Any = Catalogue(
+        effect_of("ripple", title="Torque ripple", frequency="nr"), effect_of("slide"),
+        effect_of("teeth", needs_elastic=True, frequency="number"), joints=2,
+    )  # fmt: skip
+    numbers, moved = {"ripple": 24.3, "teeth": teeth, "slide": np.nan}, 2 * np.pi / 2
+    monkeypatch.setattr(
+        rivals, "repeats",
+        lambda fit, i, effect: numbers[effect.name] * moved / (2 * np.pi) if effect.frequency else np.inf,
+    )  # fmt: skip
+    told = of_one_period(builder, model_with(ripple, at("teeth")))
+    assert [(d.code.name, d.place) for d in told] == [("effect-ambiguous", "teeth, joint 1")] * doubted
+    assert all("Torque ripple" in d.text and "acts on the link" in d.text for d in told)
