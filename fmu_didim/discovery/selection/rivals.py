@@ -327,8 +327,8 @@ def of_one_period(builder: LoopModelBuilder, fit: Fit) -> list[Diagnostic]:
         ripples = (a for a in seen if a.joint == inside.joint and not builder.effect(a).needs_elastic)
         for ripple in (a for a in ripples if abs(seen[a] - seen[inside]) < OF_ONE_PERIOD):
             text = (
-                f"It repeats as often as {builder.effect(ripple).title} there: one ripple that acts on the link, "
-                "behind the gear, may explain both."
+                f"It repeats as often as the {builder.effect(ripple).title.lower()} there: one ripple that acts on "
+                "the link, behind the gear, may explain both."
             )
             found.append(Diagnostic(EFFECT_AMBIGUOUS, text, inside.text))
     return found

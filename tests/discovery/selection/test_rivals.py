@@ -354,4 +354,4 @@ def test_an_error_of_a_gear_that_repeats_as_a_ripple_does(
     )  # fmt: skip
     told = of_one_period(builder, model_with(ripple, at("teeth")))
     assert [(d.code.name, d.place) for d in told] == [("effect-ambiguous", "teeth, joint 1")] * doubted
-    assert all("Torque ripple" in d.text and "acts on the link" in d.text for d in told)
+    assert all("the torque ripple there" in d.text and "acts on the link" in d.text for d in told)
