@@ -59,7 +59,7 @@ DECIDING = (
     (curve, ("OWN", "PENALTIES", "PER_PARAMETER", "TURNS")),
     (form, ("LEAD", "LEAD_ALONE", "LEAD_SURE")),
     (held_out, ("HELD_OUT", "WORSE_JOINT", "NEARER", "OWN_SIZE", "FEWEST_BLOCKS", "EACH_OF", "GLITCH")),
-    (plausible, ("ZERO", "UNTOLD", "LONGEST", "FEWEST_REPEATS", "STILL", "MOSTLY_STILL")),
+    (plausible, ("ZERO", "UNTOLD", "LONGEST", "FEWEST_REPEATS", "MOSTLY_TOUCHED", "STILL", "MOSTLY_STILL")),
     (pre_check, ("FITTED", "PROMISING", "WORSE")),
     (beside_others, ("KEPT_GAIN",)),
     (rivals, ("PROMISED", "OF_ONE_PERIOD")),

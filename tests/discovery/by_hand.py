@@ -143,6 +143,7 @@ def effect_of(name: str, *, class_name: str | None = None, place: str = "joint",
     known["impossible"] = lambda values, deviations, link: ""
     known["unusual"] = lambda values, deviations: ""
     known["acts"] = lambda shapes: None
+    known["acts_between"] = lambda shapes: None
     known["frequency"] = ""
     return SimpleNamespace(**{"name": name, "class_name": class_name or name, "place": place, **known, **more})
 

@@ -50,6 +50,11 @@ FEWEST_REPEATS = 2.0
 twice is any bump or notch. On blind cases a notch or detent was called a ripple that repeats 1.3 to 2.3 times, 40
 hidden ripples repeat 2.2 times or more."""
 
+MOSTLY_TOUCHED = 0.5
+"""[1] Of the samples, those at which a joint may lie where something acts that is met at the end of its way, as a stop:
+what is met for longer has the form of a spring or a constant. An offset beside an error of the encoder was told as a
+stop that begins beyond the motion."""
+
 STILL = 0.01
 """[1] Of the largest speed of a joint along the fitted motions, below which it stands still."""
 MOSTLY_STILL = 0.9
@@ -106,6 +111,9 @@ def unusual(fit: Fit, index: int, effect: Effect) -> str:
     """Which values of an effect, the one of this index, hardly any machine has, or an empty string."""
     places, deviations = _amplitudes(fit, index), np.sqrt(np.diag(fit.covariance))
     values, own = ({name: float(of[i]) for name, i in places.items()} for of in (fit.values, deviations))
+    touched = _touched(fit, index, effect)
+    if touched > MOSTLY_TOUCHED:
+        return f"acts at {100 * touched:.0f} % of the positions of the motion: usual is at its end"
     return effect.unusual(values, own)
 
 
@@ -170,6 +178,24 @@ def repeats(fit: Fit, index: int, effect: Effect) -> float:
     moved = max(float(np.ptp(position)) for position in positions)
     frequency = float(fit.values[_places(fit, index, shapes=True)[effect.frequency]])
     return frequency * moved / (2 * np.pi) if moved > 0 else np.inf
+
+
+def _touched(fit: Fit, index: int, effect: Effect) -> float:
+    """Fraction of the fitted motions at which the joint lies where an effect acts that does so at some positions alone;
+    0 of what acts at all of them, and where no reference says how it moved."""
+    between = effect.acts_between({n: float(fit.values[i]) for n, i in _places(fit, index, shapes=True).items()})
+    if between is None:
+        return 0.0
+    position = _positions(fit, fit.model.added_effects[index].joint)
+    if np.ptp(position) == 0:
+        return 0.0
+    return float(np.mean((position > between[0]) & (position < between[1])))
+
+
+def _positions(fit: Fit, joint: int) -> Array:
+    """(N,) of a joint along the references of the fitted experiments."""
+    labels = fit.model.estimation_labels
+    return np.concatenate([joint_reference(fit.model.experiments[label].reference, joint)[0] for label in labels])
 
 
 def _lasting(fit: Fit, index: int, effect: Effect) -> float:

@@ -58,6 +58,11 @@ OF_ONE_PERIOD = 0.25
 of the same period."""
 IN_ITS_PLACE = "{0} on joint {1} was accepted first; beside all others {2} explains {3:.0f} more in BIC in its place."
 """Remark on an effect that is named in the place of another one."""
+AS_MACHINES_HAVE = (
+    "{0} on joint {1} was accepted first, but {2}; beside all others {3} explains nearly as much in its place, {4:.0f} "
+    "of {5:.0f} in BIC."
+)
+"""The same where it explains a little less."""
 
 
 class Standing(Enum):
@@ -98,20 +103,25 @@ class Contest:
         """Each rival with its lead in BIC and how it stands.
 
         What the case states, such as gains of the controller, is not doubted for what it is confounded with unless that
-        explains far less, as in the decision of a round; what the user prefers is not replaced.
+        explains far less, and an effect with values that hardly any machine has gives way to what explains nearly as
+        much, as in the decision of a round; what the user prefers is not replaced.
         """
-        found = []
-        for rival, why in self.rivals:
-            lead = rival.delta_bic - self.named.delta_bic
-            how = standing(lead, nearness(max(self.named.delta_bic, rival.delta_bic), options), why)
-            effect = self.beside.builder.effect(rival.effect_at)
-            if effect.is_stated and self.named.effect_at.effect in effect.confounded_with:
-                far = not why and lead > NEAR_STATED * rival.delta_bic
-                how = Standing.AHEAD if far else Standing.BEHIND
-            if how is Standing.AHEAD and self.named.effect_at.effect in options.prefer:
-                how = Standing.AS_GOOD
-            found.append((rival, lead, how))
-        return found
+        return [
+            (rival, rival.delta_bic - self.named.delta_bic, self._how(rival, why, options))
+            for rival, why in self.rivals
+        ]
+
+    def _how(self, rival: FittedCandidate, why: str, options: Options) -> Standing:
+        named, builder = self.named, self.beside.builder
+        lead, prefers = rival.delta_bic - named.delta_bic, named.effect_at.effect in options.prefer
+        how = standing(lead, nearness(max(named.delta_bic, rival.delta_bic), options), why)
+        is_sound, alike = not (why or rival.unusual), builder.effect(named.effect_at).confounded_with
+        if named.unusual and is_sound and rival.effect_at.effect in alike and lead > -NEAR_STATED * named.delta_bic:
+            how = Standing.AHEAD
+        effect = builder.effect(rival.effect_at)
+        if effect.is_stated and named.effect_at.effect in effect.confounded_with:
+            how = Standing.AHEAD if not why and lead > NEAR_STATED * rival.delta_bic else Standing.BEHIND
+        return Standing.AS_GOOD if how is Standing.AHEAD and prefers else how
 
 
 Contests = dict[tuple[frozenset[EffectAtJoint], EffectAtJoint], Contest | None]
@@ -155,7 +165,7 @@ class Rivalry:
             self.progress.say(f"{rival.effect_at.text} instead of {step.effect_at.text}")
             self.contests[frozenset(rival.fit.model.added_effects), step.effect_at] = None
             effect, other = builder.effect(step.effect_at), builder.effect(rival.effect_at)
-            remark = IN_ITS_PLACE.format(effect.title, step.effect_at.joint, other.title.lower(), lead)
+            remark = _remark(found.named, effect.title, other.title.lower(), lead)
             new = step_of(rival, (rival, found.named), found.beside, self.options)
             new = replace(new, remark=" ".join(filter(None, (new.remark, remark))))
             others = [replace(s, without=None) for s in steps if s is not step]
@@ -211,6 +221,14 @@ class Rivalry:
         fitted = [from_where_named(beside, c, named) for c in found if c is not None]
         judged = [(c, objection(c, without, options, base=self.base)) for c in fitted]
         return Contest(beside, named, tuple(sorted(judged, key=lambda r: -r[0].delta_bic)))
+
+
+def _remark(named: FittedCandidate, title: str, other: str, lead: float) -> str:
+    """Why a rival is named in the place of an effect."""
+    joint = named.effect_at.joint
+    if lead > 0:
+        return IN_ITS_PLACE.format(title, joint, other, lead)
+    return AS_MACHINES_HAVE.format(title, joint, named.unusual, other, named.delta_bic + lead, named.delta_bic)
 
 
 def rivals_of(builder: LoopModelBuilder, fit: Fit, step: Step, options: Options) -> Iterator[EffectAtJoint]:
@@ -271,17 +289,21 @@ def promising_instead(
 
     A promise is linear, about the fit of the others alone: where these have taken up much of an effect that is not
     among them, it is a fraction of what a fit gains, of this effect and of its rivals alike.
+    What an effect with values that hardly any machine has is confounded with is asked where it promises nearly as much.
     """
     if shifts_log(beside.fit) != shifts_log(catalogue.fit):  # its signatures are at other samples
         return []
     screened = beside.screen(catalogue)
     own = (s.predicted for s in screened if s.effect_at == named.effect_at)
     least = min(named.delta_bic, next(own, np.inf))
-    least += nearness(least, options)
+    odd = beside.builder.effect(named.effect_at).confounded_with if named.unusual else ()
+    alike = {EffectAtJoint(name, named.effect_at.joint) for name in odd}
+    near, least = (1 - NEAR_STATED) * least, least + nearness(least, options)
     others, taken = beside.fit.model.added_effects, {*fit.model.added_effects, *known}
     found = [
         s for s in screened
-        if s.effect_at not in taken and s.predicted > least and beside.builder.has_place(s.effect_at, others)
+        if s.effect_at not in taken and s.predicted > (near if s.effect_at in alike else least)
+        and beside.builder.has_place(s.effect_at, others)
         and not _may_stand_for_named(beside.builder, s.effect_at, fit)
     ]  # fmt: skip
     return sorted(found, key=lambda s: -s.predicted)[:PROMISED]

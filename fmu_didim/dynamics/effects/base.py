@@ -195,6 +195,11 @@ class Effect(ABC):
         None of one that always may."""
         return None
 
+    def acts_between(self, shapes: Mapping[str, float]) -> tuple[float, float] | None:
+        """Lowest and highest position of its joint at which it acts, with these values of those shapes that are
+        searched for; None of one that acts wherever the joint is."""
+        return None
+
     def supersedes(self, values: Mapping[str, float]) -> frozenset[str]:
         """Shapes of other effects of its joint that mean nothing beside it, with these values of its parameters."""
         return frozenset()

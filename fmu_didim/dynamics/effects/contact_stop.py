@@ -1,3 +1,6 @@
+import math
+from collections.abc import Mapping
+
 import casadi as ca
 
 from fmu_didim.dynamics.effects.base import TorqueEffect
@@ -16,7 +19,7 @@ class ContactStop(TorqueEffect):
     title = "Contact with the upper stop"
     equation = "kupper*max(0, q - qupper)"
     class_name = "position-dependent load"
-    confounded_with = ("spring", "cubic_spring", "contact_stop_lower")
+    confounded_with = ("spring", "cubic_spring", "torque_offset", "contact_stop_lower")
     signature = "Residual beyond one position only, whatever the speed."
     experiment = "Paths that end on either side of the position where the contact starts."
     source = "Gilardi and Sharf: Literature survey of contact dynamics modelling, Mechanism and Machine Theory 2002"
@@ -28,6 +31,9 @@ class ContactStop(TorqueEffect):
         Parameter("qupper", "position", "position where the contact starts", (1.0, 0.1), search=contact_positions),
         contact_width,
     )
+
+    def acts_between(self, shapes: Mapping[str, float]) -> tuple[float, float]:
+        return shapes.get("qupper", math.inf), math.inf
 
     def columns(self, at: Surroundings, shapes: Values) -> tuple[ca.SX, ...]:
         return (ramp(at.q - shapes["qupper"], shapes["wstop"]),)

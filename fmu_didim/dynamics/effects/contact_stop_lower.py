@@ -1,3 +1,6 @@
+import math
+from collections.abc import Mapping
+
 import casadi as ca
 
 from fmu_didim.dynamics.effects.base import TorqueEffect
@@ -13,7 +16,7 @@ class ContactStopLower(TorqueEffect):
     title = "Contact with the lower stop"
     equation = "-klower*max(0, qlower - q)"
     class_name = "position-dependent load"
-    confounded_with = ("spring", "cubic_spring", "contact_stop")
+    confounded_with = ("spring", "cubic_spring", "torque_offset", "contact_stop")
     signature = "Residual below one position only, whatever the speed."
     experiment = "Paths that end on either side of the position where the contact starts."
     source = "Gilardi and Sharf: Literature survey of contact dynamics modelling, Mechanism and Machine Theory 2002"
@@ -25,6 +28,9 @@ class ContactStopLower(TorqueEffect):
         Parameter("qlower", "position", "position where the contact starts", (-1.0, -0.1), search=contact_positions),
         contact_width,
     )
+
+    def acts_between(self, shapes: Mapping[str, float]) -> tuple[float, float]:
+        return -math.inf, shapes.get("qlower", -math.inf)
 
     def columns(self, at: Surroundings, shapes: Values) -> tuple[ca.SX, ...]:
         return (-ramp(shapes["qlower"] - at.q, shapes["wstop"]),)

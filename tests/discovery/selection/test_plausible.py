@@ -106,6 +106,32 @@ def test_a_ripple_repeats(effect: str, frequency: float, moved: float, reason: s
 
 
 @pytest.mark.parametrize(
+    ("effect", "place", "moved", "told"),
+    [
+        ("contact_stop", 0.1, 2.0, ""),
+        ("contact_stop", -0.1, 2.0, "acts at 55 % of the positions of the motion: usual is at its end."),
+        ("contact_stop", -3.0, 2.0, "acts at 100 % of the positions"),
+        ("contact_stop_lower", -0.1, 2.0, ""),
+        ("contact_stop_lower", 0.1, 2.0, "acts at 55 % of the positions"),
+        ("contact_stop", -3.0, 0.0, ""),  # no reference says how it moved
+    ],
+)
+def test_a_stop_is_at_the_end_of_the_motion(effect: str, place: float, moved: float, told: str) -> None:
+    """A constant torque was told as a stop that begins beyond the positions of the motion."""
+    side = effect.removeprefix("contact_stop").strip("_") or "upper"
+    found = fit(effect, {f"k{side}": (3.6, 0.1), f"q{side}_": (place, 0.03)})
+    found.model.free_parameters[2:] = [replace(p, is_shape=True) for p in found.model.free_parameters[2:]]
+    position = moved * np.linspace(-0.5, 0.5, 1001)
+    time = np.arange(position.size) / 100
+    found.model.experiments = {
+        "a": SimpleNamespace(reference=Trajectory(time, position[:, None], (Variable("q2", "rad"),)))
+    }
+    found.model.estimation_labels = ("a",)
+    doubts = unusual_values(found, SimpleNamespace(effect=lambda at: EFFECTS[at.effect]))  # type: ignore[arg-type]
+    assert [one.text[: len(told)] for one in doubts] == ([told] if told else [])
+
+
+@pytest.mark.parametrize(
     ("torque", "deviation", "span", "friction", "reason"),
     [
         (-6.0, 0.2, (6.1, 9.0), 8.0, "joint 2 stands still for 100 % of the time in which it acts, where its Coulomb"),

@@ -17,6 +17,7 @@ from fmu_didim.discovery.selection.rivals import (
     Contest,
     Rivalry,
     Standing,
+    _remark,
     ambiguities,
     fitted_rival,
     from_where_named,
@@ -184,6 +185,42 @@ def test_what_is_stated_or_preferred_stays(
     assert [how for _, _, how in held.standings(Options(prefer=prefer))] == [wanted]
 
 
+@pytest.mark.parametrize(
+    ("rival", "gain", "objected", "odd", "wanted"),
+    [
+        ("play", 81.0, "", "", Standing.AHEAD),  # four fifths are enough beside values that hardly any machine has
+        ("play", 79.0, "", "", Standing.BEHIND),
+        ("play", 81.0, "held-out RMS ratio 1.1", "", Standing.BEHIND),
+        ("play", 81.0, "", "D1 = -3", Standing.BEHIND),  # as odd itself
+        ("rub", 81.0, "", "", Standing.BEHIND),  # nothing that it is confounded with
+        ("rub", 95.0, "", "", Standing.AS_GOOD),
+    ],
+)
+def test_an_effect_with_odd_values_gives_way(
+    monkeypatch: pytest.MonkeyPatch, rival: str, gain: float, objected: str, odd: str, wanted: Standing
+) -> None:
+    beside: Any = Beside(monkeypatch, {})
+    named = candidate_of("elastic", bic=100.0, unusual="K1 = 3, usual is above 100")
+    held = Contest(beside, named, ((candidate_of(rival, bic=gain, unusual=odd), objected),))
+    assert [how for _, _, how in held.standings(Options())] == [wanted]
+    prefer = Standing.AS_GOOD if wanted is Standing.AHEAD else wanted
+    assert [how for _, _, how in held.standings(Options(prefer=("elastic",)))] == [prefer]
+
+
+@pytest.mark.parametrize(
+    ("lead", "said"),
+    [
+        (30.0, "explains 30 more in BIC in its place"),
+        (-30.0, "but acts at 80 % of the positions; beside all others an"),
+    ],
+)
+def test_why_a_rival_is_named_instead(lead: float, said: str) -> None:
+    named = candidate_of("slide", bic=583.0, unusual="acts at 80 % of the positions")
+    text = _remark(named, "Slide", "an offset", lead)
+    assert said in text and text.startswith("Slide on joint 1 was accepted first")
+    assert ("553 of 583 in BIC" in text) == (lead < 0)
+
+
 def test_what_was_replaced_does_not_come_back(monkeypatch: pytest.MonkeyPatch) -> None:
     """Where each of two leads beside what the search finds after it, the second stays."""
     Beside(monkeypatch, {"slide": 100.0, "lag": 130.0})
@@ -288,6 +325,29 @@ def test_what_promises_more_in_the_place_of_an_effect(
     beside: Any = SimpleNamespace(builder=builder, fit=without, screen=lambda _: screened)
     catalogue: Any = SimpleNamespace(fit=without)
     found = promising_instead(beside, catalogue, fit, candidate_of("slide", bic=gain), Options(), ())
+    assert [s.effect_at.effect for s in found] == wanted
+
+
+@pytest.mark.parametrize(
+    ("unusual", "promises", "wanted"),
+    [
+        ("", {"stop": 612.0, "offset": 571.0}, []),
+        ("acts at 80 % of the positions", {"stop": 612.0, "offset": 571.0}, ["offset"]),
+        ("acts at 80 % of the positions", {"stop": 612.0, "offset": 400.0}, []),  # four fifths of 583 are 466
+        ("acts at 80 % of the positions", {"stop": 612.0, "lag": 571.0}, []),  # nothing that it is confounded with
+    ],
+)
+def test_what_an_effect_with_odd_values_is_confounded_with_may_promise_less(
+    unusual: str, promises: dict[str, float], wanted: list[str]
+) -> None:
+    builder: Any = Catalogue(effect_of("stop", confounded_with=("offset",)), effect_of("offset"), effect_of("lag"))
+    builder.has_place = lambda effect_at, others: True
+    without, fit = model_with(), model_with(at("stop"))
+    screened = [SimpleNamespace(effect_at=at(name), predicted=promised) for name, promised in promises.items()]
+    beside: Any = SimpleNamespace(builder=builder, fit=without, screen=lambda _: screened)
+    catalogue: Any = SimpleNamespace(fit=without)
+    named = candidate_of("stop", bic=583.0, unusual=unusual)
+    found = promising_instead(beside, catalogue, fit, named, Options(), ())
     assert [s.effect_at.effect for s in found] == wanted
 
 
