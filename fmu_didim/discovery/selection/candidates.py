@@ -100,21 +100,36 @@ class TriedCandidate:
 
 
 @dataclass(frozen=True)
+class Fruitless:
+    """What candidates promised whose fits have brought nothing, by which it is judged whether they are fitted again.
+
+    Attributes:
+        astray: of those in the torque balance whose fit ended hardly better than without them; vain: of those whose
+            whole fit ended worse than without them by BIC.
+    """
+
+    astray: Mapping[EffectAtJoint, float] = field(default_factory=dict)
+    vain: Mapping[EffectAtJoint, float] = field(default_factory=dict)
+
+    def and_then(self, later: Fruitless) -> Fruitless:
+        """Those of two rounds, of a candidate in both the later promise."""
+        return Fruitless({**self.astray, **later.astray}, {**self.vain, **later.vain})
+
+
+@dataclass(frozen=True)
 class Comparison:
     """The fits of a round.
 
     Attributes:
         ranking: the fitted ones, the best first; tried: all candidates, in the order of the fits.
         unfitted: those left early by their signatures, or because they were led astray before.
-        astray: what those in the torque balance promised whose fit ended hardly better than without them; vain: whose
-            whole fit ended worse than without them by BIC.
+        fruitless: those whose fit has brought nothing.
     """
 
     ranking: tuple[FittedCandidate, ...]
     tried: tuple[TriedCandidate, ...]
     unfitted: tuple[ScreenedCandidate, ...] = ()
-    astray: Mapping[EffectAtJoint, float] = field(default_factory=dict)
-    vain: Mapping[EffectAtJoint, float] = field(default_factory=dict)
+    fruitless: Fruitless = field(default_factory=Fruitless)
 
     @property
     def is_cut(self) -> bool:

@@ -12,7 +12,7 @@ hardly a sample counts: what the best candidates leave is looked at, too, and it
 from __future__ import annotations
 
 import time as clock
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from itertools import chain
@@ -28,6 +28,7 @@ from fmu_didim.discovery.screening.catalogue import Signature, SignatureCatalogu
 from fmu_didim.discovery.selection.candidates import (
     Comparison,
     FittedCandidate,
+    Fruitless,
     Outcome,
     ScreenedCandidate,
     TriedCandidate,
@@ -103,14 +104,12 @@ class Competition:
 
     Attributes:
         builder: builds the loops with them; fit: of the present model.
-        astray: what candidates in the torque balance promised whose fit ended hardly better than the model without
-            them, in a round before; vain: whose whole fit ended worse than without them by BIC.
+        fruitless: candidates whose fit has brought nothing in a round before.
     """
 
     builder: LoopModelBuilder
     fit: Fit
-    astray: Mapping[EffectAtJoint, float] = field(default_factory=dict)
-    vain: Mapping[EffectAtJoint, float] = field(default_factory=dict)
+    fruitless: Fruitless = field(default_factory=Fruitless)
 
     @cached_property
     def base(self) -> BaseProjection:
@@ -247,7 +246,7 @@ class Competition:
         known = {effect_at: most for effect_at, most in promised.items() if np.isfinite(most)}
         return Comparison(
             tuple(found), tuple(_tried(c.effect_at, r) for c, r in pairs), unfitted,
-            {a: most for a, most in known.items() if a in lost}, {a: most for a, most in known.items() if a in vain},
+            Fruitless(*({a: most for a, most in known.items() if a in those} for those in (lost, vain))),
         )  # fmt: skip
 
     def _is_hopeless(self, candidate: ScreenedCandidate, best: float, reach: float, foretold: float) -> bool:
@@ -257,8 +256,8 @@ class Competition:
         if self._is_missing_base(candidate) or not np.isfinite(reach):
             return False
         promised, effect_at = self._promised(candidate), candidate.effect_at
-        was_astray = promised <= GROWN * self.astray.get(effect_at, 0.0)
-        was_vain = promised <= GROWN * self.vain.get(effect_at, 0.0) and candidate.predicted < WORTH * max(
+        was_astray = promised <= GROWN * self.fruitless.astray.get(effect_at, 0.0)
+        was_vain = promised <= GROWN * self.fruitless.vain.get(effect_at, 0.0) and candidate.predicted < WORTH * max(
             foretold, 0.0
         )
         return was_astray or was_vain or self.fit.chi_square - reach * promised > best

@@ -19,7 +19,13 @@ from fmu_didim.discovery.selection.beside_others import (
     shifts_log,
     without_superfluous,
 )
-from fmu_didim.discovery.selection.candidates import FittedCandidate, Outcome, ScreenedCandidate, TriedCandidate
+from fmu_didim.discovery.selection.candidates import (
+    FittedCandidate,
+    Fruitless,
+    Outcome,
+    ScreenedCandidate,
+    TriedCandidate,
+)
 from fmu_didim.discovery.selection.competition import Competition, proposal_of
 from fmu_didim.discovery.selection.decide import Options, Step, decide, nearness, objection, step_of
 from fmu_didim.discovery.selection.gears import gear_with_error
@@ -103,7 +109,7 @@ def run_rounds(
     progress.say("competition of the candidates")
     refused: tuple[tuple[EffectAtJoint, str], ...] = ()
     tried: list[tuple[TriedCandidate, ...]] = []
-    astray, vain = dict[EffectAtJoint, float](), dict[EffectAtJoint, float]()
+    fruitless = Fruitless()
     rivalry = Rivalry(builder, base, options, progress)
     ending = Ending.COMPLETE
     while len(steps) < options.rounds:
@@ -111,18 +117,17 @@ def run_rounds(
             tried.append(_not_tried([c for c in candidates if c not in fit.model.added_effects]))
             ending = Ending.TIME_UP
             break
-        competition = Competition(builder, fit, dict(astray), dict(vain))
-        ranking, tried_now, accepted = _round(competition, catalogue, base, options, progress, astray, vain)
-        tried.append(tried_now)
+        competition = Competition(builder, fit, fruitless)
+        found = _Round.of(competition, catalogue, base, options, progress)
+        accepted, fruitless = found.accepted, found.fruitless
+        tried.append(found.tried)
         if accepted is None:
             ending = Ending.TIME_UP
             break
         if isinstance(accepted, FittedCandidate):
-            fit, steps = _with(competition, ranking, accepted, base, steps, options, progress)
+            fit, steps = _with(competition, found.ranking, accepted, base, steps, options, progress)
         else:
-            changed = _otherwise(
-                competition, catalogue, ranking, rivalry, base, steps, options, progress, checked=fit is looked_at
-            )
+            changed = _otherwise(competition, catalogue, found.ranking, rivalry, steps, checked=fit is looked_at)
             looked_at = fit
             if changed is None:
                 refused = accepted
@@ -143,10 +148,7 @@ def _otherwise(
     catalogue: SignatureCatalogue,
     ranking: Sequence[FittedCandidate],
     rivalry: Rivalry,
-    base: Fit,
     steps: list[Step],
-    options: Options,
-    progress: Progress,
     *,
     checked: bool,
 ) -> tuple[Fit, list[Step]] | None:
@@ -155,7 +157,10 @@ def _otherwise(
     Args:
         checked: whether the pre-check has looked at this fit.
     """
-    builder, fit, has_room = competition.builder, competition.fit, len(steps) + 2 <= options.rounds
+    builder, fit, base, options, progress = (
+        competition.builder, competition.fit, rivalry.base, rivalry.options, rivalry.progress
+    )  # fmt: skip
+    has_room = len(steps) + 2 <= options.rounds
     changed = _base_instead(competition, ranking, base, steps, options, progress)
     if changed is None and not checked:
         changed = _checked_again(builder, fit, steps, options, progress)
@@ -172,48 +177,54 @@ def _otherwise(
     return changed
 
 
-def _round(
-    competition: Competition,
-    catalogue: SignatureCatalogue,
-    base: Fit,
-    options: Options,
-    progress: Progress,
-    astray: dict[EffectAtJoint, float],
-    vain: dict[EffectAtJoint, float],
-) -> tuple[
-    Sequence[FittedCandidate],
-    tuple[TriedCandidate, ...],
-    FittedCandidate | tuple[tuple[EffectAtJoint, str], ...] | None,
-]:
-    """The ranking of a round, all candidates tried, and the one to add or the objections to all; None if the time was
-    up before all were tried. Those led astray, or fitted in vain, are added to ``astray`` and ``vain``."""
-    screened = competition.screen(catalogue)
-    comparison = competition.compare(competition.shortlist(screened), progress=progress)
-    ranking, tried = comparison.ranking, comparison.tried
-    astray |= comparison.astray
-    vain |= comparison.vain
-    if comparison.is_cut:
-        return ranking, tried, None
-    judge = partial(_judge(competition, base, options), held=partial(_with_shapes_held, competition, screened))
-    accepted = judge(ranking)
-    if comparison.unfitted and not isinstance(accepted, FittedCandidate):
-        comparison = competition.compare(comparison.unfitted, progress=progress, reach=float("inf"))
-        again = {t.effect_at for t in comparison.tried}
-        tried = (*(t for t in tried if t.effect_at not in again), *comparison.tried)
+Accepted = FittedCandidate | tuple[tuple[EffectAtJoint, str], ...] | None
+"""The candidate to add, or the objections to all; None if the time was up before all were tried."""
+
+
+@dataclass(frozen=True)
+class _Round:
+    """What a round has found.
+
+    Attributes:
+        ranking: the fitted candidates, the best first; tried: all of them; fruitless: in this round and before.
+    """
+
+    ranking: Sequence[FittedCandidate]
+    tried: tuple[TriedCandidate, ...]
+    accepted: Accepted
+    fruitless: Fruitless
+
+    @classmethod
+    def of(
+        cls, competition: Competition, catalogue: SignatureCatalogue, base: Fit, options: Options, progress: Progress
+    ) -> _Round:
+        """A round of these candidates beside the present model."""
+        screened = competition.screen(catalogue)
+        comparison = competition.compare(competition.shortlist(screened), progress=progress)
+        ranking, tried = comparison.ranking, comparison.tried
+        fruitless = competition.fruitless.and_then(comparison.fruitless)
         if comparison.is_cut:
-            return ranking, tried, None
-        ranking = tuple(sorted((*ranking, *comparison.ranking), key=lambda c: -c.delta_bic))
+            return cls(ranking, tried, None, fruitless)
+        judge = partial(_judge(competition, base, options), held=partial(_with_shapes_held, competition, screened))
         accepted = judge(ranking)
-    if not isinstance(accepted, FittedCandidate):
-        return ranking, tried, accepted
-    first = base_before(
-        competition, ranking, accepted, nearness(accepted.delta_bic, options),
-        lambda candidate: isinstance(judge((candidate,)), FittedCandidate),
-    )  # fmt: skip
-    if first is not accepted:
-        ranking = tuple(c for c in ranking if c.delta_bic <= first.delta_bic)
-    best = _at_best_minimum(competition, first, base, options, progress)
-    return (ranking if best is first else _ranked(ranking, best)), tried, best
+        if comparison.unfitted and not isinstance(accepted, FittedCandidate):
+            comparison = competition.compare(comparison.unfitted, progress=progress, reach=float("inf"))
+            again = {t.effect_at for t in comparison.tried}
+            tried = (*(t for t in tried if t.effect_at not in again), *comparison.tried)
+            if comparison.is_cut:
+                return cls(ranking, tried, None, fruitless)
+            ranking = tuple(sorted((*ranking, *comparison.ranking), key=lambda c: -c.delta_bic))
+            accepted = judge(ranking)
+        if not isinstance(accepted, FittedCandidate):
+            return cls(ranking, tried, accepted, fruitless)
+        first = base_before(
+            competition, ranking, accepted, nearness(accepted.delta_bic, options),
+            lambda candidate: isinstance(judge((candidate,)), FittedCandidate),
+        )  # fmt: skip
+        if first is not accepted:
+            ranking = tuple(c for c in ranking if c.delta_bic <= first.delta_bic)
+        best = _at_best_minimum(competition, first, base, options, progress)
+        return cls(ranking if best is first else _ranked(ranking, best), tried, best, fruitless)
 
 
 def _judge(

@@ -16,7 +16,7 @@ from fmu_didim.discovery.augmentation.places import Proposal
 from fmu_didim.discovery.progress import Progress
 from fmu_didim.discovery.screening.catalogue import Signature
 from fmu_didim.discovery.selection import competition as entries
-from fmu_didim.discovery.selection.candidates import FittedCandidate, Outcome, ScreenedCandidate
+from fmu_didim.discovery.selection.candidates import FittedCandidate, Fruitless, Outcome, ScreenedCandidate
 from fmu_didim.discovery.selection.competition import Competition, _idle, foreseen, proposal_of
 from fmu_didim.dynamics.effects import Search
 from fmu_didim.fit.ending import Ending
@@ -692,10 +692,12 @@ def test_what_was_led_astray_is_fitted_again_where_it_promises_half_as_much_more
     for gained in (-1e9, 4.9, 5.1):  # of chi-square: less than five is nothing
         ended = partial(ending_at, competition.fit.chi_square - gained)
         monkeypatch.setattr(Competition, "refit", lambda *given, end=ended, **more: end(refit(*given, **more)))
-        comparison = replace(competition, astray=astray).compare([candidate], progress=Progress(), reach=reach)
+        comparison = replace(competition, fruitless=Fruitless(astray)).compare(
+            [candidate], progress=Progress(), reach=reach
+        )
         assert comparison.unfitted == ((candidate,) if left else ())
         is_lost = not left and gained < 5
-        assert comparison.astray == ({candidate.effect_at: pytest.approx(promised)} if is_lost else {})
+        assert comparison.fruitless.astray == ({candidate.effect_at: pytest.approx(promised)} if is_lost else {})
 
 
 @pytest.mark.parametrize(
@@ -720,7 +722,9 @@ def test_what_was_fitted_in_vain_waits_for_what_foretells_more(
     other = replace(tried(100.0), predicted=foretold)
     competition = Competition(Builder(effect_of("gear"), effect_of("a")), fitted(plant()))
     vain = {} if before is None else {candidate.effect_at: before * competition._promised(candidate)}
-    comparison = replace(competition, vain=vain).compare([other, candidate], progress=Progress(), reach=reach)
+    comparison = replace(competition, fruitless=Fruitless(vain=vain)).compare(
+        [other, candidate], progress=Progress(), reach=reach
+    )
     assert comparison.unfitted == ((candidate,) if left else ())
 
 
@@ -749,7 +753,7 @@ def test_a_whole_fit_that_ends_worse_by_bic_was_in_vain(
     monkeypatch.setattr(Competition, "assess", assessed)
     comparison = competition.compare([candidate], progress=Progress())
     known = {candidate.effect_at: pytest.approx(competition._promised(candidate))}
-    assert (comparison.astray, comparison.vain) == (known if astray else {}, known if vain else {})
+    assert comparison.fruitless == Fruitless(known if astray else {}, known if vain else {})
 
 
 def ending_at(chi_square: float, fit: Fit | None) -> Fit:

@@ -18,6 +18,7 @@ from fmu_didim.discovery.selection.beside_others import by_importance, without_s
 from fmu_didim.discovery.selection.candidates import (
     Comparison,
     FittedCandidate,
+    Fruitless,
     Outcome,
     ScreenedCandidate,
     TriedCandidate,
@@ -75,8 +76,7 @@ class ByHand:
         self.unfitted: tuple[Any, ...] = ()
         self.reached: list[Any] = []
         self.judged: list[Any] = []
-        self.astray: list[dict[EffectAtJoint, float]] = []
-        self.vain: list[dict[EffectAtJoint, float]] = []
+        self.fruitless: list[Fruitless] = []
         self.checks: list[Fit] = []
         self.paired: list[int] = []
         self.pairs: list[str] = []
@@ -89,7 +89,7 @@ class ByHand:
         for name in ("pre_check", "decide", "minimise", "step_of", "_pair"):
             monkeypatch.setattr(rounds, name, getattr(self, f"do_{name.strip('_')}"))
         monkeypatch.setattr(beside_others, "minimise", self.do_minimise)
-        monkeypatch.setattr(rounds, "Rivalry", lambda *_: self)
+        monkeypatch.setattr(rounds, "Rivalry", self.do_rivalry)
         monkeypatch.setattr(rounds, "held_out_objection", lambda *_, **__: "")
         monkeypatch.setattr(rounds, "without_superfluous", self.do_backward)
         monkeypatch.setattr(rounds, "by_importance", lambda steps, fit, builder: tuple(steps))
@@ -126,11 +126,11 @@ class ByHand:
         self.catalogues.append((fit, candidates))
         return SimpleNamespace(fit=fit, left=self.left)
 
-    def do_competition(
-        self, builder: Any, fit: Fit, astray: dict[EffectAtJoint, float], vain: dict[EffectAtJoint, float]
-    ) -> Any:
-        self.astray.append(astray)
-        self.vain.append(vain)
+    def do_rivalry(self, builder: Any, base: Fit, options: Options, progress: Progress) -> Any:
+        return SimpleNamespace(base=base, options=options, progress=progress, instead=self.instead, told=self.told)
+
+    def do_competition(self, builder: Any, fit: Fit, fruitless: Fruitless) -> Any:
+        self.fruitless.append(fruitless)
 
         def screen(catalogue: Any) -> list[Any]:
             self.screened.append(fit)
@@ -139,7 +139,7 @@ class ByHand:
         return SimpleNamespace(
             builder=builder, fit=fit, finished="to the end", screen=screen,
             shortlist=lambda screened: [*screened, "shortlisted"],
-            compare=self.do_contend,
+            compare=self.do_contend, fruitless=fruitless,
         )  # fmt: skip
 
     def do_contend(self, chosen: Any, *, progress: Progress, reach: float = 4.0) -> Comparison:
@@ -154,7 +154,7 @@ class ByHand:
             return Comparison((candidate_of("first"),), (late, *tried), self.unfitted)
         return Comparison(
             (*chosen, "fitted"), (*tried, TriedCandidate(EffectAtJoint("b", 1), Outcome.NOT_TRIED)) if cut else tried,
-            astray=lost, vain={EffectAtJoint("vain", len(self.screened)): 3.0},
+            fruitless=Fruitless(lost, {EffectAtJoint("vain", len(self.screened)): 3.0}),
         )  # fmt: skip
 
     def do_decide(
@@ -353,7 +353,7 @@ def test_no_more_rounds_than_asked_for(monkeypatch: pytest.MonkeyPatch, most: in
 def test_what_was_led_astray_or_in_vain_is_known_in_the_rounds_after(monkeypatch: pytest.MonkeyPatch) -> None:
     competition = ByHand(monkeypatch, added("a"), added("ab"), ())
     run(rounds=3)
-    for lost in (competition.astray, competition.vain):
+    for lost in ([f.astray for f in competition.fruitless], [f.vain for f in competition.fruitless]):
         assert [{a.joint for a in known} for known in lost] == [set(), {1}, {1, 2}]
 
 
