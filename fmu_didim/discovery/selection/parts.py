@@ -2,7 +2,8 @@
 
 A stop bends the torque over the position where it is touched. So does a spring at rest elsewhere than at zero, which is
 a spring and a constant: gravity takes up most of either, and what both leave together is bent. Therefore such effects
-are fitted together before a stop is named.
+are fitted together before a stop is named. And a stop and a constant make a torque that rises with the position, as a
+spring does: they are fitted together in the place of a spring that was named, once nothing else is found.
 """
 
 from __future__ import annotations
@@ -10,7 +11,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
+
+from fmu_didim.discovery.augmentation.builder import LoopModelBuilder
 from fmu_didim.discovery.augmentation.places import Proposal
+from fmu_didim.discovery.progress import Progress
+from fmu_didim.discovery.screening.catalogue import SignatureCatalogue
+from fmu_didim.discovery.selection.beside_others import shifts_log
 from fmu_didim.discovery.selection.candidates import FittedCandidate
 from fmu_didim.discovery.selection.competition import Competition
 from fmu_didim.discovery.selection.decide import Options, nearness, objection
@@ -55,6 +62,76 @@ def parts_instead(
     return parts, AS_WELL.format(name, ahead) if ahead < near else ""
 
 
+def parts_of_named(
+    beside: Competition, named: FittedCandidate, catalogue: SignatureCatalogue, base: Fit, options: Options,
+    progress: Progress,
+) -> tuple[Part, ...]:  # fmt: skip
+    """A constant and a stop, say, to name instead of a spring; none where it explains as much.
+
+    A spring that rests elsewhere than at zero has a constant, too: they must explain more than the spring does with it,
+    by more than what decides nothing.
+
+    Args:
+        beside: all other effects of the model; named: the effect, fitted beside them.
+        catalogue: the signatures of all candidates.
+    """
+    builder = beside.builder
+    is_kept = builder.effect(named.effect_at).stands_for or named.effect_at.effect in options.prefer
+    together = [] if is_kept else together_like(builder, named.effect_at)
+    if not together or shifts_log(beside.fit) != shifts_log(catalogue.fit):  # its signatures are at other samples
+        return ()
+    best: tuple[Part, ...] = ()
+    for places in together:
+        if all(_may_be_added(beside, a, options) for a in places) and not progress.is_time_up:
+            found = _one_after_the_other(beside, places, catalogue, progress)
+            best = max(best, found, key=lambda parts: -parts[-1].candidate.fit.chi_square if parts else -np.inf)
+    if not best:
+        return ()
+    whole, last = best[-1].candidate.fit, best[-1]
+    gain = bic_gain(beside.fit, whole, sum(p.candidate.cost for p in best), beside.fit.noise)
+    ahead = gain - named.delta_bic - nearness(gain, options)
+    if ahead <= 0:
+        return ()
+    others = [p.candidate.effect_at for p in best[:-1]]
+    with_them = _one_after_the_other(Competition(builder, named.fit), others, catalogue, progress)
+    if ahead <= sum(p.candidate.delta_bic for p in with_them):
+        return ()
+    of_any_share = replace(options, smallest_share=0.0, smallest_part=0.0)  # what counts is what they explain together
+    if _objected(beside, [p.candidate.effect_at for p in best], whole, options) or objection(
+        last.candidate, last.competition.fit, of_any_share, base=base
+    ):
+        return ()
+    return best
+
+
+def together_like(builder: LoopModelBuilder, effect_at: EffectAtJoint) -> list[list[EffectAtJoint]]:
+    """Effects that together may look like one: those of its class that may stand for more than that class holds, each
+    behind what else it may stand for."""
+    own, found = builder.effect(effect_at).class_name, []
+    for name, effect in builder.effects.items():
+        others = [n for n in effect.stands_for if n in builder.effects and builder.effects[n].class_name != own]
+        if effect.class_name == own and others:
+            found.append([EffectAtJoint(n, effect_at.joint) for n in (*others, name)])
+    return found
+
+
+def _one_after_the_other(
+    beside: Competition, places: Sequence[EffectAtJoint], catalogue: SignatureCatalogue, progress: Progress
+) -> tuple[Part, ...]:
+    """Effects fitted in this order, each from the best shapes of its signature beside those before it; none where one
+    of them promises nothing or cannot be simulated."""
+    found, here = list[Part](), beside
+    for effect_at in places:
+        screened = [s for s in here.screen(catalogue) if s.effect_at == effect_at]
+        ranking = here.compare(screened, progress=progress, reach=np.inf).ranking
+        if not ranking:
+            return ()
+        candidate = here.finished(ranking[0])
+        found.append(Part(here, candidate))
+        here = Competition(beside.builder, candidate.fit)
+    return tuple(found)
+
+
 def _missing(competition: Competition, accepted: FittedCandidate, options: Options) -> list[EffectAtJoint]:
     """The effects that it may stand for; none where it is preferred, or where one of them is in the model or cannot be:
     the other one has had its chance."""
@@ -62,13 +139,16 @@ def _missing(competition: Competition, accepted: FittedCandidate, options: Optio
         return []
     builder, joint = competition.builder, accepted.effect_at.joint
     parts = [EffectAtJoint(name, joint) for name in builder.effect(accepted.effect_at).stands_for]
-    free = [
-        a for a in parts
-        if a.effect in builder.effects and a.effect not in options.forbid
-        and a not in competition.fit.model.added_effects
-        and builder.at(a).can_be_added and not builder.at(a).is_present
-    ]  # fmt: skip
-    return free if len(free) == len(parts) else []
+    return parts if all(_may_be_added(competition, a, options) for a in parts) else []
+
+
+def _may_be_added(competition: Competition, effect_at: EffectAtJoint, options: Options) -> bool:
+    builder = competition.builder
+    return (
+        effect_at.effect in builder.effects and effect_at.effect not in options.forbid
+        and effect_at not in competition.fit.model.added_effects
+        and builder.at(effect_at).can_be_added and not builder.at(effect_at).is_present
+    )  # fmt: skip
 
 
 def _fitted(competition: Competition, missing: Sequence[EffectAtJoint]) -> tuple[Part, ...]:

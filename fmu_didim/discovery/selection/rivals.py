@@ -37,6 +37,7 @@ from fmu_didim.discovery.selection.beside_others import (
 from fmu_didim.discovery.selection.candidates import FittedCandidate, ScreenedCandidate
 from fmu_didim.discovery.selection.competition import LEADING, Competition, proposal_of
 from fmu_didim.discovery.selection.decide import NEAR_STATED, Options, Step, nearness, objection, step_of
+from fmu_didim.discovery.selection.parts import Part, parts_of_named, together_like
 from fmu_didim.discovery.selection.plausible import MAY_BE_ABSENT, repeats
 from fmu_didim.discovery.selection.wide_search import searched_widely
 from fmu_didim.fit.fit import Fit
@@ -63,6 +64,8 @@ AS_MACHINES_HAVE = (
     "of {5:.0f} in BIC."
 )
 """The same where it explains a little less."""
+TOGETHER_INSTEAD = "{0} on joint {1} was accepted first; {2} together explain more in its place, beside all others."
+"""Remark on the first of two effects that are named in the place of one."""
 
 
 class Standing(Enum):
@@ -134,7 +137,7 @@ class Rivalry:
 
     Attributes:
         builder: of its models; base: its first fit; contests: those that were run. What has lost one does not come
-            back.
+            back. divided: effects of a model in whose place two were looked for.
     """
 
     builder: LoopModelBuilder
@@ -142,6 +145,7 @@ class Rivalry:
     options: Options
     progress: Progress
     contests: Contests = field(default_factory=dict)
+    divided: set[tuple[frozenset[EffectAtJoint], EffectAtJoint]] = field(default_factory=set)
 
     def instead(
         self, fit: Fit, steps: Sequence[Step], catalogue: SignatureCatalogue
@@ -160,6 +164,9 @@ class Rivalry:
                 if how is Standing.AHEAD and c.effect_at not in lost
             ]  # fmt: skip
             if found is None or not ahead:
+                parts = self._parts(fit, step, catalogue)
+                if parts:
+                    return self._with_parts(parts, steps, step)
                 continue
             rival, lead = fitted_to_minimum(builder, ahead[0][0]), ahead[0][1]
             self.progress.say(f"{rival.effect_at.text} instead of {step.effect_at.text}")
@@ -171,6 +178,34 @@ class Rivalry:
             others = [replace(s, without=None) for s in steps if s is not step]
             return without_superfluous(builder, rival.fit, [*others, new], self.options, self.progress)
         return None
+
+    def _parts(self, fit: Fit, step: Step, catalogue: SignatureCatalogue) -> tuple[Part, ...]:
+        """Effects of one joint that an effect may stand for together, looked for once in this model."""
+        key = frozenset(fit.model.added_effects), step.effect_at
+        if key in self.divided or self.progress.is_time_up or not together_like(self.builder, step.effect_at):
+            return ()
+        self.divided.add(key)
+        without = fit_without(self.builder, fit, step)
+        if without is None or len(fit.model.added_effects) - len(without.model.added_effects) > 1:
+            return ()
+        beside = Competition(self.builder, without)
+        named = beside.assess(step.effect_at, fit)
+        return parts_of_named(beside, named, catalogue, self.base, self.options, self.progress)
+
+    def _with_parts(self, parts: Sequence[Part], steps: Sequence[Step], step: Step) -> tuple[Fit, list[Step]]:
+        """The model and its steps with them in the place of an effect."""
+        builder = self.builder
+        candidates = [p.candidate for p in parts]
+        candidates[-1] = fitted_to_minimum(builder, candidates[-1])
+        names = " and ".join(c.effect_at.text for c in candidates)
+        self.progress.say(f"{names} instead of {step.effect_at.text}")
+        self.contests[frozenset(candidates[-1].fit.model.added_effects), step.effect_at] = None
+        new = [step_of(c, (c,), p.competition, self.options) for c, p in zip(candidates, parts, strict=True)]
+        titles = " and ".join(builder.effect(c.effect_at).title.lower() for c in candidates)
+        effect = builder.effect(step.effect_at)
+        new[0] = replace(new[0], remark=TOGETHER_INSTEAD.format(effect.title, step.effect_at.joint, titles))
+        others = [replace(s, without=None) for s in steps if s is not step]
+        return without_superfluous(builder, candidates[-1].fit, [*others, *new], self.options, self.progress)
 
     def told(self, fit: Fit, steps: Sequence[Step]) -> tuple[Step, ...]:
         """The steps, each with the rivals that explain the data as well beside all others; where no contest can be run,

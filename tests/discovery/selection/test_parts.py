@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
+from fmu_didim.discovery.progress import Progress
 from fmu_didim.discovery.selection import parts
 from fmu_didim.discovery.selection.competition import Competition
 from fmu_didim.discovery.selection.decide import Options
-from fmu_didim.discovery.selection.parts import parts_instead
+from fmu_didim.discovery.selection.parts import parts_instead, parts_of_named
 from fmu_didim.dynamics.effects import EFFECTS
 from fmu_didim.fit.fit import Fit
 from fmu_didim.model.loop_model import EffectAtJoint
@@ -120,3 +122,87 @@ def test_nothing_is_fitted_for_an_effect_that_stands_for_none(monkeypatch: pytes
     base = table_fit(100.0)
     assert parts_instead(Competition(CATALOGUE, base), candidate_of("spring"), base, Options()) == ((), "")
     assert fits.asked == []
+
+
+LOADS: Any = Catalogue(
+    effect_of("stop", class_name="load", title="Stop", stands_for=("spring", "offset")),
+    effect_of("lower", class_name="load", stands_for=("spring", "offset")),
+    effect_of("spring", class_name="load"), effect_of("offset"),
+)  # fmt: skip
+
+
+@dataclass
+class Together:
+    """Fits of a constant and a stop in the place of a spring that explains 1000.
+
+    Attributes:
+        together: gain of both, by the stop; left: what each leaves, of which the better one counts.
+        beside_spring: gain of the constant beside the spring; none if it is no candidate there.
+        objected: effects that held-out data speak against.
+    """
+
+    together: float = 1100.0
+    left: dict[str, float] = field(default_factory=lambda: {"stop": 1.0, "lower": 2.0})
+    beside_spring: float | None = 20.0
+    objected: str = ""
+    asked: list[str] = field(default_factory=list)
+
+    def screen(self, competition: Competition, catalogue: Any) -> list[Any]:
+        known = {a.effect for a in competition.fit.model.added_effects}
+        names = set(self.left) | ({"offset"} if "spring" not in known or self.beside_spring is not None else set())
+        return [SimpleNamespace(effect_at=EffectAtJoint(n, 1)) for n in sorted(names - known)]
+
+    def compare(self, competition: Competition, chosen: Any, *, progress: Progress, reach: float) -> Any:
+        known, ranking = competition.fit.model.added_effects, []
+        for effect_at in (s.effect_at for s in chosen):
+            self.asked.append(effect_at.effect)
+            model = TableModel(residual(self.left.get(effect_at.effect, 3.0)), {}, (*known, effect_at))
+            bic = self.beside_spring or 0.0 if any(a.effect == "spring" for a in known) else 500.0
+            ranking.append(candidate_of(effect_at.effect, bic=bic, share=0.01, fit=fit_of(model)))
+        return SimpleNamespace(ranking=tuple(ranking))
+
+    def named(self, monkeypatch: pytest.MonkeyPatch, *, named: str = "spring", **options: Any) -> list[str]:
+        monkeypatch.setattr(Competition, "screen", lambda own, catalogue: self.screen(own, catalogue))
+        monkeypatch.setattr(Competition, "compare", lambda own, chosen, **more: self.compare(own, chosen, **more))
+        monkeypatch.setattr(parts, "bic_gain", lambda *_: self.together)
+        monkeypatch.setattr(parts, "implausible", lambda fit, i, effect, link: "no" * (effect.name == self.objected))
+        base = table_fit(100.0)
+        spring = candidate_of(named, bic=1000.0, fit=table_fit(5.0, added_effects=(EffectAtJoint(named, 1),)))
+        catalogue: Any = SimpleNamespace(fit=base)
+        found = parts_of_named(Competition(LOADS, base), spring, catalogue, base, Options(**options), Progress())
+        return [part.candidate.effect_at.effect for part in found]
+
+
+@pytest.mark.parametrize(
+    ("fits", "wanted"),
+    [
+        (Together(), ["offset", "stop"]),
+        (Together(left={"stop": 2.0, "lower": 1.0}), ["offset", "lower"]),  # which of the stops explains more
+        (Together(left={"lower": 1.0}), ["offset", "lower"]),
+        (Together(left={}), []),  # no stop promises anything
+        (Together(together=1021.0), []),  # within 2 % of what both explain nothing is decided
+        (Together(together=1100.0, beside_spring=90.0), []),  # the spring rests elsewhere: it has a constant, too
+        (Together(together=1100.0, beside_spring=None), ["offset", "stop"]),
+        (Together(objected="offset"), []),
+    ],
+)
+def test_a_constant_and_a_stop_take_the_place_of_a_spring(
+    monkeypatch: pytest.MonkeyPatch, fits: Together, wanted: list[str]
+) -> None:
+    assert fits.named(monkeypatch) == wanted
+
+
+@pytest.mark.parametrize(
+    ("named", "options"),
+    [
+        ("stop", {}),  # which has met its parts when it was named
+        ("offset", {}),
+        ("spring", {"prefer": ("spring",)}),
+        ("spring", {"forbid": frozenset({"offset"})}),
+    ],
+)
+def test_what_keeps_its_place_is_not_fitted_in_parts(
+    monkeypatch: pytest.MonkeyPatch, named: str, options: dict[str, Any]
+) -> None:
+    fits = Together()
+    assert fits.named(monkeypatch, named=named, **options) == [] and fits.asked == []

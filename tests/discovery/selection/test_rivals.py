@@ -13,6 +13,7 @@ from fmu_didim.discovery.progress import Progress
 from fmu_didim.discovery.selection import rivals
 from fmu_didim.discovery.selection.candidates import FittedCandidate
 from fmu_didim.discovery.selection.decide import Options, Step
+from fmu_didim.discovery.selection.parts import Part
 from fmu_didim.discovery.selection.rivals import (
     Contest,
     Rivalry,
@@ -415,3 +416,27 @@ def test_an_error_of_a_gear_that_repeats_as_a_ripple_does(
     told = of_one_period(builder, model_with(ripple, at("teeth")))
     assert [(d.code.name, d.place) for d in told] == [("effect-ambiguous", "teeth, joint 1")] * doubted
     assert all("the torque ripple there" in d.text and "acts on the link" in d.text for d in told)
+
+
+def test_two_that_explain_more_together_take_the_place_of_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Once: the effect that has lost its place does not come back."""
+    beside: Any = Beside(monkeypatch, {"slide": 100.0})
+    whole = model_with(at("lag"), at("play"))
+    both = tuple(Part(beside, candidate_of(n, fit=whole)) for n in ("lag", "play"))
+    asked = list[str]()
+
+    def parts_of(beside: Any, named: FittedCandidate, *_: Any) -> Any:
+        asked.append(named.effect_at.effect)
+        return both if named.effect_at.effect == "slide" else ()
+
+    monkeypatch.setattr(rivals, "parts_of_named", parts_of)
+    monkeypatch.setattr(rivals, "together_like", lambda builder, effect_at: [[at("lag"), at("play")]])
+    fit, said = model_with(at("slide")), list[str]()
+    rivalry = Rivalry(BUILDER, fit, Options(), Progress(said.append))
+    changed = rivalry.instead(fit, [found(at("slide"))], CATALOGUE)
+    assert changed is not None
+    there, steps = changed
+    assert there is whole and [s.effect_at for s in steps] == [at("lag"), at("play")]
+    assert "Slide on joint 1 was accepted first; lag and play together explain more" in steps[0].remark
+    assert said[-1] == "lag, joint 1 and play, joint 1 instead of slide, joint 1"
+    assert rivalry.instead(fit, [found(at("slide"))], CATALOGUE) is None and asked == ["slide"]
