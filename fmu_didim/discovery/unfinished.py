@@ -12,6 +12,12 @@ from fmu_didim.results.findings import ANSWER_TEXT, FindingsDocument, Unfinished
 
 SHOWN_UNTRIED = 4
 """[candidates] Named in the sentence; findings.json lists all of them."""
+NOT_TO_ITS_END = (
+    "The time limit of {0:g} s ended the search in round {1}, none of whose candidates was accepted, before all was "
+    "tried that follows then: gears with play in the whole range of its parameters, gears with an error of their "
+    "teeth, and effects two by two or in the place of others."
+)
+"""Of a search in which all single candidates were tried."""
 
 SEARCH_RUNNING = CATALOGUE(
     "search-running", DOUBT, rank=1,
@@ -38,6 +44,9 @@ def unfinished_search(
     last = discovery.tried[-1]
     untried = [t.effect_at for t in last if t.outcome is Outcome.NOT_TRIED]
     number = len(discovery.tried)
+    if not untried:
+        text = NOT_TO_ITS_END.format(limit_s or 0.0, number)
+        return _result(Diagnostic(SEARCH_CUT, text, value=limit_s, unit="s"), number - 1, untried)
     shown = ", ".join(map(_named, untried[:SHOWN_UNTRIED]))
     more = f" and {len(untried) - SHOWN_UNTRIED} more" if len(untried) > SHOWN_UNTRIED else ""
     text = (

@@ -41,6 +41,10 @@ def tried(effect_at: EffectAtJoint, outcome: Outcome = Outcome.NOT_TRIED, bic: f
          Ending.TIME_UP, 0,
          "The time limit of 30 s ended the search in round 1: 1 of its 3 candidates were not tried (gear on joint 2); "
          "of those that were, lag on joint 1 leads with a BIC difference of 12."),
+        ([[tried(LAG, Outcome.FITTED, 12.4)]], [], Ending.TIME_UP, 0,
+         "The time limit of 30 s ended the search in round 1, none of whose candidates was accepted, before all was "
+         "tried that follows then: gears with play in the whole range of its parameters, gears with an error of their "
+         "teeth, and effects two by two or in the place of others."),
     ],
 )  # fmt: skip
 def test_how_far_it_came(

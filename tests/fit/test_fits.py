@@ -327,6 +327,17 @@ def test_the_rule_holds_where_the_noise_asks_for_more(arm: LoopModel, truth: np.
     assert with_fitting_substeps(model_with(arm), truth, np.array([1e-12])).loop.substeps is None
 
 
+@pytest.mark.parametrize("times", [1, 2, 4])
+def test_a_search_may_ask_for_no_finer_steps_than_resolve_what_oscillates(
+    arm: LoopModel, truth: np.ndarray, times: int
+) -> None:
+    model = model_with(arm)
+    fewest, coarse = model.fewest_substeps(truth), np.array([10 * SIGMA])
+    assert times * fewest < model.automatic_substeps(truth)
+    assert with_fitting_substeps(model, truth, np.array([1e-12]), times_fewest=times).loop.substeps == times * fewest
+    assert with_fitting_substeps(model, truth, coarse, times_fewest=1024) == with_fitting_substeps(model, truth, coarse)
+
+
 def test_the_residual_stands_for_noise_that_is_not_known(arm: LoopModel, truth: np.ndarray) -> None:
     noisy = model_with(arm, np.random.default_rng(3).normal(0, SIGMA, arm.measured.shape))
     known = with_fitting_substeps(noisy, truth, np.array([SIGMA]))

@@ -131,6 +131,7 @@ def run_rounds(
             looked_at = fit
             if changed is None:
                 refused = accepted
+                ending = Ending.TIME_UP if progress.is_time_up else ending  # what was begun last may have been cut
                 break
             fit, steps = changed
         fit = builder.settled(fit)

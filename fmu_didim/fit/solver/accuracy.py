@@ -37,7 +37,9 @@ INTEGRATION_SHARE = 0.01
 hundredth moves no parameter by more than a hundredth of its standard deviation."""
 
 
-def with_fitting_substeps(model: LoopModel, values: Array, deviation: Array | None = None) -> LoopModel:
+def with_fitting_substeps(
+    model: LoopModel, values: Array, deviation: Array | None = None, *, times_fewest: int | None = None
+) -> LoopModel:
     """The model with the fewest substeps of its plant whose doubling changes the torque by less than a hundredth of
     the noise, at each joint.
 
@@ -47,6 +49,8 @@ def with_fitting_substeps(model: LoopModel, values: Array, deviation: Array | No
     Args:
         values: (p,) at which the torque is compared.
         deviation: (m,) noise of each output; by default that of the model, else the residual at the values.
+        times_fewest: at most so many times the fewest substeps that are stable and resolve oscillations, however much
+            more would change; None: as many as the rule.
     """
     if model.divides_steps:
         return _with_fitting_steps(model, values, deviation)
@@ -54,6 +58,9 @@ def with_fitting_substeps(model: LoopModel, values: Array, deviation: Array | No
     if not model.loop.chooses_substeps:
         return automatic
     most, count, outputs = automatic.automatic_substeps(values), model.fewest_substeps(values), None
+    if times_fewest is not None and times_fewest * count < most:
+        most = times_fewest * count
+        automatic = model.with_loop(substeps=most)
     while 2 * count <= most:
         finer = _outputs(model.with_loop(substeps=2 * count), values)
         outputs = _outputs(model.with_loop(substeps=count), values) if outputs is None else outputs

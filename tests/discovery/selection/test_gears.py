@@ -5,12 +5,14 @@ from __future__ import annotations
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
 
 from fmu_didim.discovery.progress import Progress
 from fmu_didim.discovery.selection import gears
 from fmu_didim.discovery.selection.decide import Options
 from fmu_didim.discovery.selection.gears import _judged, _places, gear_with_error
+from fmu_didim.dynamics.effects import Search
 from fmu_didim.model.loop_model import EffectAtJoint
 from tests.discovery.by_hand import Catalogue, candidate_of, effect_of, table_fit
 
@@ -96,6 +98,105 @@ def test_both_must_stand(monkeypatch: pytest.MonkeyPatch, objections: tuple[str,
 def test_nothing_is_found_where_no_gear_can_be_simulated(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(gears, "_places", lambda *_: iter([(GEAR, ERROR)]))
     monkeypatch.setattr(gears, "_starts", lambda *_: [])
-    said: list[str] = []
-    assert gear_with_error(SimpleNamespace(), (), None, Options(), Progress(said.append)) is None  # type: ignore[arg-type]
-    assert said == ["gear with teeth on joint 1"]
+    assert gear_with_error(SimpleNamespace(), (), None, Options(), Progress()) is None  # type: ignore[arg-type]
+
+
+class Tried:
+    """Stiffnesses beside each of which an error is tried; each takes four seconds.
+
+    Args:
+        left: what each leaves alone, beside 10 without a gear.
+    """
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch, *left: float) -> None:
+        self.said, self.tried, self.now = list[str](), list[tuple[float, list[float]]](), 0.0
+        shape: Any = SimpleNamespace(shapes=[SimpleNamespace(name="N")], search={"N": Search(20.0, 28.0, 9)})
+        base: Any = SimpleNamespace(
+            rest_of=lambda values: values, weighted=lambda values: values,
+            rests_of=lambda tables: [(None, table) for table in tables],
+        )  # fmt: skip
+        self.competition: Any = SimpleNamespace(
+            base=base, fit=self.fit(10.0), builder=SimpleNamespace(at=lambda effect_at: shape)
+        )
+        monkeypatch.setattr(gears, "_gears", lambda *_: [(self.fit(one), f"K{one:g}") for one in left])
+        monkeypatch.setattr(gears, "SignatureCatalogue", lambda builder, fit, candidates: Shapes(self, fit))
+
+    def fit(self, left: float) -> Any:
+        return SimpleNamespace(residual=np.sqrt([left]))
+
+    def starts(self, ends: float = np.inf) -> list[tuple[Any, float]]:
+        progress = Progress(self.said.append, ends=ends, now=lambda: self.now)
+        return [(s.gear, s.left) for s in gears._starts(self.competition, GEAR, ERROR, progress)]
+
+
+class Shapes:
+    """Errors, of which that with 23 periods explains half of what a gear leaves, that with 24 two fifths, others a
+    tenth."""
+
+    def __init__(self, of: Tried, fit: Any) -> None:
+        self.of, self.fit = of, fit
+
+    def of_shapes(self, error: Any, shapes: Any) -> list[Any]:
+        numbers = [float(at["N"]) for at in shapes]
+        self.of.tried.append((float(self.fit.residual[0] ** 2), numbers))
+        self.of.now += 4.0
+        parts = {23.0: 0.5, 24.0: 0.4}
+        return [
+            SimpleNamespace(
+                columns=np.sqrt([parts.get(n, 0.1)]), proposal=lambda c, n=n: SimpleNamespace(values={"N": n})
+            )
+            for n in numbers
+        ]  # fmt: skip
+
+
+def explained(gear: Any, signature: Any, rest: Any, residual: Any) -> Any:
+    left = float(residual[0] ** 2 * (1 - rest[0] ** 2))
+    return gears._Start(left, gear, signature.proposal(None))
+
+
+def test_errors_are_tried_beside_each_stiffness_that_is_not_far_too_soft(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Every second number first, then those between around the best, beside the best stiffness alone."""
+    monkeypatch.setattr(gears, "_start", explained)
+    tried = Tried(monkeypatch, 31.0, 29.0, 8.0, 12.0)
+    found = tried.starts()
+    first = [20.0, 22.0, 24.0, 26.0, 28.0]
+    assert tried.tried == [(pytest.approx(29.0), first), (pytest.approx(8.0), first), (pytest.approx(12.0), first),
+                           (pytest.approx(8.0), [23.0, 25.0])]  # fmt: skip
+    assert min(found, key=lambda f: f[1]) == ("K8", pytest.approx(4.0))
+    assert tried.said == [
+        "gear with teeth on joint 1",
+        "gear with teeth on joint 1: stiffness 2 of 3, about 4 s left",
+    ]
+
+
+@pytest.mark.parametrize(("ends", "count"), [(13.0, 4), (11.0, 4), (8.0, 2), (7.0, 2), (4.0, 1), (0.0, 0)])
+def test_no_gear_is_begun_when_the_time_is_up(monkeypatch: pytest.MonkeyPatch, ends: float, count: int) -> None:
+    """A start of some of the stiffnesses would not be the best of all."""
+    monkeypatch.setattr(gears, "_start", explained)
+    tried = Tried(monkeypatch, 29.0, 8.0, 12.0)
+    assert bool(tried.starts(ends)) == (count == 4)
+    assert len(tried.tried) == count
+
+
+@pytest.mark.parametrize(("resolves", "wanted"), [(1, 4), (2, 8)])
+def test_a_stiffness_is_tried_with_no_finer_steps_than_resolve_its_resonance(
+    monkeypatch: pytest.MonkeyPatch, resolves: int, wanted: int
+) -> None:
+    asked: list[Any] = []
+
+    def chosen(model: Any, values: Any, deviation: Any, *, times_fewest: int) -> Any:
+        asked.append(deviation)
+        return SimpleNamespace(**{**vars(model), "substeps": times_fewest * resolves})
+
+    monkeypatch.setattr(gears, "with_fitting_substeps", chosen)
+    monkeypatch.setattr(gears, "replace", lambda fit, **more: SimpleNamespace(**more))
+    placed = SimpleNamespace(amplitudes=[SimpleNamespace(name="K")], shapes=[], search={"K": Search(1.0, 256.0, 2)})
+    builder = SimpleNamespace(
+        at=lambda a: placed, effect=lambda a: SimpleNamespace(neutral={"K": np.inf}),
+        build=lambda model, proposals: SimpleNamespace(start=proposals[0].values["K"], outputs=lambda values: values),
+    )  # fmt: skip
+    fit = SimpleNamespace(model=None, noise=SimpleNamespace(deviation="noise"))
+    competition: Any = SimpleNamespace(builder=builder, fit=fit)
+    found = list(gears._gears(competition, GEAR))
+    assert [there.model.substeps for there, _ in found] == 7 * [wanted] and asked == 7 * ["noise"]
+    assert [there.outputs for there, _ in found] == pytest.approx([2.0**i for i in range(1, 8)])

@@ -333,6 +333,25 @@ def test_a_search_that_went_through_is_complete(monkeypatch: pytest.MonkeyPatch)
     assert run()[0].ending is Ending.COMPLETE
 
 
+@pytest.mark.parametrize("time_is_up", [False, True])
+def test_a_search_is_not_complete_where_the_time_was_up_in_what_follows_the_candidates(
+    monkeypatch: pytest.MonkeyPatch, time_is_up: bool
+) -> None:
+    """What was begun last, such as gears with an error of their teeth, may have been cut: nothing is settled."""
+    reasons = ((EffectAtJoint("b", 1), "too small"),)
+    competition = ByHand(monkeypatch, added("a"), reasons)
+    now = [0.0]
+
+    def pair(*_: Any) -> None:
+        now[0] = 9.0 if time_is_up else 4.0
+
+    monkeypatch.setattr(rounds, "_pair", pair)
+    found = run_rounds(EFFECTS, BASE, Options(), Progress(ends=5.0, now=lambda: now[0]))
+    assert found.ending is (Ending.TIME_UP if time_is_up else Ending.COMPLETE)
+    assert [s.effect_at.effect for s in found.steps] == ["a"] and found.refused == reasons
+    assert competition.doubted == ([] if time_is_up else ["a"])
+
+
 def test_a_model_that_stays_has_a_plant_of_its_own_effects(monkeypatch: pytest.MonkeyPatch) -> None:
     """Candidates share plants in which others stand idle: what is accepted is fitted to its minimum without those."""
     stayed: list[Fit] = []

@@ -12,7 +12,7 @@ import pytest
 
 from fmu_didim.base.documents import validate
 from fmu_didim.components import Component, Instance, ModelComponent, block_as_control, load_fmu
-from fmu_didim.dynamics.block import Block
+from fmu_didim.dynamics.block import SUBSTEP_RATE, Block
 from fmu_didim.dynamics.robot import RobotDescription, RobotModel, read_robot
 from fmu_didim.dynamics.robot.equations import EquationsOfMotion
 from fmu_didim.export import build_fmu
@@ -139,6 +139,32 @@ def test_an_arm_without_friction_keeps_its_energy(slope: float) -> None:
             x, m = step(x, m, u, p, 2.0 / count)
         lost.append(abs(energy(np.asarray(x.full()).ravel()) / before - 1))
     assert lost[0] <= 1e-4 and lost[1] <= lost[0] / 3
+
+
+@pytest.mark.parametrize(("part_of_radian", "wanted"), [(1.0, 0.927), (0.5, 0.980), (0.25, 0.9948), (0.125, 0.9987)])
+def test_a_coarse_step_lowers_the_resonance_of_a_gear_and_does_not_damp_it(
+    part_of_radian: float, wanted: float
+) -> None:
+    """So that a gear is as a softer one, by 1 % of its stiffness with four steps in a radian."""
+    values = {"Fc": 1e-9, "v0": 0.05, "Ia": 0.5, "K": 2e3, "MX": 0.0, "M": 0.0}
+    block = robot(("coulomb", "motor_inertia", "joint_elasticity"), values, gravity=0.0)
+    assert block.implicit is not None
+    u, p, h = np.zeros(2), block.parameter_values, ca.SX.sym("h")
+    x, m = ca.SX.sym("x", len(block.states)), ca.SX.sym("m", block.implicit.memory)
+    still, rest = block.start(u, p), np.zeros(block.implicit.memory)
+
+    def eigenvalues(matrix: ca.SX, *at: Any) -> np.ndarray:
+        return np.linalg.eigvals(ca.Function("matrix", [x, m, h], [matrix])(still, rest, *at).full())
+
+    resonance = float(np.abs(eigenvalues(ca.jacobian(block.update(x, u, p), x), 0.0).imag).max())
+    step, after = part_of_radian / resonance, ca.vertcat(*block.implicit.step()(x, m, u, p, h))
+    turned = eigenvalues(ca.jacobian(after, ca.vertcat(x, m)), step)
+    ringing = np.log(turned[np.argmax(np.where(np.abs(turned) > 0.5, np.angle(turned), 0.0))]) / step
+    assert ringing.imag / resonance == pytest.approx(wanted, abs=5e-4)
+    assert abs(ringing.real) < 1e-6 * resonance
+    # The substeps that resolve it are steps of about a radian.
+    fewest = step / part_of_radian * float(block.implicit.resolution(still, p)) / SUBSTEP_RATE
+    assert 0.8 <= fewest <= 1.1
 
 
 def kinds(block: Block, version: str) -> list[Component]:
