@@ -76,7 +76,7 @@ def gear_with_error(
         if progress.is_time_up:
             return None
         starts = sorted(_starts(competition, gear, error, progress), key=lambda s: s.left)[:STARTS]
-        whole = _fitted(competition, starts)
+        whole = _fitted(competition, starts, until=progress.ends)
         found = None if whole is None else _judged(competition, ranking, whole, (gear, error), base, options)
         if found is not None:
             progress.say(f"added together: {gear.effect} and {error.effect} on joint {gear.joint}")
@@ -160,20 +160,22 @@ def _gears(competition: Competition, gear: EffectAtJoint) -> Iterator[tuple[Fit,
             break
 
 
-def _fitted(competition: Competition, starts: Sequence[_Start]) -> Fit | None:
-    """The model with both, fitted from the best of these starts."""
-    found: Fit | None = None
+def _fitted(competition: Competition, starts: Sequence[_Start], *, until: float = np.inf) -> Fit | None:
+    """The model with both, fitted from the best of these starts; None where none can be simulated, or comes below the
+    model without them before the clock reads ``until``."""
+    fit, found = competition.fit, None
     for start in starts:
-        model = competition.builder.build(competition.fit.model, [start.gear, start.error])
+        model = competition.builder.build(fit.model, [start.gear, start.error])
         low, high = model.free_parameters.limits
         model = model.with_values(np.clip(model.start, low, high))
-        model = with_fitting_substeps(model, model.start, competition.fit.noise.deviation)
+        model = with_fitting_substeps(model, model.start, fit.noise.deviation)
         try:
             # Stiffness and inertia of the motor lie along a valley: a short fit ends ten deviations beside its bottom.
-            fitted = minimise(model, competition.fit.noise, stopping=Stopping(exact=True))
+            stopping = Stopping(exact=True, give_up_above=fit.chi_square, until=until)
+            fitted = minimise(model, fit.noise, stopping=stopping)
         except SimulationError:
             continue
-        if found is None or fitted.chi_square < found.chi_square:
+        if not fitted.given_up and (found is None or fitted.chi_square < found.chi_square):
             found = fitted
     return found
 

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from fmu_didim.base.errors import SimulationError
 from fmu_didim.discovery.progress import Progress
 from fmu_didim.discovery.selection import gears
 from fmu_didim.discovery.selection.decide import Options
@@ -98,7 +99,8 @@ def test_both_must_stand(monkeypatch: pytest.MonkeyPatch, objections: tuple[str,
 def test_nothing_is_found_where_no_gear_can_be_simulated(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(gears, "_places", lambda *_: iter([(GEAR, ERROR)]))
     monkeypatch.setattr(gears, "_starts", lambda *_: [])
-    assert gear_with_error(SimpleNamespace(), (), None, Options(), Progress()) is None  # type: ignore[arg-type]
+    competition: Any = SimpleNamespace(fit=None)
+    assert gear_with_error(competition, (), competition, Options(), Progress()) is None
 
 
 class Tried:
@@ -200,3 +202,39 @@ def test_a_stiffness_is_tried_with_no_finer_steps_than_resolve_its_resonance(
     found = list(gears._gears(competition, GEAR))
     assert [there.model.substeps for there, _ in found] == 7 * [wanted] and asked == 7 * ["noise"]
     assert [there.outputs for there, _ in found] == pytest.approx([2.0**i for i in range(1, 8)])
+
+
+@pytest.mark.parametrize(
+    ("ends", "wanted"),
+    [
+        ([(5.0, False), (4.0, False)], 4.0),
+        ([(4.0, False), (5.0, False)], 4.0),
+        ([(3.0, True), (5.0, False)], 5.0),  # given up: not at its minimum, whatever it came to
+        ([(3.0, True), (4.0, True)], None),
+        ([(None, False), (5.0, False)], 5.0),
+        ([], None),
+    ],
+)
+def test_the_best_fit_counts_that_was_not_given_up(
+    monkeypatch: pytest.MonkeyPatch, ends: list[tuple[float | None, bool]], wanted: float | None
+) -> None:
+    """A gear that rings where the data do not costs minutes, and never comes below the model without it."""
+    left, asked = list(ends), list[Any]()
+
+    def minimise(model: Any, noise: Any, *, stopping: Any) -> Any:
+        asked.append((stopping.exact, stopping.give_up_above, stopping.until))
+        chi_square, given_up = left.pop(0)
+        if chi_square is None:
+            raise SimulationError("It fell over.", where="here", next_step="Stand.")
+        return SimpleNamespace(chi_square=chi_square, given_up=given_up)
+
+    monkeypatch.setattr(gears, "minimise", minimise)
+    monkeypatch.setattr(gears, "with_fitting_substeps", lambda model, values, deviation: model)
+    limits = SimpleNamespace(limits=(np.zeros(1), np.ones(1)))
+    model: Any = SimpleNamespace(start=np.ones(1), free_parameters=limits, with_values=lambda values: model)
+    fit = SimpleNamespace(model=None, chi_square=9.0, noise=SimpleNamespace(deviation=None))
+    competition: Any = SimpleNamespace(fit=fit, builder=SimpleNamespace(build=lambda *_: model))
+    starts: Any = [SimpleNamespace(gear="gear", error="error") for _ in ends]
+    found = gears._fitted(competition, starts, until=7.0)
+    assert (None if found is None else found.chi_square) == wanted
+    assert asked == len(ends) * [(True, 9.0, 7.0)]
