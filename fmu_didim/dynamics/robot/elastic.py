@@ -32,7 +32,7 @@ from fmu_didim.dynamics.effects import NOMINAL_SPEED, UNITS
 from fmu_didim.dynamics.robot.description import RobotDescription
 from fmu_didim.dynamics.robot.dynamics import NOTHING, FreeGeometry, add_effect, link_columns, own_parameters
 from fmu_didim.dynamics.robot.equations import EquationsOfMotion
-from fmu_didim.dynamics.robot.implicit import NEWTON_STEPS, StiffBalance
+from fmu_didim.dynamics.robot.implicit import NEWTON_STEPS, Loads, StiffBalance
 from fmu_didim.dynamics.robot.rate import EXPLICIT, Method, fastest_rate
 
 ROUNDING = 0.05
@@ -99,11 +99,12 @@ class ElasticEquations(EquationsOfMotion):
             add_effect(torque, placed, at, amplitudes, shapes)
             for row, value in enumerate(torque):
                 on_motor = row in self.elastic and not on_link
-                targets = [loaded_drive if on_motor else loaded_carried]
-                if "load" not in placed.effect.needs:
+                targets, by_load = [loaded_drive if on_motor else loaded_carried], "load" in placed.effect.needs
+                if not by_load:
                     targets.append(drive if on_motor else carried)
-                    if placed.effect.is_steep:
-                        targets.append(steep_drive if on_motor else steep_carried)
+                # What a gear transmits has slopes of its own, which stay with the explicit part.
+                if placed.effect.is_steep and not (by_load and placed.joint in self.elastic):
+                    targets.append(steep_drive if on_motor else steep_carried)
                 for target in targets:
                     target[row] = target[row] + value
             rates += placed.effect.rates(at, shapes)
@@ -221,8 +222,10 @@ class ElasticEquations(EquationsOfMotion):
     @property
     def stiff_balance(self) -> StiffBalance | None:
         rows, unknown = self._gear_as_load(self._rows(*self._loaded_rows)), ca.vertcat(self.ddq, self.link_ddq)
-        if ca.depends_on(rows, self.load):
+        if ca.depends_on(jacobian(rows, unknown), ca.vertcat(unknown, self.load)):
             return None
+        used = [j for j in range(self.q.numel()) if ca.depends_on(rows, self.load[j])]  # rigid joints
+        symbols, meant = (ca.vertcat(*(whole[j] for j in used)) for whole in (self.load, self.rigid))
         m = len(self.elastic)
         gears = [ca.SX(0)] * self.q.numel()
         for i, j in enumerate(self.elastic):
@@ -237,6 +240,7 @@ class ElasticEquations(EquationsOfMotion):
             friction=ca.vertcat(*self._steep),
             gears=ca.vertcat(*gears, -self.gear),
             clock=self.clock,
+            loads=Loads(symbols, meant) if used else None,
         )
 
     def _gear_as_load(self, expression: ca.SX) -> ca.SX:
