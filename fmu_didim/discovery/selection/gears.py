@@ -17,7 +17,7 @@ from fmu_didim.base.errors import SimulationError
 from fmu_didim.data.signals import Array
 from fmu_didim.discovery.augmentation.places import Proposal
 from fmu_didim.discovery.progress import Progress
-from fmu_didim.discovery.screening.catalogue import Signature, SignatureCatalogue
+from fmu_didim.discovery.screening.catalogue import RESOLVED, Signature, SignatureCatalogue
 from fmu_didim.discovery.selection.candidates import FittedCandidate
 from fmu_didim.discovery.selection.competition import Competition
 from fmu_didim.discovery.selection.decide import Options, Step, objection, step_of
@@ -36,10 +36,6 @@ that lie between."""
 FAR = 3.0
 """[1] Times the sum of squares without a gear beyond which that of a gear alone says that it is far too soft: an error
 of its teeth, which repeats along the joint, does not make up for it."""
-RESOLVED = 4
-"""[1] Times the fewest substeps that resolve the resonance of a gear, with which stiffnesses are tried at most: steps
-of a quarter of a radian, with which a gear resonates as one that is 1 % softer. The next on the grid is 2.4 times as
-stiff. A gear that rings without end would ask for hundreds. A fit from a start has all that it asks for."""
 STARTS = 2
 """[starts] Of stiffness and error, from which both are fitted."""
 IN_IT = "{0}: it shows only beside {1}, which acts in it."

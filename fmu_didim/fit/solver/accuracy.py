@@ -58,9 +58,8 @@ def with_fitting_substeps(
     if not model.loop.chooses_substeps:
         return automatic
     most, count, outputs = automatic.automatic_substeps(values), model.fewest_substeps(values), None
-    if times_fewest is not None and times_fewest * count < most:
-        most = times_fewest * count
-        automatic = model.with_loop(substeps=most)
+    if times_fewest is not None:
+        automatic, most = at_most_resolving(automatic, values, times_fewest), min(times_fewest * count, most)
     while 2 * count <= most:
         finer = _outputs(model.with_loop(substeps=2 * count), values)
         outputs = _outputs(model.with_loop(substeps=count), values) if outputs is None else outputs
@@ -70,6 +69,18 @@ def with_fitting_substeps(
             return automatic  # nothing can be simulated
         count, outputs = 2 * count, finer
     return automatic
+
+
+def at_most_resolving(model: LoopModel, values: Array, times_fewest: int) -> LoopModel:
+    """The model with at most so many times the fewest substeps that are stable and resolve oscillations.
+
+    A model whose substeps a case states, or whose equations are not known, stays as it is.
+    """
+    if model.divides_steps or not model.loop.chooses_substeps:
+        return model
+    most = times_fewest * model.fewest_substeps(values)
+    present = model.loop.substeps or model.automatic_substeps(values)
+    return model.with_loop(substeps=most) if present > most else model
 
 
 def _with_fitting_steps(model: LoopModel, values: Array, deviation: Array | None) -> LoopModel:

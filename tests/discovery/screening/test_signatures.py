@@ -162,6 +162,49 @@ def test_the_error_of_a_gear_is_seen_in_what_it_does(tmp_path: Path) -> None:
         assert slope == pytest.approx(1, abs=0.05)
 
 
+@pytest.fixture(scope="module")
+def geared(tmp_path_factory: pytest.TempPathFactory) -> Bench:
+    """One joint with an elastic gear."""
+    folder = tmp_path_factory.mktemp("geared")
+    fit = minimise(arm_model(folder, rate_hz=200.0, seconds=4.0, gear=GEAR), known_noise(0.1))
+    builder = LoopModelBuilder(fit.model, load_case(folder / "case.yaml").parameters.model.description)  # type: ignore[union-attr]
+    return Bench(builder, fit, np.sqrt(np.mean(fit.torque**2, axis=0)))
+
+
+def error_of_gear(bench: Bench, substeps: int | None) -> np.ndarray:
+    """(M, 2) the signature of 60 periods in a turn beside a fit with these substeps."""
+    fit = replace(bench.fit, model=bench.fit.model.with_loop(substeps=substeps))
+    of_gear = EffectAtJoint("transmission_error", 1)
+    (found,) = SignatureCatalogue(bench.builder, fit, candidates=[]).of_shapes(of_gear, [{"gear_number": 60.0}])
+    return found.columns[:, 0]
+
+
+@pytest.mark.parametrize(("of_fit", "wanted"), [(1, 1), (2, 2), (4, 4), (64, 4), (None, 4)])
+def test_errors_of_a_gear_are_tried_with_no_finer_steps_than_resolve_it(
+    geared: Bench, monkeypatch: pytest.MonkeyPatch, of_fit: int | None, wanted: int
+) -> None:
+    """However finely the fit is integrated, which a gear that rings without end asks for."""
+    model, asked = geared.fit.model, list[int | None]()
+    assert model.fewest_substeps(geared.fit.values) == 1
+    assert model.automatic_substeps(geared.fit.values) > wanted
+
+    def by_variation(run: Any, places: Any, *_: Any, **__: Any) -> dict[int, np.ndarray]:
+        asked.append(run.model.system(run.values).components["plant"].stated_substeps)
+        return {i: np.ones_like(geared.fit.outputs) for i in places}
+
+    monkeypatch.setattr(catalogue, "by_variation", by_variation)
+    error_of_gear(geared, of_fit)
+    assert asked == [wanted]
+
+
+def test_an_error_of_a_gear_shows_as_with_finer_steps(geared: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    coarse = error_of_gear(geared, 64)
+    monkeypatch.setattr(catalogue, "at_most_resolving", lambda model, values, times: model)
+    for one, other in zip(coarse.T, error_of_gear(geared, 64).T, strict=True):
+        assert not np.array_equal(one, other)
+        assert one @ other / np.linalg.norm(one) / np.linalg.norm(other) > 0.995
+
+
 def test_slow_loads_come_back_whole(bench: Bench) -> None:
     """The taps of the response sum to one on their own joint and to nothing across."""
     taps = load_response(bench.fit.simulation("estimation")).taps
