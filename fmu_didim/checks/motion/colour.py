@@ -401,21 +401,26 @@ class Columns:
         """(b, c) the same, some samples at a time: no table of them is made."""
         return self.taken(colour.memory, columns).whitened(colour)
 
-    def colour(self, residual: int, beside: Sequence[int], most: Sequence[int] | None = None) -> Colour:
-        """That of a column, by its place, beside others; ``most``: largest order of each rate.
+    def colour(
+        self, residual: int, beside: Sequence[int], most: Sequence[int] | None = None, enough: float = -np.inf
+    ) -> Colour:
+        """That of a column, by its place, beside others.
 
         No memory and the longest are tried first; those between where the longest is not far worse than none.
+
+        Args:
+            most: largest order of each rate.
+            enough: criterion, from which down it does not matter how low it is: no further memory is tried then.
         """
         columns = [*beside, residual]
         most = most or [past.lags for past in self.logs.pasts]
-
-        def found(memory: int) -> Colour:
-            return _colour(self._regression(memory, columns), memory, most)
-
-        last = len(self.logs.memories) - 1
-        tried = [found(memory) for memory in sorted({0, last})]
-        if tried[-1].criterion < tried[0].criterion + FAR_WORSE:
-            tried += [found(memory) for memory in range(1, last)]
+        last, tried = len(self.logs.memories) - 1, list[Colour]()
+        for memory in (0, last, *range(1, last)) if last else (0,):
+            if tried and tried[-1].criterion <= enough:
+                break
+            if len(tried) == 2 and tried[-1].criterion >= tried[0].criterion + FAR_WORSE:
+                break
+            tried.append(_colour(self._regression(memory, columns), memory, most))
         return min(tried, key=lambda colour: colour.criterion)
 
 

@@ -542,10 +542,10 @@ class OwnColours:
         """The same by another colour."""
         return self.whitened if colour.key == self.alone.key else Whitened.by(self, colour)
 
-    def beside(self, chosen: Sequence[int]) -> Colour:
-        """The colour that functions leave, too."""
+    def beside(self, chosen: Sequence[int], enough: float = -np.inf) -> Colour:
+        """The colour that functions leave, too; ``enough``: see :meth:`Columns.colour`."""
         places = [*range(self.used), *(self.used + 1 + k for k in chosen)]
-        return self.columns.colour(self.used, places, self.alone.orders)
+        return self.columns.colour(self.used, places, self.alone.orders, enough)
 
     def steps(self) -> list[Step]:
         """What is asked."""

@@ -62,7 +62,7 @@ class MotionTests:
         searched = Beside(search, at_once, at_once=False)
         misfits = replace(Misfits.along(motions), motions=None)
         beside = None if joints is None else with_misfits(joints, misfits, samples_of(fit, rows))
-        workers = fit.model.threads - (at_once > 1)  # beside the copy that searches
+        workers = fit.model.threads - (at_once > 1 and not searched.is_done)  # beside the copy that searches
         if found := motion_diagnostics(dependence_of_fit(fit, misfits, beside, workers=workers)):
             searched.leave()
             return cls(found, misfits)

@@ -104,22 +104,47 @@ class Functions:
         """(N, k) orthonormal; it is not kept: those of many misfits are as large as the log."""
         return orthonormal(self.all.own(self.places))
 
-    def noncentrality(self, misfit: Array, sizes: Array) -> Array:
-        """(K,) of misfits (N,) of these sizes (K,)."""
+    def seen(self, misfit: Array) -> Seen:
+        """What they see of a misfit (N,)."""
         noise, basis = self.all.rest, self.basis()
-        square, along = sizes**2, basis.T @ misfit
+        along = basis.T @ misfit
         rest = misfit - basis @ along
-        variance = float(noise @ noise) / self.freedom
-        usual = square * float(along @ along) / (variance + square * float(rest @ rest) / self.freedom)
         loudness = (basis * noise[:, None] ** 2).T @ basis  # the covariance by the noise where they are large
         root = np.linalg.cholesky(loudness + TINY * np.eye(self.count) * np.trace(loudness))
         own = np.linalg.solve(root, along)
         loud, axes = np.linalg.eigh(_both_sides(root, (basis * rest[:, None] ** 2).T @ basis))
-        parts = (axes.T @ own) ** 2
-        robust = np.sum(square[:, None] * parts / (1 + square[:, None] * np.maximum(loud, 0.0)), axis=1)
-        both = np.minimum(usual, robust * self.freedom / noise.size)
         combined = basis @ along / max(float(np.linalg.norm(along)), TINY)
-        return np.asarray(both * (1 - LESS_OF_TWO * _uncertainty(combined)))
+        return Seen(
+            self, float(along @ along), float(rest @ rest), (axes.T @ own) ** 2, np.maximum(loud, 0.0),
+            1 - LESS_OF_TWO * _uncertainty(combined),
+        )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Seen:
+    """What a step of the test sees of a misfit of size one, of which no table is kept.
+
+    Attributes:
+        step: its functions; along, rest: squares along them, and of what they leave.
+        parts: (k,) squares along the axes of the noise where they are large; loud: (k,) what the misfit adds there.
+        lesser: part that the lesser of both tests sees of each of them.
+    """
+
+    step: Functions
+    along: float
+    rest: float
+    parts: Array
+    loud: Array
+    lesser: float
+
+    def noncentrality(self, sizes: Array) -> Array:
+        """(K,) of misfits of these sizes (K,)."""
+        noise, freedom, square = self.step.all.rest, self.step.freedom, sizes**2
+        variance = float(noise @ noise) / freedom
+        usual = square * self.along / (variance + square * self.rest / freedom)
+        robust = np.sum(square[:, None] * self.parts / (1 + square[:, None] * self.loud), axis=1)
+        both = np.minimum(usual, robust * freedom / noise.size)
+        return np.asarray(both * self.lesser)
 
 
 def _both_sides(root: Array, square: Array) -> Array:
@@ -163,21 +188,27 @@ class JointTest:
 
     def trial(self, misfit: int, size: float, enough: float = np.inf) -> float:
         """Probability of a doubt by a misfit, by its place, of this size, with the colours that it leads to; where a
-        step of the test has as much as is ``enough``, the others, each of which has a colour to learn, are left out."""
-        steps, signature = self.steps(misfit), self.misfit(misfit)
-        if not steps:
+        step of the test has as much as is ``enough``, the others, each of which has a colour to learn, are left out, and
+        where it sees no more than another one has, or with any colour as much as it can, no further colour is."""
+        seen = self.seen(misfit)
+        if not seen:
             return 0.0
-        functions = self._functions(steps[-1].places)
+        functions = self._functions(seen[-1].step.places)
         residual = self._rest(functions) + size * self.signatures[misfit]
         tested = OwnColours.of(residual, self.one.left.used).with_functions(functions)
-        found = 0.0
-        for step in reversed(steps):
+        found, samples = 0.0, tested.columns.logs.samples
+        for one in reversed(seen):
             if found >= enough:
                 break
-            gain = max(tested.alone.criterion - tested.beside(range(step.count)).criterion, 0.0)
-            likely = step.freedom * np.expm1(min(gain / tested.columns.logs.samples, LARGEST_GAIN))
-            noncentrality = min(float(likely), float(step.noncentrality(signature, np.array([size]))[0]))
-            found = max(found, float(np.interp(noncentrality, NONCENTRALITIES, self._powers(step))))
+            step, powers = one.step, self._powers(one.step)
+            most = float(one.noncentrality(np.array([size]))[0])
+            if np.interp(most, NONCENTRALITIES, powers) <= found:
+                continue
+            asked = min(most, _least_of(powers, enough))
+            own = tested.beside(range(step.count), tested.alone.criterion - samples * np.log1p(asked / step.freedom))
+            gain = max(tested.alone.criterion - own.criterion, 0.0)
+            likely = step.freedom * np.expm1(min(gain / samples, LARGEST_GAIN))
+            found = max(found, float(np.interp(min(float(likely), most), NONCENTRALITIES, powers)))
         return found
 
     def _functions(self, places: Sequence[int]) -> Array:
@@ -197,9 +228,8 @@ class JointTest:
 
     def explained(self, misfit: int) -> float:
         """Part of the squares of a misfit, by its place, that the functions chosen for it explain."""
-        signature, steps = self.misfit(misfit), self.steps(misfit)
-        along = steps[-1].basis().T @ signature if steps else np.zeros(1)
-        return float(along @ along) / max(float(signature @ signature), TINY)
+        seen = self.seen(misfit)
+        return seen[-1].along / max(seen[-1].along + seen[-1].rest, TINY) if seen else 0.0
 
     def misfit(self, place: int) -> Array:
         """(M,) what they leave of a misfit."""
@@ -207,11 +237,17 @@ class JointTest:
 
     def power(self, misfit: int, sizes: Array) -> Array:
         """(K,) probability of a doubt by a misfit, by its place, of these sizes (K,)."""
-        signature, steps, found = self.misfit(misfit), self.steps(misfit), np.zeros(sizes.size)
-        for step in steps:
-            lambdas = step.noncentrality(signature, sizes)
-            found = np.maximum(found, np.interp(lambdas, NONCENTRALITIES, self._powers(step)))
+        found = np.zeros(sizes.size)
+        for one in self.seen(misfit):
+            found = np.maximum(found, np.interp(one.noncentrality(sizes), NONCENTRALITIES, self._powers(one.step)))
         return found
+
+    def seen(self, misfit: int) -> list[Seen]:
+        """What the steps of the test see of a misfit, by its place, for all sizes."""
+        if misfit not in self._seen:
+            signature, steps = self.misfit(misfit), self.steps(misfit)
+            self._seen[misfit] = [step.seen(signature) for step in steps]
+        return self._seen[misfit]
 
     def steps(self, misfit: int) -> list[Functions]:
         """The steps of the test that a misfit, by its place, alone would lead to: with the function that explains most,
@@ -238,6 +274,16 @@ class JointTest:
     @cached_property
     def _known(self) -> dict[tuple[int, int], Array]:
         return {}
+
+    @cached_property
+    def _seen(self) -> dict[int, list[Seen]]:
+        return {}
+
+
+def _least_of(powers: Array, enough: float) -> float:
+    """The least of ``NONCENTRALITIES`` that has as much power (K,) as is enough; infinite where none has."""
+    (there,) = np.nonzero(powers >= enough)
+    return float(NONCENTRALITIES[there[0]]) if there.size else np.inf
 
 
 def smallest_size(tests: Sequence[JointTest], misfit: int, largest: float) -> float | None:
