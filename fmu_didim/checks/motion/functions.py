@@ -7,11 +7,11 @@ the links, products of these with time, and what changes in the course of a log.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fmu_didim.cosim import Recording
+from fmu_didim.cosim import Indices, Recording
 from fmu_didim.data.filters import LowPass
 from fmu_didim.data.signals import Array
 from fmu_didim.fit.log_noise import STANDSTILL
@@ -118,9 +118,11 @@ def near(quantity: str, value: float, *, slides: bool, joint: int = 0) -> str:
     return f"{quantity}{whose}{NEAR}{value:.3g} {units[quantity][slides]}"
 
 
-def direction(dq: Array, over: float = TURNING) -> Array:
-    """(K,) of a motion of velocity (K,): it changes over so much of the largest speed."""
-    return np.asarray(np.tanh(dq / (over * max(float(np.abs(dq).max()), STANDSTILL))))
+def direction(dq: Array, over: float = TURNING, *, fastest: float | None = None) -> Array:
+    """(K,) of a motion of velocity (K,): it changes over so much of the largest speed; ``fastest``: of a longer motion,
+    of which these are some instants."""
+    largest = float(np.abs(dq).max()) if fastest is None else fastest
+    return np.asarray(np.tanh(dq / (over * max(largest, STANDSTILL))))
 
 
 def functions_of_motion(run: Simulation) -> list[dict[str, Array]]:
@@ -133,34 +135,38 @@ def functions_of_motion(run: Simulation) -> list[dict[str, Array]]:
 
 def joint_by_joint(run: Simulation) -> Iterator[dict[str, Array]]:
     """The same, of one joint after the other: of a long log they take the memory of many logs."""
-    motion = _Motion.of(run, run.record(all_ticks=True))
+    motion = _Motion.of(run, run.record(all_ticks=True)).at(run.operator.ticks)
 
     def of_joint(j: int) -> dict[str, Array]:
-        ticks, functions = run.operator.ticks, motion.functions(j)
-        return {name: run.sampled(column[ticks]) for name, column in functions}
+        return {name: run.sampled(column) for name, column in motion.functions(j)}
 
     return map(of_joint, range(run.model.joint_count))
 
 
 @dataclass(frozen=True)
 class _Motion:
-    """A recorded motion.
+    """A recorded motion at some or all of its ticks.
 
     Attributes:
-        time: (K,) from the middle of the log, in halves of its length; torque: (K, n); rate: of it.
-        step: s between ticks, or their instants where it changes.
-        velocity, acceleration, position: joint, from 0, -> (K,), as far as the plant gives them.
+        time: (K,) from the middle of the log, in halves of its length; torque: (K, n).
+        rate, curvature: of the torque, its first and second derivative.
+        velocity, acceleration, jerk, position: joint, from 0, -> (K,), as far as the plant gives them; the position
+            from its mean.
         angle: the same of the link behind a joint, the sum of those up to it; empty where a joint slides.
+        largest, fastest: (n,) torque and joint -> speed of the whole motion.
     """
 
     time: Array
     torque: Array
     rate: Array
-    step: float | Array
+    curvature: Array
     velocity: Mapping[int, Array]
     acceleration: Mapping[int, Array]
+    jerk: Mapping[int, Array]
     position: Mapping[int, Array]
     angle: Mapping[int, Array]
+    largest: Array
+    fastest: Mapping[int, float]
 
     @classmethod
     def of(cls, run: Simulation, recording: Recording) -> _Motion:
@@ -177,10 +183,25 @@ class _Motion:
             low = LowPass(SMOOTHER * model.loop.follows_hz)
             torque, rate_hz = low.apply(torque, 1 / run.step_size), 1 / run.step_size
             velocity, position = ({j: low.apply(v, rate_hz) for j, v in of.items()} for of in (velocity, position))
+        rate, acceleration = np.gradient(torque, step, axis=0), {j: np.gradient(dq, step) for j, dq in velocity.items()}
         return cls(
-            time=time, torque=torque, rate=np.gradient(torque, step, axis=0), step=step, velocity=velocity,
-            acceleration={j: np.gradient(dq, step) for j, dq in velocity.items()}, position=position,
+            time=time, torque=torque, rate=rate, curvature=np.gradient(rate, step, axis=0), velocity=velocity,
+            acceleration=acceleration, jerk={j: np.gradient(ddq, step) for j, ddq in acceleration.items()},
+            position={j: q - q.mean() for j, q in position.items()},
             angle=dict(enumerate(np.cumsum([position[j] for j in range(n)], axis=0))) if turning else {},
+            largest=np.abs(torque).max(axis=0), fastest={j: float(np.abs(dq).max()) for j, dq in velocity.items()},
+        )  # fmt: skip
+
+    def at(self, ticks: Indices) -> _Motion:
+        """The same at some ticks: those at which a log is taken are often one in fifty."""
+        velocity, acceleration, jerk, position, angle = (
+            {j: column[ticks] for j, column in of.items()}
+            for of in (self.velocity, self.acceleration, self.jerk, self.position, self.angle)
+        )
+        return replace(
+            self, time=self.time[ticks], torque=self.torque[ticks], rate=self.rate[ticks],
+            curvature=self.curvature[ticks], velocity=velocity, acceleration=acceleration, jerk=jerk,
+            position=position, angle=angle,
         )  # fmt: skip
 
     def functions(self, j: int) -> Iterator[tuple[str, Array]]:
@@ -189,8 +210,8 @@ class _Motion:
         size = np.abs(torque)
         yield TORQUE_RATE, self.rate[:, j]
         if moves:
-            dq, ddq = self.velocity[j], self.acceleration[j]
-            way = direction(dq)
+            dq, ddq, fastest = self.velocity[j], self.acceleration[j], self.fastest[j]
+            way = direction(dq, fastest=fastest)
             yield "direction of motion", way
             yield "square of the velocity", dq * np.abs(dq)
             yield "acceleration", ddq
@@ -198,25 +219,25 @@ class _Motion:
         yield "offset", np.ones(torque.size)
         yield "torque", torque
         yield "size of the torque", size
-        yield "direction of the torque", np.tanh(torque / (TURNING * max(float(size.max()), TINY)))
+        yield "direction of the torque", np.tanh(torque / (TURNING * max(float(self.largest[j]), TINY)))
         if moves:
             yield "friction by load", size * way
-            yield "velocity near standstill", direction(dq, CREEPING)
+            yield "velocity near standstill", direction(dq, CREEPING, fastest=fastest)
             yield "time in the direction of motion", self.time * way
             yield "time and velocity", self.time * dq
             yield "size of the velocity", np.abs(dq)
             yield "cube of the velocity", dq**3
             yield "kinetic energy", dq**2
-            yield "jerk", np.gradient(ddq, self.step)
+            yield "jerk", self.jerk[j]
         for link in range(j, min(j + 2, len(self.angle))):
             yield f"sine of the angle of link {link + 1}", np.sin(self.angle[link])
             yield f"cosine of the angle of link {link + 1}", np.cos(self.angle[link])
         if j in self.position:
-            q = self.position[j] - self.position[j].mean()
+            q = self.position[j]
             yield from (("position", q), ("square of the position", q**2), ("cube of the position", q**3))
         yield "time", self.time
         yield "cube of the torque", torque**3
-        yield "curvature of the torque", np.gradient(self.rate[:, j], self.step)
+        yield "curvature of the torque", self.curvature[:, j]
         for at in STEPS:
             later = np.where(self.time > 2 * at - 1, 1.0, -1.0)
             when = f", which changes after {100 * at:.0f} % of the log"

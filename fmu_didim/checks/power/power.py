@@ -188,8 +188,8 @@ class JointTest:
 
     def trial(self, misfit: int, size: float, enough: float = np.inf) -> float:
         """Probability of a doubt by a misfit, by its place, of this size, with the colours that it leads to; where a
-        step of the test has as much as is ``enough``, the others, each of which has a colour to learn, are left out, and
-        where it sees no more than another one has, or with any colour as much as it can, no further colour is."""
+        step of the test has as much as is ``enough``, the others, each of which has a colour to learn, are left out,
+        and where it sees no more than another one has, or with any colour as much as it can, no further colour is."""
         seen = self.seen(misfit)
         if not seen:
             return 0.0
