@@ -733,7 +733,7 @@ def orthonormal(columns: Array) -> Array:
             return np.asarray(np.linalg.qr(columns)[0])
         inverse = lapack.dtrtri(r)[0]
         for first in range(0, len(found), ROWS):
-            found[first : first + ROWS] = basis[first : first + ROWS] @ inverse
+            found[first : first + ROWS] = (inverse.T @ basis[first : first + ROWS].T).T  # column by column
         basis = found
     return found
 
@@ -768,12 +768,18 @@ class Beside:
             along += own.T @ block
             squares += np.einsum("ij,ij->j", block, block)
         for own, block in with_rows(basis, blocks()):
-            left = block - own @ along
+            left = less(block, own, along)
             products += left.T @ left
         return Beside(along, squares, products)
 
 
 def rest_of(columns: Array, basis: Array) -> Array:
     """What an orthonormal basis (N, r) leaves of columns (N,) or (N, m)."""
-    along = np.asarray(basis @ (basis.T @ columns))
-    return np.subtract(columns, along, out=along)
+    return less(columns, basis, basis.T @ columns)
+
+
+def less(columns: Array, basis: Array, along: Array) -> Array:
+    """Columns (N,) or (N, m) less those along a basis (N, r) that have these amounts (r,) or (r, m); all column by
+    column, as tables lie in memory: a table row by row beside them takes three times as long."""
+    found = np.asarray((along.T @ basis.T).T)
+    return np.subtract(columns, found, out=found)

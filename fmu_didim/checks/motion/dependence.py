@@ -49,6 +49,7 @@ from fmu_didim.checks.motion.colour import (
     Columns,
     Logs,
     as_slice,
+    less,
     orthonormal,
     rest_of,
     triangle,
@@ -617,7 +618,7 @@ class Whitened:
     def _left(self, columns: Sequence[int], along: Array) -> Array:
         table = self.columns.whitened(self.colour, columns)
         for basis, left in with_rows(self.basis, in_blocks(table)):
-            left -= basis @ along
+            left[:] = less(left, basis, along)
         return table
 
     def next_to(self, chosen: Sequence[int]) -> int | None:
@@ -675,7 +676,7 @@ class Whitened:
         along = self.along[:, 1:][:, list(chosen)]
         blocks = self.columns.blocks(self.colour, self.places(chosen))
         for basis, block in with_rows(self.basis, blocks):
-            yield block - basis @ along
+            yield less(block, basis, along)
 
 
 def _combined(blocks: Callable[[], Iterable[Array]], kept: Indices, by: Array) -> Iterator[Array]:

@@ -21,13 +21,12 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
-from itertools import product
 from typing import Literal, TypeAlias, get_args
 
 import numpy as np
 
 from fmu_didim.base.tall import with_rows
-from fmu_didim.checks.motion.colour import Colour, asked_twice
+from fmu_didim.checks.motion.colour import Colour, asked_twice, less
 from fmu_didim.checks.motion.dependence import (
     Dependence,
     JointResidual,
@@ -299,9 +298,9 @@ def _explained(beside: OwnColours, colour: Colour, count: int) -> Array:
         before += own.T @ block
     along, products = np.zeros((count, FUNCTIONS)), np.zeros((count, FUNCTIONS, FUNCTIONS))
     for own, block in with_rows(basis, blocks()):
-        left = np.subtract(block, own @ before, order="F")
+        left = less(block, own, before)
         along += (left[:, 0] @ left[:, 1:]).reshape(count, FUNCTIONS)
-        for i, j in product(range(FUNCTIONS), repeat=2):
-            products[:, i, j] += (left[:, 1 + i :: FUNCTIONS] * left[:, 1 + j :: FUNCTIONS]).sum(axis=0)
+        together = left.T[1:].reshape(count, FUNCTIONS, -1)
+        products += together @ together.transpose(0, 2, 1)
     inverse = np.linalg.pinv(products, rcond=DEPENDENT, hermitian=True)
     return np.asarray(np.einsum("gi,gij,gj->g", along, inverse, along))
