@@ -60,6 +60,7 @@ NEARLY_DEPENDENT = 1e-8
 not tell how much that is."""
 LONG_RUN = 100
 """[samples] On average between gaps, from which sums over runs are faster than tables: a sum has its own beginning."""
+_ONE = np.ones(1)
 
 
 @dataclass(frozen=True)
@@ -232,12 +233,18 @@ class Past:
             end = own.size
             first += np.correlate(own[k - most :], own[k:], "valid")[::-1]
             begin, last = (own[at - most : at][::-1] for at in (k, end))
-            moved += np.outer(begin, begin) - np.outer(last, last)
+            moved += begin[:, None] * begin - last[:, None] * last
         steps, result = np.zeros((most + 1, 2 * most + 1)), np.zeros((most + 1, 2 * most + 1))
         steps[0, : most + 1], steps[1:, 1 : most + 1] = first, moved
         np.cumsum(_aslant(steps), axis=0, out=_aslant(result))
         upper = result[:, : most + 1]
-        return np.asarray(upper + np.triu(upper, 1).T)
+        return np.where(_upper(most + 1), upper, upper.T)
+
+
+@lru_cache
+def _upper(count: int) -> NDArray[np.bool_]:
+    """Which elements (K, K) of so many rows are on the diagonal or above."""
+    return np.triu(np.ones((count, count), dtype=np.bool_))
 
 
 def _aslant(table: Array) -> Array:
@@ -266,6 +273,12 @@ def as_slice(rows: Indices) -> slice | Indices:
     """The same rows, as a slice if each follows the one before."""
     first = int(rows[0]) if rows.size else 0
     return slice(first, first + rows.size) if (np.diff(rows) == 1).all() else np.ascontiguousarray(rows)
+
+
+def _as_slice(places: Sequence[int]) -> slice | Indices:
+    """The same of a few, of which there is one at least."""
+    following = slice(places[0], places[0] + len(places))
+    return following if [*places] == [*range(following.start, following.stop)] else np.array(places)
 
 
 def _runs(grid: Indices) -> list[slice | Indices]:
@@ -355,14 +368,15 @@ class Columns:
 
     def _parts(self, memory: int, columns: Sequence[int]) -> Iterator[tuple[Table, slice | Indices]]:
         """Tables (N, c) of these columns, by their places, after a memory, by its place, and where they belong."""
-        asked, at = np.asarray(columns, dtype=int), self
+        at = self
         while True:
-            (places,) = np.nonzero((asked >= at._first) & (asked < at.count))
-            own = asked[places] - at._first
+            first, last = at._first, at.count
+            places = [p for p, k in enumerate(columns) if first <= k < last]
+            own = [columns[p] - first for p in places]
             if self.logs.memories[memory]:
-                yield from ((at._after(memory, int(k)), slice(p, p + 1)) for k, p in zip(own, places, strict=True))
-            elif places.size:
-                yield at.table[:, as_slice(own)], as_slice(places)
+                yield from ((at._after(memory, k), slice(p, p + 1)) for k, p in zip(own, places, strict=True))
+            elif places:
+                yield at.table[:, _as_slice(own)], _as_slice(places)
             if at.known is None:
                 return
             at = at.known
@@ -555,7 +569,7 @@ class Regression:
     def rest(self, values: Array) -> Array:
         """(N,) what the others leave of it with values (m,)."""
         count = self.first.taken.count
-        further = self.table @ np.append(-values[count:], 1.0)
+        further = self.table @ np.concatenate([-values[count:], _ONE])
         return np.asarray(further - self.first.taken.times(values[:count]))
 
     def _white(self) -> tuple[Array, float]:
@@ -599,7 +613,8 @@ def _beside(upper: Array, along: Array, products: Array) -> tuple[Array, float] 
     if r is None:
         return None
     values = _solved(r[:-1, :-1], r[:-1, -1])
-    return np.append(_solved(upper, own[:, -1] - own[:, :-1] @ values), values), abs(float(r[-1, -1]))
+    first = _solved(upper, own[:, -1] - own[:, :-1] @ values)
+    return np.concatenate([first, values]), abs(float(r[-1, -1]))
 
 
 def _innovations(block: Array, coefficients: Array, deviation: float, *, later: bool = False) -> Array:
@@ -698,19 +713,28 @@ def _autoregression(rest: Array, past: Past, most: int, used: int) -> tuple[Arra
     """Coefficients of the order up to ``most`` that the criterion chooses, and the deviation of the innovations, of
     what is left (N,)."""
     count, longest = past.samples, min(most, past.lags)
-    order = [*range(1, longest + 1), 0]  # the samples in the last column, behind those before them
     products = past.products(rest, longest)
     size = products.diagonal()
-    products = products[:, order][order]
-    r = _triangle_of(products) if count > longest and size.min() > NEARLY_DEPENDENT * size.max() else None
+    there = count > longest and size.min() > NEARLY_DEPENDENT * size.max()
+    r = _triangle_of(products.take(_first_at_last(longest + 1))) if there else None
     if r is None:
+        order = [*range(1, longest + 1), 0]
         r = np.asarray(np.linalg.qr(np.column_stack([rest[past.rows[k]] for k in order]), mode="r"))
     along = r[:, -1]
     squares = np.cumsum(along[::-1] ** 2)[::-1]  # that are left of orders 0, 1, ..., K
-    squares = np.append(squares, np.zeros(longest + 1 - squares.size))
+    if squares.size <= longest:
+        squares = np.append(squares, np.zeros(longest + 1 - squares.size))
     best = int(np.argmin(count * np.log(np.maximum(squares, TINY)) + _order_costs(count, longest, used)))
     deviation = float(np.sqrt(squares[best] / count))
     return _solved(r[:best, :best], along[:best]), deviation
+
+
+@lru_cache
+def _first_at_last(count: int) -> Indices:
+    """(K, K) places of the elements of a table (K, K) whose first row and column stand behind all others: the samples
+    behind those before them."""
+    order = np.roll(np.arange(count), -1)
+    return np.asarray(count * order[:, None] + order)
 
 
 @lru_cache

@@ -23,6 +23,7 @@ from fmu_didim.data.signals import Array
 
 SAVED = 2
 """[sums] That take as long as one table, which they save: to be whitened, and to be multiplied by itself."""
+_ONE = np.ones(1)
 
 
 @dataclass(frozen=True)
@@ -60,7 +61,7 @@ class LagSums:
             if order + 1 - len(sums) > SAVED * self._asked:
                 return None
             self._sums = sums = self._up_to(order, sums)
-        weights = np.append(1.0, -coefficients)
+        weights = np.concatenate([_ONE, -coefficients])
         gains = np.correlate(weights, weights, "full")[order:]
         found = (gains @ sums[: order + 1]).reshape(self.count, self.count)
         ends = (_toeplitz(weights, lags) @ self._at_ends(lags)).reshape(len(self.runs) * 2 * lags, self.count)
