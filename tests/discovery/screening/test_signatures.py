@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy import sparse
 
 from fmu_didim.case import load_case
 from fmu_didim.discovery.augmentation.builder import LoopModelBuilder
@@ -19,7 +20,7 @@ from fmu_didim.discovery.screening.catalogue import Signature, SignatureCatalogu
 from fmu_didim.dynamics.effects import EFFECTS, Search, TorqueEffect
 from fmu_didim.dynamics.robot import RobotModel
 from fmu_didim.fit.derivatives import load_response as load_response_module
-from fmu_didim.fit.derivatives.load_response import load_response
+from fmu_didim.fit.derivatives.load_response import DenseParts, load_response
 from fmu_didim.fit.derivatives.torque_signature import TorqueSignature, search_grid
 from fmu_didim.fit.fit import Fit
 from fmu_didim.fit.solver.least_squares import minimise
@@ -225,6 +226,29 @@ def test_tables_and_transforms_give_the_same(bench: Bench, monkeypatch: pytest.M
     assert not other._tables
     for one, same in zip(by_table, by_transform, strict=True):
         np.testing.assert_allclose(one, same, atol=1e-12 * np.abs(same).max())
+
+
+@pytest.mark.parametrize(
+    ("rows", "columns", "band"),
+    [
+        (10, 40, 7),  # a log of one tick in four
+        (40, 40, 7),
+        (40, 10, 3),  # several samples of a tick, as averages are
+        (1, 5, 5),
+        (6, 6, 1),
+    ],
+)
+def test_dense_parts_of_a_table_are_the_table(rows: int, columns: int, band: int) -> None:
+    """With rows that have nothing, and a part of the log that is missing."""
+    rng, table = np.random.default_rng(2), np.zeros((rows, columns))
+    last = np.linspace(0, columns - 1, rows).astype(int)
+    last[rows // 2 :] = np.minimum(last[rows // 2 :] + 5, columns - 1)
+    for row, place in enumerate(last):
+        table[row, max(place - band + 1, 0) : place + 1] = rng.normal(size=min(band, place + 1))
+    table[rows // 3] = 0.0
+    parts, other = DenseParts.of(sparse.csr_array(table)), rng.normal(size=(columns, 4))
+    np.testing.assert_allclose(parts.times(other), table @ other, atol=1e-14)
+    assert not np.any(DenseParts.of(sparse.csr_array(np.zeros((rows, columns)))).times(other))
 
 
 # ---- states ----------------------------------------------------------------------------------------
