@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fmu_didim.data.signals import Array, Trajectory, periods, trajectory
+from fmu_didim.data.signals import Array, Trajectory, Variable, periods
 
 EXTERNAL_TORQUE = "external_torque"
 
@@ -43,11 +43,18 @@ def with_external_torques(reference: Trajectory, external_torques: Sequence[Exte
     """The reference with a column ``external_torque<j>`` for each joint on which one acts."""
     if not external_torques:
         return reference
-    columns = {name: reference.column(name) for name in reference.names}
+    columns: dict[str, Array] = {}
     for external in external_torques:
         name = f"{EXTERNAL_TORQUE}{external.joint}"
-        columns[name] = columns.get(name, np.zeros(reference.time.size)) + external.along(reference.time)
-    return trajectory(reference.time, columns)
+        if name not in columns:
+            columns[name] = reference.column(name) if name in reference.names else np.zeros(reference.time.size)
+        columns[name] = columns[name] + external.along(reference.time)
+    names = list(dict.fromkeys((*reference.names, *columns)))
+    further = [columns[name][:, None] for name in names[len(reference.names) :]]
+    values = np.concatenate([reference.values, *further], axis=1)
+    for name in set(columns).intersection(reference.names):
+        values[:, names.index(name)] = columns[name]
+    return Trajectory(reference.time, values, tuple(Variable(name) for name in names))
 
 
 def held(reference: Trajectory, count: int, *, at_instants: bool = False, ramps: Collection[str] = ()) -> Trajectory:

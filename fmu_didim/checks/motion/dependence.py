@@ -49,6 +49,7 @@ from fmu_didim.checks.motion.colour import (
     Columns,
     Logs,
     as_slice,
+    asked_twice,
     less,
     orthonormal,
     rest_of,
@@ -657,7 +658,7 @@ class Whitened:
     def _explained(self, chosen: Sequence[int]) -> tuple[Array, Array]:
         """What the residual has along an orthonormal basis B (n, k) of functions, (k,), and (k, k) B' diag(e^2) B, by
         what they leave of it, e: where the noise is loud the functions may be large."""
-        blocks = partial(self._own_blocks, chosen)
+        blocks = asked_twice(partial(self._own_blocks, chosen), self.rest.size)
         kept, length = independent_of(triangle_of_blocks(blocks, len(chosen)))
         inverse = np.diag(1 / length)
         for _ in range(2):  # as :func:`fmu_didim.checks.motion.colour.orthonormal`
