@@ -103,14 +103,18 @@ class Fourier(Excitation):
 
     def motion(self, time: Array) -> tuple[Array, Array, Array]:
         w = 2 * np.pi * self.fundamental_hz
-        q, dq, ddq = (np.zeros((time.size, len(self.joints))) for _ in range(3))
-        for j, joint in enumerate(self.joints):
-            q[:, j] = joint.offset
-            for k, (a, b) in enumerate(zip(joint.cosine, joint.sine, strict=True), start=1):
-                c, s, f = np.cos(k * w * time), np.sin(k * w * time), k * w
-                q[:, j] += a * c + b * s
+        q, dq, ddq = (np.zeros((time.size, len(self.joints)), order="F") for _ in range(3))
+        q[:] = [joint.offset for joint in self.joints]
+        for k in range(1, max(len(joint.cosine) for joint in self.joints) + 1):
+            c, s, f = np.cos(k * w * time), np.sin(k * w * time), k * w  # of all joints
+            for j, joint in enumerate(self.joints):
+                if k > len(joint.cosine):
+                    continue
+                a, b = joint.cosine[k - 1], joint.sine[k - 1]
+                own = a * c + b * s
+                q[:, j] += own
                 dq[:, j] += f * (-a * s + b * c)
-                ddq[:, j] -= f * f * (a * c + b * s)
+                ddq[:, j] -= f * f * own
         return q, dq, ddq
 
 
