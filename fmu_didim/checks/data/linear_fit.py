@@ -25,6 +25,7 @@ from fmu_didim.data.signals import Array
 from fmu_didim.estimators.starts.reference_start import from_reference
 from fmu_didim.fit.noise.noise import TINY, effective_fraction
 from fmu_didim.fit.solver.admissible import mass_matrix_problem
+from fmu_didim.fit.solver.bounded import least_between
 from fmu_didim.model.experiment import Experiment
 from fmu_didim.model.loop_model import LoopModel, Simulation
 from fmu_didim.model.parameters import Parameters
@@ -190,15 +191,12 @@ class FittedMotion:
         Args:
             misfit: as a function of one quantity, 1 where it is 0.
         """
-        from scipy.optimize import minimize_scalar  # slow to import
-
         below, above = misfit(-step), misfit(step)
         curvature = below + above - 2 * (present := self.misfit())
         best = min(below, above, present - 0.5 * (0.5 * (below - above)) ** 2 / curvature if curvature > 0 else present)
         if self.gain(best) <= 0:
             return None
-        found = minimize_scalar(misfit, bounds=(-bound, bound), method="bounded", options={"xatol": FINE * step})
-        x, least = float(found.x), float(found.fun)
+        x, least = least_between(misfit, -bound, bound, accuracy=FINE * step)
         return x, self.deviation(misfit, x, least, step), least
 
     def deviation(self, misfit: Callable[[float], float], x: float, least: float, step: float) -> float:

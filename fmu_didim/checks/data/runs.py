@@ -10,6 +10,7 @@ import numpy as np
 from fmu_didim.base.diagnostics import CATALOGUE, DOUBT, REMARK, Diagnostic
 from fmu_didim.data.signals import Array, Trajectory
 from fmu_didim.data.spectrum import lagged_products
+from fmu_didim.fit.solver.bounded import least_between
 from fmu_didim.model.experiment import Experiment
 from fmu_didim.model.loop_model import LoopModel
 
@@ -101,8 +102,6 @@ def difference(reference: Trajectory, other: Trajectory) -> tuple[float, float]:
     first row fits as well as any. Infinite where the references cannot be compared: nothing moves, a signal is missing,
     or the other covers too little of the first.
     """
-    from scipy.optimize import minimize_scalar  # slow to import
-
     names = [name for name in reference.names if not name.startswith(("dq", "ddq"))]
     if not any(name.startswith("q") for name in names) or any(name not in other.names for name in names):
         return float("inf"), 0.0
@@ -111,13 +110,11 @@ def difference(reference: Trajectory, other: Trajectory) -> tuple[float, float]:
         return at_once, 0.0
     step = max(float(np.ptp(one.time)) for one in (reference, other)) / SHIFTED_POINTS
     later = _likely_shift(*(_on_grid(one, names, step) for one in (reference, other))) * step
-    options = {"xatol": SHIFT_ACCURACY * step}
-    bounds = (later - step, later + step)
-    found = minimize_scalar(
-        lambda s: min(_apart(reference, other, names, s), ALL_DIFFERENT), bounds=bounds, method="bounded",
-        options=options,
+    found, least = least_between(
+        lambda s: min(_apart(reference, other, names, s), ALL_DIFFERENT), later - step, later + step,
+        accuracy=SHIFT_ACCURACY * step,
     )  # fmt: skip
-    shifts = {float(found.x): float(found.fun), later: _apart(reference, other, names, later), 0.0: at_once}
+    shifts = {found: least, later: _apart(reference, other, names, later), 0.0: at_once}
     best = min(shifts, key=lambda s: shifts[s])
     return shifts[best], best
 

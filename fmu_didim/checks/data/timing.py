@@ -31,6 +31,7 @@ from fmu_didim.cosim import SampleOperator
 from fmu_didim.cosim.sampling import Kind, Window
 from fmu_didim.data.spectrum import power_density
 from fmu_didim.fit.noise.noise import SEGMENT, SEGMENTS, TINY
+from fmu_didim.fit.solver.bounded import least_between
 from fmu_didim.model.experiment import Experiment
 
 SHIFTS_S = (0.002, 0.006, 0.018, 0.054, 0.16, 0.5)
@@ -176,8 +177,6 @@ def _of_clock(fitted: FittedMotion, aligned: FittedMotion, late: float, deviatio
 
 def _least_misfit(fitted: FittedMotion) -> tuple[float, float]:
     """The shift in s with the least misfit, and its standard deviation; infinite where the misfit has no minimum."""
-    from scipy.optimize import minimize_scalar  # slow to import
-
     experiment, step = fitted.experiment, fitted.run.step_size
     count = experiment.reference.time.size
 
@@ -189,9 +188,8 @@ def _least_misfit(fitted: FittedMotion) -> tuple[float, float]:
     place = int(np.argmin([misfit(shift) for shift in grid]))
     if place in (0, grid.size - 1):
         return 0.0, np.inf
-    bounds, accuracy = (grid[place - 1], grid[place + 1]), {"xatol": SHIFT_ACCURACY * step}
-    found = minimize_scalar(misfit, bounds=bounds, method="bounded", options=accuracy)
-    return float(found.x), fitted.deviation(misfit, float(found.x), float(found.fun), CURVATURE * step)
+    shift, least = least_between(misfit, grid[place - 1], grid[place + 1], accuracy=SHIFT_ACCURACY * step)
+    return shift, fitted.deviation(misfit, shift, least, CURVATURE * step)
 
 
 def kind_is_clear(fitted: FittedMotion) -> bool:

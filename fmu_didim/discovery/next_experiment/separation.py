@@ -22,6 +22,7 @@ from fmu_didim.discovery.augmentation.places import shape_limits
 from fmu_didim.discovery.next_experiment.members import AmbiguousEffect, ProjectedMotion
 from fmu_didim.discovery.selection.competition import DEPENDENT
 from fmu_didim.fit.base_projection import BaseProjection
+from fmu_didim.fit.solver.bounded import least_between
 
 ABSORBED = 1e-6
 """[1] Fraction of a column below which the base absorbs it whole."""
@@ -149,8 +150,6 @@ class _Columns:
     def _refined(
         self, name: str, shapes: dict[str, float], target: Array, size: float, within: tuple[float, float], width: float
     ) -> tuple[float, dict[str, float]]:
-        from scipy.optimize import minimize_scalar
-
         middle = float(np.log(shapes[name]))
         bounds = (max(middle - width, within[0]), min(middle + width, within[1]))
         if bounds[1] <= bounds[0]:
@@ -159,10 +158,9 @@ class _Columns:
         def left(x: float) -> float:
             return float(np.sum(self._left({**shapes, name: float(np.exp(x))}, target) ** 2))
 
-        options = {"maxiter": REFINEMENTS, "xatol": REFINED}
-        found = minimize_scalar(left, bounds=bounds, method="bounded", options=options)
-        if found.fun < size:
-            return float(found.fun), {**shapes, name: float(np.exp(found.x))}
+        found, least = least_between(left, *bounds, accuracy=REFINED, evaluations=REFINEMENTS)
+        if least < size:
+            return least, {**shapes, name: float(np.exp(found))}
         return size, shapes
 
     def _left(self, shapes: Mapping[str, float], target: Array) -> Array:
