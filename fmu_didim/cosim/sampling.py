@@ -84,6 +84,14 @@ class SampleOperator:
             origin=None if self.origin is None else self.origin.at(rows),
         )
 
+    def every(self, stride: int) -> SampleOperator:
+        """The operator for one sample in so many, with the ticks that these need."""
+        some = self.at(np.arange(0, self.count, stride))
+        used, place = np.unique(some.matrix.indices, return_inverse=True)
+        matrix = sparse.csr_array((some.matrix.data, place, some.matrix.indptr), shape=(some.count, used.size))
+        origin = None if self.origin is None else self.origin.every(stride)
+        return replace(some, ticks=self.ticks[used], matrix=matrix, origin=origin)
+
     def summed(self, weights: sparse.csr_array) -> SampleOperator:
         """The operator of weighted sums of the samples, by weights (N', N)."""
         origin = None if self.origin is None else self.origin.summed(weights)

@@ -217,6 +217,19 @@ def test_a_log_may_be_cut_and_shifted_in_any_order(kind: Kind, order: str) -> No
 
 
 @pytest.mark.parametrize("kind", ["point", "average"])
+@pytest.mark.parametrize("lag", [0.0, 3.4])
+def test_one_sample_in_so_many_needs_its_own_ticks_alone(kind: Kind, lag: float) -> None:
+    whole = plain(START + STEP * (8.3 + 4.0 * np.arange(40)), kind=kind).stamped_later(lag, COUNT)
+    some = whole.every(8)
+    np.testing.assert_allclose(some.apply(STAIRS[some.ticks]), whole.apply(STAIRS[whole.ticks])[::8], atol=1e-12)
+    assert set(some.ticks) <= set(whole.ticks)
+    assert some.ticks.size < whole.ticks.size / 4
+    assert (np.diff(some.ticks) > 0).all()
+    later, also = (operator.stamped_later(1.5, COUNT) for operator in (some, whole))
+    np.testing.assert_allclose(later.apply(STAIRS[later.ticks]), also.apply(STAIRS[also.ticks])[::8], atol=1e-12)
+
+
+@pytest.mark.parametrize("kind", ["point", "average"])
 def test_samples_are_continuous_in_the_lag(kind: Kind) -> None:
     operator = plain(START + STEP * (8.0 + 4.0 * np.arange(40)), kind=kind)
 

@@ -8,6 +8,7 @@ not be good.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -17,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fmu_didim.base.diagnostics import Diagnostic
-from fmu_didim.base.errors import FmuDidimError
+from fmu_didim.base.errors import FmuDidimError, SimulationError
 from fmu_didim.base.tall import in_blocks
 from fmu_didim.checks.data.expected import fitted_by, solved_by, solved_from
 from fmu_didim.cosim import SampleOperator
@@ -31,6 +32,9 @@ from fmu_didim.model.loop_model import LoopModel, Simulation
 from fmu_didim.model.parameters import Parameters
 from fmu_didim.model.prediction import predict
 
+COARSE_S = 1e-3
+"""[s] Steps of a plant by which a motion is approached: five to ten times as fast as a tick of four steps, and the
+torque of a robot errs by some hundredths of its noise."""
 DIDIM_STEPS = 20
 """[simulations] Towards the measured motion at most: DIDIM takes two or three, along fast motions of six joints
 that are logged at 20 Hz up to sixteen."""
@@ -38,6 +42,8 @@ NEAR = 0.7
 """[1] Error, of the deviation of the log, from which a motion is near enough to judge by it."""
 HELPS = 0.98
 """[1] Of the error that a step must leave at most for another one to follow."""
+ROUNDING = 1e-6
+"""[1] Of a step, by which it may be longer than it is meant."""
 EXACT = 1e-4
 """[1] Of the deviation of a torque, below which a residual is the error of the simulation, not noise of the log."""
 RIVALS = 2
@@ -51,6 +57,10 @@ WHOLE = 4
 of the log that is tried; beyond, at those that a shift asks for."""
 REMEMBERED = 3
 """[tables] Of the regressor, at ticks that were asked for last: of no shift, and of those near the least misfit."""
+PARTS = (8, 2)
+"""[samples] Of which one is taken at first, and then, to see that a misfit is larger than one that decides."""
+NEARLY = 0.999
+"""[1] Of a bound by a part of the samples, which counts: squares are summed with rounding."""
 FINE = 0.1
 """[1] Of the step to its sides, to which the least misfit is searched."""
 
@@ -161,6 +171,26 @@ class FittedMotion:
     def misfit(self, operator: SampleOperator | None = None) -> float:
         """Mean square of that residual, each joint divided by its size; 1 as the case has it."""
         return float(np.mean((self.residual(operator) / self.size) ** 2))
+
+    def is_above(self, bound: float, operator: SampleOperator, rows: Rows | None = None) -> bool:
+        """Whether the misfit with another sampling, or of another robot, is above a bound for sure: by some of the
+        samples, as a fit to them alone leaves no more of them than the fit to all. Nothing is sure of a log that is
+        filtered.
+
+        Args:
+            rows: of the other robot.
+        """
+        experiments = self.run.model.experiments
+        measured = experiments.measured_in(self.run.label)
+        if experiments.low_pass is not None or not np.isfinite(bound):
+            return False
+        for stride in PARTS:
+            some, own = operator.every(stride), measured[::stride]
+            columns, known = (some.apply(table) for table in (rows or self.rows)(some.ticks))
+            rest = (own - fitted_by(columns, own, known, self.size)) / self.size
+            if NEARLY * float(np.sum(rest**2)) > bound * measured.size:
+                return True
+        return False
 
     def misfit_by_scales(self) -> Callable[[Array], float]:
         """The misfit where the rows of each joint are a scale (n,) times as large, as a function of that: products of
@@ -275,21 +305,46 @@ def fitted_motion(model: LoopModel, start: Array | None = None) -> FittedMotion 
     if not model.parameters.has_regressor or model.linear_count < len(model.free_parameters):
         return None
     for values in _starts(model) if start is None else [start]:
+        if (found := _approached(model, values)) is not None:
+            return found
         reached = _steps(model, values)
         if reached is not None and reached[0] <= NEAR:
             return motion_with_regressor(model.simulation(reached[1]))
     return None
 
 
+def _approached(model: LoopModel, values: Array) -> FittedMotion | None:
+    """The same by steps with a plant that is integrated as coarsely as is enough for that; None where it cannot be
+    integrated more coarsely than it is, does not come near enough, or where its error is not that of the motion."""
+    count = math.ceil(model.loop.systems[model.first].step_size / COARSE_S - ROUNDING)
+    if model.loop.substeps is None or count >= model.loop.substeps:
+        return None
+    reached = _steps(model.with_loop(substeps=max(count, 1)), values)
+    if reached is None or reached[0] > NEAR:
+        return None
+    try:
+        found = motion_with_regressor(model.simulation(reached[1]))
+        error = _error(model.measured, found.run.torque_at(found.along.torque))
+    except SimulationError:
+        return None
+    return found if HELPS * error <= reached[0] else None
+
+
+def _error(measured: Array, torque: Array) -> float:
+    """Of a torque (N, n), relative to the deviation of the log, root mean square over samples and joints."""
+    size = np.maximum(measured.std(axis=0), TINY)
+    return float(np.sqrt(np.mean(((measured - torque) / size) ** 2)))
+
+
 def motion_with_regressor(run: Simulation) -> FittedMotion:
     """A motion with its regressor; raises SimulationError."""
-    recording, model = run.record(all_ticks=True), run.model
-    q, dq = (recording.table(model.loop.joint_signals(name)) for name in ("q", "dq"))
-    if model.loop.gives_acceleration:
-        ddq = recording.table(model.loop.joint_signals("ddq"))
-    else:
-        ddq = np.gradient(dq, recording.spacing, axis=0)
+    model = run.model
+    given = ("q", "dq", "ddq") if model.loop.gives_acceleration else ("q", "dq")
     names = [f"{model.loop.plant_name}.{name}" for name in model.parameters.observed]
+    asked = [*model.loop.logged, *(signal for name in given for signal in model.loop.joint_signals(name)), *names]
+    recording = run.record(all_ticks=True, signals=asked)
+    q, dq, *accelerations = (recording.table(model.loop.joint_signals(name)) for name in given)
+    ddq = accelerations[0] if accelerations else np.gradient(dq, recording.spacing, axis=0)
     observed = recording.table(names) if names else None
     rows = RegressorRows(model.parameters, run.theta, (q, dq, ddq), observed, run.logged_torque(recording))
     return FittedMotion(run, rows)
@@ -312,7 +367,7 @@ def _steps(model: LoopModel, values: Array) -> tuple[float, Array] | None:
             found = predict(model, values)
         except FmuDidimError:
             break
-        error = float(np.sqrt(np.mean(((measured - found.torque) / size) ** 2)))
+        error = _error(measured, found.torque)
         if best is not None and error > best[0] * HELPS:
             return min(best, (error, values), key=lambda pair: pair[0])
         best = (error, values)

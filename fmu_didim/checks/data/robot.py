@@ -186,6 +186,8 @@ def _other_descriptions(fitted: FittedMotion) -> Iterator[Explanation]:
         def of_it(ticks: Ticks, other: RobotParameters = other) -> tuple[np.ndarray, np.ndarray]:
             return fitted.along.columns(other, ticks), fitted.along(ticks)[1]
 
+        if fitted.is_above(GRAVITY_LEAVES, fitted.experiment.operator, of_it):
+            continue
         least = fitted.misfit_of(replace(fitted, changed=of_it))
         if least > GRAVITY_LEAVES:
             continue

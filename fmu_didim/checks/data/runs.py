@@ -26,6 +26,9 @@ SHIFTED_POINTS = 4096
 turn of a motion of a hundred."""
 SHIFT_ACCURACY = 0.01
 """[1] Of the distance of these points, to which it is then found: far below what moves a motion by ``SAME_MOTION``."""
+FAR = 3.0
+"""[1] Times the difference of two motions that count as the same, and what they move in a row, by which they differ at
+most two rows beside the instant where they are the same: half of a motion has up to twice the variance of all of it."""
 ALL_DIFFERENT = 10.0
 """[1] Of the difference, beyond which it counts as this much while the instant is looked for."""
 ROUNDING_S = 1e-9
@@ -109,7 +112,10 @@ def difference(reference: Trajectory, other: Trajectory) -> tuple[float, float]:
     if at_once < SAME_MOTION:
         return at_once, 0.0
     step = max(float(np.ptp(one.time)) for one in (reference, other)) / SHIFTED_POINTS
-    later = _likely_shift(*(_on_grid(one, names, step) for one in (reference, other))) * step
+    rows, near = _likely_shift(*(_on_grid(one, names, step) for one in (reference, other)))
+    later = rows * step
+    if not near:
+        return min((at_once, 0.0), (_apart(reference, other, names, later), later))  # however they are shifted
     found, least = least_between(
         lambda s: min(_apart(reference, other, names, s), ALL_DIFFERENT), later - step, later + step,
         accuracy=SHIFT_ACCURACY * step,
@@ -143,9 +149,10 @@ def _on_grid(reference: Trajectory, names: Sequence[str], step: float) -> Array:
     return np.column_stack([np.interp(time, reference.time, reference.column(name)) for name in names])
 
 
-def _likely_shift(own: Array, other: Array) -> int:
+def _likely_shift(own: Array, other: Array) -> tuple[int, bool]:
     """Rows by which a table (K, m) begins later than another (L, m), with the least mean square difference of their
-    columns, over the variance of each in the first one, among those at which the other covers enough of it."""
+    columns, over the variance of each in the first one, among those at which the other covers enough of it; and whether
+    the two may be the same less than two rows from there."""
     mean, moved = own.mean(axis=0), own.std(axis=0)
     own, other = ((table - mean)[:, moved > 0] / moved[moved > 0] for table in (own, other))
     lags = np.arange(1 - own.shape[0], other.shape[0])
@@ -157,8 +164,10 @@ def _likely_shift(own: Array, other: Array) -> int:
     shared = np.rint(lagged_products(ones[1], ones[0], lags))
     enough = shared > COMPARED * own.shape[0]
     if not enough.any():
-        return 0
-    return int(lags[enough][np.argmin(squares[enough] / shared[enough])])
+        return 0, True
+    apart = squares[enough] / shared[enough]
+    best, in_a_row = int(np.argmin(apart)), np.sqrt(np.mean(np.diff(own, axis=0) ** 2, axis=0))
+    return int(lags[enough][best]), bool(apart[best] <= np.sum((FAR * (SAME_MOTION + in_a_row)) ** 2))
 
 
 def copied(torque: Array, other: Array) -> float:

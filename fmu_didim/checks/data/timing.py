@@ -180,12 +180,18 @@ def _least_misfit(fitted: FittedMotion) -> tuple[float, float]:
     experiment, step = fitted.experiment, fitted.run.step_size
     count = experiment.reference.time.size
 
+    def stamped(late_s: float) -> SampleOperator:
+        return experiment.operator.stamped_later(late_s / step, count, between=True)
+
     def misfit(late_s: float) -> float:
-        return fitted.misfit(experiment.operator.stamped_later(late_s / step, count, between=True))
+        return fitted.misfit(stamped(late_s))
 
     grid = np.array([0.0, *SHIFTS_S])
     grid = np.unique(np.concatenate([-grid, grid]))
-    place = int(np.argmin([misfit(shift) for shift in grid]))
+    place, best = grid.size // 2, misfit(0.0)
+    for near in np.argsort(np.abs(grid), kind="stable")[1:]:
+        if not fitted.is_above(best, stamped(grid[near])) and (found := misfit(grid[near])) < best:
+            place, best = int(near), found
     if place in (0, grid.size - 1):
         return 0.0, np.inf
     shift, least = least_between(misfit, grid[place - 1], grid[place + 1], accuracy=SHIFT_ACCURACY * step)
@@ -197,18 +203,20 @@ def kind_is_clear(fitted: FittedMotion) -> bool:
     return all(fitted.gain(misfit, 0.0) < -CLEARLY for misfit, *_ in _other_kinds(fitted))
 
 
-def _other_kinds(fitted: FittedMotion) -> list[tuple[float, Kind, Window, SampleOperator]]:
-    """Other kinds of sampling with their windows: the misfit of each along a motion first."""
-    label = fitted.run.label
-    return [
-        (fitted.misfit(o[label].thinned(IN_A_WINDOW)), kind, window, o[label])
-        for kind, window, o in other_ways({label: fitted.run})
-    ]
+def _other_kinds(fitted: FittedMotion, bound: float = np.inf) -> list[tuple[float, Kind, Window, SampleOperator]]:
+    """Other kinds of sampling with their windows, without those whose misfit is above a bound for sure: the misfit of
+    each along a motion first."""
+    label, found = fitted.run.label, []
+    for kind, window, operators in other_ways({label: fitted.run}):
+        some = operators[label].thinned(IN_A_WINDOW)
+        if not fitted.is_above(bound, some):
+            found.append((fitted.misfit(some), kind, window, operators[label]))
+    return found
 
 
 def _kinds(fitted: FittedMotion) -> Iterator[Explanation]:
     label = fitted.run.label
-    if not (ways := _other_kinds(fitted)):
+    if not (ways := _other_kinds(fitted, WORTH_IT)):
         return
     misfit, kind, window, operator = min(ways, key=lambda way: way[0])
     sampled = fitted.run.on(replace(fitted.experiment, operator=operator))
