@@ -213,7 +213,10 @@ class RobotParameters(Parameters):
         reason = super().inertia_problem(q, theta)
         if reason:
             return reason
-        along = self.model.inertia_along(q, self.base.expand(theta))
+        chi = self.base.expand(theta)
+        if self.model.inertia_is_positive(q, chi, POSITIVE):
+            return ""
+        along = self.model.inertia_along(q, chi)
         worst = int(np.argmin(along))
         if along[worst] > POSITIVE:
             return ""

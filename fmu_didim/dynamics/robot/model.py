@@ -23,7 +23,7 @@ from fmu_didim.dynamics.robot.dynamics import NOTHING, FreeGeometry, free_geomet
 from fmu_didim.dynamics.robot.elastic import ElasticEquations
 from fmu_didim.dynamics.robot.equations import EquationsOfMotion
 from fmu_didim.dynamics.robot.implicit import implicit_step
-from fmu_didim.dynamics.robot.inertia import InertiaColumns, scaled_eigenvalues
+from fmu_didim.dynamics.robot.inertia import InertiaColumns, all_positive, scaled_eigenvalues
 from fmu_didim.dynamics.robot.rate import EXPLICIT, IMPLICIT, MOTION_RATE, RESOLVING, Method
 from fmu_didim.dynamics.robot.vectorised import Vectorised
 
@@ -268,10 +268,17 @@ class RobotModel:
     def inertia_along(self, q: Array, chi: Array) -> Array:
         """(N,) smallest eigenvalues of D^-1/2 M(q) D^-1/2, D = diag|M|, at positions (N, n): > 0 means positive
         definite. A negative or zero diagonal element gives a value <= 0."""
-        # Before and after all that changes with time.
+        return np.asarray(np.min([scaled_eigenvalues(mass) for mass in self._masses(q, chi)], axis=0))
+
+    def inertia_is_positive(self, q: Array, chi: Array, least: float) -> bool:
+        """Whether all of these are above a bound, at positions that are asked for again."""
+        masses = self._masses(q, chi) if self._mass_changes else [self._inertia_columns.mass(q, chi)]
+        return all(all_positive(mass, least) for mass in masses)
+
+    def _masses(self, q: Array, chi: Array) -> list[Array]:
+        """M at positions (N, n): (N, n, n), before and after all that changes with time."""
         ends = [(self.shape_values, self._extra_at(time)) for time in (-LONG, LONG)] if self._mass_changes else [()]
-        found = [self.at_points("mass_matrix", q.T, chi, *own).reshape(-1, *self._square) for own in ends]
-        return np.asarray(np.min([scaled_eigenvalues(mass) for mass in found], axis=0))
+        return [self.at_points("mass_matrix", q.T, chi, *own).reshape(-1, *self._square) for own in ends]
 
     def _extra_at(self, time: float) -> Array:
         """States beyond the motion, at a time."""
@@ -283,7 +290,7 @@ class RobotModel:
 
     def inertia_columns(self, q: Array) -> Array:
         """(K, n, n, ns) derivatives of M at positions (K, n) by the standard parameters, before anything changes."""
-        return self._inertia_columns.at(q).reshape(q.shape[0], *self._square, -1)
+        return self._inertia_columns.at(q)
 
     def block(self, values: Mapping[str, float] | None = None) -> Block:
         """The plant: dx/dt = (dq, direct(...), de/dt), x = (q, dq, e), u = tau, y = (q, dq, ddq, observed).
