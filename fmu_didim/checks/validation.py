@@ -116,7 +116,8 @@ def validate_on(model: LoopModel, values: Array, label: str) -> Validation:
     run, measured = model.simulation(values, label), model.experiments.recorded_in(label)
     every, motion, channels = None, dict[str, Array](), dict[str, ChannelValidation]()
     try:
-        table = simulated_table(run)
+        is_seen_again = run.experiment.role == "estimation" or bool(run.experiment.channels)
+        table = simulated_table(run, alone=not is_seen_again)
         torque = run.torque_at(table.values[:, : model.joint_count]) if model.loop.shows_torque else run.torque()
         simulated, failure = run.experiment.unscaled(torque), ""
         every = table.first(model.joint_count) if model.loop.shows_torque else table
