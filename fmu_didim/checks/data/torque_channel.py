@@ -19,6 +19,7 @@ import numpy as np
 
 from fmu_didim.base.diagnostics import CATALOGUE, DOUBT, PROBLEM, Diagnostic
 from fmu_didim.checks.data.expected import Expected
+from fmu_didim.cosim.sampling import Indices
 from fmu_didim.data.signals import Array
 from fmu_didim.estimators.initial_states import FIRST_PART
 from fmu_didim.fit.noise.noise import TINY
@@ -125,10 +126,19 @@ def correlations(measured: Array, simulated: Array) -> Array:
         return np.nan_to_num(np.corrcoef(measured, simulated, rowvar=False)[:n, n:])
 
 
-def _foreign(given: Expected, label: str) -> list[Diagnostic]:
-    """A log that no values of the base parameters explain."""
+def best_order(gain: Array) -> tuple[Indices, Indices]:
+    """The rows of a table (n, n), and the column for each, none for two, with the largest sum of their elements."""
+    rows = np.arange(len(gain))
+    if any((gain.argmax(axis=axis) == rows).all() for axis in (0, 1)):
+        return rows, rows  # no sum is larger than that of the largest element of each row, or column
     from scipy.optimize import linear_sum_assignment  # slow to import
 
+    _, columns = linear_sum_assignment(-gain)
+    return rows, columns
+
+
+def _foreign(given: Expected, label: str) -> list[Diagnostic]:
+    """A log that no values of the base parameters explain."""
     if given.fitted is None:
         return []
     left = given.error(given.fitted)
@@ -136,7 +146,7 @@ def _foreign(given: Expected, label: str) -> list[Diagnostic]:
         return []
     if given.nominal is not None:
         related = np.abs(correlations(given.measured, given.nominal))
-        if related[linear_sum_assignment(-related)].mean() > FOLLOWS:  # turned round, or in another order
+        if related[best_order(related)].mean() > FOLLOWS:  # turned round, or in another order
             return []
     if left <= CHANCE * given.chance():
         return []
@@ -171,13 +181,11 @@ def _exchanged(given: Expected, label: str) -> list[Diagnostic]:
 
 def _order(measured: Array, simulated: Array, label: str) -> list[Diagnostic]:
     """Whether another order of the joints explains the log far better, by size or by shape."""
-    from scipy.optimize import linear_sum_assignment  # slow to import
-
     size = np.maximum(np.mean(measured**2, axis=0), TINY)
     error = np.mean((measured[:, :, None] - simulated[:, None, :]) ** 2, axis=0) / size[:, None]
-    rows, best = linear_sum_assignment(error)
-    own, other = float(np.trace(error)), float(error[rows, best].sum())
-    doubted = WRONG_ORDER * size.size
+    own, doubted = float(np.trace(error)), WRONG_ORDER * size.size
+    rows, best = best_order(-error) if own >= doubted else (np.arange(size.size),) * 2
+    other = float(error[rows, best].sum())
     if own < doubted or other > min(OTHER_ORDER * own, doubted):  # a simulation that is far off tells nothing
         return _order_by_shape(correlations(measured, simulated), label)
     moved = [f"column {j + 1} shows joint {k + 1}" for j, k in zip(rows, best, strict=True) if j != k]
@@ -190,9 +198,7 @@ def _order(measured: Array, simulated: Array, label: str) -> list[Diagnostic]:
 
 def _order_by_shape(correlation: Array, label: str) -> list[Diagnostic]:
     """Whether torques follow those of other joints instead of their own."""
-    from scipy.optimize import linear_sum_assignment  # slow to import
-
-    rows, best = linear_sum_assignment(-correlation)
+    rows, best = best_order(correlation)
     moved = rows[rows != best]
     if moved.size == 0:
         return []

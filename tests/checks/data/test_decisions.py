@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import replace
 from typing import Any
 
@@ -13,7 +14,7 @@ from fmu_didim.checks.data.expected import Expected, expected, solved_by
 from fmu_didim.checks.data.log import is_piled, log_diagnostics, stairs, steps_in_range
 from fmu_didim.checks.data.reference import contradiction
 from fmu_didim.checks.data.runs import SAME_MOTION, copied, difference, during_log
-from fmu_didim.checks.data.torque_channel import correlations, torque_channel_diagnostics
+from fmu_didim.checks.data.torque_channel import best_order, correlations, torque_channel_diagnostics
 from fmu_didim.cosim import sample_operator
 from fmu_didim.data.signals import Trajectory, trajectory
 from fmu_didim.model.experiment import Experiment
@@ -119,6 +120,20 @@ def test_another_order_by_shape(own: float, other: float, told: bool) -> None:
     measured = 3 * np.column_stack([own * A + other * B + rest, own * B + other * A + rest])
     np.testing.assert_allclose(correlations(measured, simulated), [[own, other], [other, own]], atol=1e-9)
     assert ("joint-order" in names(found(measured, simulated))) is told
+
+
+@pytest.mark.parametrize("count", [1, 2, 6])
+def test_the_best_order_has_the_largest_sum(count: int) -> None:
+    """With and without the largest elements on the diagonal."""
+    rng, kept = np.random.default_rng(count), 0
+    for trial in range(20):
+        gain = rng.normal(size=(count, count)) + 2 * (trial % 4) * np.eye(count)
+        rows, columns = best_order(gain)
+        sums = [gain[range(count), list(order)].sum() for order in itertools.permutations(range(count))]
+        assert gain[rows, columns].sum() == pytest.approx(max(sums), abs=1e-12)
+        assert sorted(columns) == list(range(count))
+        kept += (columns == rows).all()
+    assert 5 <= kept <= 20
 
 
 def test_constant_torques_are_not_correlated() -> None:
