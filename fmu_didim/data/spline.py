@@ -52,12 +52,12 @@ class CubicSpline:
     def __call__(self, instants: Array) -> Array:
         """(K, ...) values at instants (K,)."""
         y, s, square, cube, x = self._at(np.asarray(instants, dtype=np.float64))
-        return np.asarray(y + x * (s + x * (square + x * cube)))
+        return np.asarray(y + s * x + square * (x * x) + cube * (x * x * x))
 
     def derivative(self, instants: Array) -> Array:
         """(K, ...) first derivatives at instants (K,)."""
         _, s, square, cube, x = self._at(np.asarray(instants, dtype=np.float64))
-        return np.asarray(s + x * (2 * square + 3 * x * cube))
+        return np.asarray(s + square * x * 2 + cube * (x * x) * 3)
 
     def _at(self, instants: Array) -> tuple[Array, Array, Array, Array, Array]:
         """The coefficients of the polynomials (K, ...) at instants (K,), and the time in each of them."""
@@ -93,8 +93,8 @@ class CubicSpline:
         bands[0, 2:], bands[1, 1:-1], bands[2, :-2] = steps[:-1], 2 * (steps[:-1] + steps[1:]), steps[1:]
         right[1:-1] = 3 * (h[1:] * d[:-1] + h[:-1] * d[1:])
         # The third derivative does not jump at the second instant, nor at the last but one.
-        for end, within, row, (a, b) in ((0, 1, 0, (0, 1)), (-1, -2, 2, (-1, -2))):
-            both = steps[a] + steps[b]
+        widths = self.time[2] - self.time[0], self.time[-1] - self.time[-3]
+        for end, within, row, (a, b), both in zip((0, -1), (1, -2), (0, 2), ((0, 1), (-1, -2)), widths, strict=True):
             bands[1, end], bands[row, within] = steps[b], both
             right[end] = ((steps[a] + 2 * both) * steps[b] * d[a] + steps[a] ** 2 * d[b]) / both
         return np.asarray(solve_banded((1, 1), bands, right.reshape(count, -1)).reshape(right.shape))

@@ -314,9 +314,11 @@ class LoopRun:
 
     def take(self, rows: Array, first: int) -> None:
         """Take what is recorded of all values (K, v), at the rows of the recording from a first one on."""
-        if self.unsound is None and not np.isfinite(rows[:, : len(self.names)]).all():
-            self.unsound = first + int(np.flatnonzero(~np.isfinite(rows[:, : len(self.names)]).all(axis=1))[0])
-        self.record[first : first + len(rows)] = rows[:, self.columns]
+        if self.unsound is None and not np.isfinite(rows.sum()):  # of one that is not, the sum is not either
+            finite = np.isfinite(rows[:, : len(self.names)]).all(axis=1)
+            self.unsound = None if finite.all() else first + int(np.argmin(finite))
+        assert self.columns is not None
+        np.take(rows, self.columns, axis=1, out=self.record[first : first + len(rows)], mode="clip")
 
     @cached_property
     def rows(self) -> NDArray[np.int64]:
