@@ -32,7 +32,6 @@ from fmu_didim.checks.data.log import REFERENCE_STEP
 from fmu_didim.data.excitation import Excitation
 from fmu_didim.data.filters import running_median
 from fmu_didim.data.signals import Array, Trajectory
-from fmu_didim.data.spline import CubicSpline
 from fmu_didim.data.tables import Selected
 
 OTHER_RATE = 1.5
@@ -184,6 +183,8 @@ def ticks_of(instants: ControlInstants, first: float, last: float, step: float, 
 def brought_to(found: Trajectory, time: Array) -> tuple[Trajectory, list[Diagnostic]]:
     """A reference at the instants (T,) of a controller: its own rows if they lie there, else by cubic splines through
     them."""
+    from scipy.interpolate import CubicSpline  # few cases need it
+
     own = found.time
     if own.size == time.size and np.abs(own - time).max() <= REFERENCE_STEP * float(np.median(np.diff(time))):
         return replace(found, time=time), []
@@ -193,4 +194,4 @@ def brought_to(found: Trajectory, time: Array) -> tuple[Trajectory, list[Diagnos
             next_step="Record or compute a longer reference.",
         )  # fmt: skip
     values = CubicSpline(own, found.values)(np.clip(time, own[0], own[-1]))
-    return replace(found, time=time, values=values), told_of_rows(found)
+    return replace(found, time=time, values=np.asarray(values)), told_of_rows(found)

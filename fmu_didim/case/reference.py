@@ -22,8 +22,7 @@ from fmu_didim.case.sources import ReferenceFile
 from fmu_didim.checks.data.log import REFERENCE_STEP
 from fmu_didim.cosim import grid_places
 from fmu_didim.data.excitation import Excitation
-from fmu_didim.data.signals import Array, Trajectory, Variable, periods, white_noise
-from fmu_didim.data.spline import CubicSpline, derivative
+from fmu_didim.data.signals import Array, Trajectory, Variable, derivative, periods, white_noise
 from fmu_didim.data.tables import Selected
 
 FEWEST_ROWS = 8
@@ -227,9 +226,11 @@ def with_derivatives(found: Trajectory, needed: frozenset[str]) -> tuple[Traject
 
 def _evenly(time: Array, column: Array) -> Array:
     """(N,) a column at as many instants that are equally spaced."""
+    from scipy.interpolate import CubicSpline  # few cases need it
+
     if isinstance(periods(time), float):
         return column
-    return CubicSpline(time, column)(np.linspace(time[0], time[-1], time.size))
+    return np.asarray(CubicSpline(time, column)(np.linspace(time[0], time[-1], time.size)))
 
 
 def resampled(found: Trajectory, step: float) -> tuple[Trajectory, list[Diagnostic]]:
@@ -241,6 +242,8 @@ def resampled(found: Trajectory, step: float) -> tuple[Trajectory, list[Diagnost
     Raises:
         InputError: it has too few rows.
     """
+    from scipy.interpolate import CubicSpline  # few cases need it
+
     if found.time.size < FEWEST_ROWS:
         raise InputError(
             "The reference is too short to be resampled.", where=found.source, got=f"{found.time.size} rows",
@@ -252,11 +255,13 @@ def resampled(found: Trajectory, step: float) -> tuple[Trajectory, list[Diagnost
     usual = float(np.median(np.diff(found.time)))
     text = f"The rows of the reference, usually {1000 * usual:.6g} ms apart, were brought to {1 / step:.6g} Hz."
     told = [Diagnostic(REFERENCE_RESAMPLED, f"{text} {unevenness(found.time)}", found.source)]
-    return replace(found, time=time, values=values), [*told, *told_of_rows(found)]
+    return replace(found, time=time, values=np.asarray(values)), [*told, *told_of_rows(found)]
 
 
 def told_of_rows(found: Trajectory) -> list[Diagnostic]:
     """What keeps a spline from knowing the motion between the rows of a reference: rows that lack or are far apart."""
+    from scipy.interpolate import CubicSpline  # few cases need it
+
     told = []
     places = grid_places(found.time)
     lacking = int(places[-1]) + 1 - found.time.size

@@ -228,6 +228,13 @@ def _write_exactly(signals: Trajectory, path: Path, header: str) -> None:
         csv.write_csv(pa.table(batch), stream, csv.WriteOptions(include_header=False))
 
 
+def derivative(time: Array, values: Array) -> Array:
+    """Derivative of signals (N, ...) at their own instants (N,), by a cubic spline through them."""
+    from scipy.interpolate import CubicSpline
+
+    return np.asarray(CubicSpline(time, values)(time, 1))
+
+
 def white_noise(values: Array) -> float:
     """Standard deviation of the white noise in a column (N,), from the median of its fourth differences.
 

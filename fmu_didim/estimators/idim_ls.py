@@ -21,7 +21,6 @@ from fmu_didim.base.documents import Count, NotNegative, Positive
 from fmu_didim.base.errors import IdentificationError, InputError, SimulationError
 from fmu_didim.data.filters import LowPass, thinned
 from fmu_didim.data.signals import Array, periods
-from fmu_didim.data.spline import CubicSpline
 from fmu_didim.estimators.base import Estimator, Progress, no_progress
 from fmu_didim.estimators.finish import remarks_of_limits
 from fmu_didim.estimators.starts.reference_start import observed_on
@@ -293,9 +292,11 @@ def on_even_grid(time: Array, q: Array) -> tuple[Array, Array]:
     step = float((time[-1] - time[0]) / (time.size - 1))
     if np.abs(time - time[0] - step * np.arange(time.size)).max() <= EVEN * step:
         return time, q
+    from scipy.interpolate import CubicSpline  # few cases need it
+
     usual = float(np.median(np.diff(time)))
     even = time[0] + usual * np.arange(int((time[-1] - time[0]) / usual + 1e-6) + 1)
-    return even, CubicSpline(time, q)(even)
+    return even, np.asarray(CubicSpline(time, q)(even))
 
 
 def acting_instants(model: LoopModel, label: str) -> Array:
@@ -310,5 +311,7 @@ def acting_instants(model: LoopModel, label: str) -> Array:
 def moved_to(wanted: Array, time: Array, motion: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
     """Position, velocity and acceleration (N, n) each at other instants (N,), by cubic splines through those at the
     samples; before the first and behind the last one by its ends."""
-    q, dq, ddq = (CubicSpline(time, signal)(wanted) for signal in motion)
+    from scipy.interpolate import CubicSpline  # few cases need it
+
+    q, dq, ddq = (np.asarray(CubicSpline(time, signal)(wanted)) for signal in motion)
     return q, dq, ddq

@@ -21,7 +21,6 @@ from fmu_didim.components.control import ControlComponent, Matrices
 from fmu_didim.cosim import Connection, InstancePool, Recording, System, simulate
 from fmu_didim.cosim.system import REFERENCE
 from fmu_didim.data.signals import Array, Trajectory, Variable
-from fmu_didim.data.spline import CubicSpline
 from fmu_didim.estimators.starts.reference_start import Motion, reference_motion
 from fmu_didim.model.external_torque import held, with_external_torques
 from fmu_didim.model.loop_model import Simulation
@@ -131,12 +130,14 @@ class _Loop:
 
     def _target(self) -> Array:
         """(K, n) the measured torque at all ticks: a cubic spline through the middles of its samples."""
+        from scipy.interpolate import CubicSpline  # few cases need it
+
         operator = self._run.operator
         places = np.asarray(operator.matrix @ operator.ticks.astype(float))
         places, rows = np.unique(places, return_index=True)
         ticks = np.arange(self._reference.time.size) / self._loop.subdivision
         spline = CubicSpline(places, self._run.experiment.torque[rows])
-        return spline(np.clip(ticks, places[0], places[-1]))
+        return np.asarray(spline(np.clip(ticks, places[0], places[-1])))
 
     def response(self, bandwidth: float) -> Array:
         """(n,) complex -d tau_j / d q_j at a frequency in rad/s, at the start of the reference."""

@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 
 from fmu_didim.base.errors import IdentificationError
 from fmu_didim.data.filters import LowPass
-from fmu_didim.data.signals import Array, Trajectory, Variable, white_noise
-from fmu_didim.data.spline import derivative
+from fmu_didim.data.signals import Array, Trajectory, Variable, derivative, white_noise
 from fmu_didim.fit.feasibility import nearest_physical
 from fmu_didim.fit.linear_problem import SAME_DIRECTION, LinearProblem
 from fmu_didim.fit.noise.noise import motion_frequency

@@ -20,7 +20,6 @@ from fmu_didim.case.sources import ExperimentSource, SignalFile
 from fmu_didim.case.torque_log import TorqueLog, read_torque_log
 from fmu_didim.controllers.pd import PD
 from fmu_didim.data.signals import Trajectory, Variable
-from fmu_didim.data.spline import CubicSpline
 from fmu_didim.dynamics.robot import read_robot
 from fmu_didim.workflow.naming.catalogue import JointSignals
 
@@ -180,6 +179,8 @@ def _joint_signals(
     motion: Trajectory, positions: Trajectory, log: TorqueLog, step: float, label: str
 ) -> list[JointSignals]:
     """Of each joint of a run."""
+    from scipy.interpolate import CubicSpline  # few cases need it
+
     ticks, start = motion.time, float(motion.time[0])
     inside = (ticks >= positions.time[0] - ON_TICK * step) & (ticks <= positions.time[-1] + ON_TICK * step)
     first = int(np.flatnonzero(inside)[0])
@@ -197,7 +198,7 @@ def _joint_signals(
         )  # fmt: skip
     count = _smooth_number(rows.size)
     table = [motion.select([f"{d}q{j + 1}" for j in range(log.torque.shape[1])])[inside] for d in ("", "d", "dd")]
-    q, dq = spline(time), spline.derivative(time)
+    q, dq = spline(time), spline(time, 1)
     return [
         JointSignals(
             table[0][:, j], table[1][:, j], table[2][:, j], q[:, j], dq[:, j], step, rows[:count], torque[:count, j]
