@@ -116,15 +116,20 @@ class Contest:
 
     def _how(self, rival: FittedCandidate, why: str, options: Options) -> Standing:
         named, builder = self.named, self.beside.builder
-        lead, prefers = rival.delta_bic - named.delta_bic, named.effect_at.effect in options.prefer
+        of_rival, of_named = builder.effect(rival.effect_at), builder.effect(named.effect_at)
+        gives_way = of_named.name in of_rival.confounded_with
+        lead = rival.delta_bic - named.delta_bic
+        far = not why and lead > NEAR_STATED * rival.delta_bic
         how = standing(lead, nearness(max(named.delta_bic, rival.delta_bic), options), why)
-        is_sound, alike = not (why or rival.unusual), builder.effect(named.effect_at).confounded_with
-        if named.unusual and is_sound and rival.effect_at.effect in alike and lead > -NEAR_STATED * named.delta_bic:
-            how = Standing.AHEAD
-        effect = builder.effect(rival.effect_at)
-        if effect.is_stated and named.effect_at.effect in effect.confounded_with:
-            how = Standing.AHEAD if not why and lead > NEAR_STATED * rival.delta_bic else Standing.BEHIND
-        return Standing.AS_GOOD if how is Standing.AHEAD and prefers else how
+        if of_rival.is_stated and gives_way:
+            how = Standing.AHEAD if far else Standing.BEHIND
+        elif named.unusual and not rival.unusual:
+            alike = not why and of_rival.name in of_named.confounded_with
+            how = Standing.AHEAD if alike and lead > -NEAR_STATED * named.delta_bic else how
+        elif how is Standing.AHEAD and rival.unusual and not named.unusual and gives_way and not far:
+            how = Standing.AS_GOOD
+        is_kept = named.effect_at.effect in options.prefer
+        return Standing.AS_GOOD if how is Standing.AHEAD and is_kept else how
 
 
 Contests = dict[tuple[frozenset[EffectAtJoint], EffectAtJoint], Contest | None]

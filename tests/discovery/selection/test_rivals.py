@@ -209,6 +209,25 @@ def test_an_effect_with_odd_values_gives_way(
 
 
 @pytest.mark.parametrize(
+    ("named", "gain", "wanted"),
+    [
+        ("play", 120.0, Standing.AS_GOOD),  # it explains more, but with values that hardly any machine has
+        ("play", 130.0, Standing.AHEAD),  # far more
+        ("play", 80.0, Standing.BEHIND),
+        ("slide", 120.0, Standing.AHEAD),  # nothing that it is confounded with
+    ],
+)
+def test_a_rival_with_odd_values_does_not_take_the_place(
+    monkeypatch: pytest.MonkeyPatch, named: str, gain: float, wanted: Standing
+) -> None:
+    """A stop at which the joint always lies had come to stand for a constant."""
+    beside: Any = Beside(monkeypatch, {})
+    odd = candidate_of("elastic", bic=gain, unusual="K1 = 3, usual is above 100")
+    held = Contest(beside, candidate_of(named, bic=100.0), ((odd, ""),))
+    assert [how for _, _, how in held.standings(Options())] == [wanted]
+
+
+@pytest.mark.parametrize(
     ("lead", "said"),
     [
         (30.0, "explains 30 more in BIC in its place"),
