@@ -325,6 +325,7 @@ def test_command_writes_the_reference_and_says_what_is_told(tmp_path: Path, caps
     )  # fmt: skip
 
 
+@pytest.mark.gate
 def test_a_torque_that_is_beyond_between_the_instants_costs_a_little_of_the_motion(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

@@ -264,6 +264,7 @@ def test_a_single_run_of_a_case_with_loads_says_what_to_do() -> None:
     assert not found.ok and any("--weigh" in d.advice for d in found.diagnostics)
 
 
+@pytest.mark.gate
 def test_without_a_place_it_is_the_end_of_the_last_link_whose_shape_is_known() -> None:
     capsules = [{"link": 1, "from": [0, 0, 0], "to": [0.5, 0, 0], "radius": 0.05},
                 {"link": 2, "from": [0.02, 0, 0], "to": [0.35, 0, 0], "radius": 0.04}]  # fmt: skip

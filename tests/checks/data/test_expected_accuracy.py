@@ -77,6 +77,7 @@ def test_wrist_of_the_tx40_rings_above_half_the_rate_of_its_log() -> None:
     assert found.place == "joint 6" and found.value == pytest.approx(expected, rel=0.1)
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize("tracking", [False, True], ids=["controller known", "nobody knows it"])
 def test_prediction_is_what_an_identification_states_of_filtered_torques_too(tracking: bool) -> None:
     """The samples of a filtered torque are not independent: counted so, they would predict two thirds of it."""

@@ -64,6 +64,7 @@ def test_the_shift_of_a_log_is_that_by_all_of_the_samples(late_s: float, monkeyp
     assert len(asked) == 2 * len(timing.SHIFTS_S)
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize("robot", ["puma560", "tx40_5khz"])
 def test_a_motion_is_approached_by_few_steps_of_the_plant(robot: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """It comes to the same one, in as many simulations, of which the last has as many steps as before."""

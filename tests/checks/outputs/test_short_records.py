@@ -113,6 +113,7 @@ def residuals_of(tables: list[Array]) -> list[Succession]:
     return list(successions(OutputResiduals.of(case.estimator.estimate(case.model))))
 
 
+@pytest.mark.gate
 def test_white_noise_has_each_probability_as_often() -> None:
     """Of records that are judged together, too, across whose ends nothing is compared."""
     found = []
