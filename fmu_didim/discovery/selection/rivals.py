@@ -184,16 +184,22 @@ class Rivalry:
             return without_superfluous(builder, rival.fit, [*others, new], self.options, self.progress)
         return None
 
+    def _beside(self, fit: Fit, step: Step) -> Competition | None:
+        """The other effects of a model; None where it cannot be run without this one, or where others act in it."""
+        without = fit_without(self.builder, fit, step)
+        if without is None or len(fit.model.added_effects) - len(without.model.added_effects) > 1:
+            return None
+        return Competition(self.builder, without)
+
     def _parts(self, fit: Fit, step: Step, catalogue: SignatureCatalogue) -> tuple[Part, ...]:
         """Effects of one joint that an effect may stand for together, looked for once in this model."""
         key = frozenset(fit.model.added_effects), step.effect_at
         if key in self.divided or self.progress.is_time_up or not together_like(self.builder, step.effect_at):
             return ()
         self.divided.add(key)
-        without = fit_without(self.builder, fit, step)
-        if without is None or len(fit.model.added_effects) - len(without.model.added_effects) > 1:
+        beside = self._beside(fit, step)
+        if beside is None:
             return ()
-        beside = Competition(self.builder, without)
         named = beside.assess(step.effect_at, fit)
         return parts_of_named(beside, named, catalogue, self.base, self.options, self.progress)
 
@@ -244,10 +250,9 @@ class Rivalry:
         known = list(rivals_of(builder, fit, step, options))
         if progress.is_time_up or not (known or catalogue):
             return None
-        without = fit_without(builder, fit, step)
-        if without is None or len(fit.model.added_effects) - len(without.model.added_effects) > 1:
+        beside = self._beside(fit, step)
+        if beside is None:
             return None
-        beside = Competition(builder, without)
         named, found = beside.assess(step.effect_at, fit), list[FittedCandidate | None]()
         for rival in known:
             progress.say(f"{rival.text} in the place of {step.effect_at.text}")
@@ -259,7 +264,7 @@ class Rivalry:
         if progress.is_time_up:
             return None
         fitted = [from_where_named(beside, c, named) for c in found if c is not None]
-        judged = [(c, objection(c, without, options, base=self.base)) for c in fitted]
+        judged = [(c, objection(c, beside.fit, options, base=self.base)) for c in fitted]
         return Contest(beside, named, tuple(sorted(judged, key=lambda r: -r[0].delta_bic)))
 
 
