@@ -116,9 +116,17 @@ def influence_of_instruments(w: Array, s: Array) -> Array:
 
 
 def influence_efficient(s: Array) -> Array:
-    """(r, p) S (S'S)^-1 of a whitened sensitivity: the same of least squares."""
+    """(r, p) S (S'S)^-1 of a whitened sensitivity: the same of least squares.
+
+    Directions that only rounding shows move by as much as if they were shown at the limit of that: far more than is
+    known of any parameter that takes part in them, while the others keep what is known of them.
+    """
     norms = np.linalg.norm(s, axis=0)
-    first = np.linalg.inv(triangle_by_parts(in_blocks(s), norms.size) / norms) / norms[:, None]
+    triangle = triangle_by_parts(in_blocks(s), norms.size) / norms
+    if _is_singular(triangle):
+        orthonormal, triangle = np.linalg.qr(s / norms)
+        return np.asarray(orthonormal @ _inverse(triangle).T / norms)
+    first = np.linalg.inv(triangle) / norms[:, None]
     second = np.linalg.inv(triangle_by_parts((block @ first for block in in_blocks(s)), norms.size))
     inverse = first @ second  # twice, so that the columns of S times it are orthonormal to rounding
     found = np.empty(s.shape)
@@ -131,8 +139,22 @@ def covariance_white(a: Array) -> Array:
     """(A'A)^-1 of a whitened matrix (r, p): by the sensitivity S the Cramer-Rao bound, by the regressor W eq. 8."""
     norms = np.linalg.norm(a, axis=0)
     r = triangle_by_parts(in_blocks(a), norms.size) / norms
-    inverse = np.linalg.inv(r) / norms[:, None]
+    inverse = (_inverse(r) if _is_singular(r) else np.linalg.inv(r)) / norms[:, None]
     return np.asarray(inverse @ inverse.T)
+
+
+def _is_singular(triangle: Array) -> bool:
+    """Whether a triangle (p, p) of columns of length one has directions that only rounding shows."""
+    if not np.isfinite(triangle).all():
+        return False
+    singular = np.linalg.svd(triangle, compute_uv=False)
+    return bool(singular[-1] * CONDITION_LIMIT < singular[0])
+
+
+def _inverse(triangle: Array) -> Array:
+    """R^-1 (p, p) with singular values of R at the limit of what rounding shows, at least."""
+    left, singular, right = np.linalg.svd(triangle)
+    return np.asarray((right.T / np.maximum(singular, singular[0] / CONDITION_LIMIT)) @ left.T)
 
 
 def relative_deviation_percent(value: Array, deviation: Array) -> Array:

@@ -94,6 +94,19 @@ def test_covariances_equal_their_closed_forms() -> None:
     np.testing.assert_allclose(influence_efficient(s), np.linalg.pinv(s).T, rtol=1e-8)
 
 
+@pytest.mark.parametrize("apart", [0.0, 1e-17, 1e-15])
+def test_columns_that_only_rounding_tells_apart_are_unknown_and_leave_the_others_known(apart: float) -> None:
+    """As two values of a start that has long died away in the log."""
+    rng = np.random.default_rng(12)
+    known, dying = regressor(seed=11), rng.normal(size=60)
+    columns = np.column_stack([known, 1e-9 * dying, 3e-9 * (dying + apart * rng.normal(size=60))])
+    alone = covariance_white(np.column_stack([known, dying]))
+    influence = influence_efficient(columns)
+    for covariance in (influence.T @ influence, covariance_white(columns)):
+        np.testing.assert_allclose(covariance[:3, :3], alone[:3, :3], rtol=1e-3)
+        assert np.sqrt(np.diag(covariance)[3:]).min() > 1e15
+
+
 def test_covariances_equal_the_scatter_of_the_estimates() -> None:
     """y = S chi + e: the fixed point W'(y - S chi) = 0 scatters as the sandwich, least squares as (S'S)^-1."""
     rng = np.random.default_rng(5)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import zlib
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
+from contextlib import suppress
 from dataclasses import dataclass
 from multiprocessing import get_context
 from pathlib import Path
@@ -14,6 +15,7 @@ import numpy as np
 from tests.tools.blind.score import CLASSES
 from tests.tools.blind.simulator.hidden import EFFECTS
 from tests.tools.blind.simulator.make import make_plant, write_cases
+from tests.tools.blind.simulator.native import SimulationFailedError
 
 PAIRS = (
     "stribeck+joint_elasticity", "asymmetric_viscous+backlash", "load_dependent_friction+torque_ripple",
@@ -28,6 +30,10 @@ EXCLUSIVE: tuple[frozenset[str], ...] = (
 )
 """Of each only one is drawn into a case: what counts as one effect, the two forms of a gear, the forms of friction near
 rest, and two gains of one path."""
+
+
+DRAWS = 10
+"""[plants] Of one order, drawn until one can be simulated."""
 
 
 def drawn_together(count: int, number: int, *, first_seed: int) -> list[tuple[str, ...]]:
@@ -57,13 +63,17 @@ class Order:
 
 
 def make_order(order: Order) -> None:
-    """Make the folders of one plant; the same order gives the same files."""
+    """Make the folders of one plant; the same order gives the same files. A plant that its effects make unstable, so
+    that nothing can be logged of it, is drawn anew."""
     rng = np.random.default_rng([order.seed, zlib.crc32("+".join(order.effects).encode())])
-    plant, motion, deviation = make_plant(
-        order.effects, rng, level=order.level, robots=order.robots, clutter=order.clutter, one_joint=order.one_joint,
-        reach=order.reach,
-    )  # fmt: skip
-    write_cases(order.folders, plant, motion, deviation, rng)
+    for _ in range(DRAWS):
+        plant, motion, deviation = make_plant(
+            order.effects, rng, level=order.level, robots=order.robots, clutter=order.clutter,
+            one_joint=order.one_joint, reach=order.reach,
+        )  # fmt: skip
+        with suppress(SimulationFailedError):
+            return write_cases(order.folders, plant, motion, deviation, rng)
+    raise SimulationFailedError(f"no plant of {DRAWS} with {', '.join(order.effects)} could be simulated")
 
 
 def make_campaign(
