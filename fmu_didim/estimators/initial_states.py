@@ -263,6 +263,24 @@ def free_start_remarks(fit: Fit, starts: Sequence[FreeParameter]) -> list[str]:
     return found
 
 
+def with_forgotten_held(model: LoopModel, fit: Fit) -> LoopModel:
+    """A model without those of its free starts that the logs of a fit of it do not show, as where their first samples
+    were left out since: they are held where the model has them."""
+    starts = [k for k in model.free_parameters if k.is_start]
+    if not starts:
+        return model
+    places = [fit.model.names.index(start.name) for start in starts]
+    columns = fit.jacobian[:, :, places] * np.array([start.scale for start in starts])
+    kept = _shown(whitened(columns, fit.deviation))
+    held = {start.name: start for i, start in enumerate(starts) if i not in kept}
+    for start in held.values():
+        assert start.experiment is not None
+        values = model.experiments[start.experiment].initial_state.values
+        value = float(model.start[model.names.index(start.name)])
+        model = _with_state(model, start.experiment, values={**values, _name(start): value})
+    return model.with_free(k for k in model.free_parameters if k.name not in held) if held else model
+
+
 def held_out_starts(fit: Fit, *, asked_only: bool = False) -> tuple[LoopModel, list[str]]:
     """The model of a fit with the starts of held-out experiments as the first part of their logs shows them, which is
     then no longer judged; and what is said of them. Those alone that the case asks for, if they alone are wanted."""

@@ -18,15 +18,24 @@ from fmu_didim.discovery.base_model import prepare
 from fmu_didim.estimators.base import Estimator
 from fmu_didim.estimators.clie import Clie
 from fmu_didim.estimators.didim import Didim
-from fmu_didim.estimators.initial_states import begins_moving, contradicted_starts, start_parameters
+from fmu_didim.estimators.initial_states import (
+    begins_moving,
+    contradicted_starts,
+    start_parameters,
+    with_forgotten_held,
+)
+from fmu_didim.fit.derivatives.sensitivity import sensitivity
 from fmu_didim.fit.estimate import Estimate
+from fmu_didim.fit.fit import Fit
 from fmu_didim.fit.linear_problem import LinearProblem
+from fmu_didim.fit.noise.noise import Noise
 from fmu_didim.fit.region import Region
 from fmu_didim.model.experiment import InitialState, StartKind
 from fmu_didim.model.loop_model import LoopModel
 from tests.helpers import ROOT, with_torque
 
 NOISE = np.array([0.35, 0.012])
+NOISE_OF_LOG = Noise(NOISE, np.zeros(2), "stated")
 SPREAD = np.array([0.1, 0.1, 0.3, 0.3])
 SEEDS = range(100, 130)
 
@@ -148,6 +157,26 @@ def test_a_start_that_is_asked_for_and_forgotten_is_told(model: LoopModel, role:
         for label in model.experiments
         if model.experiments[label].role == role
     ]
+
+
+@pytest.mark.parametrize(("left_out_s", "forgotten"), [(0.0, False), (3.0, True)])
+def test_a_start_that_the_rest_of_a_log_does_not_show_is_held_where_it_was_found(
+    model: LoopModel, left_out_s: float, forgotten: bool
+) -> None:
+    label, starts = model.first, start_parameters(model, model.first)
+    free = model.with_free((*model.free_parameters, *starts))
+    moved = free.start + np.r_[np.zeros(free.start.size - 4), SPREAD]
+    free = free.with_values(moved)
+    free = free.with_experiment(label, free.experiments[label].after(left_out_s))
+    outputs = free.torque(free.start)
+    fit = Fit(free, free.start, outputs, sensitivity(free, free.start, outputs), NOISE_OF_LOG, NOISE, np.nan)
+    kept = with_forgotten_held(free, fit)
+    assert kept.names == (model.names if forgotten else free.names)
+    np.testing.assert_allclose(kept.torque(kept.start), outputs, rtol=1e-9)
+    found = kept.loop.start_values(kept.experiments[label])
+    if forgotten:
+        assert [found[key] for key in ("q_start1", "q_start2", "dq_start1", "dq_start2")] == list(moved[-4:])
+    assert with_forgotten_held(model, fit) is model
 
 
 def test_a_start_that_is_given_is_used(model: LoopModel) -> None:

@@ -26,6 +26,7 @@ from fmu_didim.discovery.selection.wide_search import searched_widely, wide_sear
 from fmu_didim.dynamics.effects import Effect
 from fmu_didim.dynamics.prior import Prior
 from fmu_didim.dynamics.robot import RobotDescription
+from fmu_didim.estimators.initial_states import with_forgotten_held
 from fmu_didim.fit.fit import Fit, prior_squares
 from fmu_didim.fit.fit_uncertainty import fit_uncertainty
 from fmu_didim.fit.gap import bic_gain
@@ -73,11 +74,15 @@ class LogFit:
     @staticmethod
     def of(model: LoopModel, description: RobotDescription | None, effects: Mapping[str, Effect]) -> LogFit:
         """From a model with the identified values as its start; the start of the log, where the state of the machine is
-        not known, is left out: a gear whose play is taken up then leaves what looks like a second effect."""
+        not known, is left out: a gear whose play is taken up then leaves what looks like a second effect. So are values
+        of a start that was identified, as far as the rest of the log does not show them."""
         model = after_start(model.torque_alone)
         spread = np.maximum(np.std(model.measured, axis=0), np.finfo(float).tiny)
         fit = minimise(model, Noise(spread, np.zeros(spread.size), "residual"), stopping=BASE_FIT)
-        fit = minimise(model.with_values(fit.values), residual_noise(fit), stopping=BASE_FIT, outputs=fit.outputs)
+        kept = with_forgotten_held(model, fit)
+        values = fit.values[[model.names.index(name) for name in kept.names]]
+        outputs = fit.outputs if kept is model else None
+        fit = minimise(kept.with_values(values), residual_noise(fit), stopping=BASE_FIT, outputs=outputs)
         return LogFit(fit, LoopModelBuilder(fit.model, description, effects))
 
     @cached_property

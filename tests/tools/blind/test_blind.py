@@ -6,7 +6,7 @@ import builtins
 import csv
 import io
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -20,7 +20,7 @@ from scipy.integrate import solve_ivp
 
 from fmu_didim import simulate
 from fmu_didim.base.errors import InputError
-from tests.tools.blind import harness
+from tests.tools.blind import campaign, harness
 from tests.tools.blind.__main__ import main
 from tests.tools.blind.campaign import PAIRS, drawn_together, make_campaign
 from tests.tools.blind.harness import by_campaign, case_folders, evaluate, read_lines, reduced
@@ -323,6 +323,28 @@ def test_triples_are_of_the_first_seed_without_other_cases(tmp_path: Path, first
     (case,) = case_folders(tmp_path)
     hidden = tuple(effect for effect, _ in read_truth(case).effects)
     assert hidden == drawn_together(1, 3, first_seed=first)[0]
+
+
+def test_a_plant_of_which_nothing_can_be_logged_is_drawn_anew(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    drawn, write = list[Plant](), campaign.write_cases
+
+    def fails(times: int) -> None:
+        def written(folders: Sequence[tuple[Path, int]], plant: Plant, *rest: Any) -> None:
+            drawn.append(plant)
+            if len(drawn) <= times:
+                raise SimulationFailedError("no motion of twenty could be simulated")
+            write(folders, plant, *rest)
+
+        monkeypatch.setattr(campaign, "write_cases", written)
+
+    fails(1)
+    make_campaign(tmp_path / "one", ["spring"], seeds=range(3, 4), rates=[20], level=1.5, robots="development")
+    assert len(drawn) == 2 and drawn[0].hidden != drawn[1].hidden
+    assert read_truth(tmp_path / "one" / "b0001_20hz").effects[0][0] == "spring"
+    drawn.clear()
+    fails(campaign.DRAWS)
+    with pytest.raises(SimulationFailedError, match=f"no plant of {campaign.DRAWS} with spring"):
+        make_campaign(tmp_path / "two", ["spring"], seeds=range(3, 4), rates=[20], level=1.5, robots="development")
 
 
 @pytest.mark.slow
