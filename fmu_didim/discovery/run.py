@@ -37,6 +37,7 @@ from fmu_didim.discovery.ladder.ladders import contradictions, ladders_of, of_ev
 from fmu_didim.discovery.localise import regions_of_fit
 from fmu_didim.discovery.request import Request
 from fmu_didim.discovery.selection.competition import Competition
+from fmu_didim.discovery.selection.decide import Step
 from fmu_didim.discovery.selection.held_out import unconfirmed
 from fmu_didim.discovery.selection.plausible import unusual_values
 from fmu_didim.discovery.selection.refitted import Refitted, refitted_notes, refitted_shapes, with_stated
@@ -139,10 +140,12 @@ class _Search:
     Attributes:
         prepared: the base model; base: its fit, with the noise of the data without torques from outside.
         torques: from outside, where they explain most of its residual; builder: of the models that follow.
+        asked: the request as it was, without what was found of it.
         is_late: whether the time was up before the search for them; disagreement: where the base model disagrees.
         later: what the data after their start say, where these count as well.
     """
 
+    asked: Request
     request: Request
     prepared: Prepared
     base: Fit
@@ -153,9 +156,9 @@ class _Search:
     later: AfterStart | None = None
 
     @staticmethod
-    def of(request: Request, prepared: Prepared, later: AfterStart | None = None) -> _Search:
-        """Fit the torques from outside, if there are any."""
-        request = replace(request, doubts=(*request.doubts, *prepared.doubts))
+    def of(request: Request, prepared: Prepared, later: AfterStart | None = None, *, outside: bool = True) -> _Search:
+        """Fit the torques from outside, if there are any and they are looked for: ``outside``."""
+        asked, request = request, replace(request, doubts=(*request.doubts, *prepared.doubts))
         base, progress = prepared.fit, request.progress
         alone = base.torque_alone
         gaps = ", ".join(f"{gap:.2f}" for gap in joint_gaps(alone.residual, alone.noise))
@@ -165,7 +168,7 @@ class _Search:
         )
         builder = build(alone.model)
         torques, is_late = None, progress.is_time_up
-        if request.external is not None and not is_late:
+        if outside and request.external is not None and not is_late:
             torques = find_external_torques(alone, say=progress.say)
         forbid, seed = request.options.forbid, request.options.seed
         if torques is not None and rivalled(torques, alone, builder, forbid=forbid, progress=progress, seed=seed):
@@ -183,13 +186,15 @@ class _Search:
         elif base is not alone:
             builder = build(base.model)
         regions = regions_of_fit(base.torque_alone, builder.description)
-        return _Search(request, prepared, base, torques, builder, is_late, regions, later)
+        return _Search(asked, request, prepared, base, torques, builder, is_late, regions, later)
 
-    def found(self) -> Found:
-        """Run the rounds and document their result."""
+    def found(self, begun: tuple[Fit, list[Step]] | None = None) -> Found:
+        """Run the rounds, from effects that were begun with or none, and document their result."""
         base, builder, options = self.base, self.builder, self.request.options
         start, free = base if self.torques is None else self.torques.fit, None
-        discovery = run_rounds(builder, start, options, self.request.progress, self.keep)
+        discovery = run_rounds(builder, start, options, self.request.progress, self.keep, begun=begun)
+        if (again := self.without_torques(discovery)) is not None:
+            return again
         if self.torques is not None:
             final, free = self.torques.refitted(discovery.final)
             discovery = replace(discovery, final=final)
@@ -220,6 +225,21 @@ class _Search:
         notes = [*note, *notes, *forms.notes, *gain_notes(discovery.final, builder), *unsearched]
         document = self.written(discovery, ratio, free, *notes, curves=forms.curves, doubts=forms.doubts)
         return Found(document, discovery, builder, forms.curves)
+
+    def without_torques(self, discovery: Discovery) -> Found | None:
+        """What is found without the torques from outside, where the effects that were found beside them have made them
+        superfluous: from these effects on, or from none where more than the torque counts. None where they are not."""
+        if self.torques is None or not discovery.steps or discovery.ending is not Ending.COMPLETE:
+            return None
+        without = self.torques.superfluous_beside(discovery.final)
+        if without is None:
+            return None
+        self.request.progress.say("taken out again: torques from outside")
+        search = _Search.of(self.asked, self.prepared, self.later, outside=False)
+        if search.base.model.experiments.channels:
+            return search.found()
+        begun = replace(without, noise=search.base.noise)
+        return search.found((begun, [replace(step, without=None) for step in discovery.steps]))
 
     def with_stated(
         self, discovery: Discovery, refitted: tuple[Refitted, ...]

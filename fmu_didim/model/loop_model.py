@@ -335,6 +335,10 @@ class LoopModel:
             counts.append(known[0].automatic_substeps(self._tick_s(label)))
         return max(counts)
 
+    def integration_steps(self, values: Array) -> int:
+        """Steps of the integration of the plant in all fitted experiments, where they can be chosen."""
+        return sum(self.simulation(values, label).integration_steps for label in self.estimation_labels)
+
     def integration(self, values: Array) -> Integration | None:
         """How the plant is integrated; None where its equations are not known."""
         return integration(self._plant(values), self._tick_s(self.first))

@@ -171,10 +171,9 @@ class _Search:
         loud = louder(self.ground.sides)
         for promise in self._of_many_minima(promises, loud):
             self._try(promise, [promise.effect_at.joint in joints for joints in loud])
-        while rivals := self._gears_beside(promises):
-            for promise, shows in rivals:
-                self._try(promise, shows, if_nearer=True)
+        self._try_gears(promises)
         self.tried = [self._at_best_minima(tried, loud) for tried in self.tried]
+        self._try_gears(promises)  # an elastic one, for which play at its best minimum may stand
         return [world for tried in self.tried for world in self._of(tried)]
 
     def _of_many_minima(
@@ -217,6 +216,12 @@ class _Search:
             for side, own in zip(sides, shows, strict=True)
         ]
         self.tried.append(self._completed((effect_at,), fits, sides))
+
+    def _try_gears(self, promises: Sequence[Sequence[Sequence[Promise]]]) -> None:
+        """Fit the gears for which what explains a log may stand, and those for which these may."""
+        while rivals := self._gears_beside(promises):
+            for promise, shows in rivals:
+                self._try(promise, shows, if_nearer=True)
 
     def _gears_beside(self, promises: Sequence[Sequence[Sequence[Promise]]]) -> list[tuple[Promise, list[bool]]]:
         """The gears that nobody tried, and that may be what an effect that explains a log stands for, with the logs
@@ -295,7 +300,7 @@ class _Search:
 
     def _grown(self, tried: _Tried) -> _Ground | None:
         """Both logs with these effects; None where they do not explain both together better."""
-        first, second = tried.fits
+        first, second = self._as_known(tried)
         ground = self.ground
         if first is None or second is None:
             return None
@@ -317,6 +322,19 @@ class _Search:
             (*ground.lacks, *lacks),
         )  # fmt: skip
 
+    def _as_known(self, tried: _Tried) -> tuple[Fit | None, Fit | None]:
+        """The fits of an effect, in a log that does not show it by itself with the values by which the other one knows
+        it: whether it may be there is a question to that log, not to what a free fit makes of it, which may be none."""
+        first, second = tried.fits
+        if first is None or second is None or shared(first) or shared(second) or len(tried.effects) > 1:
+            return first, second
+        shows = [self._beyond(k, f, tried.effects) >= BIC for k, f in enumerate((first, second))]
+        if shows == [True, False]:
+            second = in_common(self.ground.sides[1], first, tried.effects[-1])
+        elif shows == [False, True]:
+            first = in_common(self.ground.sides[0], second, tried.effects[-1])
+        return first, second
+
     def with_common(self) -> _Ground | None:
         """With the effect that both logs show most clearly; None where they show none."""
         best: tuple[float, _Ground] | None = None
@@ -336,19 +354,24 @@ class _Search:
         return None if best is None else best[1]
 
     def with_second(self) -> Iterator[World]:
-        """The worlds of the best effect of each log, fitted to its end, and of that with a second one: what its fit
-        has not reached yet is no second effect."""
+        """The worlds of the best effect of each log, and of the gears for which it may stand, each fitted to its end,
+        and of these with a second one: what a fit has not reached yet is no second effect."""
+        builder = self.ground.sides[0].builder
         for k in (0, 1):
             alone = [
                 (self._beyond(k, f, t.effects), t) for t in self.tried if (f := t.fits[k]) is not None and not shared(f)
             ]  # fmt: skip
-            most, first = max(alone, key=lambda each: each[0], default=(0.0, None))
-            if first is None or most <= BIC:
+            most, best = max(alone, key=lambda each: each[0], default=(0.0, None))
+            if best is None or most <= BIC:
                 continue
-            own = [None if f is None or shared(f) else settled(f) for f in first.fits]
-            first = self._completed(first.effects, own, self.ground.sides)
-            yield from self._of(first)
-            yield from self._seconds(k, first)
+            gears = [
+                t for own, t in alone if own >= BIC and may_be_gear(builder, t.effects[0], best.effects[0])
+            ]  # fmt: skip
+            for first in (best, *gears):
+                fits = [None if f is None or shared(f) else settled(f) for f in first.fits]
+                whole = self._completed(first.effects, fits, self.ground.sides)
+                yield from self._of(whole)
+                yield from self._seconds(k, whole)
 
     def _seconds(self, k: int, first: _Tried) -> Iterator[World]:
         own = first.fits[k]
@@ -428,10 +451,13 @@ class _Search:
         there."""
         ground = self.ground
         other = fitted(ground.sides[1 - k], [fitted_proposal(found, second)])
+        is_sure = other is not None and self._beyond(1 - k, other, [second]) >= BIC
+        if not is_sure:
+            other = in_common(ground.sides[1 - k], found, second)
         if other is None:
             return
         pair = (found, other) if k == 0 else (other, found)
-        free, lack = self._lack(other, second, frozenset(), is_sure=self._beyond(1 - k, other, [second]) >= BIC)
+        free, lack = self._lack(other, second, shared(other), is_sure=is_sure)
         names, when = (*ground.known[0].names, *(p.name for p in free)), "gone" if k == 0 else "new"
         stiff = ground.stiff | lack.stiff
         values = ground.known_of(0, pair[0], names), ground.known_of(1, pair[1], names)

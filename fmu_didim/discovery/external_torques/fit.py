@@ -21,7 +21,7 @@ from fmu_didim.discovery.selection.plausible import LONGEST
 from fmu_didim.fit.base_projection import BaseProjection
 from fmu_didim.fit.derivatives.differences import STEP
 from fmu_didim.fit.fit import Fit
-from fmu_didim.fit.gap import delta_bic, explained
+from fmu_didim.fit.gap import bic_gain, delta_bic, explained
 from fmu_didim.fit.log_noise import motion_period, noise_beside_fit
 from fmu_didim.fit.solver.least_squares import minimise
 from fmu_didim.fit.solver.termination import Stopping
@@ -93,6 +93,15 @@ class FittedExternalTorques:
     def joint(self) -> int:
         """On which they act, all of them: that where they explain most, counted from 1."""
         return self.external_torques[0].joint
+
+    def superfluous_beside(self, final: Fit) -> Fit | None:
+        """A final model without the external torques, all else fitted anew, where it is no worse by BIC; else None."""
+        try:
+            without = minimise(final.model.pushed(self.label, ()), final.noise, stopping=Stopping(updates=1))
+        except SimulationError:
+            return None
+        gain = bic_gain(without, final, float(len(self.free.values) - len(self.fit.values)), final.noise)
+        return without if gain <= 0 else None
 
     def refitted(self, final: Fit) -> tuple[Fit, Fit]:
         """A final model with the external torques fitted again, and the same with them as its last parameters."""

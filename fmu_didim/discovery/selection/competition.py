@@ -396,15 +396,17 @@ class Competition:
         tried = [(self.misfit(proposal), place, proposal) for place, proposal in enumerate(proposals)]
         return [proposal for cost, _, proposal in sorted(tried)[:STARTS] if np.isfinite(cost)]
 
-    def misfit(self, proposal: Proposal | None = None) -> float:
+    def misfit(self, proposal: Proposal | None = None, *, most_steps: float = np.inf) -> float:
         """Of the loop, with an effect or without, with the base refitted to first order; infinite where it cannot be
-        simulated."""
+        simulated, or not with so many steps of the integration."""
         residual = self.fit.residual
         if proposal is not None:
             model = self.builder.build(self.fit.model, [proposal])
-            low, high = model.free_parameters.limits
+            values = np.clip(model.start, *model.free_parameters.limits)
             try:
-                residual = model.output_residual(np.clip(model.start, low, high))
+                if np.isfinite(most_steps) and model.integration_steps(values) > most_steps:
+                    return np.inf
+                residual = model.output_residual(values)
             except SimulationError:
                 return np.inf
         return float(np.sum(self.base.rest_of(self.base.weighted(residual)) ** 2))

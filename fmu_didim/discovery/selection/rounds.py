@@ -88,11 +88,14 @@ def run_rounds(
     options: Options,
     progress: Progress,
     keep: Callable[[Discovery], None] = lambda discovery: None,
+    *,
+    begun: tuple[Fit, list[Step]] | None = None,
 ) -> Discovery:
     """Add effects to the base model as long as the data support them.
 
     Args:
         keep: called with the state before the first round and after each one.
+        begun: a model with effects that were found already, and their steps, from which the rounds go on.
     """
     keep(Discovery(base, base, (), ending=Ending.RUNNING))
     candidates = _candidates(builder, options)
@@ -100,8 +103,9 @@ def run_rounds(
         checked = [name for name, effect in builder.effects.items() if effect.pre_check and name not in options.forbid]
         before = [EffectAtJoint(name, j) for name in checked for j in builder.joints(name)]
         return Discovery(base, base, (), tried=(_not_tried([*before, *candidates]),), ending=Ending.TIME_UP)
-    fit, steps = pre_check(builder, base, options, progress)
+    fit, steps = pre_check(builder, base, options, progress) if begun is None else begun
     looked_at = fit
+    candidates = [c for c in candidates if c not in fit.model.added_effects]
     if steps:
         keep(Discovery(base, fit, tuple(steps), ending=Ending.RUNNING))
     progress.say(f"signatures of {len(candidates)} candidates")

@@ -36,7 +36,8 @@ GENERATIONS = 12
 """[1] After the first one."""
 MOST_STEPS = 5e8
 """[steps] Of the integration, times the square of the joints, for all simulations of a search: three quarters of a
-minute. Six joints at 5 kHz would take ten minutes."""
+minute. Six joints at 5 kHz would take ten minutes. What needs more than its share of them counts as what cannot be
+simulated: a gear beside a link that the base leaves with hardly any inertia rings at any rate."""
 UNSTABLE = 1e30
 """[1] Sum of squares of what cannot be simulated."""
 _FROM_FEW = (
@@ -81,10 +82,12 @@ def searched_widely(
     builder.prepare([(*fit.model.added_effects, effect_at)], progress=progress, workers=fit.model.workers)
     progress.say(f"{effect_at.effect} on joint {effect_at.joint} in the whole range of its parameters")
 
+    most = MOST_STEPS / (_simulations(ranges) * fit.model.joint_count**2)
+
     def misfit(parts: Array) -> float:
         if progress.is_time_up:
             return UNSTABLE
-        return min(competition.misfit(Proposal(effect_at, _values(ranges, parts))), UNSTABLE)
+        return min(competition.misfit(Proposal(effect_at, _values(ranges, parts)), most_steps=most), UNSTABLE)
 
     known = {} if begin is None else fitted_proposal(begin, effect_at).values
     # A share of the motor is no parameter where the motor has an inertia of its own.
@@ -99,9 +102,13 @@ def searched_widely(
 
 def takes_too_long(builder: LoopModelBuilder, fit: Fit, effect_at: EffectAtJoint) -> bool:
     """Whether an effect is not looked for in the whole range of its parameters, as that would take too long."""
-    count = PEOPLE * len(_ranges(builder, effect_at)) * (GENERATIONS + 1)
-    steps = sum(fit.model.simulation(fit.values, label).integration_steps for label in fit.model.estimation_labels)
-    return count * steps * fit.model.joint_count**2 > MOST_STEPS
+    steps = fit.model.integration_steps(fit.values)
+    return _simulations(_ranges(builder, effect_at)) * steps * fit.model.joint_count**2 > MOST_STEPS
+
+
+def _simulations(ranges: Mapping[str, _Range]) -> int:
+    """Of a search in these ranges."""
+    return PEOPLE * len(ranges) * (GENERATIONS + 1)
 
 
 def worth_searching(

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from dataclasses import replace
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
 
+from fmu_didim.discovery import run
 from fmu_didim.discovery.external_torques import findings, fit, rivals
 from fmu_didim.discovery.external_torques.findings import _summary
 from fmu_didim.discovery.external_torques.fit import FittedExternalTorques, find_external_torques
@@ -17,7 +18,8 @@ from fmu_didim.discovery.external_torques.search import _joined, _merged, _solve
 from fmu_didim.discovery.progress import Progress
 from fmu_didim.discovery.request import Request
 from fmu_didim.discovery.selection.competition import Competition
-from fmu_didim.discovery.selection.decide import Options
+from fmu_didim.discovery.selection.decide import Options, Step
+from fmu_didim.discovery.selection.rounds import Discovery, Ending
 from fmu_didim.model.external_torque import ExternalTorque
 from fmu_didim.model.loop_model import EffectAtJoint
 from fmu_didim.results.findings import ValueFound
@@ -354,3 +356,42 @@ def test_of_many_torques_the_mean_with_its_interval_by_students_t(monkeypatch: p
     assert mean.interval == pytest.approx((2.5 - 3.182446 * mean.std, 2.5 + 3.182446 * mean.std), rel=1e-6)
     # Beside the mean of all torques that of the first would look like another quantity.
     assert [v.name for v in first] == ["t_on[1]", "t_off[1]"]
+
+
+@pytest.mark.parametrize(
+    ("changes", "begins"),
+    [
+        ({}, "from the effects"),
+        ({"channels": ("q",)}, "anew"),  # the fit beside the torques was one of the torque alone
+        ({"superfluous": False}, ""),
+        ({"torques": False}, ""),
+        ({"steps": 0}, ""),  # nothing was found beside them that could stand for them
+        ({"ending": Ending.TIME_UP}, ""),
+    ],
+)
+def test_torques_that_effects_make_superfluous_are_taken_out_again(
+    monkeypatch: pytest.MonkeyPatch, changes: dict[str, Any], begins: str
+) -> None:
+    asked = {"channels": (), "superfluous": True, "torques": True, "steps": 2, "ending": Ending.COMPLETE, **changes}
+    final, begun = table_fit(1.0), list[Any]()
+    noise = replace(final.noise, deviation=np.array([3.0]))
+    of_base = SimpleNamespace(model=SimpleNamespace(experiments=SimpleNamespace(channels=asked["channels"])))
+    of_base.noise = noise
+    again = SimpleNamespace(base=of_base, found=lambda start=None: begun.append(start) or "found")
+    monkeypatch.setattr(run._Search, "of", lambda *_, outside: again if not outside else None)
+    known = SimpleNamespace(superfluous_beside=lambda fit: final if asked["superfluous"] else None)
+    search = SimpleNamespace(
+        torques=known if asked["torques"] else None, request=SimpleNamespace(progress=Progress()),
+        asked=None, prepared=None, later=None,
+    )  # fmt: skip
+    names = ("spring", "delay")[: asked["steps"]]
+    steps = tuple(Step(EffectAtJoint(n, 1), 50.0, 1.0, 0.5, (), {}, {}, None, without=final) for n in names)
+    discovery = Discovery(final, final, steps, ending=asked["ending"])
+    found = run._Search.without_torques(cast(run._Search, search), discovery)
+    assert (found == "found") == bool(begins)
+    if begins == "from the effects":
+        ((start, kept),) = begun
+        assert start.noise is noise and start.values is final.values
+        assert [s.effect_at for s in kept] == [s.effect_at for s in steps] and all(s.without is None for s in kept)
+    else:
+        assert begun == ([None] if begins else [])

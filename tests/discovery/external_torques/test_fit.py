@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from fmu_didim.case import load_case
 from fmu_didim.discovery.base_model import prepare
-from fmu_didim.discovery.external_torques.fit import find_external_torques
+from fmu_didim.discovery.external_torques.fit import FittedExternalTorques, find_external_torques
 from fmu_didim.fit.fit import Fit
 from fmu_didim.model.external_torque import ExternalTorque
 from tests.discovery.helpers import base_of, with_torque
@@ -53,3 +55,19 @@ def test_no_push_is_found_where_there_is_none(tmp_path: Path, hidden: str, value
 def test_a_torque_that_comes_back_with_the_motion_is_no_push(tmp_path: Path) -> None:
     truth = tuple(ExternalTorque(1, 2.3 + 4.0 * k, 2.9 + 4.0 * k, 6.0) for k in range(3))
     assert find_external_torques(pushed_data(tmp_path, truth)) is None
+
+
+@pytest.mark.gate
+def test_pushes_that_a_model_needs_stay_and_others_are_superfluous(tmp_path: Path) -> None:
+    """As where an effect that was found beside them explains what they had stood for."""
+    push = ExternalTorque(1, 2.3137, 2.9512, 6.0, False)
+    needed = find_external_torques(pushed_data(tmp_path / "pushed", (push,)))
+    assert needed is not None and needed.superfluous_beside(needed.fit) is None
+
+    base = pushed_data(tmp_path / "calm", ())
+    model = base.model.pushed("estimation", (replace(push, torque=0.01),))
+    held = replace(base, model=model, outputs=model.outputs(base.values))
+    free = replace(held, values=np.append(held.values, np.zeros(4)))
+    without = FittedExternalTorques(held, free, "estimation", 1.0, 0.7).superfluous_beside(held)
+    assert without is not None and without.model.experiments["estimation"].external_torques == ()
+    assert without.chi_square == pytest.approx(base.chi_square, rel=1e-3)

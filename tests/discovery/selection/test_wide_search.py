@@ -10,10 +10,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+from fmu_didim.data.signals import Array
 from fmu_didim.discovery.augmentation.places import Proposal
 from fmu_didim.discovery.progress import Progress
 from fmu_didim.discovery.selection import rounds, wide_search
 from fmu_didim.discovery.selection.candidates import FittedCandidate
+from fmu_didim.discovery.selection.competition import Competition
 from fmu_didim.discovery.selection.decide import Options
 from fmu_didim.discovery.selection.rounds import (
     Discovery,
@@ -95,7 +97,7 @@ class Loop:
         self.stable = stable
         model = SimpleNamespace(
             estimation_labels=("fitted",), joint_count=2, workers=1, added_effects=(), allowed_workers=lambda values: 1,
-            simulation=lambda values, label: SimpleNamespace(integration_steps=steps),
+            integration_steps=lambda values: steps,
         )  # fmt: skip
         self.fit: Any = SimpleNamespace(model=model, values=np.zeros(1))
         self.builder: Any = SimpleNamespace(
@@ -104,7 +106,9 @@ class Loop:
         )
         self.progress = Progress(ends=-1.0 if time_up else float("inf"))
 
-    def misfit(self, proposal: Proposal) -> float:
+    def misfit(self, proposal: Proposal, *, most_steps: float) -> float:
+        count = len(self.builder.at(PLAY).search)
+        assert 4 * count * PEOPLE * (GENERATIONS + 1) * most_steps == pytest.approx(MOST_STEPS)
         gap = proposal.values["gap"]
         return float(np.log(gap / 0.05) ** 2) if gap <= self.stable else np.inf
 
@@ -157,6 +161,22 @@ def test_what_was_fitted_is_in_the_first_generation(monkeypatch: pytest.MonkeyPa
 def test_where_it_is_searched_at_all(changes: dict[str, Any], is_searched: bool) -> None:
     loop = Loop(**changes)
     assert (loop.found() is not None) == is_searched == bool(loop.refitted)
+
+
+@pytest.mark.parametrize(("most", "is_run"), [(100, True), (99, False), (np.inf, True)])
+def test_what_needs_more_steps_than_its_share_counts_as_what_cannot_be_simulated(most: float, is_run: bool) -> None:
+    run: list[Array] = []
+    model = SimpleNamespace(
+        start=np.array([2.0]), free_parameters=SimpleNamespace(limits=(np.array([0.0]), np.array([1.0]))),
+        integration_steps=lambda values: 100, output_residual=lambda values: run.append(values) or residual(4.0),
+    )  # fmt: skip
+    competition: Any = SimpleNamespace(
+        fit=SimpleNamespace(residual=residual(9.0), model=None), builder=SimpleNamespace(build=lambda *_: model),
+        base=SimpleNamespace(rest_of=lambda x: x, weighted=lambda x: x),
+    )  # fmt: skip
+    found = Competition.misfit(competition, Proposal(PLAY, {"gap": 0.1}), most_steps=most)
+    assert np.isfinite(found) == is_run == bool(run)
+    assert all(values.tolist() == [1.0] for values in run)
 
 
 def candidate(name: str, square: float, joint: int = 1, bic: float = 100.0) -> FittedCandidate:
