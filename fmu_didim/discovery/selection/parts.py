@@ -51,7 +51,7 @@ def parts_instead(
     if not parts:
         return (), ""
     whole, last = parts[-1].candidate.fit, parts[-1]
-    gain = bic_gain(competition.fit, whole, sum(p.candidate.cost for p in parts), competition.fit.noise)
+    gain = _gain_of(competition, parts)
     ahead, near = gain - accepted.delta_bic, nearness(accepted.delta_bic, options)
     if ahead < -near or _objected(competition, [p.candidate.effect_at for p in parts], whole, options):
         return (), ""
@@ -68,8 +68,8 @@ def parts_of_named(
 ) -> tuple[Part, ...]:  # fmt: skip
     """A constant and a stop, say, to name instead of a spring; none where it explains as much.
 
-    A spring that rests elsewhere than at zero has a constant, too: they must explain more than the spring does with it,
-    by more than what decides nothing.
+    A spring that rests elsewhere than at zero has a constant, too, and one that hardens is linear besides: they must
+    explain more than the spring does with that, by more than what decides nothing.
 
     Args:
         beside: all other effects of the model; named: the effect, fitted beside them.
@@ -88,13 +88,10 @@ def parts_of_named(
     if not best:
         return ()
     whole, last = best[-1].candidate.fit, best[-1]
-    gain = bic_gain(beside.fit, whole, sum(p.candidate.cost for p in best), beside.fit.noise)
-    ahead = gain - named.delta_bic - nearness(gain, options)
-    if ahead <= 0:
-        return ()
+    gain = _gain_of(beside, best)
+    least = gain - nearness(gain, options)
     others = [p.candidate.effect_at for p in best[:-1]]
-    with_them = _one_after_the_other(Competition(builder, named.fit), others, catalogue, progress)
-    if ahead <= sum(p.candidate.delta_bic for p in with_them):
+    if least <= named.delta_bic or least <= _gain_with(beside, named, others, catalogue, progress):
         return ()
     of_any_share = replace(options, smallest_share=0.0, smallest_part=0.0)  # what counts is what they explain together
     if _objected(beside, [p.candidate.effect_at for p in best], whole, options) or objection(
@@ -102,6 +99,26 @@ def parts_of_named(
     ):
         return ()
     return best
+
+
+def _gain_of(beside: Competition, parts: Sequence[Part]) -> float:
+    """Gain in BIC of effects together over the model without them."""
+    return bic_gain(beside.fit, parts[-1].candidate.fit, sum(p.candidate.cost for p in parts), beside.fit.noise)
+
+
+def _gain_with(
+    beside: Competition, named: FittedCandidate, others: Sequence[EffectAtJoint], catalogue: SignatureCatalogue,
+    progress: Progress,
+) -> float:  # fmt: skip
+    """The largest gain in BIC of an effect with others of its joint, fitted before or after it, or with one more of its
+    class; 0 where none of them can be fitted."""
+    builder, gains = beside.builder, [0.0]
+    first = Part(beside, named)
+    for further in (others, *_others_of_its_class(builder, named.effect_at)):
+        after = _one_after_the_other(Competition(builder, named.fit), further, catalogue, progress)
+        before = _one_after_the_other(beside, [*further, named.effect_at], catalogue, progress)
+        gains += [_gain_of(beside, parts) for parts in ((first, *after) if after else (), before) if parts]
+    return max(gains)
 
 
 def together_like(builder: LoopModelBuilder, effect_at: EffectAtJoint) -> list[list[EffectAtJoint]]:
@@ -113,6 +130,16 @@ def together_like(builder: LoopModelBuilder, effect_at: EffectAtJoint) -> list[l
         if effect.class_name == own and others:
             found.append([EffectAtJoint(n, effect_at.joint) for n in (*others, name)])
     return found
+
+
+def _others_of_its_class(builder: LoopModelBuilder, effect_at: EffectAtJoint) -> list[list[EffectAtJoint]]:
+    """Further effects of the class of one, each by itself, but for those that may stand for more than the class."""
+    own = builder.effect(effect_at).class_name
+    names = [
+        n for n, e in builder.effects.items() if e.class_name == own and not e.stands_for and n != effect_at.effect
+    ]
+    found = (EffectAtJoint(name, effect_at.joint) for name in names)
+    return [[a] for a in found if builder.at(a).can_be_added]
 
 
 def _one_after_the_other(

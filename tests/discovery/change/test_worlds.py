@@ -218,3 +218,88 @@ def test_play_is_looked_for_where_one_residual_is_larger_whatever_its_slope_prom
     search.tried = [worlds._Tried((EffectAtJoint(*at),), (None, None)) for at in asked]
     every = [promises, promises]
     assert [(p.effect_at.effect, p.effect_at.joint) for p in search._of_many_minima(every, loud)] == found
+
+
+def search_of(*tried: worlds._Tried) -> worlds._Search:
+    """A search of two logs without loops, in which these were fitted."""
+    builder = SimpleNamespace(effect=lambda at: EFFECTS[at.effect])
+    ground = SimpleNamespace(sides=(SimpleNamespace(builder=builder),) * 2)
+    search = worlds._Search(cast(Any, ground), 100, frozenset(), Progress())
+    search.tried = list(tried)
+    return search
+
+
+def tried_of(name: str, joint: int, first: str | None, second: str | None) -> worlds._Tried:
+    """An effect fitted to each log; a fit is a word here."""
+    return worlds._Tried((EffectAtJoint(name, joint),), cast(Any, (first, second)))
+
+
+@pytest.mark.parametrize(
+    ("gains", "shared", "wanted"),
+    [
+        ((50.0, 40.0), (), ("before", "after")),  # each shows it
+        ((50.0, 3.0), (), ("before", "in common with before")),
+        ((3.0, 50.0), (), ("in common with after", "after")),
+        ((3.0, 3.0), (), ("before", "after")),
+        ((50.0, -20.0), ("after",), ("before", "after")),  # it has the values of the other one already
+        ((50.0, None), (), ("before", None)),
+    ],
+)
+def test_a_log_that_does_not_show_an_effect_by_itself_is_asked_with_the_values_of_the_other_one(
+    gains: tuple[float, float | None], shared: tuple[str, ...], wanted: tuple[str | None, ...],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:  # fmt: skip
+    """A free fit makes anything of what it hardly shows: play of a hundredth of the width, which then has not changed
+    by as much as is known of it."""
+    gain = dict(zip(("before", "after"), gains, strict=True))
+    search = search_of()
+    monkeypatch.setattr(worlds._Search, "_beyond", lambda self, k, fit, effects: gain[fit])
+    monkeypatch.setattr(worlds, "shared", lambda fit: fit in shared)
+    monkeypatch.setattr(worlds, "in_common", lambda side, other, effect_at: f"in common with {other}")
+    tried = tried_of("backlash", 1, "before", None if gains[1] is None else "after")
+    assert search._as_known(tried) == wanted
+
+
+def test_an_elastic_gear_is_tried_for_which_play_at_its_best_minimum_may_stand(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its slope promises nothing, and that of the play did not either."""
+    elastic, play = EffectAtJoint("joint_elasticity", 2), EffectAtJoint("backlash", 2)
+    promises = [[Promise(play, -3.0, ()), Promise(elastic, -5.0, ())], []]
+    search, asked = search_of(), list[EffectAtJoint]()
+
+    def tries(self: Any, promise: Promise, shows: Any, *, if_nearer: bool = False) -> None:
+        asked.append(promise.effect_at)
+        self.tried.append(worlds._Tried((promise.effect_at,), (None, None)))
+
+    def at_best(self: Any, tried: worlds._Tried, loud: Any) -> worlds._Tried:
+        return tried_of("backlash", 2, None, "hits") if tried.effects[0] == play else tried
+
+    monkeypatch.setattr(worlds._Search, "_promised", lambda self, k: promises if k else [[], []])
+    monkeypatch.setattr(worlds._Search, "_try", tries)
+    monkeypatch.setattr(worlds._Search, "_at_best_minima", at_best)
+    monkeypatch.setattr(worlds._Search, "_beyond", lambda self, k, fit, effects: 100.0)
+    monkeypatch.setattr(worlds._Search, "_of", lambda self, tried: ())
+    monkeypatch.setattr(worlds, "louder", lambda sides: (set(), {2}))
+    search.worlds()
+    assert asked == [play, elastic]
+
+
+def test_a_second_effect_is_looked_for_beside_the_gears_for_which_the_best_may_stand(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Beside a gain that is not fitted yet, the gear of the neighbour may explain more than the right one."""
+    gains = {"soft 1": 190.0, "soft 2": 179.0, "gain": 171.0, "little": 5.0}
+    search = search_of(
+        tried_of("joint_elasticity", 1, "soft 1", None), tried_of("joint_elasticity", 2, "soft 2", None),
+        tried_of("controller_gain", 2, "gain", None), tried_of("backlash", 1, "little", None),
+    )  # fmt: skip
+    firsts = list[tuple[int, EffectAtJoint]]()
+    monkeypatch.setattr(worlds._Search, "_beyond", lambda self, k, fit, effects: gains[fit])
+    monkeypatch.setattr(worlds._Search, "_completed", lambda self, effects, fits, sides: worlds._Tried(effects, fits))
+    monkeypatch.setattr(worlds._Search, "_of", lambda self, tried: ())
+    monkeypatch.setattr(
+        worlds._Search, "_seconds", lambda self, k, first: firsts.append((k, first.effects[0])) or ()
+    )  # fmt: skip
+    monkeypatch.setattr(worlds, "shared", lambda fit: False)
+    monkeypatch.setattr(worlds, "settled", lambda fit: fit)
+    assert list(search.with_second()) == []
+    assert firsts == [(0, EffectAtJoint("joint_elasticity", 1)), (0, EffectAtJoint("joint_elasticity", 2))]

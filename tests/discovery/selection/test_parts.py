@@ -127,7 +127,7 @@ def test_nothing_is_fitted_for_an_effect_that_stands_for_none(monkeypatch: pytes
 LOADS: Any = Catalogue(
     effect_of("stop", class_name="load", title="Stop", stands_for=("spring", "offset")),
     effect_of("lower", class_name="load", stands_for=("spring", "offset")),
-    effect_of("spring", class_name="load"), effect_of("offset"),
+    effect_of("spring", class_name="load"), effect_of("hard", class_name="load"), effect_of("offset"),
 )  # fmt: skip
 
 
@@ -138,18 +138,23 @@ class Together:
     Attributes:
         together: gain of both, by the stop; left: what each leaves, of which the better one counts.
         beside_spring: gain of the constant beside the spring; none if it is no candidate there.
+        hardens: gain of another spring beside it; none if it is no candidate.
         objected: effects that held-out data speak against.
     """
 
     together: float = 1100.0
     left: dict[str, float] = field(default_factory=lambda: {"stop": 1.0, "lower": 2.0})
     beside_spring: float | None = 20.0
+    hardens: float | None = None
     objected: str = ""
     asked: list[str] = field(default_factory=list)
 
     def screen(self, competition: Competition, catalogue: Any) -> list[Any]:
         known = {a.effect for a in competition.fit.model.added_effects}
-        names = set(self.left) | ({"offset"} if "spring" not in known or self.beside_spring is not None else set())
+        names = {*self.left, "spring"} | (
+            {"offset"} if "spring" not in known or self.beside_spring is not None else set()
+        )
+        names |= {"hard"} if self.hardens is not None else set()
         return [SimpleNamespace(effect_at=EffectAtJoint(n, 1)) for n in sorted(names - known)]
 
     def compare(self, competition: Competition, chosen: Any, *, progress: Progress, reach: float) -> Any:
@@ -161,10 +166,18 @@ class Together:
             ranking.append(candidate_of(effect_at.effect, bic=bic, share=0.01, fit=fit_of(model)))
         return SimpleNamespace(ranking=tuple(ranking))
 
+    def gain(self, before: Any, after: Any, *_: Any) -> float:
+        names = {a.effect for a in after.model.added_effects}
+        if "spring" not in names:
+            return self.together
+        return 1000.0 + max(
+            (self.beside_spring or 0.0) * ("offset" in names), (self.hardens or 0.0) * ("hard" in names)
+        )
+
     def named(self, monkeypatch: pytest.MonkeyPatch, *, named: str = "spring", **options: Any) -> list[str]:
         monkeypatch.setattr(Competition, "screen", lambda own, catalogue: self.screen(own, catalogue))
         monkeypatch.setattr(Competition, "compare", lambda own, chosen, **more: self.compare(own, chosen, **more))
-        monkeypatch.setattr(parts, "bic_gain", lambda *_: self.together)
+        monkeypatch.setattr(parts, "bic_gain", self.gain)
         monkeypatch.setattr(parts, "implausible", lambda fit, i, effect, link: "no" * (effect.name == self.objected))
         base = table_fit(100.0)
         spring = candidate_of(named, bic=1000.0, fit=table_fit(5.0, added_effects=(EffectAtJoint(named, 1),)))
@@ -183,6 +196,8 @@ class Together:
         (Together(together=1021.0), []),  # within 2 % of what both explain nothing is decided
         (Together(together=1100.0, beside_spring=90.0), []),  # the spring rests elsewhere: it has a constant, too
         (Together(together=1100.0, beside_spring=None), ["offset", "stop"]),
+        (Together(together=1100.0, hardens=70.0), ["offset", "stop"]),
+        (Together(together=1100.0, hardens=90.0), []),  # the spring hardens, and is linear, too
         (Together(objected="offset"), []),
     ],
 )
