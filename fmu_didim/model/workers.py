@@ -144,8 +144,14 @@ class Beside(Generic[_Result]):
             raise found
         return found
 
+    def __enter__(self) -> Beside[_Result]:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.leave()
+
     def leave(self) -> None:
-        """End the copy, whose result nobody will ask for."""
+        """End the copy, whose result nobody will ask for any more."""
         if not self._found and self._copy is not None:
             self._copy.end()
 

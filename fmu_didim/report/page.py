@@ -23,11 +23,15 @@ def load_templates() -> None:
 
 
 def write_page(report: Report, path: Path) -> Path:
-    """Write the page of a report and return its path; all texts are escaped."""
-    template = environment().get_template(PAGE)
-    points = points_per_trace(report.charts)
-    path.write_text(template.render(report=report, sections=report.on("page"), points=points), encoding="utf-8")
+    """Write the page of a report and return its path."""
+    path.write_text(page_text(report), encoding="utf-8")
     return path
+
+
+def page_text(report: Report) -> str:
+    """The page of a report; all texts are escaped."""
+    template = environment().get_template(PAGE)
+    return template.render(report=report, sections=report.on("page"), points=points_per_trace(report.charts))
 
 
 def notebook_html(report: Report) -> str:

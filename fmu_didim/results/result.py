@@ -469,6 +469,11 @@ def save_result(document: ResultDocument, validations: Sequence[Validation], dir
     return path
 
 
+def as_saved(document: ResultDocument) -> ResultDocument:
+    """The document as it is read from its ``result.json``."""
+    return ResultDocument.model_validate_json(document.model_dump_json())
+
+
 def result_path(path: Path | str) -> Path:
     """The path of a ``result.json``, from itself or its folder."""
     path = Path(path)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -113,10 +114,11 @@ def identify(
     except DiagnosedError as error:
         refusal.save(error, error.found)
         raise
-    if show is not None:
-        show(result)
-    if folder is not None:
-        result.write(folder)
+    with result.page_beside() if folder is not None else nullcontext() as page:
+        if show is not None:
+            show(result)
+        if folder is not None and page is not None:
+            result.write(folder, page)
     return result
 
 

@@ -39,7 +39,7 @@ from fmu_didim.report.numbers import (
     rounding,
     significant,
 )
-from fmu_didim.report.page import notebook_html, write_page
+from fmu_didim.report.page import notebook_html, page_text, write_page
 from fmu_didim.report.power import power_sections
 from fmu_didim.report.sections import (
     Bar,
@@ -63,7 +63,14 @@ from fmu_didim.report.sections import (
 )
 from fmu_didim.report.terminal import report_text
 from fmu_didim.report.verdict import verdict
-from fmu_didim.results.result import REPORT_FILE, ParameterResult, ResultDocument, read_result, saved_tables
+from fmu_didim.results.result import (
+    REPORT_FILE,
+    ParameterResult,
+    ResultDocument,
+    as_saved,
+    read_result,
+    saved_tables,
+)
 
 SHOWN_CORRELATIONS = 5
 LABEL = 24
@@ -96,10 +103,18 @@ def write_report(directory: Path, validations: Sequence[Validation] = ()) -> Pat
         InputError: there is no result, or a table of torques that it names is missing.
     """
     document = read_result(directory)
-    return write_page(
-        result_report(document, saved_charts(document, directory, saved_tables(document, validations))),
-        directory / REPORT_FILE,
-    )
+    charts = saved_charts(document, directory, saved_tables(document, validations))
+    return write_page(result_report(document, charts), directory / REPORT_FILE)
+
+
+def result_page(document: ResultDocument, validations: Sequence[Validation]) -> str:
+    """``report.html`` of a result as it is when it has been saved, of which nothing needs to be there yet.
+
+    Args:
+        validations: of all experiments that the result has tables of.
+    """
+    document = as_saved(document)
+    return page_text(result_report(document, saved_charts(document, Path(), saved_tables(document, validations))))
 
 
 def result_report(document: ResultDocument, parts: Sequence[ExperimentCharts] = ()) -> Report:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -17,6 +18,7 @@ from fmu_didim.data.signals import Array, Trajectory
 from fmu_didim.dynamics.robot import RobotDescription, read_robot, write_robot
 from fmu_didim.fit.estimate import Estimate
 from fmu_didim.model.loop_model import LoopModel
+from fmu_didim.model.workers import Beside, default_workers
 from fmu_didim.results.result import (
     REPORT_FILE,
     RESULT_FILE,
@@ -132,24 +134,27 @@ class Result:
         """
         place = result_folder(folder, figures=figures)
         place.check()
-        self.write(place)
+        with self.page_beside() as page:
+            self.write(place, page)
         return place.folder / RESULT_FILE
 
-    def write(self, folder: ResultFolder) -> None:
-        """As :meth:`save`, to a folder that was checked before."""
-        from fmu_didim.report import write_report
+    def page_beside(self) -> Beside[str]:
+        """The text of ``report.html``, which a copy of this process makes beside what comes first, where it can."""
+        return Beside(partial(_page, self.document, self.validations), default_workers(), at_once=False)
 
+    def write(self, folder: ResultFolder, page: Beside[str]) -> None:
+        """As :meth:`save`, to a folder that was checked before; ``page``: :meth:`page_beside`."""
         for label in self.document.signals:
             self.validation(label)
         with folder.written() as new:
             save_result(self.document, self.validations, new)
-            write_report(new, self.validations)
             write_values(self.document, new)
             for label, robot in ((SHARED, self.robot), *self.robots.items()):
                 if robot is not None:
                     write_robot(robot, new / (OWN_ROBOT_FILE.format(label=label) if label else ROBOT_FILE))
             if self.essential_robot is not None:
                 write_robot(self.essential_robot, new / ESSENTIAL_ROBOT_FILE)
+            (new / REPORT_FILE).write_text(page.result(), encoding="utf-8")
             if folder.figures:
                 from fmu_didim.report.paper import write_figures
 
@@ -332,6 +337,12 @@ def _described(path: Path) -> RobotDescription | FmuDidimError:
         return read_robot(path)
     except FmuDidimError as error:
         return error
+
+
+def _page(document: ResultDocument, validations: Sequence[Validation]) -> str:
+    from fmu_didim.report import result_page
+
+    return result_page(document, validations)
 
 
 def _readable(found: RobotDescription | FmuDidimError | None) -> RobotDescription | None:
