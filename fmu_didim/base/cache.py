@@ -50,6 +50,7 @@ KINDS = {
     "readings": "what reading their outputs before a step does",
     "starts": "what says where the states of FMUs start",
     "proofs": "which FMUs of other tools have run and ended well",
+    "templates": "compiled templates of pages",
     "fmu_slots": "which runs use an FMU at the same time",
     COMPILER: "parts of the C compiler",
 }

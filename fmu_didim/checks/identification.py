@@ -174,29 +174,29 @@ def checked(estimate: Estimate, validations: Sequence[Validation], *, before: It
     of_motion = None if estimate.fit is None else MotionTests.of(estimate.fit)
     tests = residual_tests(estimate)
     agreements = {} if estimate.fit is None else agreement(estimate.fit)
-    still, held_out, of_any = aside.result()
+    beside = aside.result()
     found = [
-        *with_all_samples(estimate, validations, still),
+        *with_all_samples(estimate, validations, beside.still),
         *held_parameters(model),
         *limit_diagnostics(estimate),
         *agreement_diagnostics(agreements, model.loads),
-        *held_out,
+        *beside.held_out,
         *held_out_channels(estimate, validations),
     ]  # fmt: skip
     found += residual_diagnostics(tests)
     misfits, searched, joints = Misfits(), False, None
     if estimate.fit is not None and of_motion is not None:
         told = {d.place for d in found if d.code is RESIDUAL_ABOVE_NOISE}
-        found += [d for d in repetition_diagnostics(repetition_of_fit(estimate.fit)) if d.place not in told]
+        found += [d for d in beside.repetition if d.place not in told]
         misfits, searched, joints = of_motion.misfits, of_motion.is_searched, of_motion.joints
         found += of_motion.diagnostics
-        found += start_diagnostics(contradicted_starts(estimate.fit))
-    motion_hz, cutoff_hz = _bands(model)
+        found += beside.starts
+    motion_hz, cutoff_hz = beside.bands
     found += [*slow_diagnostics(tests, motion_hz, cutoff_hz), *error_diagnostics(validations, motion_hz)]
     told = {d.place for d in found if d.code in MISFITS}
     errors = _relative_errors(estimate)
     found += [d for d in large_diagnostics(tests, errors, motion_hz, cutoff_hz) if d.place not in told]
-    found += [*of_any, *position_fit_diagnostics(estimate), *signs_diagnostics(estimate)]
+    found += [*beside.of_any, *position_fit_diagnostics(estimate), *signs_diagnostics(estimate)]
     if estimate.fit is not None and MISFITS & {d.code for d in found}:
         if not searched:  # which no suspect follows
             found = with_suspects(estimate.fit, misfits if misfits.stated else Misfits.of(estimate.fit), found)
@@ -207,18 +207,37 @@ def checked(estimate: Estimate, validations: Sequence[Validation], *, before: It
     return Checks(judged, tests, agreements, power)
 
 
-def _aside(
-    estimate: Estimate, validations: Sequence[Validation], before: Iterable[Diagnostic]
-) -> tuple[list[Diagnostic], list[Diagnostic], list[Diagnostic]]:
-    """What the tests for the motion need not wait for: what was found before and is still so, what held-out data say of
-    the torque, and :func:`of_any_output`."""
+@dataclass(frozen=True)
+class _Aside:
+    """What the tests for the motion need not wait for.
+
+    Attributes:
+        still: what was found before and is still so; held_out: what held-out data say of the torque.
+        of_any: as of :func:`of_any_output`; repetition: what repeats with the motion; starts: that logs contradict.
+        bands: as of :func:`_bands`.
+    """
+
+    still: list[Diagnostic]
+    held_out: list[Diagnostic]
+    of_any: list[Diagnostic]
+    repetition: list[Diagnostic]
+    starts: list[Diagnostic]
+    bands: tuple[float, float]
+
+
+def _aside(estimate: Estimate, validations: Sequence[Validation], before: Iterable[Diagnostic]) -> _Aside:
     held = [v for v in validations if v.role == "validation"]
     held_out = held_out_diagnostics(
         estimate.model, estimate.covariance, Residual.of(estimate.measured, estimate.simulated),
         {v.label: Residual.of(v.measured, v.simulated) for v in held if not v.failure},
         {v.label: v.failure for v in validations if v.failure}, estimate.colours,
     )  # fmt: skip
-    return confirmed(judged_model(estimate), before), held_out, of_any_output(estimate)
+    fit = estimate.fit
+    return _Aside(
+        still=confirmed(judged_model(estimate), before), held_out=held_out, of_any=of_any_output(estimate),
+        repetition=[] if fit is None else repetition_diagnostics(repetition_of_fit(fit)),
+        starts=[] if fit is None else start_diagnostics(contradicted_starts(fit)), bands=_bands(estimate.model),
+    )  # fmt: skip
 
 
 def _workers(estimate: Estimate) -> int:

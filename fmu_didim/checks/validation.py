@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 
@@ -18,6 +19,7 @@ from fmu_didim.fit.statistics import error_percent, relative_error_percent
 from fmu_didim.model.experiment import Role
 from fmu_didim.model.loop_model import LoopModel, Simulation
 from fmu_didim.model.simulated_table import motion_at_samples, simulated_table
+from fmu_didim.model.workers import side_by_side
 
 LARGE_PERCENT = 15.0
 """[%] Torque error of a joint from which it is said of what it is made: noise of usual sensors is a third of it."""
@@ -107,8 +109,10 @@ class Validation:
 
 def validated(estimate: Estimate) -> list[Validation]:
     """Each experiment of the estimate, simulated with its values."""
-    model = estimate.validated_model
-    return [validate_on(model, estimate.value, label) for label in model.experiments]
+    model = estimate.validated_model.with_values(estimate.value)
+    return side_by_side(
+        [partial(validate_on, model, estimate.value, label) for label in model.experiments], model.workers_from_start
+    )
 
 
 def validate_on(model: LoopModel, values: Array, label: str) -> Validation:

@@ -2,24 +2,28 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterator
-from functools import cache
+from contextlib import suppress
+from functools import cache, partial
+from hashlib import sha256
+from importlib.resources import files
 from itertools import accumulate
 from pathlib import Path
 
-from jinja2 import Environment, PackageLoader, StrictUndefined
+import jinja2
+from jinja2 import Environment, FileSystemBytecodeCache, PackageLoader, StrictUndefined
 
+from fmu_didim.base.cache import cached_folder
+from fmu_didim.base.errors import InputError
 from fmu_didim.report.drawing.charts import chart_json, limited, points_per_trace
 from fmu_didim.report.sections import Report, Table
 from fmu_didim.report.verdict import reason_text
 
-PAGE, MACROS = "page.html.j2", "macros.html.j2"
-
-
-def load_templates() -> None:
-    """Compile the templates of a page ahead: that takes as long as to fill them in."""
-    for name in (MACROS, PAGE):
-        environment().get_template(name)
+PAGE = "page.html.j2"
+_PACKAGE = "fmu_didim.report.html"
+_ENDINGS = ("j2", "css", "js")
+"""Of the templates, and of what they take in."""
 
 
 def write_page(report: Report, path: Path) -> Path:
@@ -43,11 +47,30 @@ def notebook_html(report: Report) -> str:
 @cache
 def environment() -> Environment:
     environment = Environment(
-        loader=PackageLoader("fmu_didim.report.html", "."), autoescape=True, undefined=StrictUndefined,
-        trim_blocks=True, lstrip_blocks=True,
+        loader=PackageLoader(_PACKAGE, "."), autoescape=True, undefined=StrictUndefined, trim_blocks=True,
+        lstrip_blocks=True,
     )  # fmt: skip
     environment.filters |= {"chart_json": chart_json, "limited": limited, "reason_text": reason_text, "rows": _rows}
+    with suppress(InputError):  # where the cache cannot be written, they are compiled each time
+        environment.bytecode_cache = FileSystemBytecodeCache(str(_compiled(environment)))
     return environment
+
+
+def _compiled(environment: Environment) -> Path:
+    """The folder of the cache with the compiled templates: to compile those of a page takes as long as to fill them
+    in."""
+    names = environment.list_templates(_ENDINGS)
+    sources = [files(_PACKAGE).joinpath(name).read_bytes() for name in names]
+    made_by = f"{jinja2.__version__} {sys.implementation.cache_tag} {files(_PACKAGE)}".encode()  # by these it finds them
+    key = sha256(b"\0".join([made_by, *sources])).hexdigest()
+    return cached_folder("templates", key, partial(_compile, environment))
+
+
+def _compile(environment: Environment, folder: Path) -> None:
+    """Fill a folder with the compiled templates."""
+    overlay = environment.overlay(bytecode_cache=FileSystemBytecodeCache(str(folder)))
+    for name in environment.list_templates(_ENDINGS):
+        overlay.get_template(name)
 
 
 def _rows(table: Table) -> Iterator[tuple[int, bool, str, str]]:

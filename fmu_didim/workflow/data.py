@@ -85,11 +85,6 @@ class DataBeside:
         """The model that is fitted: without the outliers that the case leaves out, for which the checks are waited."""
         return self._cleaned[0] if self._beside.is_done else self._model
 
-    @property
-    def goes_on(self) -> bool:
-        """Whether a copy of this process is still at the checks."""
-        return not self._beside.is_done
-
     def found(self) -> list[Diagnostic]:
         """What is found, the most important first; raises DiagnosedError where a problem is."""
         return self._cleaned[1]

@@ -94,13 +94,13 @@ def identify(
     model = case.model
     if essential:
         check_reducible(model)
-    record = _record(case, out, {"profile": profile, "essential": essential})
     sentences = acknowledged(case)
-    refusal = _Refusal(case, folder, record)
     part = judged_part(case, names, essential=essential)
     judged = None if part is None else part.model
+    data = DataBeside(case, judged, progress or no_progress)
+    record = _record(case, out, {"profile": profile, "essential": essential})
+    refusal = _Refusal(case, folder, record)
     try:
-        data = DataBeside(case, judged, progress or no_progress)
         model = data.model
         consistency, of_plant = data.ahead(partial(check_plant, case, judged or model))
         of_plant = data.ahead(partial(refuse_problems, of_plant))
@@ -166,11 +166,7 @@ def _estimated(
         if estimate is None:
             of_all = None if part is None else refuse_problems(case_diagnostics(case))
             estimate = estimated(case, model, names, data.progress, essential=essential)
-        validations = validated(estimate)  # beside the checks of the data, if these take longer, as the templates
-        if data.goes_on and refusal.folder is not None:
-            from fmu_didim.report.page import load_templates
-
-            load_templates()
+        validations = validated(estimate)  # beside the checks of the data, if these take longer
         data.tell()
         return _Estimated(estimate, validations, before())
     except (RefusedError, SimulationError) as caught:
