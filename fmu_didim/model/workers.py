@@ -10,9 +10,9 @@ import os
 import pickle
 import sys
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from functools import wraps
+from functools import partial, wraps
 from multiprocessing.connection import Connection
 from typing import Any, Generic, ParamSpec, TypeVar
 
@@ -25,6 +25,11 @@ from fmu_didim.cosim import System
 
 MOST_WORKERS = 4
 """More threads only wait for memory and for Python's part of a simulation."""
+MOST_SHARES = 1024
+"""[shares] Into which tasks are divided, from which processes take the next one: their numbers fit into a pipe, which
+holds at least 4096 bytes (POSIX, PIPE_BUF)."""
+NUMBER_BYTES = 4
+"""[bytes] Of a number in it."""
 VARIABLE = "FMU_DIDIM_WORKERS"
 """Environment variable with the number of threads."""
 
@@ -93,8 +98,8 @@ def apart(tasks: Sequence[Callable[[], _Result]], workers: int) -> list[_Result]
     """Results of tasks that are mostly Python, in their order; the first error of one is raised when all have ended.
 
     Every other process is a copy of this one, so that nothing is handed to it, and what it remembers is lost with it.
-    Copies are made on Linux, where no other thread runs that might hold a lock; elsewhere threads take the tasks in
-    turns, as :func:`side_by_side`. So do they take what a copy could not hand back.
+    Whichever is free takes the next task. Copies are made on Linux, where no other thread runs that might hold a lock;
+    elsewhere threads take the tasks in turns, as :func:`side_by_side`. What a copy could not hand back is done here.
 
     Args:
         workers: processes at the same time, this one among them; 1 runs all in this one.
@@ -102,16 +107,38 @@ def apart(tasks: Sequence[Callable[[], _Result]], workers: int) -> list[_Result]
     count = 1 if _is_copy else min(workers, len(tasks))  # a copy has one core to itself
     if count < 2 or not can_copy_process():
         return side_by_side(tasks, count)
-    copies = [_Copy(tasks[first::count]) for first in range(1, count)]
-    found: list[Any] = list(tasks)
-    found[::count] = [_tried(task) for task in tasks[::count]]
-    for first, copy in enumerate(copies, start=1):
-        answers = copy.answers()
-        found[first::count] = [*answers, *(_tried(task) for task in tasks[first::count][len(answers) :])]
-    for result in found:
+    shares, found = min(len(tasks), MOST_SHARES), dict[int, list[Any]]()
+    with _numbers(shares) as numbers:
+        own = (partial(_share, tasks, k, shares) for k in numbers)
+        copies = [_Copy(own) for _ in range(1, count)]
+        found |= (share() for share in own)
+        for copy in copies:
+            found |= copy.answers()
+    found |= (_share(tasks, k, shares) for k in range(shares) if k not in found)  # what copies could not hand back
+    results = list[Any](tasks)
+    for k, some in found.items():
+        results[k::shares] = some
+    for result in results:
         if isinstance(result, Exception):
             raise result
-    return found
+    return results
+
+
+def _share(tasks: Sequence[Callable[[], Any]], number: int, shares: int) -> tuple[int, list[Any]]:
+    """The number of a share of tasks, and their results."""
+    return number, [_tried(task) for task in tasks[number::shares]]
+
+
+@contextlib.contextmanager
+def _numbers(count: int) -> Iterator[Iterator[int]]:
+    """The numbers from 0 on, each of which one process takes alone: this one, or one that is copied from it."""
+    source, sink = os.pipe()
+    try:
+        os.write(sink, b"".join(k.to_bytes(NUMBER_BYTES, "little") for k in range(count)))
+        os.close(sink)
+        yield (int.from_bytes(packed, "little") for packed in iter(partial(os.read, source, NUMBER_BYTES), b""))
+    finally:
+        os.close(source)
 
 
 class Beside(Generic[_Result]):
@@ -171,7 +198,7 @@ def _tried(task: Callable[[], _Result]) -> _Result | Exception:
 class _Copy:
     """A copy of this process that works on some tasks and hands the results back one by one."""
 
-    def __init__(self, tasks: Sequence[Callable[[], Any]]) -> None:
+    def __init__(self, tasks: Iterable[Callable[[], Any]]) -> None:
         self._ours, theirs = multiprocessing.Pipe(duplex=False)
         context = multiprocessing.get_context("fork")
         self._process = context.Process(target=_answer, args=(tasks, theirs), daemon=True)
@@ -205,7 +232,7 @@ class _Copy:
         self._process.join()
 
 
-def _answer(tasks: Sequence[Callable[[], Any]], to: Connection) -> None:
+def _answer(tasks: Iterable[Callable[[], Any]], to: Connection) -> None:
     """Send the results, and nothing from the first on that cannot be packed; end without a word where the user does."""
     global _is_copy
     _is_copy = True

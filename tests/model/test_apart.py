@@ -13,7 +13,7 @@ from fmu_didim.base.errors import SimulationError
 from fmu_didim.model.workers import apart, can_copy_process
 
 IN_ONE_OF_ITS_OWN = """
-import os, signal, sys
+import os, signal, sys, time
 from fmu_didim.base.errors import SimulationError
 from fmu_didim.model.workers import apart, can_copy_process, default_workers
 
@@ -23,19 +23,35 @@ def refused():
     raise SimulationError("broken", where="plant", next_step="Change it.")
 
 def killed(i):
+    time.sleep(0.1)
     if os.getpid() != here:
         os.kill(os.getpid(), signal.SIGKILL)
     return i
 
+def slow(seconds, result):
+    time.sleep(seconds)
+    return result()
+
 assert can_copy_process() == (sys.platform == "linux")
-found = apart([lambda i=i: (i, os.getpid()) for i in range(5)], 2)
+is_linux = sys.platform == "linux"
+found = apart([lambda i=i: slow(0.1, lambda: (i, os.getpid())) for i in range(5)], 2)
 assert [i for i, _ in found] == [0, 1, 2, 3, 4], found
-assert len({pid for _, pid in found}) == (2 if sys.platform == "linux" else 1), found
-assert [pid == here for _, pid in found][::2] == [True] * 3
+assert len({pid for _, pid in found}) == (2 if is_linux else 1), found
+found = apart([lambda s=s: slow(s, os.getpid) for s in (3.0, 0.0, 0.0, 0.0, 0.0, 0.0)], 2)  # who is free takes the next
+assert not is_linux or (len(set(found[1:])) == 1 and found[0] != found[1]), found
+count = 5000  # more tasks than shares: each is done once, by one of both
+told = apart([lambda i=i: i for i in range(count)], 2)
+assert told == list(range(count)), told
 assert apart([lambda i=i: b"0" * 10_000_000 for i in range(3)], 3) == [b"0" * 10_000_000] * 3  # more than a pipe holds
-assert [one() for one in apart([lambda i=i: (lambda: i) for i in range(4)], 2)] == [0, 1, 2, 3]  # cannot be handed back
+asked = [lambda i=i: slow(0.1, lambda: (lambda: i)) for i in range(4)]
+assert [one() for one in apart(asked, 2)] == [0, 1, 2, 3]  # cannot be handed back
 assert apart([lambda i=i: killed(i) for i in range(4)], 2) == [0, 1, 2, 3]
-assert not any(apart([can_copy_process] * 4, 2)[1::2])  # a copy makes no copies
+copies = apart([lambda: slow(0.1, lambda: (os.getpid(), can_copy_process())) for _ in range(4)], 2)
+assert not any(can for pid, can in copies if pid != here)  # a copy makes no copies
+assert not is_linux or any(pid != here for pid, _ in copies)
+before = os.listdir("/proc/self/fd") if is_linux else []
+apart([os.getpid] * 4, 2)
+assert not is_linux or len(os.listdir("/proc/self/fd")) == len(before)
 try:
     apart([lambda: 1, refused, lambda: 2], 2)
 except SimulationError as error:
