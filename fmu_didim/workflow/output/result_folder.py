@@ -110,7 +110,8 @@ class ResultFolder:
                     target.replace(source)
             raise
         sync(self.folder)
-        self._write_list(names)
+        replaced = [partial(_remove, path) for path in aside.iterdir()]  # for each of which a disk may be waited for
+        side_by_side([partial(self._write_list, names), *replaced], MOST_WORKERS)
 
     def _head_first(self, names: set[str]) -> list[str]:
         return sorted(names, key=lambda name: (name != self.head, name not in self.fixed, name))
@@ -146,6 +147,12 @@ def checked_case(
     if folder is not None:
         folder.check(reads=paths_read(case))
     return case
+
+
+def _remove(path: Path) -> None:
+    """Remove a file as far as it can be: what stays goes with its folder."""
+    with suppress(OSError):
+        path.unlink()
 
 
 def check_writable(folder: Path) -> None:
