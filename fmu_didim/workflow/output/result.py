@@ -140,7 +140,9 @@ class Result:
 
     def page_beside(self) -> Beside[str]:
         """The text of ``report.html``, which a copy of this process makes beside what comes first, where it can."""
-        return Beside(partial(_page, self.document, self.validations), default_workers(), at_once=False)
+        from fmu_didim.report import result_page
+
+        return Beside(partial(result_page, self.document, self.validations), default_workers(), at_once=False)
 
     def write(self, folder: ResultFolder, page: Beside[str]) -> None:
         """As :meth:`save`, to a folder that was checked before; ``page``: :meth:`page_beside`."""
@@ -337,12 +339,6 @@ def _described(path: Path) -> RobotDescription | FmuDidimError:
         return read_robot(path)
     except FmuDidimError as error:
         return error
-
-
-def _page(document: ResultDocument, validations: Sequence[Validation]) -> str:
-    from fmu_didim.report import result_page
-
-    return result_page(document, validations)
 
 
 def _readable(found: RobotDescription | FmuDidimError | None) -> RobotDescription | None:
