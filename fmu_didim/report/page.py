@@ -61,8 +61,8 @@ def _compiled(environment: Environment) -> Path:
     in."""
     names = environment.list_templates(_ENDINGS)
     sources = [files(_PACKAGE).joinpath(name).read_bytes() for name in names]
-    made_by = f"{jinja2.__version__} {sys.implementation.cache_tag} {files(_PACKAGE)}".encode()  # by these it finds them
-    key = sha256(b"\0".join([made_by, *sources])).hexdigest()
+    found_by = f"{jinja2.__version__} {sys.implementation.cache_tag} {files(_PACKAGE)}".encode()
+    key = sha256(b"\0".join([found_by, *sources])).hexdigest()
     return cached_folder("templates", key, partial(_compile, environment))
 
 

@@ -46,7 +46,7 @@ def test_kept_templates_make_the_same_page(place: Path, tmp_path: Path, monkeypa
     for file in compiled:
         file.write_bytes(file.read_bytes()[:-9])
     assert written(tmp_path / "damaged") == plain
-    assert list(entries())[0].path == kept.path
+    assert next(entries()).path == kept.path
 
 
 def refused(*_: object) -> Path:
