@@ -22,8 +22,8 @@ ticks, threads = [], lambda: threading.active_count()
 clock = Ticking(lambda: ticks.append(os.getpid()), 0.001)
 clock.start()
 assert threads() == 2 and is_alone()
-here, there = apart([lambda: (os.getpid(), threads(), is_alone())] * 2, 2)
-assert here == (os.getpid(), 2, True) and there == (there[0], 1, True) and there[0] != here[0], (here, there)
+seen = dict(apart([lambda: (time.sleep(0.5), (os.getpid(), (threads(), is_alone())))[1]] * 2, 2))  # one each
+assert len(seen) == 2 and seen.pop(os.getpid()) == (2, True) and [*seen.values()] == [(1, True)], seen
 beside = Beside(lambda: (time.sleep(0.2), len(ticks), threads())[1:], 2)
 begun = len(ticks)
 counted, alone = beside.result()
