@@ -34,7 +34,7 @@ def slow(seconds, result):
 
 assert can_copy_process() == (sys.platform == "linux")
 is_linux = sys.platform == "linux"
-found = apart([lambda i=i: slow(0.1, lambda: (i, os.getpid())) for i in range(5)], 2)
+found = apart([lambda i=i: slow(0.3, lambda: (i, os.getpid())) for i in range(5)], 2)
 assert [i for i, _ in found] == [0, 1, 2, 3, 4], found
 assert len({pid for _, pid in found}) == (2 if is_linux else 1), found
 found = apart([lambda s=s: slow(s, os.getpid) for s in (3.0, 0.0, 0.0, 0.0, 0.0, 0.0)], 2)  # who is free takes the next
@@ -43,10 +43,10 @@ count = 5000  # more tasks than shares: each is done once, by one of both
 told = apart([lambda i=i: i for i in range(count)], 2)
 assert told == list(range(count)), told
 assert apart([lambda i=i: b"0" * 10_000_000 for i in range(3)], 3) == [b"0" * 10_000_000] * 3  # more than a pipe holds
-asked = [lambda i=i: slow(0.1, lambda: (lambda: i)) for i in range(4)]
+asked = [lambda i=i: slow(0.3, lambda: (lambda: i)) for i in range(4)]
 assert [one() for one in apart(asked, 2)] == [0, 1, 2, 3]  # cannot be handed back
 assert apart([lambda i=i: killed(i) for i in range(4)], 2) == [0, 1, 2, 3]
-copies = apart([lambda: slow(0.1, lambda: (os.getpid(), can_copy_process())) for _ in range(4)], 2)
+copies = apart([lambda: slow(0.3, lambda: (os.getpid(), can_copy_process())) for _ in range(4)], 2)
 assert not any(can for pid, can in copies if pid != here)  # a copy makes no copies
 assert not is_linux or any(pid != here for pid, _ in copies)
 before = os.listdir("/proc/self/fd") if is_linux else []
