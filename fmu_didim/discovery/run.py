@@ -66,6 +66,10 @@ LOOKED_AT = (
     "from outside, the regions of disagreement and the way of sampling are looked for in the torque alone."
 )
 LEFT_OUT = "{0} were left out: torques from outside were found, which are fitted to the torque alone."
+SUPERFLUOUS = (
+    "Torques from outside on joint {0} were found first, and taken out again: the effects that were found beside them "
+    "explain the data as well without."
+)
 NOT_HELD_OUT = "No held-out experiment measures {0}: there the test rests on the other signals."
 UNFILTERED = (
     "The low_pass of the case was not applied: effects show above its cut-off as well, and they are compared with "
@@ -235,7 +239,8 @@ class _Search:
         if without is None:
             return None
         self.request.progress.say("taken out again: torques from outside")
-        search = _Search.of(self.asked, self.prepared, self.later, outside=False)
+        asked = self.asked.noting(SUPERFLUOUS.format(self.torques.joint))
+        search = _Search.of(asked, self.prepared, self.later, outside=False)
         if search.base.model.experiments.channels:
             return search.found()
         begun = replace(without, noise=search.base.noise)

@@ -379,16 +379,18 @@ def test_torques_that_effects_make_superfluous_are_taken_out_again(
     of_base.noise = noise
     again = SimpleNamespace(base=of_base, found=lambda start=None: begun.append(start) or "found")
     monkeypatch.setattr(run._Search, "of", lambda *_, outside: again if not outside else None)
-    known = SimpleNamespace(superfluous_beside=lambda fit: final if asked["superfluous"] else None)
+    told = list[str]()
+    known = SimpleNamespace(superfluous_beside=lambda fit: final if asked["superfluous"] else None, joint=2)
     search = SimpleNamespace(
         torques=known if asked["torques"] else None, request=SimpleNamespace(progress=Progress()),
-        asked=None, prepared=None, later=None,
+        asked=SimpleNamespace(noting=told.append), prepared=None, later=None,
     )  # fmt: skip
     names = ("spring", "delay")[: asked["steps"]]
     steps = tuple(Step(EffectAtJoint(n, 1), 50.0, 1.0, 0.5, (), {}, {}, None, without=final) for n in names)
     discovery = Discovery(final, final, steps, ending=asked["ending"])
     found = run._Search.without_torques(cast(run._Search, search), discovery)
-    assert (found == "found") == bool(begins)
+    assert (found == "found") == bool(begins) == bool(told)
+    assert all(text.startswith("Torques from outside on joint 2 were found first") for text in told)
     if begins == "from the effects":
         ((start, kept),) = begun
         assert start.noise is noise and start.values is final.values
