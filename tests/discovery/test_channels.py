@@ -202,7 +202,8 @@ def test_positions_that_spoil_the_torque_are_told(tmp_path: Path) -> None:
     for label, experiment in model.experiments.items():
         model = model.with_experiment(label, replace(experiment, torque=1.2 * experiment.torque))
     prepared = prepare(model)
-    search = _Search(Request("arm", None), prepared, prepared.fit, None, LoopModelBuilder(model, None), False, [])
+    request = Request("arm", None)
+    search = _Search(request, request, prepared, prepared.fit, None, LoopModelBuilder(model, None), False, [])
     (told,) = search.torn(prepared.fit)
     assert told.code.name == "channels-disagree" and told.place == "joint 1"
     assert "With q1 the torque error is" in told.text
