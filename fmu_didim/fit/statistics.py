@@ -145,8 +145,8 @@ def covariance_white(a: Array) -> Array:
 
 def _is_singular(triangle: Array) -> bool:
     """Whether a triangle (p, p) of columns of length one has directions that only rounding shows."""
-    if not np.isfinite(triangle).all():
-        return False
+    if len(triangle) < triangle.shape[1] or not np.isfinite(triangle).all():
+        return False  # which its inverse tells
     singular = np.linalg.svd(triangle, compute_uv=False)
     return bool(singular[-1] * CONDITION_LIMIT < singular[0])
 

@@ -107,6 +107,13 @@ def test_columns_that_only_rounding_tells_apart_are_unknown_and_leave_the_others
         assert np.sqrt(np.diag(covariance)[3:]).min() > 1e15
 
 
+@pytest.mark.parametrize("rows", [0, 1, 2])
+def test_fewer_rows_than_columns_have_no_covariance(rows: int) -> None:
+    for of in (covariance_white, influence_efficient):
+        with pytest.raises(np.linalg.LinAlgError):
+            of(regressor(rows))
+
+
 def test_covariances_equal_the_scatter_of_the_estimates() -> None:
     """y = S chi + e: the fixed point W'(y - S chi) = 0 scatters as the sandwich, least squares as (S'S)^-1."""
     rng = np.random.default_rng(5)
