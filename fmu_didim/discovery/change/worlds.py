@@ -328,12 +328,16 @@ class _Search:
         first, second = tried.fits
         if first is None or second is None or shared(first) or shared(second) or len(tried.effects) > 1:
             return first, second
-        shows = [self._beyond(k, f, tried.effects) >= BIC for k, f in enumerate((first, second))]
+        (effect_at,), shows = tried.effects, [self._shows(k, f, tried.effects) for k, f in enumerate((first, second))]
         if shows == [True, False]:
-            second = in_common(self.ground.sides[1], first, tried.effects[-1])
+            second = in_common(self.ground.sides[1], first, effect_at)
         elif shows == [False, True]:
-            first = in_common(self.ground.sides[0], second, tried.effects[-1])
+            first = in_common(self.ground.sides[0], second, effect_at)
         return first, second
+
+    def _shows(self, k: int, found: Fit | None, effects: Sequence[EffectAtJoint]) -> bool:
+        """Whether a log shows effects by itself."""
+        return found is not None and self._beyond(k, found, effects) >= BIC
 
     def with_common(self) -> _Ground | None:
         """With the effect that both logs show most clearly; None where they show none."""
@@ -451,7 +455,7 @@ class _Search:
         there."""
         ground = self.ground
         other = fitted(ground.sides[1 - k], [fitted_proposal(found, second)])
-        is_sure = other is not None and self._beyond(1 - k, other, [second]) >= BIC
+        is_sure = self._shows(1 - k, other, [second])
         if not is_sure:
             other = in_common(ground.sides[1 - k], found, second)
         if other is None:

@@ -17,6 +17,7 @@ import numpy as np
 from fmu_didim.base.errors import SimulationError
 from fmu_didim.data.signals import Array
 from fmu_didim.discovery.external_torques.search import linear_external_torques, step_response
+from fmu_didim.discovery.selection.beside_others import fit_of_smaller
 from fmu_didim.discovery.selection.plausible import LONGEST
 from fmu_didim.fit.base_projection import BaseProjection
 from fmu_didim.fit.derivatives.differences import STEP
@@ -96,12 +97,9 @@ class FittedExternalTorques:
 
     def superfluous_beside(self, final: Fit) -> Fit | None:
         """A final model without the external torques, all else fitted anew, where it is no worse by BIC; else None."""
-        try:
-            without = minimise(final.model.pushed(self.label, ()), final.noise, stopping=Stopping(updates=1))
-        except SimulationError:
-            return None
-        gain = bic_gain(without, final, float(len(self.free.values) - len(self.fit.values)), final.noise)
-        return without if gain <= 0 else None
+        without = fit_of_smaller(final.model.pushed(self.label, ()), final)
+        cost = float(len(self.free.values) - len(self.fit.values))
+        return None if without is None or bic_gain(without, final, cost, final.noise) > 0 else without
 
     def refitted(self, final: Fit) -> tuple[Fit, Fit]:
         """A final model with the external torques fitted again, and the same with them as its last parameters."""
