@@ -13,6 +13,7 @@ from fmu_didim.data.signals import Array
 from fmu_didim.discovery.augmentation.builder import LoopModelBuilder
 from fmu_didim.discovery.form.curve import FoundCurve
 from fmu_didim.discovery.friction import friction_curves
+from fmu_didim.discovery.harmonics import origin
 from fmu_didim.discovery.judge import answer_of, judged
 from fmu_didim.discovery.localise import force_windows
 from fmu_didim.discovery.request import Request
@@ -176,6 +177,7 @@ def _finding(step: Step, discovery: Discovery, builder: LoopModelBuilder) -> Fin
             for a, behind in step.ambiguous
         ],
         experiment=effect.experiment,
+        origin=origin(builder, discovery.final, step.effect_at),
         gap={
             label: GapPair(
                 before=_norm(before), after=_norm(step.after[label]),

@@ -32,6 +32,7 @@ from fmu_didim.discovery.external_torques.fit import FittedExternalTorques, find
 from fmu_didim.discovery.external_torques.rivals import rivalled
 from fmu_didim.discovery.form.curve import FoundCurve
 from fmu_didim.discovery.form.names import Forms, instead_of_torques, with_curves
+from fmu_didim.discovery.harmonics import motor_notes, not_of_motors
 from fmu_didim.discovery.judge import has_external_torques
 from fmu_didim.discovery.ladder.ladders import contradictions, ladders_of, of_event, of_other_size
 from fmu_didim.discovery.localise import regions_of_fit
@@ -305,13 +306,14 @@ class _Search:
             windows = external_torque_windows(free, self.torques.label)
         held_out = () if self.base.model.experiments.validation_labels else (NO_HELD_OUT,)
         looked_at = _looked_at(self.prepared.fit.model, self.base.model)
-        all_notes = [*request.notes, *self.prepared.notes, *looked_at, *motion_notes(self.builder), *held_out, *notes]
+        of_search = (*looked_at, *motion_notes(self.builder), *motor_notes(self.builder), *held_out)
+        all_notes = [*request.notes, *self.prepared.notes, *of_search, *notes]
         ladders = ladders_of(discovery, self.builder, request)
         doubts = [
             *doubts, *self.torn(discovery.final), *untried_effects(self.builder, discovery.final),
             *contradictions(discovery, ladders), *of_other_size(discovery, ladders),
             *unusual_values(discovery.final, self.builder), *ambiguities(self.builder, discovery.steps),
-            *of_one_period(self.builder, discovery.final),
+            *of_one_period(self.builder, discovery.final), *not_of_motors(self.builder, discovery.final),
             *([] if self.later is None else self.later.diagnostics(discovery, self.builder)),
         ]  # fmt: skip
         document = findings_document(

@@ -156,6 +156,8 @@ class FindingResult(_Document):
         parameters: its amplitudes and shapes.
         share_of_gap: part of the squared gap of its joint that it closes.
         delta_bic: gain in BIC over the model without it.
+        origin: which harmonic it is of the motor that the description states; empty where it is none, or where no motor
+            is stated.
         ambiguous: effects that these data cannot distinguish from it; of a model alone, where there are any, all of
             them stand here, none is named and ``effect`` is ``undecided``.
         side, signal: where it acts on a model alone.
@@ -179,6 +181,7 @@ class FindingResult(_Document):
     )
     side: Side = ""
     signal: str = ""
+    origin: str = ""
     ladder: list[RungResult] = Field([], description="where it was seen, and where not yet; empty on a model alone")
 
 

@@ -20,7 +20,7 @@ from fmu_didim.discovery.progress import Progress
 from fmu_didim.dynamics.effects import EFFECTS, Effect
 from fmu_didim.dynamics.robot import RobotDescription
 from fmu_didim.fit.fit import Fit
-from fmu_didim.model.free_parameter import PLANT
+from fmu_didim.model.free_parameter import PLANT, plain_name
 from fmu_didim.model.loop_model import EffectAtJoint, LoopModel
 
 LIKELY_SIZE = 0.1
@@ -61,6 +61,21 @@ class LoopModelBuilder:
     def effect(self, effect_at: EffectAtJoint) -> Effect:
         """The effect itself, from the catalogue."""
         return self.effects[effect_at.effect]
+
+    def cost_in(self, fit: Fit, effect_at: EffectAtJoint) -> float:
+        """Parameters that an effect of a fit counts as with the values that it has there."""
+        placed = self.at(effect_at)
+        return placed.cost_with(*self.shapes_in(fit, effect_at)) if placed.harmonics else placed.cost
+
+    def shapes_in(self, fit: Fit, effect_at: EffectAtJoint) -> tuple[dict[str, float], dict[str, float]]:
+        """Values of the shapes of an effect of a fit, and their standard deviations, by the plain names."""
+        index = fit.model.added_effects.index(effect_at)
+        own = {
+            plain_name(p.name, effect_at.joint): i for i, p in enumerate(fit.model.free_parameters)
+            if p.effect == index and p.is_shape
+        }  # fmt: skip
+        deviations = np.sqrt(np.maximum(np.diag(fit.covariance), 0.0))
+        return {n: float(fit.values[i]) for n, i in own.items()}, {n: float(deviations[i]) for n, i in own.items()}
 
     def joints(self, name: str) -> tuple[int, ...]:
         """The joints, from 1, that an effect may act on; only the first one if it acts on the whole log or the base."""

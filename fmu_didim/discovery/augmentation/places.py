@@ -13,8 +13,9 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
+from types import MappingProxyType
 from typing import ClassVar
 
 import numpy as np
@@ -30,7 +31,16 @@ from fmu_didim.discovery.augmentation.black_box import (
     torque_part,
 )
 from fmu_didim.discovery.augmentation.ranges import Range, travelled
-from fmu_didim.dynamics.effects import ControllerEffect, Effect, InsertedEffect, JointType, Place, Search, TorqueEffect
+from fmu_didim.dynamics.effects import (
+    ControllerEffect,
+    Effect,
+    Harmonic,
+    InsertedEffect,
+    JointType,
+    Place,
+    Search,
+    TorqueEffect,
+)
 from fmu_didim.dynamics.robot import RobotDescription
 from fmu_didim.model.free_parameter import LOG, PLANT, FreeParameter, joint_parameter
 from fmu_didim.model.loop_model import EffectAtJoint, LoopModel
@@ -43,7 +53,7 @@ BEYOND_GRID = 3.0
 BEYOND_RANGE = 0.5
 """[1] and by which fraction of its range beyond another one,"""
 BELOW_RANGE = 0.8
-"""[1] or down to which fraction of its lowest value where it has one sign."""
+"""[1] or down to which fraction of its lowest value where it has one sign, and as far above one that is known."""
 
 
 @dataclass(frozen=True)
@@ -132,11 +142,27 @@ class LoopEffect(ABC):
 
     @cached_property
     def search(self) -> Mapping[str, Search]:
-        """The searched parameters, with grids adapted to the range of the reference."""
+        """The searched parameters, with grids adapted to the range of the reference, and the harmonics of the motor."""
         kind = self.joint_type
         units = {v.name: v.unit for v in (*self.effect.parameters(kind), *self.effect.shapes(kind))}
         within = self.loop.ranges[self.effect_at.joint - 1]
-        return {name: within.adapted(s, units[name]) for name, s in self.effect.search(kind).items()}
+        found = {name: within.adapted(s, units[name]) for name, s in self.effect.search(kind).items()}
+        tried = {name: tuple(h.frequency for h in own if self.shows(name, h)) for name, own in self.harmonics.items()}
+        return {name: replace(s, known=tried.get(name, ())) for name, s in found.items()}
+
+    @cached_property
+    def harmonics(self) -> Mapping[str, tuple[Harmonic, ...]]:
+        """Shape -> the spatial frequencies that the motor of the joint has by the description; nothing where it states
+        none, or where the joint shares its motors."""
+        robot, joint = self.loop.description, self.effect_at.joint - 1
+        motor = None if robot is None or joint in robot.coupled_joints() else robot.joints[joint].motor
+        return {} if motor is None else self.effect.harmonics(motor)
+
+    def shows(self, shape: str, harmonic: Harmonic) -> bool:
+        """Whether the data can show a harmonic: no slower than what the grid begins with, which looks like gravity, nor
+        too fast for the control period."""
+        slowest = self.effect.search(self.joint_type)[shape].lowest
+        return harmonic.frequency >= slowest and self.loop.ranges[self.effect_at.joint - 1].shows(harmonic.frequency)
 
     @property
     def can_stand_idle(self) -> bool:
@@ -159,6 +185,19 @@ class LoopEffect(ABC):
     def cost(self) -> float:
         """Parameters that it counts as when models are compared."""
         return parameter_cost([v.name for v in self.amplitudes], self.search)
+
+    def cost_with(self, shapes: Mapping[str, float], deviations: Mapping[str, float] = MappingProxyType({})) -> float:
+        """The same with these values of its shapes: a harmonic of the motor counts as less than any other frequency.
+
+        Args:
+            deviations: standard deviations of values that were fitted.
+        """
+        if not any(s.known for s in self.search.values()):
+            return self.cost
+        samples = float(self.loop.model.measured.size)
+        prices = {n: s.price(shapes[n], samples, deviation=deviations.get(n, 0.0))
+                  for n, s in self.search.items() if n in shapes}  # fmt: skip
+        return self.cost + sum(price - self.search[name].cost for name, price in prices.items())
 
     def free_parameters(self, proposal: Proposal, index: int) -> list[FreeParameter]:
         """Its free parameters as effect ``index`` of a model; of a nonlinear effect those with proposed values only."""
@@ -385,4 +424,5 @@ def shape_limits(search: Search, signed: bool) -> tuple[float, float]:
     if search.logarithmic and not signed:
         return search.lowest / BEYOND_GRID, search.highest * BEYOND_GRID
     room = BEYOND_RANGE * (search.highest - search.lowest)
-    return (search.lowest - room if signed else BELOW_RANGE * search.lowest), search.highest + room
+    highest = max(search.highest + room, max(search.known, default=0.0) / BELOW_RANGE)
+    return (search.lowest - room if signed else BELOW_RANGE * search.lowest), highest

@@ -33,6 +33,15 @@ class Range:
     begin: float
     end: float
 
+    def shows(self, frequency: float) -> bool:
+        """Whether what has this spatial frequency is seen at least twice in a period at the RMS of the speed, once in
+        each control period; faster, it is averaged or looks like something slower."""
+        return self.way * frequency < np.pi
+
+    def drift(self, one: float, other: float) -> float:
+        """Periods by which what has these two spatial frequencies drifts apart over the positions."""
+        return abs(one - other) * (self.highest - self.lowest) / (2 * np.pi)
+
     def adapted(self, search: Search, unit: str) -> Search:
         """The grid of a shape of this unit, moved to the range in which the data determine it."""
         if search.logarithmic:

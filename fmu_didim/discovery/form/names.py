@@ -136,7 +136,7 @@ def _on_joint(discovery: Discovery, builder: LoopModelBuilder, options: Options,
     before, named = final, 0.0
     if own:
         before = _without(builder, final, own)
-        named = bic_gain(before, final, sum(builder.at(a).cost for a in own), final.noise)
+        named = bic_gain(before, final, sum(builder.cost_in(final, a) for a in own), final.noise)
     ranked = sorted(tried_curves(builder, before, joint), key=lambda one: -one.delta_bic)
     least = max(options.threshold, named - nearness(named, options) if len(own) > 1 else LEAD_ALONE * named)
     if not ranked or ranked[0].delta_bic < least:

@@ -67,7 +67,7 @@ def beside_others(
     if without is None:
         return None, False
     gone = [a for a in fit.model.added_effects if a not in smaller.added_effects]
-    gain = bic_gain(without, fit, sum(builder.at(a).cost for a in gone), fit.noise)
+    gain = bic_gain(without, fit, sum(builder.cost_in(fit, a) for a in gone), fit.noise)
     size, _ = explained_gap(without, fit, fit.noise)
     return without, gain < options.threshold or size < KEPT_GAIN * options.smallest_gain
 
@@ -107,6 +107,6 @@ def by_importance(steps: Sequence[Step], fit: Fit, builder: LoopModelBuilder) ->
         if without is None:
             return np.inf
         gone = [a for a in fit.model.added_effects if a not in without.model.added_effects]
-        return bic_gain(without, fit, sum(builder.at(a).cost for a in gone), fit.noise)
+        return bic_gain(without, fit, sum(builder.cost_in(fit, a) for a in gone), fit.noise)
 
     return tuple(sorted(steps, key=explained, reverse=True))

@@ -23,6 +23,7 @@ from fmu_didim.base.errors import SimulationError
 from fmu_didim.data.signals import Array
 from fmu_didim.discovery.augmentation.builder import LoopModelBuilder
 from fmu_didim.discovery.augmentation.places import Proposal
+from fmu_didim.discovery.harmonics import origin
 from fmu_didim.discovery.progress import Progress, Say
 from fmu_didim.discovery.screening.catalogue import Signature, SignatureCatalogue
 from fmu_didim.discovery.selection.candidates import (
@@ -151,7 +152,7 @@ class Competition:
             if surviving < SURVIVING:
                 continue
             coefficients = _coefficients(rest, residual)
-            cost = self.builder.at(signature.effect_at).cost - _idle(table)
+            cost = self.builder.at(signature.effect_at).cost_with(signature.shapes) - _idle(table)
             gain = float(np.sum((rest @ coefficients) ** 2)) - cost * np.log(count)
             found.append(ScreenedCandidate(signature, coefficients, gain, surviving))
         return found
@@ -164,7 +165,8 @@ class Competition:
         before, after = (
             r.reshape(fit.residual.shape) * fit.deviation for r in (left, left - rest @ _coefficients(rest, left))
         )
-        cost = self.builder.at(candidate.effect_at).cost - _idle(candidate.signature.columns)
+        placed, shapes = self.builder.at(candidate.effect_at), candidate.signature.shapes
+        cost = placed.cost_with(shapes) - _idle(candidate.signature.columns)
         return bic_difference(fit.model.experiments, before, after, cost, fit.noise)
 
     def _best(self, shapes: Sequence[ScreenedCandidate]) -> ScreenedCandidate:
@@ -417,15 +419,15 @@ class Competition:
         index = found.model.added_effects.index(effect_at)
         own = [i for i, p in enumerate(found.model.free_parameters) if p.effect == index and not p.is_shape]
         absent = len(builder.at(effect_at).amplitudes) - len(own)
-        cost = builder.at(effect_at).cost - absent - _idle(found.jacobian[:, :, own])
+        cost = builder.cost_in(found, effect_at) - absent - _idle(found.jacobian[:, :, own])
         gain = bic_gain(fit, found, cost, fit.noise)
         size, share = explained_gap(fit, found, fit.noise)
         raw = self.change_without(effect_at, found)
         whole = replace(found, model=replace(found.model, workers=fit.model.workers))
-        effect = builder.effect(effect_at)
+        effect, is_known = builder.effect(effect_at), bool(origin(builder, found, effect_at))
         why = implausible(whole, index, effect, builder.link_values(effect_at.joint))
         odd = unusual(whole, index, effect)
-        return FittedCandidate(effect_at, whole, gain, size, share, raw, cost, why, odd, effect.has_minima)
+        return FittedCandidate(effect_at, whole, gain, size, share, raw, cost, why, odd, effect.has_minima, is_known)
 
     def change_without(self, effect_at: EffectAtJoint, found: Fit, *, held_out: bool = False) -> float:
         """Largest RMS change of an output, such as the torque of a joint, in units of its noise, when an effect is

@@ -33,7 +33,8 @@ BIC = 10.0
 Raftery, Journal of the American Statistical Association 90 (1995)."""
 SMALLEST_SIZE = 0.6
 """[standard deviations] Least change of the torque of a joint, in units of its noise, when an effect is switched off
-and nothing else changes: as much as the clutter on clean plants of the blind benchmark."""
+and nothing else changes: as much as the clutter on clean plants of the blind benchmark. What repeats as the motor
+of its joint does is no clutter: there SMALLEST_GAIN is enough."""
 SMALLEST_GAIN = 0.2
 """[standard deviations] Least part of the residual that only the effect can explain, in the same units."""
 SMALLEST_SHARE = 0.05
@@ -190,9 +191,10 @@ def objection(candidate: FittedCandidate, fit: Fit, options: Options, *, base: F
     """Why a candidate is not accepted, or an empty string."""
     if candidate.delta_bic < options.threshold:
         return f"BIC difference {candidate.delta_bic:.1f} below {options.threshold:g}"
-    if candidate.change < options.smallest_size:
+    least = options.smallest_gain if candidate.is_known else options.smallest_size
+    if candidate.change < least:
         what = "no signal by more than" if fit.model.experiments.channels else "the torque by"
-        small = f"{TOO_SMALL}{what} {candidate.change:.2f} of the noise, less than {options.smallest_size:g}"
+        small = f"{TOO_SMALL}{what} {candidate.change:.2f} of the noise, less than {least:g}"
         return small + _of_clock(candidate)
     if candidate.size < options.smallest_gain:
         return f"explains {candidate.size:.2f} of the noise, less than {options.smallest_gain:g}"
@@ -200,8 +202,8 @@ def objection(candidate: FittedCandidate, fit: Fit, options: Options, *, base: F
         return f"explains {100 * candidate.share:.0f} % of the gap, less than {100 * options.smallest_share:g} %"
     part = part_of_gap(base, fit, candidate.fit, fit.noise)
     if part < options.smallest_part:
-        least = 100 * options.smallest_part
-        return f"explains {100 * part:.1f} % of the gap of the base model on its joint, less than {least:g} %"
+        smallest = 100 * options.smallest_part
+        return f"explains {100 * part:.1f} % of the gap of the base model on its joint, less than {smallest:g} %"
     if candidate.implausible:
         return candidate.implausible
     return held_out_objection(

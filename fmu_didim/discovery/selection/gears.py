@@ -100,7 +100,9 @@ def _starts(competition: Competition, gear: EffectAtJoint, error: EffectAtJoint,
     builder, base = competition.builder, competition.base
     places = builder.at(error)
     (name,) = (v.name for v in places.shapes)
-    grid = np.linspace(places.search[name].lowest, places.search[name].highest, places.search[name].count)
+    search = places.search[name]
+    grid = np.linspace(search.lowest, search.highest, search.count)
+    coarse = np.union1d(grid[::EVERY], search.known)
 
     def beside(there: Fit, proposal: Proposal, numbers: Array) -> list[_Start]:
         residual = base.rest_of(base.weighted(there.residual))
@@ -118,14 +120,14 @@ def _starts(competition: Competition, gear: EffectAtJoint, error: EffectAtJoint,
     for there, proposal in gears:
         if progress.is_time_up:
             return []
-        found.append(beside(there, proposal, grid[::EVERY]))
+        found.append(beside(there, proposal, coarse))
         report("")
     if not any(found):
         return []
     place = min((i for i in range(len(found)) if found[i]), key=lambda i: min(s.left for s in found[i]))
     best = min(found[place], key=lambda s: s.left).error.values[name]
     near = np.abs(grid - best) <= EVERY * (grid[1] - grid[0])
-    return [*chain(*found), *beside(*gears[place], np.setdiff1d(grid[near], grid[::EVERY]))]
+    return [*chain(*found), *beside(*gears[place], np.setdiff1d(grid[near], coarse))]
 
 
 def _start(gear: Proposal, signature: Signature, rest: Array, residual: Array) -> _Start:
@@ -187,7 +189,7 @@ def _judged(
     """The fit and its steps, if the data support the two together and the second beside the first, better than any
     other effect alone."""
     builder, fit, (gear, error) = competition.builder, competition.fit, both
-    gain = bic_gain(fit, whole, sum(builder.at(a).cost for a in both), fit.noise)
+    gain = bic_gain(fit, whole, sum(builder.cost_in(whole, a) for a in both), fit.noise)
     candidate = replace(competition.assess(gear, whole), delta_bic=gain)
     best = max((c.delta_bic for c in ranking), default=0.0)
     if gain < best + options.threshold or objection(candidate, fit, options, base=base):

@@ -25,6 +25,7 @@ import numpy as np
 
 from fmu_didim.base.diagnostics import CATALOGUE, DOUBT, Diagnostic
 from fmu_didim.discovery.augmentation.builder import LoopModelBuilder
+from fmu_didim.discovery.harmonics import OF_ONE_PERIOD
 from fmu_didim.discovery.progress import Progress
 from fmu_didim.discovery.screening.catalogue import SignatureCatalogue
 from fmu_didim.discovery.selection.beside_others import (
@@ -54,9 +55,6 @@ EFFECT_AMBIGUOUS = CATALOGUE(
 PROMISED = 2
 """[candidates] Fitted in the place of an effect beside the rivals of its set: the first of those that promise more than
 it explains beside all others."""
-OF_ONE_PERIOD = 0.25
-"""[periods] By which two errors that repeat along a joint may drift apart over the range of its motion and still be one
-of the same period."""
 IN_ITS_PLACE = "{0} on joint {1} was accepted first; beside all others {2} explains {3:.0f} more in BIC in its place."
 """Remark on an effect that is named in the place of another one."""
 AS_MACHINES_HAVE = (

@@ -83,6 +83,7 @@ from fmu_didim.dynamics.effects.joint_elasticity import JointElasticity
 from fmu_didim.dynamics.effects.load_dependent_friction import LoadDependentFriction
 from fmu_didim.dynamics.effects.log_time_shift import LogTimeShift
 from fmu_didim.dynamics.effects.lugre import LuGre
+from fmu_didim.dynamics.effects.motor import Harmonic, Motor
 from fmu_didim.dynamics.effects.motor_inertia import MotorInertia
 from fmu_didim.dynamics.effects.payload_change import PayloadChange
 from fmu_didim.dynamics.effects.position_dependent_friction import PositionDependentFriction
@@ -234,8 +235,8 @@ def torque_effect(name: str) -> TorqueEffect:
 
 __all__ = [
     "DEFAULT_EFFECTS", "EFFECTS", "LINK_PARAMETERS", "NOMINAL_ACCELERATION", "NOMINAL_SPEED", "PAYLOAD", "UNITS",
-    "Column", "ControllerEffect", "Curve", "Effect", "InsertedEffect", "JointTorque", "JointType", "JointUnits",
-    "MeasurementEffect", "NonlinearEffect", "OperatingRange", "Parameter", "Place", "PreCheck", "Search", "StatedSize",
-    "StructureEffect", "Surroundings", "TorqueEffect", "Values", "clashing_names", "effect_catalogue", "effect_name",
-    "find_effect", "torque_effect",
+    "Column", "ControllerEffect", "Curve", "Effect", "Harmonic", "InsertedEffect", "JointTorque", "JointType",
+    "JointUnits", "MeasurementEffect", "Motor", "NonlinearEffect", "OperatingRange", "Parameter", "Place", "PreCheck",
+    "Search", "StatedSize", "StructureEffect", "Surroundings", "TorqueEffect", "Values", "clashing_names",
+    "effect_catalogue", "effect_name", "find_effect", "torque_effect",
 ]  # fmt: skip

@@ -33,6 +33,7 @@ from fmu_didim.dynamics.effects.joint import (
     Surroundings,
     Values,
 )
+from fmu_didim.dynamics.effects.motor import Harmonic, Motor
 from fmu_didim.dynamics.effects.stated_size import StatedSize
 
 SURE = 2.0
@@ -186,6 +187,10 @@ class Effect(ABC):
         grids = {p.name: p.grid(joint_type) for p in (*self.own_parameters, *self.own_shapes)}
         return {name: grid for name, grid in grids.items() if grid is not None}
 
+    def harmonics(self, motor: Motor) -> Mapping[str, tuple[Harmonic, ...]]:
+        """Shape -> the spatial frequencies that it has on a joint with this motor; empty of one that knows none."""
+        return {}
+
     def allows(self, shapes: Mapping[str, float]) -> bool:
         """Whether these values of its shapes go together: a window ends after it begins."""
         return True
@@ -253,6 +258,8 @@ class TorqueEffect(Effect):
         acts_on_link: whether it acts on the link and sees the link's motion where a gear gives way; else it acts on the
             motor.
         added_to_link: amplitude -> inertial parameter of the link that it adds to, which is stated in the link's frame.
+        couples_motors: whether it says that a motor turns with its joint and the next one, so that what repeats in a
+            turn of that motor does not in the position of either.
     """
 
     place: ClassVar[Place] = "torque balance"
@@ -261,6 +268,7 @@ class TorqueEffect(Effect):
     needs: ClassVar[frozenset[Need]] = frozenset()
     reach: ClassVar[int] = 0
     added_to_link: ClassVar[Mapping[str, str]] = MappingProxyType({})
+    couples_motors: ClassVar[bool] = False
 
     @property
     def is_steep(self) -> bool:

@@ -23,6 +23,7 @@ class CoupledInertia(TorqueEffect):
     )
     needs = frozenset({"other joints"})
     reach = 1
+    couples_motors = True
     own_parameters = (Parameter("Iam", "inertia", "inertia of motors by the acceleration of the other joint"),)
 
     def columns(self, at: Surroundings, shapes: Values) -> tuple[Column, ...]:

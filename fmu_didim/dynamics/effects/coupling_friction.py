@@ -25,6 +25,7 @@ class CouplingFriction(TorqueEffect):
     )
     needs = frozenset({"other joints"})
     reach = 1
+    couples_motors = True
     own_parameters = (
         Parameter("Fvm", "viscous", "viscous friction by the velocity of the other joint"),
         Parameter("Fcm", "torque", "Coulomb friction by the velocity of the other joint"),

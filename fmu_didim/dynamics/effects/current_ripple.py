@@ -1,7 +1,10 @@
+from collections.abc import Mapping
+
 import casadi as ca
 
 from fmu_didim.dynamics.effects.base import TorqueEffect
 from fmu_didim.dynamics.effects.joint import OperatingRange, Parameter, Surroundings, Values
+from fmu_didim.dynamics.effects.motor import Harmonic, Motor
 from fmu_didim.dynamics.effects.torque_ripple import ripple_frequency
 
 
@@ -29,6 +32,9 @@ class CurrentRipple(TorqueEffect):
     )
     own_shapes = (ripple_frequency,)
     frequency = "nr"
+
+    def harmonics(self, motor: Motor) -> Mapping[str, tuple[Harmonic, ...]]:
+        return {"nr": motor.ripples()}
 
     def columns(self, at: Surroundings, shapes: Values) -> tuple[ca.SX, ...]:
         return (at.load * ca.sin(shapes["nr"] * at.q), at.load * ca.cos(shapes["nr"] * at.q))

@@ -1,7 +1,10 @@
+from collections.abc import Mapping
+
 import casadi as ca
 
 from fmu_didim.dynamics.effects.inserted import InsertedEffect
 from fmu_didim.dynamics.effects.joint import Parameter, Search, Values
+from fmu_didim.dynamics.effects.motor import Harmonic, Motor, distinct
 
 
 def amplitude(name: str, text: str) -> Parameter:
@@ -35,6 +38,9 @@ class EncoderEccentricity(InsertedEffect):
             limits=(1.0, 1e4), search=Search(1.0, 9.0, 9, logarithmic=False, cost=3.0),
         ),
     )  # fmt: skip
+
+    def harmonics(self, motor: Motor) -> Mapping[str, tuple[Harmonic, ...]]:
+        return {"eccentricity_number": distinct(motor.mechanical("encoder on the motor"))}
 
     def output(self, u: ca.SX, x: ca.SX, values: Values, step: float) -> ca.SX:
         angle = values["eccentricity_number"] * u

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Literal, TypeAlias, TypeVar
@@ -65,12 +66,24 @@ PAYLOAD: tuple[str, ...] = ("M", "MX", "MY", "MZ")
 
 @dataclass(frozen=True)
 class Search:
-    """How a shape parameter is searched for: a grid of values.
+    """How a shape parameter is searched for: a grid of values, and values that are known beforehand beside it.
+
+    The price of a value is what its choice adds to minus twice the log of the marginal likelihood. For a parameter of
+    which nothing is known that is the log of its Fisher information, which grows as the number N of the samples: log N,
+    one parameter. That of a frequency grows as N^3, since a phase error grows along the data: 3 log N. One of K values
+    that are known beforehand, each as likely, has the probability 1/K and nothing to be fitted: 2 log K, however many
+    samples there are, with the loss z^2 that the known value has against the fitted one, z standard deviations away:
+
+        price / log N = min(cost, (2 log K + z^2) / log N)
+
+    Source of the 3: P. M. Djuric, A model selection rule for sinusoids in white Gaussian noise, IEEE Transactions on
+    Signal Processing 44 (1996).
 
     Attributes:
         lowest, highest: first and last value; count: number of values.
         logarithmic: whether their ratios are equal, else their differences.
         cost: parameters that the search counts as when models are compared; 3 for a frequency.
+        known: values that are tried, too, as the frequencies that a motor has; any of them is as likely.
     """
 
     lowest: float
@@ -78,6 +91,30 @@ class Search:
     count: int
     logarithmic: bool = True
     cost: float = 1.0
+    known: tuple[float, ...] = ()
+
+    def price(self, value: float, samples: float, *, deviation: float = 0.0) -> float:
+        """Parameters that the search counts as where it has ended at a value.
+
+        Args:
+            samples: of the data that are compared; deviation: standard deviation of the value, 0 of one that was tried.
+        """
+        if not self.known:
+            return self.cost
+        off = min(abs(value - one) for one in self.known)
+        if deviation <= 0:
+            return self.cost if off > 0 else min(self.cost, self._choice / _parameter(samples))
+        return min(self.cost, (self._choice + (off / deviation) ** 2) / _parameter(samples))
+
+    @property
+    def _choice(self) -> float:
+        """Price of one of the known values."""
+        return 2 * math.log(len(self.known))
+
+
+def _parameter(samples: float) -> float:
+    """Price of a parameter of which nothing is known."""
+    return math.log(max(samples, 2.0))
 
 
 @dataclass(frozen=True)

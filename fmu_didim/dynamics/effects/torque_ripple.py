@@ -1,7 +1,10 @@
+from collections.abc import Mapping
+
 import casadi as ca
 
 from fmu_didim.dynamics.effects.base import TorqueEffect
 from fmu_didim.dynamics.effects.joint import OperatingRange, Parameter, Search, Surroundings, Values
+from fmu_didim.dynamics.effects.motor import Harmonic, Motor
 
 ripple_frequency = Parameter(
     "nr", ("1", "rad/m"), "ripples in a turn of the joint, or phase per length", (6.0, 300.0),
@@ -35,6 +38,9 @@ class TorqueRipple(TorqueEffect):
     )
     own_shapes = (ripple_frequency,)
     frequency = "nr"
+
+    def harmonics(self, motor: Motor) -> Mapping[str, tuple[Harmonic, ...]]:
+        return {"nr": motor.ripples()}
 
     def columns(self, at: Surroundings, shapes: Values) -> tuple[ca.SX, ...]:
         return (ca.sin(shapes["nr"] * at.q), ca.cos(shapes["nr"] * at.q))

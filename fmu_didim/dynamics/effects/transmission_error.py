@@ -1,4 +1,7 @@
+from collections.abc import Mapping
+
 from fmu_didim.dynamics.effects.joint import Parameter, Search
+from fmu_didim.dynamics.effects.motor import Harmonic, Motor, distinct
 from fmu_didim.dynamics.effects.structure import StructureEffect
 
 
@@ -50,3 +53,6 @@ class TransmissionError(StructureEffect):
             ),
         ),
     )  # fmt: skip
+
+    def harmonics(self, motor: Motor) -> Mapping[str, tuple[Harmonic, ...]]:
+        return {"gear_number": distinct(motor.mechanical("gear"))}

@@ -24,6 +24,7 @@ class WristFriction(TorqueEffect):
     )
     needs = frozenset({"other joints"})
     reach = 1
+    couples_motors = True
     own_parameters = (
         Parameter("Fvw", "viscous", "viscous friction of the motor of both joints", least=0.0),
         Parameter("Fcw", "torque", "Coulomb friction of the motor of both joints", least=0.0),

@@ -19,6 +19,7 @@ from fmu_didim.dynamics.effects import (
     Effect,
     InsertedEffect,
     JointType,
+    Motor,
     TorqueEffect,
     effect_name,
     find_effect,
@@ -44,6 +45,8 @@ class Joint(Strict):
             lies metres or kilometres away (Hayati and Mirmirani 1985).
         a, d: lengths in m.
         limits: range of the position of the joint, where it is known.
+        motor: the motor and the gear that drive the joint alone, where they are known: ``{gear_ratio: 100, pole_pairs:
+            5, slots: 12}``. ``discover`` looks for ripples where such a drive has them; nothing else uses it.
         effects: names of the effects at this joint, or ``module:Name`` (``path/to/file.py:Name``) of further ones,
             looked for beside this file; replaces the default. In Python the class of an effect may stand for its name.
         parameters: values of the link's inertial parameters and of the parameters of its effects, by name without the
@@ -58,6 +61,7 @@ class Joint(Strict):
     d: float = 0.0
     beta: Angle = 0.0
     limits: tuple[Angle, Angle] | None = None
+    motor: Motor | None = None
     effects: tuple[str, ...] = DEFAULT_EFFECTS
     parameters: Mapping[str, float] = Field(default_factory=dict)
 
@@ -252,6 +256,13 @@ class RobotDescription(Strict):
         if unknown:
             raise ValueError(f"unknown standard parameters {', '.join(unknown)}; valid: {', '.join(names)}")
         return self
+
+    def coupled_joints(self) -> frozenset[int]:
+        """Joints, from 0, that share a motor with a neighbour, as those of a wrist, by their effects."""
+        return frozenset(
+            j + k for j, joint in enumerate(self.joints) for effect in joint.effect_objects()
+            if effect.couples_motors for k in range(effect.reach + 1)
+        )  # fmt: skip
 
     def elastic_joints(self) -> tuple[int, ...]:
         """Joints whose gears give way, from 0."""

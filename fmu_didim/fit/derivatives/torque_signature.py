@@ -20,10 +20,15 @@ from fmu_didim.model.motion import Motion
 
 
 def search_grid(search: Mapping[str, Search], defaults: Mapping[str, float]) -> Iterator[dict[str, float]]:
-    """All combinations of the grids of the searched shapes; the others at their defaults."""
-    grids = [(np.geomspace if s.logarithmic else np.linspace)(s.lowest, s.highest, s.count) for s in search.values()]
-    for values in product(*grids):
+    """All combinations of the grids of the searched shapes, with the values that are known; the others at their
+    defaults."""
+    for values in product(*map(_values, search.values())):
         yield {**defaults, **{n: float(v) for n, v in zip(search, values, strict=True)}}
+
+
+def _values(search: Search) -> list[float]:
+    grid = (np.geomspace if search.logarithmic else np.linspace)(search.lowest, search.highest, search.count).tolist()
+    return [*grid, *(one for one in search.known if one not in grid)]
 
 
 class TorqueSignature:

@@ -147,6 +147,8 @@ def _what(document: FindingsDocument) -> str:
 def _finding(document: FindingsDocument, number: int, finding: FindingResult) -> Section:
     """One named effect: values, how much of the gap it closes, what it cannot be told from."""
     facts = [Fact(p.name, texts.value_line(p), shown="terminal") for p in finding.parameters]
+    if finding.origin:
+        facts.append(Fact("of the motor", finding.origin))
     facts.append(Fact("share of the gap", texts.share_text(finding.share_of_gap)))
     for label, pair in finding.gap.items():
         facts.append(Fact(f"gap, {texts.experiment_name(document, label)}", texts.step_text(pair), shown="page"))

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,16 @@ import yaml
 from tests.tools.blind.simulator.describe import case_document, truth_document
 from tests.tools.blind.simulator.design import Design, Motion, development_design, random_motion, varied_design
 from tests.tools.blind.simulator.equations import after_refit, base_columns, root_mean_square
-from tests.tools.blind.simulator.hidden import CURVES, EFFECTS, GEARS, HARMONIC_DRIVE, UNKNOWN, Form, Surroundings
+from tests.tools.blind.simulator.hidden import (
+    CURVES,
+    EFFECTS,
+    GEARS,
+    HARMONIC_DRIVE,
+    UNKNOWN,
+    Form,
+    Maker,
+    Surroundings,
+)
 from tests.tools.blind.simulator.native import Run, SimulationFailedError, run
 
 Array = np.ndarray
@@ -172,7 +182,7 @@ def _surroundings(plant: Plant, motion: Motion, joint: int, rng: np.random.Gener
 
 def make_plant(
     effects: Sequence[str], rng: np.random.Generator, *, level: float, robots: str = "varied", clutter: bool = True,
-    one_joint: bool = False, reach: float = 1.0,
+    one_joint: bool = False, reach: float = 1.0, forms: Mapping[str, Maker] = MappingProxyType({}),
 ) -> tuple[Plant, Motion, Array]:  # fmt: skip
     """A plant that hides these effects at a gap, its training motion, and the noise's standard deviation (n,).
 
@@ -181,11 +191,12 @@ def make_plant(
             those before it. Else they go to one joint after the other.
         reach: times the limit of an effect up to which it may grow: the gap of a gain that is off by less than a half
             is mostly below what is judged.
+        forms: effect -> another form of it than that of the catalogue of the simulator.
     """
     plant, motion = _steady(rng, effects, robots, clutter)
     design = plant.design
     deviation = NOISE * root_mean_square(plant.simulate(motion)[1])
-    makers = {**EFFECTS, **UNKNOWN, **CURVES, **GEARS}
+    makers = {**EFFECTS, **UNKNOWN, **CURVES, **GEARS, **forms}
     order, one_joint = rng.permutation(design.count), one_joint or tuple(effects) == HARMONIC_DRIVE
     items: list[Hidden] = []
     for i, effect in enumerate(effects):
