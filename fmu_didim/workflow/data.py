@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
+import string
 from collections.abc import Callable
 from functools import cached_property, partial
 from typing import TypeVar
 
 from fmu_didim.base.diagnostics import DiagnosedError, Diagnostic, by_weight, refuse_problems
 from fmu_didim.case import Case
+from fmu_didim.case.sources import SignalFile
 from fmu_didim.checks.data.checks import data_diagnostics, without_outliers
 from fmu_didim.checks.outputs.data import model_data_diagnostics
 from fmu_didim.checks.outputs.words import of_a_model
 from fmu_didim.checks.plant.consistency import Consistency, check_consistency, plant_diagnostics
+from fmu_didim.checks.plant.gear_ratios import Brought, brought_by, gear_ratio_diagnostics
 from fmu_didim.checks.plant.influence import check_parameter_influence
 from fmu_didim.checks.plant.reading import reading_diagnostics
 from fmu_didim.checks.plant.start import start_diagnostics
+from fmu_didim.dynamics.robot import RobotModel
 from fmu_didim.estimators import Progress
 from fmu_didim.fit.iteration import Iteration
 from fmu_didim.model.loop_model import LoopModel
@@ -35,7 +39,27 @@ def case_diagnostics(case: Case, model: LoopModel | None = None, *, causes: bool
     of_reading = reading_diagnostics(case.model.loop.systems[case.model.first], stated)
     if case.data is not None:
         return by_weight(of_a_model([*model_data_diagnostics(case.model), *of_reading]))
-    return by_weight([*data_diagnostics(model or case.model, without_torque=without, causes=causes), *of_reading])
+    of_data = data_diagnostics(model or case.model, without_torque=without, causes=causes)
+    return by_weight([*of_data, *of_reading, *_of_motors(case)])
+
+
+def _of_motors(case: Case) -> list[Diagnostic]:
+    """Whether the motors of the description are those by which the logs are brought to the joints."""
+    robot = getattr(case.parameters, "model", None)
+    joints = robot.description.joints if isinstance(robot, RobotModel) else ()
+    stated = {j: joint.motor.gear_ratio for j, joint in enumerate(joints, start=1) if joint.motor is not None}
+    files = (s for r in case.document.runs.values() for s in (r.reference, r.torque, r.positions)) if stated else ()
+    brought = list[Brought]()
+    for source in files:
+        if not isinstance(source, SignalFile):
+            continue
+        if source.motors is not None:
+            brought += brought_by(f"motors: of {source.file}", source.motors)
+        for signal, column in source.columns.items():
+            number = signal.lstrip(string.ascii_letters)
+            if column.gear_ratio is not None and number.isdecimal():
+                brought.append(Brought(f"gear_ratio: of {signal} in {source.file}", int(number), column.gear_ratio))
+    return gear_ratio_diagnostics(stated, brought)
 
 
 def check_plant(case: Case, model: LoopModel) -> tuple[Consistency | None, list[Diagnostic]]:

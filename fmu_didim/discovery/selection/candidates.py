@@ -26,6 +26,8 @@ class ScreenedCandidate:
             there is before it: a missing effect that moves as slowly as the joint colours the whole residual.
         others: the candidate at further shapes that are nearly as good, tried too if it leads; None in the torque
             balance, where the signature is the slope itself.
+        of_motor: the candidate at the best harmonic of the motor that the description states, where another frequency
+            is the best.
     """
 
     signature: Signature
@@ -34,6 +36,7 @@ class ScreenedCandidate:
     surviving: float
     others: tuple[ScreenedCandidate, ...] | None = None
     predicted: float = -np.inf
+    of_motor: ScreenedCandidate | None = None
 
     @property
     def effect_at(self) -> EffectAtJoint:

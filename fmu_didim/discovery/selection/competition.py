@@ -174,10 +174,26 @@ class Competition:
         the torque balance with others."""
         ordered = sorted(shapes, key=lambda s: -s.gain)
         best = next((s for s in ordered if s.gain >= USUAL * ordered[0].gain and self._is_usual(s)), ordered[0])
+        best = replace(best, of_motor=self._at_harmonic(ordered, best))
         if self.builder.effect(best.effect_at).is_linear:
             return best
         near = [s for s in ordered if s is not best][:FURTHER]
         return replace(best, others=tuple(s for s in near if s.gain > LEADING * best.gain))
+
+    def _at_harmonic(self, ordered: Sequence[ScreenedCandidate], best: ScreenedCandidate) -> ScreenedCandidate | None:
+        """The first of the shapes of a candidate at a harmonic of the motor; None where its best shapes are at one, or
+        where no motor is stated."""
+        placed = self.builder.at(best.effect_at)
+        known = [s for s in ordered if placed.cost_with(s.signature.shapes) < placed.cost]
+        return known[0] if known and best not in known else None
+
+    def at_harmonic(self, candidate: ScreenedCandidate) -> FittedCandidate | None:
+        """A candidate fitted from the best harmonic of its motor; None where there is none, or none can be simulated.
+
+        A larger ripple at another frequency, too small for a name itself, hides one of the motor.
+        """
+        found = None if candidate.of_motor is None else self.refit(candidate.of_motor.start)
+        return None if found is None else self.assess(candidate.effect_at, found)
 
     def _is_usual(self, candidate: ScreenedCandidate) -> bool:
         """Whether its amplitudes are possible, and such as machines have."""

@@ -133,6 +133,7 @@ def decide(
     *,
     base: Fit,
     held: Callable[[FittedCandidate], Iterable[FittedCandidate]] = lambda candidate: (),
+    at_harmonic: Callable[[FittedCandidate], FittedCandidate | None] = lambda candidate: None,
     finished: Callable[[FittedCandidate], FittedCandidate] = lambda candidate: candidate,
     class_of: Callable[[EffectAtJoint], str] = lambda effect_at: effect_at.effect,
     rivals_of: Callable[[FittedCandidate], frozenset[str]] = lambda candidate: frozenset(),
@@ -143,6 +144,7 @@ def decide(
         ranking: the best first; fit: of the model without them; base: of the model without any effect.
         held: a candidate that fails on held-out data only, or whose amplitudes may be absent beside shapes that are
             free, with its shapes held at screened values.
+        at_harmonic: a candidate that is too small at the frequency where it is best, at a harmonic of its motor.
         finished: a candidate whose fit was given up, at its minimum.
         class_of: the class of an effect. Where held-out data confirm the best by its size alone, one of its class with
             fewer parameters is as good unless they confirm what the best has more.
@@ -179,6 +181,10 @@ def decide(
             rivals = [c for c in ranking if is_rival(c, candidate) and candidate.effect_at.effect not in options.prefer]
             allowed = [c for c, objected in map(judged, rivals) if not objected]
             return _simplest(allowed or near, options)
+        if reason.startswith(TOO_SMALL) and (known := at_harmonic(candidate)) is not None:
+            known, objected = judged(known)
+            if not objected:
+                return known
         if reason.startswith((FAILS_HELD_OUT, MAY_BE_ABSENT)):
             for other in held(candidate):
                 if not objection(other, fit, options, base=base):

@@ -210,7 +210,10 @@ class _Round:
         fruitless = competition.fruitless.and_then(comparison.fruitless)
         if comparison.is_cut:
             return cls(ranking, tried, None, fruitless)
-        judge = partial(_judge(competition, base, options), held=partial(_with_shapes_held, competition, screened))
+        judge = partial(
+            _judge(competition, base, options), held=partial(_with_shapes_held, competition, screened),
+            at_harmonic=partial(_at_harmonic, competition, screened),
+        )  # fmt: skip
         accepted = judge(ranking)
         if comparison.unfitted and not isinstance(accepted, FittedCandidate):
             comparison = competition.compare(comparison.unfitted, progress=progress, reach=float("inf"))
@@ -516,6 +519,13 @@ def _with_shapes_held(
     may_be_absent = candidate.implausible.startswith(MAY_BE_ABSENT)
     if competition.builder.at(effect_at).shapes and (wanted.others is None) == may_be_absent:
         yield from competition.with_shapes_held(wanted)
+
+
+def _at_harmonic(
+    competition: Competition, screened: Sequence[ScreenedCandidate], candidate: FittedCandidate
+) -> FittedCandidate | None:
+    """A candidate at a harmonic of the motor of its joint."""
+    return competition.at_harmonic(next(s for s in screened if s.effect_at == candidate.effect_at))
 
 
 def _candidates(

@@ -23,8 +23,8 @@ MOTORS: tuple[tuple[Motor, tuple[int, ...]], ...] = (
     ({"gear_ratio": 50, "pole_pairs": 3, "slots": 9}, (50, 100, 150)),
     ({"gear_ratio": 5, "pole_pairs": 5, "slots": 12}, (10, 50, 150)),
 )
-"""Motors with their gears, and ripples in a turn of the joint that they have: a direct drive, a belt, a harmonic drive, a
-planetary gear."""
+"""Motors with their gears, and ripples in a turn of the joint that they have: a direct drive, a belt, a harmonic drive,
+a planetary gear."""
 WRONG = 0.9
 """[1] Times the gear ratio that is stated where it is stated wrongly."""
 STATED = ("nothing", "right", "wrong")
