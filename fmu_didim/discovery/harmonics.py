@@ -114,7 +114,8 @@ def _coupled(joint: int) -> str:
 
 
 def _unseen(builder: LoopModelBuilder, joint: int) -> Iterator[str]:
-    placed = [builder.at(EffectAtJoint(name, joint)) for name in builder.effects]
+    ripples = (name for name, effect in builder.effects.items() if effect.place == "torque balance")
+    placed = [builder.at(EffectAtJoint(name, joint)) for name in ripples]
     of_all = [(h, one.shows(shape, h)) for one in placed for shape, own in one.harmonics.items() for h in own]
     seen, unseen = {h.frequency for h, shows in of_all if shows}, dict[float, str]()
     for h, _ in of_all:
@@ -123,11 +124,11 @@ def _unseen(builder: LoopModelBuilder, joint: int) -> Iterator[str]:
     shows = builder.loop.ranges[joint - 1].shows
     if fast := [text for frequency, text in sorted(unseen.items()) if not shows(frequency)]:
         yield (
-            f"Joint {joint}: of what its motor may repeat these were not looked for, since they pass in less than two "
-            f"control periods at the RMS of the speed: {', '.join(fast)}. A slow motion shows them."
+            f"Joint {joint}: of the ripples that its motor may have these were not looked for, since they pass in less "
+            f"than two control periods at the RMS of the speed: {', '.join(fast)}. A slow motion shows them."
         )
     if slow := [text for frequency, text in sorted(unseen.items()) if shows(frequency)]:
         yield (
-            f"Joint {joint}: of what its motor may repeat these were not looked for, since so few in a turn look like "
-            f"gravity: {', '.join(slow)}."
+            f"Joint {joint}: of the ripples that its motor may have these were not looked for, since so few in a turn "
+            f"look like gravity: {', '.join(slow)}."
         )

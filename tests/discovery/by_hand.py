@@ -123,14 +123,14 @@ def table_fit(*mean_squares: float, held_out: Mapping[str, Array | None] | None 
 def candidate_of(
     effect: str = "coulomb", joint: int = 1, *, bic: float = 100.0, size: float = 3.0, share: float = 0.5,
     change: float = 3.0, cost: float = 1.0, fit: Fit | None = None, implausible: str = "",
-    unusual: str = "",
+    unusual: str = "", is_known: bool = False,
 ) -> FittedCandidate:  # fmt: skip
     """A candidate that is accepted as it stands."""
     at = EffectAtJoint(effect, joint)
     parameter = FreeParameter(f"{effect}{joint}", "N.m", PLANT, f"{effect}{joint}", 2.5, 1.0, effect=0)
     if fit is None:
         fit = fit_of(TableModel(residual(10.0), {}, (at,), (parameter,)), values=[2.5])
-    return FittedCandidate(at, fit, bic, size, share, change, cost, implausible, unusual)
+    return FittedCandidate(at, fit, bic, size, share, change, cost, implausible, unusual, is_known=is_known)
 
 
 def effect_of(name: str, *, class_name: str | None = None, place: str = "joint", **more: Any) -> Any:
@@ -169,9 +169,13 @@ class Catalogue:
     def effect(self, effect_at: EffectAtJoint) -> Any:
         return self.effects[effect_at.effect]
 
+    def cost_in(self, fit: Fit, effect_at: EffectAtJoint) -> float:
+        return float(self.at(effect_at).cost)
+
     def at(self, effect_at: EffectAtJoint) -> Any:
+        cost = self._costs.get(effect_at.effect, 1.0)
         return SimpleNamespace(
-            cost=self._costs.get(effect_at.effect, 1.0), can_be_added=True, is_present=self._is_present(effect_at),
+            cost=cost, cost_with=lambda shapes: cost, harmonics={}, can_be_added=True, is_present=self._is_present(effect_at),
             amplitudes=self.amplitudes, shapes=self.shapes,
         )  # fmt: skip
 

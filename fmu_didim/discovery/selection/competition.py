@@ -174,7 +174,8 @@ class Competition:
         the torque balance with others."""
         ordered = sorted(shapes, key=lambda s: -s.gain)
         best = next((s for s in ordered if s.gain >= USUAL * ordered[0].gain and self._is_usual(s)), ordered[0])
-        best = replace(best, of_motor=self._at_harmonic(ordered, best))
+        if (known := self._at_harmonic(ordered, best)) is not None:
+            best = replace(best, of_motor=known)
         if self.builder.effect(best.effect_at).is_linear:
             return best
         near = [s for s in ordered if s is not best][:FURTHER]

@@ -857,3 +857,20 @@ def test_shapes_held_at_all_that_were_screened() -> None:
     assert found[1].fit.chi_square < 1e-6 < found[0].fit.chi_square
     diverging = Competition(Builder(effect_of("gear"), broken=0.0), fitted(plant()))
     assert list(diverging.with_shapes_held(replace(candidate, others=None))) == []
+
+
+def test_the_best_harmonic_of_the_motor_beside_a_better_frequency() -> None:
+    """A larger ripple at another frequency, too small for a name itself, would hide one of the motor."""
+    known, builder = {40.0, 80.0}, Catalogue(effect_of("a"))
+    placed = SimpleNamespace(cost=5.0, cost_with=lambda shapes: 2.5 if shapes["nr"] in known else 5.0)
+    builder.at = lambda effect_at: placed  # type: ignore[method-assign]
+    at = {
+        nr: replace(shape, signature=replace(shape.signature, shapes={"nr": nr}))
+        for nr, shape in ((23.0, scored(100.0, "a")), (80.0, scored(50.0, "a")), (40.0, scored(60.0, "a")))
+    }
+    best = Competition(builder, base_fit(OTHER))._best(list(at.values()))
+    assert (best.signature.shapes, best.of_motor) == ({"nr": 23.0}, at[40.0])
+    alone = Competition(builder, base_fit(OTHER))._best([at[40.0], at[80.0]])
+    assert (alone.signature.shapes, alone.of_motor) == ({"nr": 40.0}, None)
+    known.clear()  # no motor is stated
+    assert Competition(builder, base_fit(OTHER))._best(list(at.values())).of_motor is None

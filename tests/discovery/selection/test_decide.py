@@ -51,6 +51,27 @@ def verdict(*ranking: FittedCandidate, held: Any = lambda candidate: (), **optio
     )  # fmt: skip
 
 
+@pytest.mark.parametrize(
+    ("larger", "at_harmonic", "taken"),
+    [
+        ({"change": 0.5}, {"change": 0.4, "is_known": True}, True),
+        ({"change": 0.5}, None, False),  # no motor is stated, or the best frequency is one of its own
+        ({"change": 0.5}, {"change": 0.1, "is_known": True}, False),
+        ({"change": 0.5}, {"change": 0.4, "is_known": True, "bic": 9.0}, False),
+        ({"bic": 9.0}, {"change": 0.4, "is_known": True}, False),  # too small for a name by its evidence, not its size
+        ({"implausible": "Fc1 is negative"}, {"change": 0.4, "is_known": True}, False),
+    ],
+)
+def test_a_ripple_of_the_motor_beside_a_larger_one_that_is_too_small_for_a_name(
+    larger: dict[str, Any], at_harmonic: dict[str, Any] | None, taken: bool
+) -> None:
+    known = None if at_harmonic is None else candidate_of(**at_harmonic)
+    found = decide(
+        [candidate_of(**larger)], BEFORE, Options(), base=BASE, at_harmonic=lambda candidate: known
+    )  # fmt: skip
+    assert (found is known) if taken else isinstance(found, tuple)
+
+
 def held_out(first: np.ndarray, second: np.ndarray | None, **more: Any) -> tuple[Any, FittedCandidate]:
     """The fit before with a residual on held-out data, and a candidate with another one."""
     before = table_fit(50.0, held_out={"other": first}, **more)
@@ -65,6 +86,10 @@ def held_out(first: np.ndarray, second: np.ndarray | None, **more: Any) -> tuple
         ({"bic": -3.0}, "BIC difference -3.0 below 10"),
         ({"change": 0.6}, ""),
         ({"change": 0.59}, "changes the torque by 0.59 of the noise, less than 0.6"),
+        ({"change": 0.59, "is_known": True}, ""),  # it repeats as the motor does
+        ({"change": 0.2, "is_known": True}, ""),
+        ({"change": 0.19, "is_known": True}, "changes the torque by 0.19 of the noise, less than 0.2"),
+        ({"bic": 9.99, "is_known": True}, "BIC difference 10.0 below 10"),
         ({"size": 0.2}, ""),
         ({"size": 0.19}, "explains 0.19 of the noise, less than 0.2"),
         ({"share": 0.05}, ""),

@@ -58,7 +58,7 @@ class Judged:
         model = SimpleNamespace(added_effects=(GEAR, ERROR))
         self.whole: Any = SimpleNamespace(model=model, noise=None)
         builder: Any = SimpleNamespace(
-            at=builder_of(gear=2.0, teeth=5.0).at, without=lambda model, index: f"without {index}",
+            cost_in=builder_of(gear=2.0, teeth=5.0).cost_in, without=lambda model, index: f"without {index}",
             effect=lambda a: SimpleNamespace(title=a.effect),
         )  # fmt: skip
         assess = lambda effect_at, fit: candidate_of(effect_at.effect, bic=1.0)  # noqa: E731

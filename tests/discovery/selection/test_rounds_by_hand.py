@@ -165,6 +165,7 @@ class ByHand:
         *,
         base: Fit,
         held: Any,
+        at_harmonic: Any,
         finished: Any,
         class_of: Any,
         rivals_of: Any,
