@@ -175,8 +175,8 @@ class Catalogue:
     def at(self, effect_at: EffectAtJoint) -> Any:
         cost = self._costs.get(effect_at.effect, 1.0)
         return SimpleNamespace(
-            cost=cost, cost_with=lambda shapes: cost, harmonics={}, can_be_added=True, is_present=self._is_present(effect_at),
-            amplitudes=self.amplitudes, shapes=self.shapes,
+            cost=cost, cost_with=lambda shapes: cost, harmonics={}, can_be_added=True,
+            is_present=self._is_present(effect_at), amplitudes=self.amplitudes, shapes=self.shapes,
         )  # fmt: skip
 
     def has_place(self, effect_at: EffectAtJoint, added: Sequence[EffectAtJoint]) -> bool:
