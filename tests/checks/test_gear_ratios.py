@@ -39,7 +39,8 @@ def test_motors_that_are_stated_in_two_ways(stated: dict[int, float], brought: l
     ("entry", "told"),
     [
         ({}, False), ({"columns": {"tau1": {"gear_ratio": 50.0}}}, False),
-        ({"columns": {"tau1": {"gear_ratio": 51.0}}}, True), ({"motors": [[-50.0]]}, False), ({"motors": [[49.0]]}, True),
+        ({"columns": {"tau1": {"gear_ratio": 51.0}}}, True),
+        ({"motors": [[-50.0]]}, False), ({"motors": [[49.0]]}, True),
     ],
 )  # fmt: skip
 def test_a_case_whose_log_is_brought_by_another_gear(entry: dict[str, object], told: bool, tmp_path: Path) -> None:

@@ -31,7 +31,7 @@ HARMONIC_DRIVE = {"gear_ratio": 100, "pole_pairs": 5, "slots": 12}
             80.5: ["1 in a turn"], 161: ["2 in a turn"], 322: ["1 in an electrical"], 644: ["2 in an electrical"],
             1932: ["6 in an electrical"], 3864: ["12 in an electrical"],
         }),
-        # One pair of poles: electrical turns are those of the motor. 9 slots and 8 poles never meet but in a whole turn.
+        # One pair of poles: electrical turns are those of the motor.
         ({"gear_ratio": 1, "pole_pairs": 1, "slots": 9}, {
             1: ["1 in a turn", "1 in an electrical"], 2: ["2 in a turn", "2 in an electrical"],
             6: ["6 in an electrical"], 12: ["12 in an electrical"], 18: ["lcm(9, 2) = 18"],

@@ -1,0 +1,145 @@
+"""Ripples at harmonics of a stated motor: found where they are small, told apart, and told where the motor has none."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from fmu_didim import discover
+from fmu_didim.discovery.augmentation.builder import LoopModelBuilder
+from fmu_didim.discovery.augmentation.places import Proposal
+from fmu_didim.discovery.augmentation.ranges import Range
+from fmu_didim.discovery.harmonics import Nearest, motor_notes
+from fmu_didim.dynamics.effects import Harmonic, Motor
+from fmu_didim.dynamics.robot import read_robot
+from fmu_didim.dynamics.robot.description import RobotDescription
+from fmu_didim.model.loop_model import EffectAtJoint
+from tests.discovery.helpers import arm_case, arm_model
+
+MOTOR = {"gear_ratio": 12, "pole_pairs": 5}
+"""Ripples at 12, 24, 60, 120, 360 and 720 in a turn of the joint."""
+TRUTH = {"Rsin": 0.05, "Rcos": -0.035, "nr": 60.0}
+"""0.6 times the noise at its peak: too small for a name at a frequency of which nothing is known."""
+
+
+@pytest.mark.parametrize(
+    ("value", "deviation", "drift", "same", "text"),
+    [
+        (60.3, 0.2, 0.5, True, "commutation (60)"),  # within two deviations
+        (60.3, 0.1, 0.1, True, "commutation (60, off by 3 standard deviations)"),  # the range hardly tells
+        (60.3, 0.1, 0.25, False, "commutation (60, off by 3 standard deviations)"),
+        (60.0, 0.0, 0.0, True, "commutation (60)"),  # held there
+        (61.0, 0.0, 0.3, False, "commutation (60, off by inf standard deviations)"),
+    ],
+)
+def test_whether_a_ripple_is_a_harmonic(value: float, deviation: float, drift: float, same: bool, text: str) -> None:
+    found = Nearest(Harmonic(60.0, "commutation"), value, deviation, drift)
+    assert (found.is_same, found.text) == (same, text)
+
+
+@pytest.mark.parametrize(("frequency", "shown"), [(6.0, True), (314.0, True), (315.0, False)])
+def test_what_is_too_fast_for_the_control(frequency: float, shown: bool) -> None:
+    within = Range(-1.0, 1.0, speed=4.0, way=0.01, begin=0.0, end=8.0)
+    assert within.shows(frequency) == shown
+    assert within.drift(60.0, 60.0 + 3.14159) == pytest.approx(1.0, abs=1e-5)
+
+
+def with_motor(robot: RobotDescription, motor: Any, joint: int = 1) -> RobotDescription:
+    joints = list(robot.joints)
+    stated = None if motor is None else Motor.model_validate(motor)
+    joints[joint - 1] = joints[joint - 1].model_copy(update={"motor": stated})
+    return robot.model_copy(update={"joints": tuple(joints)})
+
+
+def builder_of(folder: Path, motor: Any, *, joints: int = 1, effects: Any = None) -> LoopModelBuilder:
+    model = arm_model(folder, joints=joints, effects=effects)
+    return LoopModelBuilder(model, with_motor(read_robot(folder / "robot.yaml"), motor))
+
+
+RIPPLE = EffectAtJoint("torque_ripple", 1)
+
+
+def test_what_is_tried_and_what_it_costs(tmp_path: Path) -> None:
+    placed, plain = builder_of(tmp_path, MOTOR).at(RIPPLE), builder_of(tmp_path, None).at(RIPPLE)
+    assert plain.search["nr"].known == () and plain.cost_with({"nr": 60.0}) == plain.cost == 5.0
+    assert placed.search["nr"].known == (12.0, 24.0, 60.0, 120.0)  # 360 and 720 are too fast here
+    assert placed.cost == 5.0 and placed.cost_with({"nr": 61.0}) == 5.0
+    assert 2.0 < placed.cost_with({"nr": 60.0}) < 2.5
+    slow = builder_of(tmp_path, {"gear_ratio": 2}).at(RIPPLE)
+    assert slow.search["nr"].known == ()  # slower than what can be told from gravity
+    one = placed.free_parameters(Proposal(RIPPLE, {"Rsin": 1.0, "Rcos": 1.0, "nr": 120.0}), 0)
+    assert next(p for p in one if p.is_shape).highest >= 150.0
+
+
+@pytest.mark.parametrize(
+    ("motor", "told"),
+    [
+        (None, []),
+        ({"gear_ratio": 12}, []),
+        (MOTOR, ["control periods at the RMS of the speed: 360 (6 in an electrical turn: commutation), 720 ("]),
+        ({"gear_ratio": 2}, ["look like gravity: 2 (1 in a turn of the motor: gear or bearings), 4 ("]),
+    ],
+)
+def test_what_was_not_looked_for_is_told(motor: Any, told: list[str], tmp_path: Path) -> None:
+    notes = motor_notes(builder_of(tmp_path, motor))
+    assert len(notes) == len(told)
+    assert all(text in note for text, note in zip(told, notes, strict=True))
+
+
+def test_motors_that_joints_share_are_not_used_and_that_is_told(tmp_path: Path) -> None:
+    builder = builder_of(tmp_path, MOTOR, joints=2, effects={1: ("wrist_friction",)})
+    assert builder.at(RIPPLE).harmonics == {} and builder.at(RIPPLE).search["nr"].known == ()
+    (note,) = motor_notes(builder)
+    assert note.startswith("Joint 1 shares its motors with a neighbour")
+
+
+def found_in(folder: Path, motor: Any, **ripple: float) -> tuple[dict[str, Any], Path]:
+    """``findings.json`` of the arm with a ripple, whose description states a motor or none, and its folder."""
+    case, out = (
+        arm_case(folder, {"torque_ripple": {**TRUTH, **ripple}} if ripple != {"none": 1.0} else {}),
+        folder / "out",
+    )
+    robot = yaml.safe_load((folder / "robot.yaml").read_text())
+    if motor is not None:
+        robot["joints"][0]["motor"] = motor
+    (folder / "robot.yaml").write_text(yaml.safe_dump(robot))
+    discover(case, out)
+    return json.loads((out / "findings.json").read_text()), out
+
+
+@pytest.mark.parametrize(
+    ("motor", "origins"),
+    [(None, []), (MOTOR, ["1 in an electrical turn: offset of a current sensor (60"]), ({"gear_ratio": 13}, [])],
+)
+def test_a_small_ripple_is_named_where_the_motor_has_it(motor: Any, origins: list[str], tmp_path: Path) -> None:
+    found, out = found_in(tmp_path, motor)
+    assert [f["effect"] for f in found["findings"]] == ["torque_ripple"] * len(origins)
+    for finding, text in zip(found["findings"], origins, strict=True):
+        assert finding["origin"].startswith(text)
+        robot = yaml.safe_load((out / "augmented_robot.yaml").read_text())
+        assert robot["joints"][0]["motor"] == motor  # the augmented description keeps it
+        assert text in (out / "discovery.html").read_text()
+
+
+@pytest.mark.parametrize(
+    ("motor", "told"), [(None, False), (MOTOR, False), ({"gear_ratio": 13.2, "pole_pairs": 5}, True)]
+)
+def test_a_ripple_that_the_motor_does_not_have_is_a_doubt(motor: Any, told: bool, tmp_path: Path) -> None:
+    """As where the gear ratio is stated wrongly."""
+    found, _ = found_in(tmp_path, motor, Rsin=0.3)
+    (finding,) = found["findings"]
+    reasons = [r for r in found["reasons"] if r["code"] == "ripple-not-of-motor"]
+    assert bool(reasons) == told
+    assert bool(finding["origin"]) == (motor is MOTOR)
+    if told:
+        assert "the nearest is 66 (1 in an electrical turn: offset of a current sensor)" in reasons[0]["text"]
+        assert found["verdict"] == "doubtful"
+
+
+def test_a_motor_without_a_ripple_gives_none(tmp_path: Path) -> None:
+    found, _ = found_in(tmp_path, MOTOR, none=1.0)
+    assert found["answer"] == "nothing" and not found["findings"]
