@@ -82,7 +82,7 @@ def test_what_is_tried_and_what_it_costs(tmp_path: Path) -> None:
         ({"gear_ratio": 12}, []),
         (
             MOTOR,
-            ["control periods at the RMS of the speed: 720 (12 in an electrical turn: commutation). A slow motion"],
+            ["at the RMS of the speed: 720 (12 in an electrical turn: commutation). A slow motion"],
         ),
         ({"gear_ratio": 2}, ["look like gravity: 2 (1 in a turn of the motor: gear or bearings), 4 ("]),
     ],

@@ -30,18 +30,35 @@ WRONG = 0.9
 STATED = ("nothing", "right", "wrong")
 
 
+OTHER_LEVEL = 2.0
+"""[standard deviations] Gap of an effect that is no ripple."""
+
+
 @dataclass(frozen=True)
 class Drawn:
-    """A plant: its seed, the gap of its ripple in standard deviations of the noise (0: none), the torque rate in Hz."""
+    """A plant: its seed, the gap of its ripple in standard deviations of the noise (0: none), the torque rate in Hz,
+    and whether something else is hidden."""
 
     seed: int
     level: float
     rate: int
+    other: bool = False
 
     @property
     def name(self) -> str:
         """Of its folder."""
-        return f"r{self.seed:03d}_{100 * self.level:03.0f}_{self.rate}hz"
+        return f"{'o' if self.other else 'r'}{self.seed:03d}_{100 * self.level:03.0f}_{self.rate}hz"
+
+
+def make_other(folder: Path, effect: str, seed: int, rates: tuple[int, ...]) -> None:
+    """Write the folders of a plant that hides another effect than a ripple."""
+    rng = np.random.default_rng([seed, zlib.crc32(effect.encode())])
+    plant, motion, deviation = make_plant((effect,), rng, level=OTHER_LEVEL, clutter=bool(seed % 2))
+    drawn = [Drawn(seed, 0.0, rate, other=True) for rate in rates]
+    write_cases([(folder / d.name, d.rate) for d in drawn], plant, motion, deviation, rng)
+    for d in drawn:
+        known = {"motor": dict(MOTORS[seed % len(MOTORS)][0]), "hidden": []}
+        (folder / d.name / "motor.json").write_text(json.dumps(known))
 
 
 def make(folder: Path, seed: int, level: float, rates: tuple[int, ...]) -> None:

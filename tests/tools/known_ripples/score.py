@@ -82,7 +82,7 @@ def figures_of(found: Sequence[Result]) -> dict[str, str]:
     for level in sorted({r.level for r in found}):
         for rate in (100, 20):
             for how in STATED:
-                own = [r for r in found if (r.level, r.rate, r.how) == (level, rate, how)]
+                own = [r for r in found if (r.level, r.rate, r.how) == (level, rate, how) and r.name[0] == "r"]
                 if not own:
                     continue
                 key = f"{how}_{100 * level:.0f}_{rate}hz"
@@ -93,6 +93,10 @@ def figures_of(found: Sequence[Result]) -> dict[str, str]:
                 if how == "wrong":
                     figures[f"{key}_told"] = _share(r.told for r in own if r.named)
                 figures[f"{key}_false"] = _share(bool(r.false) for r in own)
+    for rate in (100, 20):
+        for how in STATED:
+            if own := [r for r in found if (r.name[0], r.rate, r.how) == ("o", rate, how)]:
+                figures[f"{how}_other_{rate}hz_false"] = _share(bool(r.false) for r in own)
     return figures
 
 
