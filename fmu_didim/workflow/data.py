@@ -18,6 +18,7 @@ from fmu_didim.checks.plant.gear_ratios import Brought, brought_by, gear_ratio_d
 from fmu_didim.checks.plant.influence import check_parameter_influence
 from fmu_didim.checks.plant.reading import reading_diagnostics
 from fmu_didim.checks.plant.start import start_diagnostics
+from fmu_didim.dynamics.effects import Motor
 from fmu_didim.dynamics.robot import RobotModel
 from fmu_didim.estimators import Progress
 from fmu_didim.fit.iteration import Iteration
@@ -43,11 +44,16 @@ def case_diagnostics(case: Case, model: LoopModel | None = None, *, causes: bool
     return by_weight([*of_data, *of_reading, *_of_motors(case)])
 
 
-def _of_motors(case: Case) -> list[Diagnostic]:
-    """Whether the motors of the description are those by which the logs are brought to the joints."""
+def stated_motors(case: Case) -> dict[int, Motor]:
+    """Joint, from 1 -> its motor, where the robot description of a case states one."""
     robot = getattr(case.parameters, "model", None)
     joints = robot.description.joints if isinstance(robot, RobotModel) else ()
-    stated = {j: joint.motor.gear_ratio for j, joint in enumerate(joints, start=1) if joint.motor is not None}
+    return {j: joint.motor for j, joint in enumerate(joints, start=1) if joint.motor is not None}
+
+
+def _of_motors(case: Case) -> list[Diagnostic]:
+    """Whether the motors of the description are those by which the logs are brought to the joints."""
+    stated = {j: motor.gear_ratio for j, motor in stated_motors(case).items()}
     files = (s for r in case.document.runs.values() for s in (r.reference, r.torque, r.positions)) if stated else ()
     brought = list[Brought]()
     for source in files:

@@ -27,12 +27,17 @@ from fmu_didim.results.findings import FindingsDocument, save_findings
 from fmu_didim.results.provenance import provenance
 from fmu_didim.workflow.acknowledged import acknowledged
 from fmu_didim.workflow.case_files import case_files, repeating
-from fmu_didim.workflow.data import case_diagnostics, check_plant
+from fmu_didim.workflow.data import case_diagnostics, check_plant, stated_motors
 from fmu_didim.workflow.output.discovered import Discovered
 from fmu_didim.workflow.output.discovered_files import result_folder
 from fmu_didim.workflow.output.loop import described_estimator
 from fmu_didim.workflow.output.result_folder import ResultFolder, checked_case
 from fmu_didim.workflow.search import estimated
+
+MOTORS_UNUSED = (
+    "motor: of joint {0} was not used: the plant is not built from the robot description, and ripples are looked for "
+    "as without a motor."
+)
 
 
 @with_objects
@@ -116,6 +121,8 @@ def discover(
         provenance={**record, "loop": model.loop.systems[model.first].describe()},
     )
     request = request.about_data(of_data)
+    if request.description is None and (stated := stated_motors(case)):
+        request = request.noting(MOTORS_UNUSED.format(", ".join(map(str, stated))))
     with never_silent(search) as told:
         request = replace(request.beside_virtual() if model.loop.is_virtual else request, progress=told)
         found = discover_in(model, request)

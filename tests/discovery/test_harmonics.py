@@ -15,8 +15,9 @@ from fmu_didim.discovery.augmentation.places import Proposal
 from fmu_didim.discovery.augmentation.ranges import Range
 from fmu_didim.discovery.harmonics import Nearest, motor_notes
 from fmu_didim.dynamics.effects import Harmonic, Motor
-from fmu_didim.dynamics.robot import read_robot
+from fmu_didim.dynamics.robot import RobotModel, read_robot
 from fmu_didim.dynamics.robot.description import RobotDescription
+from fmu_didim.export import build_fmu
 from fmu_didim.model.loop_model import EffectAtJoint
 from tests.discovery.helpers import arm_case, arm_model
 
@@ -144,3 +145,16 @@ def test_a_ripple_that_the_motor_does_not_have_is_a_doubt(motor: Any, told: bool
 def test_a_motor_without_a_ripple_gives_none(tmp_path: Path) -> None:
     found, _ = found_in(tmp_path, MOTOR, none=1.0)
     assert found["answer"] == "nothing" and not found["findings"]
+
+
+@pytest.mark.parametrize("motor", [None, MOTOR])
+def test_a_motor_beside_a_plant_from_elsewhere_is_told_to_be_unused(motor: Any, tmp_path: Path) -> None:
+    case = arm_case(tmp_path)
+    plant = build_fmu(RobotModel(read_robot(tmp_path / "robot.yaml")).block(), directory=tmp_path)
+    robot, document = (yaml.safe_load((tmp_path / name).read_text()) for name in ("robot.yaml", "case.yaml"))
+    robot["joints"][0] |= {} if motor is None else {"motor": motor}
+    document["plant"] = {"kind": "fmu", "source": str(plant)}
+    (tmp_path / "robot.yaml").write_text(yaml.safe_dump(robot))
+    case.write_text(yaml.safe_dump(document))
+    notes = discover(case, rounds=0).document.notes
+    assert any("motor: of joint 1 was not used" in note for note in notes) == (motor is not None)

@@ -8,11 +8,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from tests.figures import table
 from tests.tools.known_ripples.cases import STATED
 
 RIPPLES = ("torque_ripple", "current_ripple", "encoder_eccentricity")
 CLUTTER = {1: 17.0, 2: 23.0}
 """Joint -> ripples in its turn that the cases plant themselves; naming these is no false name."""
+HEADS = ("gap of the ripple", "log", "named, no motor stated", "named, motor stated", "as the right harmonic",
+         "a wrong ripple, motor stated")  # fmt: skip
 SAME = 1.0
 """[1] Periods in a turn by which a ripple that is named may differ from the one that is hidden."""
 
@@ -73,31 +76,31 @@ def text(found: Sequence[Result]) -> str:
         f"{'; told' if r.told else ''}{'; false: ' + ', '.join(r.false) if r.false else ''}"
         for r in found
     ]
-    return "\n".join([*lines, "", *(f"{name}: {value}" for name, value in figures_of(found).items())])
+    figures = figures_of(found)
+    return "\n".join([*lines, "", *figures.pop("levels"), "", *(f"{name}: {value}" for name, value in figures.items())])
 
 
-def figures_of(found: Sequence[Result]) -> dict[str, str]:
-    """Shares by level, rate and what is stated, as pages show them."""
-    figures = {}
-    for level in sorted({r.level for r in found}):
-        for rate in (100, 20):
-            for how in STATED:
-                own = [r for r in found if (r.level, r.rate, r.how) == (level, rate, how) and r.name[0] == "r"]
-                if not own:
-                    continue
-                key = f"{how}_{100 * level:.0f}_{rate}hz"
-                if level:
-                    figures[f"{key}_named"] = _share(r.named for r in own)
-                if how == "right" and level:
-                    figures[f"{key}_origin"] = _share(bool(r.origin) for r in own if r.named)
-                if how == "wrong":
-                    figures[f"{key}_told"] = _share(r.told for r in own if r.named)
-                figures[f"{key}_false"] = _share(bool(r.false) for r in own)
-    for rate in (100, 20):
+def figures_of(found: Sequence[Result]) -> dict[str, str | list[str]]:
+    """Shares by size, rate and what is stated, as pages show them."""
+    ripples = [r for r in found if r.level]
+    levels = sorted({(r.level, r.rate) for r in ripples}, key=lambda each: (each[0], -each[1]))
+    rows = [_row(level, rate, [r for r in ripples if (r.level, r.rate) == (level, rate)]) for level, rate in levels]
+    figures: dict[str, str | list[str]] = {"levels": table(HEADS, rows)}
+    figures["wrong_told"] = _share(r.told for r in ripples if r.how == "wrong" and r.named)
+    for name, kind in (("clean", "r"), ("other", "o")):
         for how in STATED:
-            if own := [r for r in found if (r.name[0], r.rate, r.how) == ("o", rate, how)]:
-                figures[f"{how}_other_{rate}hz_false"] = _share(bool(r.false) for r in own)
+            own = [r for r in found if r.level == 0 and (r.name[0], r.how) == (kind, how)]
+            figures |= {f"{name}_{how}": str(len(own)), f"{name}_{how}_false": _share(bool(r.false) for r in own)}
     return figures
+
+
+def _row(level: float, rate: int, own: Sequence[Result]) -> list[str]:
+    """A row of the table of sizes."""
+    by = {how: [r for r in own if r.how == how] for how in STATED}
+    right = [r for r in by["right"] if r.named]
+    named = [_share(r.named for r in by[how]) for how in ("nothing", "right")]
+    return [f"{level:g} σ", f"{rate} Hz", *named, _share(bool(r.origin) for r in right),
+            _share(bool(r.false) for r in by["right"])]  # fmt: skip
 
 
 def _share(those: Iterable[bool]) -> str:

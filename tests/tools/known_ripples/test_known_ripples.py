@@ -44,7 +44,19 @@ def test_what_counts(findings: list[Any], clutter: bool, named: bool, origin: st
     found = result_of("r001_050_20hz", "right", hidden, {"findings": findings, "reasons": reasons}, clutter=clutter)
     assert (found.level, found.rate, found.named, found.origin, len(found.false)) == (0.5, 20, named, origin, false)
     assert found.told == bool(false)
-    assert figures_of([found])["right_50_20hz_named"] == f"{int(named)} of 1"
+    right = f"{int(bool(origin))} of {int(named)}"
+    row = ["0.5 σ", "20 Hz", "0 of 0", f"{int(named)} of 1", right, f"{false} of 1"]
+    assert figures_of([found])["levels"][-1] == f"| {' | '.join(row)} |"
+
+
+def test_the_shares_of_plants_without_a_ripple() -> None:
+    false = {"findings": [finding("torque_ripple", 1, 40.0)], "reasons": []}
+    nothing: dict[str, Any] = {"findings": [], "reasons": []}
+    clean = [result_of("r002_000_20hz", "right", [], one, clutter=False) for one in (false, nothing)]
+    other = [result_of("o002_000_20hz", "right", [], one, clutter=False) for one in (nothing, nothing, nothing)]
+    found = figures_of([*clean, *other])
+    assert (found["clean_right"], found["clean_right_false"]) == ("2", "1 of 2")
+    assert (found["other_right"], found["other_right_false"], found["other_nothing"]) == ("3", "0 of 3", "0")
 
 
 def test_a_plant_and_what_is_stated_of_its_motor(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -64,4 +76,4 @@ def test_a_plant_and_what_is_stated_of_its_motor(tmp_path: Path, capsys: pytest.
     assert [(r.name, r.how, r.named) for r in read(tmp_path)] == [("r002_050_20hz", "right", False)]
     assert main(["score", str(tmp_path), "--figures", str(tmp_path / "figures.json")]) == 0
     assert "r002_050_20hz right: not named" in capsys.readouterr().out
-    assert json.loads((tmp_path / "figures.json").read_text())["figures"]["right_50_20hz_named"] == "0 of 1"
+    assert json.loads((tmp_path / "figures.json").read_text())["figures"]["levels"][-1].endswith("| 0 of 1 |")
