@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from fmu_didim.discovery import base_model, beginning, judge, localise, run
+from fmu_didim.discovery import base_model, beginning, harmonics, judge, localise, run
 from fmu_didim.discovery.external_torques import search
 from fmu_didim.discovery.form import curve
 from fmu_didim.discovery.form import names as form
@@ -32,6 +32,7 @@ DECIDING = (
     (localise, ("FALSE_DISCOVERIES", "WINDOW_SCORE")),
     (base_model, ("FIRST_NOISE", "MOSTLY", "ABSORBED")),
     (run, ("TORN",)),
+    (harmonics, ("OF_ONE_PERIOD",)),
     (catalogue, ("REPEATS", "TOGETHER", "SEEN", "LARGEST_COLUMN", "STIFFEST", "SAME_SHAPE")),
     (
         competition,
@@ -62,7 +63,7 @@ DECIDING = (
     (plausible, ("ZERO", "UNTOLD", "LONGEST", "FEWEST_REPEATS", "MOSTLY_TOUCHED", "STILL", "MOSTLY_STILL")),
     (pre_check, ("FITTED", "PROMISING", "WORSE")),
     (beside_others, ("KEPT_GAIN",)),
-    (rivals, ("PROMISED", "OF_ONE_PERIOD")),
+    (rivals, ("PROMISED",)),
     (rounds, ("PAIRED", "VALLEY")),
     (wide_search, ("PEOPLE", "GENERATIONS", "MOST_STEPS")),
     (beginning, ("SAME_VALUES",)),

@@ -120,9 +120,7 @@ def discover(
         acknowledged=acknowledged(case),
         provenance={**record, "loop": model.loop.systems[model.first].describe()},
     )
-    request = request.about_data(of_data)
-    if request.description is None and (stated := stated_motors(case)):
-        request = request.noting(MOTORS_UNUSED.format(", ".join(map(str, stated))))
+    request = _noting_unused_motors(case, request.about_data(of_data))
     with never_silent(search) as told:
         request = replace(request.beside_virtual() if model.loop.is_virtual else request, progress=told)
         found = discover_in(model, request)
@@ -202,6 +200,12 @@ def described_plant(case: Case) -> RobotDescription | None:
         return None
     robot = getattr(case.parameters, "model", None)
     return robot.description if isinstance(robot, RobotModel) else None
+
+
+def _noting_unused_motors(case: Case, request: Request) -> Request:
+    """The request, with a note where motors are stated that the search does not see."""
+    stated = stated_motors(case) if request.description is None else {}
+    return request.noting(MOTORS_UNUSED.format(", ".join(map(str, stated)))) if stated else request
 
 
 def _keep(folder: ResultFolder, progress: Progress, document: FindingsDocument) -> None:
