@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -28,8 +28,8 @@ NOT_OF_MOTOR = CATALOGUE(
 
 
 @dataclass(frozen=True)
-class Nearest:
-    """The harmonic of a motor that is nearest to what was found.
+class Near:
+    """A harmonic of a motor beside what was found.
 
     Attributes:
         value, deviation: the spatial frequency that was found, and its standard deviation.
@@ -60,34 +60,41 @@ class Nearest:
         return found + (")" if self.off < SURE else f", off by {self.off:.2g} standard deviations)")
 
 
-def nearest(builder: LoopModelBuilder, fit: Fit, effect_at: EffectAtJoint) -> Nearest | None:
-    """The harmonic nearest to an effect of a fit; None where no motor is stated, or it has none of this effect."""
-    placed, found = builder.at(effect_at), list[Nearest]()
+def by_distance(builder: LoopModelBuilder, fit: Fit, effect_at: EffectAtJoint) -> list[Near]:
+    """The harmonics that an effect of a fit may be, the nearest first; none where no motor is stated, or it has none of
+    this effect."""
+    placed, found = builder.at(effect_at), list[Near]()
     if not placed.harmonics:
-        return None
+        return []
     values, deviations = builder.shapes_in(fit, effect_at)
     within = builder.loop.ranges[effect_at.joint - 1]
     for shape, harmonics in placed.harmonics.items():
         found += [
-            Nearest(h, values[shape], deviations[shape], within.drift(values[shape], h.frequency))
+            Near(h, values[shape], deviations[shape], within.drift(values[shape], h.frequency))
             for h in harmonics if shape in values
         ]  # fmt: skip
-    return min(found, key=lambda one: one.drift, default=None)
+    return sorted(found, key=lambda one: one.drift)
 
 
 def origin(builder: LoopModelBuilder, fit: Fit, effect_at: EffectAtJoint) -> str:
-    """Which harmonic of its motor an effect is, in words; empty where it is none or no motor is stated."""
-    found = nearest(builder, fit, effect_at)
-    return found.text if found is not None and found.is_same else ""
+    """Which harmonic of its motor an effect is, in words, or which of several that these data do not tell apart; empty
+    where it is none or no motor is stated."""
+    return origin_of(by_distance(builder, fit, effect_at))
+
+
+def origin_of(found: Sequence[Near]) -> str:
+    """The same of harmonics, the nearest first."""
+    return "; or ".join(one.text for one in found if one.is_same)
 
 
 def not_of_motors(builder: LoopModelBuilder, fit: Fit) -> list[Diagnostic]:
     """The doubts about ripples at frequencies that the motors of their joints do not have."""
     doubts = []
     for effect_at in fit.model.added_effects:
-        found = nearest(builder, fit, effect_at)
-        if found is None or found.is_same:
+        near = by_distance(builder, fit, effect_at)
+        if not near or origin_of(near):
             continue
+        found = near[0]
         text = (
             f"Its frequency of {found.value:.4g} ± {found.deviation:.2g} is no harmonic of the motor that the "
             f"description states: the nearest is {found.harmonic.frequency:.4g} ({found.harmonic.name}), off by "

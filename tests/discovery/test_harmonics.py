@@ -13,7 +13,7 @@ from fmu_didim import discover
 from fmu_didim.discovery.augmentation.builder import LoopModelBuilder
 from fmu_didim.discovery.augmentation.places import Proposal
 from fmu_didim.discovery.augmentation.ranges import Range
-from fmu_didim.discovery.harmonics import Nearest, motor_notes
+from fmu_didim.discovery.harmonics import Near, motor_notes, origin_of
 from fmu_didim.dynamics.effects import Harmonic, Motor
 from fmu_didim.dynamics.robot import RobotModel, read_robot
 from fmu_didim.dynamics.robot.description import RobotDescription
@@ -38,8 +38,25 @@ TRUTH = {"Rsin": 0.05, "Rcos": -0.035, "nr": 60.0}
     ],
 )
 def test_whether_a_ripple_is_a_harmonic(value: float, deviation: float, drift: float, same: bool, text: str) -> None:
-    found = Nearest(Harmonic(60.0, "commutation"), value, deviation, drift)
+    found = Near(Harmonic(60.0, "commutation"), value, deviation, drift)
     assert (found.is_same, found.text) == (same, text)
+
+
+@pytest.mark.parametrize(
+    ("distances", "told"),
+    [
+        ([(5.0, 0.1), (8.0, 0.4)], "a (0)"),
+        ([(0.3, 0.1), (0.5, 0.2)], "a (0); or b (1)"),  # a short range does not tell neighbours apart
+        ([(5.0, 0.3), (8.0, 0.4)], ""),
+        ([], ""),
+    ],
+)
+def test_all_harmonics_that_the_data_do_not_tell_apart(distances: list[tuple[float, float]], told: str) -> None:
+    near = [
+        Near(Harmonic(float(i), name), i + off, 1.0, drift)
+        for i, (name, (off, drift)) in enumerate(zip("ab", distances, strict=False))
+    ]
+    assert origin_of(near).replace(", off by 5 standard deviations", "") == told
 
 
 @pytest.mark.parametrize(("frequency", "shown"), [(6.0, True), (314.0, True), (315.0, False)])
