@@ -40,8 +40,8 @@ def _refuse_if_there(path: Path) -> None:
 
 
 def robot_lines(robot: RobotDescription) -> list[str]:
-    """Frames in modified Denavit-Hartenberg convention, masses with their centres, reach and base parameters, for the
-    terminal."""
+    """Frames in modified Denavit-Hartenberg convention, masses with their centres, reach, base parameters and ripples
+    of the motors that are stated, for the terminal."""
     base = base_parameters(RobotModel(robot))
     head, *more = _heads(robot)
     return [
@@ -50,7 +50,7 @@ def robot_lines(robot: RobotDescription) -> list[str]:
         *table_lines(_places(robot)), "",
         *table_lines(_masses(robot)), "",
         *wrapped(f"{base.count} base parameters: {', '.join(base.names)}", hanging="  "),
-        *listing("Regrouping", base.relations()),
+        *listing("Regrouping", base.relations()), *listing("Motors", _motors(robot)),
     ]  # fmt: skip
 
 
@@ -112,6 +112,16 @@ def _frames_text(robot: RobotDescription) -> str:
             "this is one, write frames: standard"
         )
     return text
+
+
+def _motors(robot: RobotDescription) -> list[str]:
+    """Where the ripples of the motors that are stated lie."""
+    shared = robot.coupled_joints()
+    return [
+        f"joint {j} shares its motors with a neighbour: motor: is not used" if j - 1 in shared
+        else f"joint {j}, ripples at {', '.join(f'{h.frequency:g} ({h.name})' for h in joint.motor.ripples())}"
+        for j, joint in enumerate(robot.joints, start=1) if joint.motor is not None
+    ]  # fmt: skip
 
 
 def _reach_text(robot: RobotDescription) -> str:

@@ -276,7 +276,7 @@ class Hand:
             effect=lambda a: SimpleNamespace(
                 is_of_log=self.given.get("is_of_log", False), is_external=a.effect == "external_force"
             ),
-            at=lambda a: SimpleNamespace(cost=1.0),
+            cost_in=lambda fit, a: 1.0,
             without=lambda model, i: SimpleNamespace(
                 added_effects=tuple(a for k, a in enumerate(model.added_effects) if k != i)
             ),

@@ -12,6 +12,7 @@ import yaml
 from fmu_didim.base.errors import InputError
 from fmu_didim.dynamics.effects import EFFECTS, Motor, Search
 from fmu_didim.dynamics.robot import RobotDescription, read_robot, write_robot
+from fmu_didim.workflow.robot_file import robot_lines
 
 HARMONIC_DRIVE = {"gear_ratio": 100, "pole_pairs": 5, "slots": 12}
 
@@ -133,3 +134,18 @@ CHOICE = 2 * math.log(4)
 def test_the_price_of_a_frequency(search: Search, value: float, deviation: float, samples: int, nats: float) -> None:
     price = search.price(value, samples, deviation=deviation) * math.log(samples)
     assert price == pytest.approx(nats, abs=1e-9)
+
+
+def test_the_command_of_a_robot_lists_its_ripples() -> None:
+    joints = [
+        {"type": "revolute", "motor": {"gear_ratio": 1, "pole_pairs": 4}},
+        {"type": "revolute", "a": 0.3, "effects": ["wrist_friction"], "motor": {"gear_ratio": 50}},
+        {"type": "revolute", "a": 0.3},
+    ]
+    lines = robot_lines(RobotDescription.model_validate({"schema": 1, "name": "arm", "joints": joints}))
+    text = " ".join(line.strip() for line in lines[lines.index("Motors") :])
+    assert "joint 1, ripples at 1 (1 in a turn of the motor: gear or bearings), 2 (" in text
+    assert "24 (6 in an electrical turn: commutation)" in text
+    assert "joint 2 shares its motors with a neighbour: motor: is not used" in text and "joint 3" not in text
+    plain = RobotDescription.model_validate({"schema": 1, "name": "arm", "joints": [{"type": "revolute"}]})
+    assert "Motors" not in robot_lines(plain)
