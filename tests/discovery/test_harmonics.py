@@ -175,3 +175,28 @@ def test_a_motor_beside_a_plant_from_elsewhere_is_told_to_be_unused(motor: Any, 
     case.write_text(yaml.safe_dump(document))
     notes = discover(case, rounds=0).document.notes
     assert any("motor: of joint 1 was not used" in note for note in notes) == (motor is not None)
+
+
+@pytest.mark.parametrize(("motor", "answer"), [(None, "unknown"), (MOTOR, "named")])
+def test_an_encoder_on_the_motor_is_named_where_the_gear_is_known(motor: Any, answer: str, tmp_path: Path) -> None:
+    """Without a motor up to nine periods in a turn of the joint are looked for."""
+    error = {"eccentricity_cosine": 2e-4, "eccentricity_sine": 1e-4, "eccentricity_number": 24.0}
+    case = arm_case(tmp_path, {"encoder_eccentricity": error}, sigma=0.05)
+    robot = yaml.safe_load((tmp_path / "robot.yaml").read_text())
+    robot["joints"][0] |= {} if motor is None else {"motor": motor}
+    (tmp_path / "robot.yaml").write_text(yaml.safe_dump(robot))
+    found = discover(case).document
+    assert found.answer == answer
+    told = [("encoder_eccentricity", "2 in a turn of the motor: encoder on the motor (24)")]
+    assert [(f.effect, f.origin) for f in found.findings] == (told if motor else [])
+
+
+@pytest.mark.gate
+def test_the_error_of_a_gear_is_that_of_its_motor(tmp_path: Path) -> None:
+    error, gear = {"gear_cosine": 4e-5, "gear_sine": -4e-5, "gear_number": 24.0}, {"K": 1500.0, "motor_share": 0.4}
+    case = arm_case(tmp_path, {"transmission_error": error}, gear=gear, sigma=0.05)
+    robot = yaml.safe_load((tmp_path / "robot.yaml").read_text())
+    robot["joints"][0]["motor"] = MOTOR
+    (tmp_path / "robot.yaml").write_text(yaml.safe_dump(robot))
+    (finding,) = discover(case).document.findings
+    assert (finding.effect, finding.origin) == ("transmission_error", "2 in a turn of the motor: gear (24)")
