@@ -34,7 +34,7 @@ from fmu_didim.discovery.selection.candidates import (
     TriedCandidate,
 )
 from fmu_didim.discovery.selection.plausible import implausible, unusual
-from fmu_didim.dynamics.effects import Search
+from fmu_didim.dynamics.effects import Search, TorqueEffect
 from fmu_didim.fit.base_projection import BLOCK, BaseProjection
 from fmu_didim.fit.derivatives.sensitivity import sensitivity
 from fmu_didim.fit.fit import Fit
@@ -425,7 +425,8 @@ class Competition:
         effect = builder.effect(effect_at)
         why = implausible(whole, index, effect, builder.link_values(effect_at.joint))
         odd = unusual(whole, index, effect)
-        return FittedCandidate(effect_at, whole, gain, size, share, raw, cost, why, odd, effect.has_minima)
+        measured = isinstance(effect, TorqueEffect) and bool(effect.given_states)
+        return FittedCandidate(effect_at, whole, gain, size, share, raw, cost, why, odd, effect.has_minima, measured)
 
     def change_without(self, effect_at: EffectAtJoint, found: Fit, *, held_out: bool = False) -> float:
         """Largest RMS change of an output, such as the torque of a joint, in units of its noise, when an effect is

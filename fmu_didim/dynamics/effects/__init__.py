@@ -37,6 +37,7 @@ from fmu_didim.dynamics.effects.base import (
     Place,
     PreCheck,
     TorqueEffect,
+    start_name,
 )
 from fmu_didim.dynamics.effects.base_tilt import BaseTilt
 from fmu_didim.dynamics.effects.contact_stop import ContactStop
@@ -93,6 +94,7 @@ from fmu_didim.dynamics.effects.spring import Spring
 from fmu_didim.dynamics.effects.stated_size import StatedSize
 from fmu_didim.dynamics.effects.stribeck import Stribeck
 from fmu_didim.dynamics.effects.structure import StructureEffect
+from fmu_didim.dynamics.effects.temperature_dependent_friction import TemperatureDependentFriction
 from fmu_didim.dynamics.effects.thermal_friction_drift import ThermalFrictionDrift
 from fmu_didim.dynamics.effects.torque_drift import TorqueDrift
 from fmu_didim.dynamics.effects.torque_offset import TorqueOffset
@@ -109,8 +111,8 @@ _ALL: tuple[Effect, ...] = (
     CubicViscous(), PowerViscous(), Stribeck(), Presliding(), LuGre(), LoadDependentFriction(),
     DirectionalEfficiency(), PositionDependentFriction(), CouplingFriction(), WristFriction(), CoupledInertia(),
     Spring(), CubicSpring(), GravityCompensator(), TorqueRipple(), CurrentRipple(), ContactStop(), ContactStopLower(),
-    ThermalFrictionDrift(), TorqueDrift(), TorqueSettling(), ExternalForce(), PayloadChange(), CurveOfPosition(),
-    CurveOfVelocity(), CurveOfLoad(), CurveOfTime(), CurveOfNeighbour(),
+    ThermalFrictionDrift(), TemperatureDependentFriction(), TorqueDrift(), TorqueSettling(), ExternalForce(),
+    PayloadChange(), CurveOfPosition(), CurveOfVelocity(), CurveOfLoad(), CurveOfTime(), CurveOfNeighbour(),
     # controller
     ControllerGains(),
     # drive and sensor
@@ -237,5 +239,5 @@ __all__ = [
     "Column", "ControllerEffect", "Curve", "Effect", "InsertedEffect", "JointTorque", "JointType", "JointUnits",
     "MeasurementEffect", "NonlinearEffect", "OperatingRange", "Parameter", "Place", "PreCheck", "Search", "StatedSize",
     "StructureEffect", "Surroundings", "TorqueEffect", "Values", "clashing_names", "effect_catalogue", "effect_name",
-    "find_effect", "torque_effect",
+    "find_effect", "start_name", "torque_effect",
 ]  # fmt: skip

@@ -41,6 +41,11 @@ Place = Literal["torque balance", "controller", "drive", "sensor", "structure", 
 Need = Literal["load", "time", "other joints"]
 
 
+def start_name(state: str, joint: int) -> str:
+    """The parameter of a plant in which a measured state of a joint, counted from 1, starts."""
+    return f"{state}_start{joint}"
+
+
 def _range(low: float, high: float) -> str:
     return f"{low:g} or more" if math.isinf(high) else f"{low:g} to {high:g}"
 
@@ -253,6 +258,8 @@ class TorqueEffect(Effect):
         acts_on_link: whether it acts on the link and sees the link's motion where a gear gives way; else it acts on the
             motor.
         added_to_link: amplitude -> inertial parameter of the link that it adds to, which is stated in the link's frame.
+        given_states: names of those of its states whose start is measured: each run states them, as parameters
+            ``<state>_start<joint>`` of the plant.
     """
 
     place: ClassVar[Place] = "torque balance"
@@ -261,6 +268,7 @@ class TorqueEffect(Effect):
     needs: ClassVar[frozenset[Need]] = frozenset()
     reach: ClassVar[int] = 0
     added_to_link: ClassVar[Mapping[str, str]] = MappingProxyType({})
+    given_states: ClassVar[frozenset[str]] = frozenset()
 
     @property
     def is_steep(self) -> bool:

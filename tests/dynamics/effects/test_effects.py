@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ast
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -148,6 +148,7 @@ EQUATIONS: Mapping[str, Callable[[ProjectedMotion], float | np.ndarray]] = {
     "thermal_friction_drift": lambda x: (
         (1 - np.exp(-x.t / x.p["Theat"])) * (x.p["Fvt"] * x.dq[x.j] + x.p["Fct"] * x.s())
     ),
+    "temperature_dependent_friction": lambda x: (x.z - 293.15) * (x.p["FvK"] * x.dq[x.j] + x.p["FcK"] * x.s()),
     "torque_drift": lambda x: x.p["drift"] * x.t,
     "torque_settling": lambda x: x.p["settled"] * (1 - np.exp(-x.t / x.p["Tsettle"])),
     "external_force": lambda x: (
@@ -356,6 +357,7 @@ def torque_unit(v: Variable, kind: str, name: str) -> str:
         **dict.fromkeys(("Ia", "Iam"), f"{length}/s2"),
         "Fq": f"{length}2/s2", "Fcube": f"{length}3/s3", "kcube": f"{length}3", "drift": "s",
         **dict.fromkeys(("Fv", "Fva", "Fvm", "Fvw", "Fvt"), f"{length}/s"),
+        "FvK": f"{length}.K/s", "FcK": "K",
         **dict.fromkeys(("k", "kupper", "klower"), length),
         **dict.fromkeys(("Fl", "Fldrive", "Flback", "Ksin", "Kcos"), torque),
     }  # fmt: skip
@@ -587,7 +589,9 @@ IDENTIFIED = {
     "external_force": {"Fext": 2.0, "t_on": 1.0, "t_off": 1.6},
     "payload_change": {"dM": 0.5, "dMX": 0.15, "dMY": 0.04, "t_load": 1.5},
     "wrist_friction": {"Fvw": 0.5, "Fcw": 0.7},
+    "temperature_dependent_friction": {"FvK": -0.01, "FcK": -0.02},
 }
+AT_46_DEGC = {"temperature_start1": 319.15, "warming_start1": 0.0}
 
 
 def arm_model(name: str, kind: str = "model") -> tuple[LoopModel, np.ndarray]:
@@ -606,6 +610,10 @@ def arm_model(name: str, kind: str = "model") -> tuple[LoopModel, np.ndarray]:
     system = loop(component(kind, robot_model.block()), component(kind, gains), motion)
     time = np.arange(0, 3.0, 0.02)
     empty, truth = model_on(system, parameters, motion, time), parameters.nominal()
+    if EFFECTS[name].given_states:
+        warming = {"temperature_start1": 293.15, "warming_start1": 5.0}
+        for label, experiment in empty.experiments.items():
+            empty = empty.with_experiment(label, replace(experiment, measured_starts=warming))
     return with_torque(empty, empty.torque(truth)), truth
 
 
@@ -643,6 +651,33 @@ def test_states_along_a_motion_are_those_of_the_simulation() -> None:
     expected = recording.table(["plant.z_presliding1"])
     # Velocity is taken for a straight line between samples 5 ms apart.
     assert np.abs(got - expected).max() <= 0.02 * np.abs(expected).max()
+
+
+def test_a_measured_temperature_is_a_line_from_where_the_plant_is_told() -> None:
+    name = "temperature_dependent_friction"
+    j = place(name) + 1
+    starts = {f"temperature_start{j}": 310.0, f"warming_start{j}": 0.5}
+    block = RobotModel(robot("revolute", name)).block(starts)
+    outputs = [v.name for v in block.outputs]
+    table = drive(ModelComponent(block), np.zeros((10, 2)), PERIOD)
+    found = table[:, outputs.index(f"temperature_{name}{j}")]
+    np.testing.assert_allclose(found, 310.0 + 0.5 * PERIOD * np.arange(10), rtol=1e-13)
+    units = {v.name: v.unit for v in block.parameters if v.name in block.fixed}
+    assert [units[name] for name in starts] == ["K", "K/s"]
+
+
+def test_a_warm_machine_moves_as_one_with_the_friction_that_it_has_then() -> None:
+    """At 46 degC, 26 K above 20, each friction is what its coefficient makes of it; the compiled loop has it, too."""
+    warm, cold = arm_model("temperature_dependent_friction"), arm_model("temperature_dependent_friction")
+    (model, truth), (plain, values) = warm, cold
+    names = [p.name for p in model.free_parameters]
+    places = [names.index(name) for name in ("Fv1", "Fc1", "FvK1", "FcK1")]
+    model = model.with_experiment("estimation", replace(model.experiments["estimation"], measured_starts=AT_46_DEGC))
+    values = values.copy()
+    values[places] = truth[places[0]] + 26 * truth[places[2]], truth[places[1]] + 26 * truth[places[3]], 0.0, 0.0
+    peak = np.abs(plain.torque(values)).max()
+    np.testing.assert_allclose(model.torque(truth), plain.torque(values), rtol=0, atol=1e-6 * peak)
+    assert np.abs(model.torque(truth) - plain.torque(truth)).max() > 0.1
 
 
 def test_offset_and_asymmetric_coulomb_are_two_parameters() -> None:
