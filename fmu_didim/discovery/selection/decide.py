@@ -296,8 +296,8 @@ def _remark(
     told = [_held_remark(accepted), by_what]
     if is_untold(accepted, competition.fit, options):
         told.append(
-            "the held-out runs are about as warm as the fitted ones are on average, where it changes next to nothing; "
-            "only the fitted data decided"
+            "the held-out runs are nearly as warm as the fitted ones are on average, where it changes too little to be "
+            "told; only the fitted data decided"
         )
     text = " ".join(f"{effect.title} on joint {accepted.effect_at.joint}: {one}." for one in told if one)
     if not told[1]:
