@@ -653,6 +653,21 @@ def test_states_along_a_motion_are_those_of_the_simulation() -> None:
     assert np.abs(got - expected).max() <= 0.02 * np.abs(expected).max()
 
 
+def test_a_cable_that_wraps_is_an_efficiency_by_direction() -> None:
+    """The torque of the drive is exp(mu phi) times that of the load, or exp(-mu phi) times it, away from standstill."""
+    wrapped = 0.1 * np.pi
+    joint = {"type": "revolute", "effects": ["directional_efficiency"], "parameters": {
+        "MX": 4.0, "Fldrive": float(np.exp(wrapped) - 1), "Flback": float(1 - np.exp(-wrapped)), "v0": 1e-4,
+    }}  # fmt: skip
+    content = {"name": "hoist", "gravity": (0, -9.81, 0), "joints": [joint]}
+    model = RobotModel(validate(RobotDescription, content, where="robot.yaml"))
+    for q, dq in ((0.0, 1.0), (0.0, -1.0), (np.pi, 1.0), (np.pi, -1.0)):
+        load = 4.0 * 9.81 * np.cos(q)
+        expected = load * np.exp(wrapped * np.sign(load * dq))
+        torque = model.inverse([q], [dq], [0.0], model.parameter_values, model.shape_values)
+        assert float(torque) == pytest.approx(expected, rel=1e-6)
+
+
 def test_a_measured_temperature_is_a_line_from_where_the_plant_is_told() -> None:
     name = "temperature_dependent_friction"
     j = place(name) + 1
