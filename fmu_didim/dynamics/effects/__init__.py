@@ -54,6 +54,7 @@ from fmu_didim.dynamics.effects.curve import Curve
 from fmu_didim.dynamics.effects.curve_of_load import CurveOfLoad
 from fmu_didim.dynamics.effects.curve_of_neighbour import CurveOfNeighbour
 from fmu_didim.dynamics.effects.curve_of_position import CurveOfPosition
+from fmu_didim.dynamics.effects.curve_of_reversal import CurveOfReversal
 from fmu_didim.dynamics.effects.curve_of_time import CurveOfTime
 from fmu_didim.dynamics.effects.curve_of_velocity import CurveOfVelocity
 from fmu_didim.dynamics.effects.dead_zone import DeadZone
@@ -113,6 +114,7 @@ _ALL: tuple[Effect, ...] = (
     Spring(), CubicSpring(), GravityCompensator(), TorqueRipple(), CurrentRipple(), ContactStop(), ContactStopLower(),
     ThermalFrictionDrift(), TemperatureDependentFriction(), TorqueDrift(), TorqueSettling(), ExternalForce(),
     PayloadChange(), CurveOfPosition(), CurveOfVelocity(), CurveOfLoad(), CurveOfTime(), CurveOfNeighbour(),
+    CurveOfReversal(),
     # controller
     ControllerGains(),
     # drive and sensor

@@ -563,7 +563,10 @@ def test_clock_starts_where_it_is_told() -> None:
     np.testing.assert_allclose(table[:, outputs.index("clock")], 3.0 + PERIOD * np.arange(10), rtol=1e-13)
 
 
-EXPORTED = ["presliding", "thermal_friction_drift", "load_dependent_friction", "payload_change", "wrist_friction"]
+EXPORTED = [
+    "presliding", "thermal_friction_drift", "temperature_dependent_friction", "load_dependent_friction",
+    "payload_change", "wrist_friction",
+]  # fmt: skip
 
 
 @pytest.mark.gate
