@@ -107,6 +107,12 @@ def curve(symbol: str, x: float, p: Mapping[str, float]) -> float:
     return float(BSpline(knots, sizes, 3)(min(max(x, low), high - 1e-12)))
 
 
+def since_reversal(x: ProjectedMotion) -> float:
+    """Of a bristle of a quarter of the range, which has moved by d where 1 - 2 exp(-d/R) of it is bent."""
+    length = x.p["rto"] / 4
+    return float(-length * np.log(max((1 - x.s() * x.z / length) / 2, np.exp(-4.0))))
+
+
 def both(value: float) -> np.ndarray:
     return np.array([value, value])
 
@@ -158,6 +164,7 @@ EQUATIONS: Mapping[str, Callable[[ProjectedMotion], float | np.ndarray]] = {
     "curve_of_velocity": lambda x: curve("v", x.dq[x.j], x.p),
     "curve_of_load": lambda x: curve("l", x.load[x.j], x.p),
     "curve_of_time": lambda x: curve("t", x.t, x.p),
+    "curve_of_reversal": lambda x: x.s() * curve("r", since_reversal(x), x.p),
     "curve_of_neighbour": lambda x: curve("n", x.q[x.j - 1], x.p),
     "payload_change": lambda x: step_at(x.t, x.p["t_load"], x.p["w_load"]) * x.moved_mass(),
 }
