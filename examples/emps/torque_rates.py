@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from fmu_didim.case import Case, load_case
-from fmu_didim.case.experiment import read_experiment
+from fmu_didim.case.runs.experiment import read_experiment
 from fmu_didim.checks.validation import validate_on
 from fmu_didim.cosim import decimated_times, sample_operator
 from fmu_didim.estimators import Didim

@@ -23,11 +23,9 @@ from fmu_didim.case.calibration.experiment import (
 from fmu_didim.case.calibration.model import model_component
 from fmu_didim.case.changes import CaseChanges, CaseParts, changes_by, merged
 from fmu_didim.case.document import MODEL, CaseDocument, make_estimator, read_case
-from fmu_didim.case.experiment import read_experiment
 from fmu_didim.case.files import path_of
 from fmu_didim.case.free import carried_loads, free_parameters, prior
 from fmu_didim.case.in_memory import Memory, check_at_hand, named
-from fmu_didim.case.instants import read_motion
 from fmu_didim.case.loop import (
     at_instants_of,
     communication_step,
@@ -39,8 +37,11 @@ from fmu_didim.case.loop import (
     with_inserted_effects,
     with_reading,
 )
-from fmu_didim.case.measured import read_channels
 from fmu_didim.case.parts import component_of, controller_block, identified, plant_block
+from fmu_didim.case.runs.experiment import read_experiment
+from fmu_didim.case.runs.instants import read_motion
+from fmu_didim.case.runs.measured import read_channels
+from fmu_didim.case.runs.temperatures import check_temperatures, read_temperatures
 from fmu_didim.case.sources import ExperimentSource
 from fmu_didim.case.tracking.followed import Tracking, planned_tracking, tracking_of
 from fmu_didim.components import Component
@@ -200,6 +201,11 @@ class Case:
             runs[label], self.folder, step=self.step_size, torque_units=self.parameters.torque_units,
             needed=self.needed, signals=self.signals,
         ).signals  # fmt: skip
+
+    def measured_starts(self, label: str, reference: Trajectory) -> Mapping[str, float]:
+        """Parameters of the plant for states that were measured in an experiment, such as temperatures of its gears."""
+        run, joints = self.document.runs[label], self.parameters.joint_count
+        return read_temperatures(run, self.folder, reference.time, joints, label, self.signals).starts
 
     def inside(self, label: str) -> ExperimentSource:
         """The entry of an experiment; that of followed positions without their borders, which an estimator that takes
@@ -463,6 +469,7 @@ def _with_data(case: Case) -> LoopModel:
         for label, run in document.runs.items() if run.role == "estimation" or run.torque is not None
     }  # fmt: skip
     experiments = {label: case.with_channels(label, experiment) for label, experiment in experiments.items()}
+    check_temperatures(experiments, case.plant)
     for name in document.loop.injections.values():
         if not any(name in e.reference.names for e in experiments.values()):
             known = next(iter(experiments.values())).reference.names

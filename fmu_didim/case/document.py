@@ -43,7 +43,7 @@ BESIDE_A_MODEL = frozenset({
     "validation", "estimator", "search", "profile", "acknowledged",
 })  # fmt: skip
 """Entries of a case with a ``model:``; the others are about robots and their loops."""
-OF_A_ROBOT = ("reference", "torque", "positions", "instants", "gains")
+OF_A_ROBOT = ("reference", "torque", "positions", "instants", "gains", "temperature")
 """Entries of an experiment that one of a ``model:`` does not have."""
 
 DRIVE = "drive"
@@ -304,7 +304,8 @@ class CaseDocument(Strict):
     def files(self) -> tuple[str, ...]:
         """Names of the data files, as the case has them."""
         kinds = (
-            (r.reference, r.inputs, r.torque, r.positions, r.instants, *r.measured_files) for r in self.runs.values()
+            (r.reference, r.inputs, r.torque, r.positions, r.instants, r.temperature, *r.measured_files)
+            for r in self.runs.values()
         )
         parts = [part for run in kinds for part in run]
         return tuple(dict.fromkeys(part.file for part in parts if isinstance(part, DataFile)))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import datetime
 import math
+import re
 from collections.abc import Mapping
 from pathlib import PurePath
 from typing import Annotated, Any, Literal
@@ -339,6 +340,34 @@ class TorqueFile(SignalFile):
 Freedom = Annotated[float, Field(ge=1)]
 
 
+class TemperatureFile(SignalFile):
+    """Temperatures of the gears of a run, of which a line along the run is taken for each joint.
+
+    Attributes:
+        columns: ``temperature<j>`` -> column of the file, in degC where the file states no unit; one for each joint, or
+            ``temperature`` for all of them.
+        offset_s: added to the time of the file, to bring it on the clock of the reference.
+    """
+
+    offset_s: float = 0.0
+
+    @model_validator(mode="after")
+    def _of_joints(self) -> TemperatureFile:
+        if self.motors is not None:
+            raise ValueError("motors: is for positions and torques; a temperature belongs to its joint")
+        bad = [name for name in self.columns if not re.fullmatch(r"temperature\d*", name)]
+        if bad:
+            raise ValueError(
+                f"columns: {', '.join(bad)}: write temperature1, temperature2, ..., or temperature for all"
+            )
+        return self
+
+
+COLDEST, HOTTEST = -60.0, 200.0
+"""[degC] Between which a drive may run."""
+Degrees = Annotated[float, Field(ge=COLDEST, le=HOTTEST)]
+
+
 class MeasuredColumn(Column):
     """A column of what was measured, with the distribution of its noise.
 
@@ -524,6 +553,8 @@ class ExperimentSource(Strict):
             it.
         gains: parameter of the controller (``Kp1``; ``component.parameter`` where the case has ``components``) -> value
             that it had in this run, where that differs from the one of the case.
+        temperature: of the gears in this run, in degC: one number, a list with one for each joint, or a file with
+            ``temperature<j>`` over time. The effect ``temperature_dependent_friction`` takes it.
         unit: of which machine this run is, such as a serial number, where there are several of a kind.
         date: when it was recorded, ``2024-05-31``; by default the date by ISO 8601 in the name of the torque log, if it
             has one.
@@ -543,6 +574,7 @@ class ExperimentSource(Strict):
     own: tuple[str, ...] = ()
     load: LoadSource | None = None
     gains: Mapping[str, float] = Field(default_factory=dict)
+    temperature: Degrees | tuple[Degrees, ...] | TemperatureFile | None = None
     unit: str = ""
     date: datetime.date | None = None
 
@@ -586,6 +618,16 @@ class ExperimentSource(Strict):
         if twice := sorted({name for name in own if own.count(name) > 1}):
             raise ValueError(f"name {', '.join(twice)} once")
         return own
+
+    @field_validator("temperature", mode="wrap")
+    @classmethod
+    def _number_list_or_file(cls, value: Any, handler: Any) -> Any:
+        """Only one of the three forms is tried, so that its own errors are shown."""
+        if isinstance(value, Mapping):
+            return TypeAdapter(TemperatureFile).validate_python(dict(value))
+        if isinstance(value, list | tuple):
+            return TypeAdapter(tuple[Degrees, ...]).validate_python(list(value))
+        return value if value is None else TypeAdapter(Degrees).validate_python(value)
 
     @field_validator("reference", mode="wrap")
     @classmethod

@@ -30,6 +30,7 @@ from fmu_didim.checks.motion.tested import MotionTests
 from fmu_didim.checks.outputs.judged import output_diagnostics
 from fmu_didim.checks.outputs.words import of_a_model
 from fmu_didim.checks.physical import physical_diagnostics
+from fmu_didim.checks.plant.temperature import temperature_diagnostics
 from fmu_didim.checks.plant.unidentified import unidentified_diagnostics
 from fmu_didim.checks.power.moves import with_power
 from fmu_didim.checks.power.statement import PowerResult
@@ -178,6 +179,7 @@ def checked(estimate: Estimate, validations: Sequence[Validation], *, before: It
     found = [
         *with_all_samples(estimate, validations, beside.still),
         *held_parameters(model),
+        *temperature_diagnostics(model),
         *limit_diagnostics(estimate),
         *agreement_diagnostics(agreements, model.loads),
         *beside.held_out,

@@ -210,7 +210,9 @@ class IdimLs(Estimator):
             columns, known = model.parameters.regressor(*motion, sharp=self.sharp_coulomb, observed=observed)
             return of_all(model, label, columns, known)
 
-        columns, known = rows(observed_on(model.parameters, time, motion, experiment.torque, rows))
+        columns, known = rows(
+            observed_on(model.parameters, time, motion, experiment.torque, rows, starts=experiment.measured_starts)
+        )
         kept = self.inner(experiment.time)
         target = self.decimated((experiment.torque - known)[kept])
         return (

@@ -58,6 +58,8 @@ class Experiment:
         stamps: instants of the log as its file has them, before another rate was chosen; None: those in ``time``.
         told: diagnostics of reading its files.
         initial_state: where its motion starts.
+        measured_starts: parameter of the plant -> start of a state of it that was measured in this run, such as
+            ``temperature_start1``.
         channels: what else was measured and is fitted beside the torque.
         errors: (n,) error models of the columns of the log, or none; scale: (N, n) that its samples are divided by in a
             fit; recorded: (N, n) what was measured where a fit takes other values for it; as of :class:`Channel`.
@@ -79,6 +81,7 @@ class Experiment:
     stamps: Array | None = None
     told: tuple[Diagnostic, ...] = ()
     initial_state: InitialState = field(default_factory=InitialState)
+    measured_starts: Mapping[str, float] = field(default_factory=dict)
     channels: tuple[Channel, ...] = ()
     errors: tuple[ErrorModel, ...] = ()
     scale: Array | None = None
@@ -105,9 +108,9 @@ class Experiment:
 
     def plant_start(self, joint_count: int) -> dict[str, float]:
         """Parameters of a plant of so many joints that say where it starts, by its first row: ``t_start`` (s),
-        ``q_start<j>``, ``dq_start<j>``; not to be changed."""
+        ``q_start<j>``, ``dq_start<j>``, and those of measured states; not to be changed."""
         if joint_count not in self._plant_starts:  # each simulation asks for them
-            first, found = self.first_row, {"t_start": float(self.reference.time[0])}
+            first, found = self.first_row, {"t_start": float(self.reference.time[0]), **self.measured_starts}
             for j in range(1, joint_count + 1):
                 if f"q{j}" in first:
                     found[f"q_start{j}"] = float(first[f"q{j}"])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -12,7 +12,7 @@ from fmu_didim.cosim import Indices
 from fmu_didim.data.signals import Array, Trajectory, periods
 from fmu_didim.dynamics.effects import LINK_PARAMETERS, PAYLOAD
 from fmu_didim.dynamics.robot import RobotModel
-from fmu_didim.dynamics.robot.observed_states import following_links
+from fmu_didim.dynamics.robot.observed_states import NO_STARTS, following_links
 from fmu_didim.model.loop_model import Simulation
 
 
@@ -24,6 +24,7 @@ class Motion:
         time: (K,) s; q, dq, ddq: (K, n); torque: (K, n) logged torque; load: (K, n) transmitted torque of each joint,
             that of the links alone; step: s between ticks, which are equally spaced.
         links: joint (from 0) -> (K, n, 4) torque for one unit of each of PAYLOAD of its link.
+        starts: of measured states, as of :class:`~fmu_didim.model.experiment.Experiment`.
     """
 
     time: Array
@@ -34,6 +35,7 @@ class Motion:
     load: Array
     step: float
     links: Mapping[int, Array]
+    starts: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def joint_count(self) -> int:
@@ -47,11 +49,14 @@ class Motion:
         return replace(self, **signals, step=step, links=links)
 
 
-def motion_of(model: RobotModel, chi: Array, time: Array, q: Array, dq: Array, ddq: Array, torque: Array) -> Motion:
+def motion_of(
+    model: RobotModel, chi: Array, time: Array, q: Array, dq: Array, ddq: Array, torque: Array, *,
+    starts: Mapping[str, float] = NO_STARTS,
+) -> Motion:  # fmt: skip
     """The motion with its loads.
 
     Args:
-        model: the robot; chi: (ns,) standard parameters.
+        model: the robot; chi: (ns,) standard parameters; starts: of measured states.
     """
     names = [v.name for v in model.parameters]
     inertial = {v.name for v in LINK_PARAMETERS}
@@ -65,7 +70,7 @@ def motion_of(model: RobotModel, chi: Array, time: Array, q: Array, dq: Array, d
         load[at] = rows[:, :, own] @ chi[own]
         for j, table in links.items():
             table[at] = rows[:, :, places[j]]
-    return Motion(time, q, dq, ddq, torque, load, float(np.median(periods(time))), links)
+    return Motion(time, q, dq, ddq, torque, load, float(np.median(periods(time))), links, starts)
 
 
 def simulated_motion(run: Simulation, robot: RobotModel | None, ticks: Indices | None = None) -> Motion | None:
@@ -88,7 +93,8 @@ def simulated_motion(run: Simulation, robot: RobotModel | None, ticks: Indices |
     torque = np.column_stack([recording.inputs[name] for name in model.loop.logged])[wanted]
     known = model.parameters.values(run.theta)
     chi = np.array([known.get(v.name, v.start) for v in robot.parameters])  # standard parameters of the base robot
-    return motion_of(robot, chi, recording.time[wanted], q[wanted], dq[wanted], ddq[wanted], torque)
+    signals = (recording.time[wanted], q[wanted], dq[wanted], ddq[wanted], torque)
+    return motion_of(robot, chi, *signals, starts=run.experiment.measured_starts)
 
 
 def joint_reference(reference: Trajectory, joint: int) -> tuple[Array, Array]:
@@ -142,4 +148,5 @@ def _from_outputs(run: Simulation) -> Motion | None:
     return Motion(
         time=recording.time, q=q, dq=dq, ddq=np.gradient(dq, _spacing(recording.time), axis=0),
         torque=run.logged_torque(recording), load=np.zeros_like(q), step=float(np.median(step)), links=links,
+        starts=run.experiment.measured_starts,
     )  # fmt: skip

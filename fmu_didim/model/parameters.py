@@ -17,7 +17,7 @@ from fmu_didim.data.signals import Array
 from fmu_didim.dynamics.base_parameters import BaseParameters
 from fmu_didim.dynamics.physical_set import FRICTION, MOTOR_INERTIA
 from fmu_didim.dynamics.robot import RobotDescription, RobotModel
-from fmu_didim.dynamics.robot.observed_states import observed_along
+from fmu_didim.dynamics.robot.observed_states import NO_STARTS, observed_along
 
 POSITIVE = 1e-9
 """[1] Smallest eigenvalue of the scaled inertia matrix that counts as positive: above rounding."""
@@ -89,11 +89,15 @@ class Parameters(ABC):
         """Whether they include transmitted torques, which follow from the parameters."""
         return False
 
-    def observed_along(self, time: Array, q: Array, dq: Array, ddq: Array, theta: Array | None = None) -> Array:
+    def observed_along(
+        self, time: Array, q: Array, dq: Array, ddq: Array, theta: Array | None = None, *,
+        starts: Mapping[str, float] = NO_STARTS,
+    ) -> Array:  # fmt: skip
         """Values (N, no) of :attr:`observed` along a motion (N, n) that was not simulated.
 
         Args:
             theta: (p,) parameters from which loads follow; zero without them.
+            starts: of measured states, by the names of the plant's parameters; see :meth:`Experiment.plant_start`.
         """
         return np.zeros((time.size, 0))
 
@@ -191,9 +195,12 @@ class RobotParameters(Parameters):
     def observes_load(self) -> bool:
         return len(self.model.observed) > len(self.model.extra)
 
-    def observed_along(self, time: Array, q: Array, dq: Array, ddq: Array, theta: Array | None = None) -> Array:
+    def observed_along(
+        self, time: Array, q: Array, dq: Array, ddq: Array, theta: Array | None = None, *,
+        starts: Mapping[str, float] = NO_STARTS,
+    ) -> Array:  # fmt: skip
         chi = None if theta is None else self.base.expand(theta)
-        return observed_along(self.model, time, q, dq, ddq, chi)
+        return observed_along(self.model, time, q, dq, ddq, chi, starts=starts)
 
     def regressor(
         self, q: Array, dq: Array, ddq: Array, *, sharp: bool = False, observed: Array | None = None

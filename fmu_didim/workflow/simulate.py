@@ -10,7 +10,7 @@ import numpy as np
 
 from fmu_didim.base.errors import InputError, UnknownNameError
 from fmu_didim.case import Case, CaseParts, case_of, with_objects
-from fmu_didim.case.experiment import initial_state_of
+from fmu_didim.case.runs.experiment import initial_state_of
 from fmu_didim.cosim import Instants, sample_operator
 from fmu_didim.data.signals import Array, Trajectory
 from fmu_didim.fit.solver.admissible import mass_matrix_problem
@@ -71,7 +71,10 @@ def model_without_data(case: Case, label: str | None) -> LoopModel:
         instants=Instants(reference.time, case.step_size) if changes else None,
     )  # fmt: skip
     begin = initial_state_of(case.document.runs[label])
-    experiment = Experiment(reference, reference.time[:1], nothing, every, label=label, initial_state=begin)
+    experiment = Experiment(
+        reference, reference.time[:1], nothing, every, label=label, initial_state=begin,
+        measured_starts=case.measured_starts(label, reference),
+    )  # fmt: skip
     return case.model_on({label: experiment})
 
 

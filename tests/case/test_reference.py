@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose
 
 from fmu_didim.base.diagnostics import DiagnosedError
 from fmu_didim.case import load_case
-from fmu_didim.case.reference import resampled, with_derivatives
+from fmu_didim.case.runs.reference import resampled, with_derivatives
 from fmu_didim.data.signals import Trajectory, trajectory
 from fmu_didim.workflow.data import case_diagnostics
 from tests.cases import SCARA

@@ -29,7 +29,7 @@ from fmu_didim.campaigns.planning.recorded import (
     with_simulated_outputs,
 )
 from fmu_didim.case import Case, load_case
-from fmu_didim.case.experiment import initial_state_of
+from fmu_didim.case.runs.experiment import initial_state_of
 from fmu_didim.case.sources import TorqueFile
 from fmu_didim.cosim import Instants, decimated_times, sample_operator
 from fmu_didim.data.signals import Array, Trajectory, trajectory
@@ -138,6 +138,7 @@ def _experiment(case: Case, label: str) -> Experiment:
     nothing = np.zeros((times.size, case.parameters.joint_count))
     return Experiment(
         reference, times, nothing, operator, label=label, stamps=times - source.offset_s,
+        measured_starts=case.measured_starts(label, reference),
         initial_state=initial_state_of(case.document.runs[label]),
     )  # fmt: skip
 

@@ -10,7 +10,7 @@ import numpy as np
 from fmu_didim.base.diagnostics import Diagnostic
 from fmu_didim.base.errors import InputError
 from fmu_didim.case.calibration.inputs import RecordedInputs
-from fmu_didim.case.measured import Samples
+from fmu_didim.case.runs.measured import Samples
 from fmu_didim.case.sources import ExperimentSource
 from fmu_didim.model.signals.error_model import SMALLEST_SCALE, ErrorModel
 

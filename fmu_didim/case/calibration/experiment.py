@@ -16,7 +16,7 @@ from fmu_didim.case.calibration.model import interface_told, whole_numbers
 from fmu_didim.case.calibration.ticks import Ticks, ticks_of, together
 from fmu_didim.case.document import MODEL, CaseDocument
 from fmu_didim.case.files import NONE_GIVEN
-from fmu_didim.case.measured import Samples, channel_of, output_operator, read_measured
+from fmu_didim.case.runs.measured import Samples, channel_of, output_operator, read_measured
 from fmu_didim.components import Component, FmuComponent
 from fmu_didim.cosim import Connection, System
 from fmu_didim.cosim.system import REFERENCE

@@ -11,8 +11,9 @@ import numpy as np
 
 from fmu_didim.base.errors import InputError
 from fmu_didim.case.document import CaseDocument
+from fmu_didim.case.runs.temperatures import read_temperatures
+from fmu_didim.case.runs.torque_log import read_torque_log
 from fmu_didim.case.sources import ExperimentSource
-from fmu_didim.case.torque_log import read_torque_log
 from fmu_didim.case.tracking.law import (
     FEEDBACK,
     NO_LOADS,
@@ -149,7 +150,8 @@ class Tracking:
                 where=label, next_step="Run the machine first; fmu-didim excite plans the motion.",
             )  # fmt: skip
         run = self.runs[label]
-        reference = replace(self.law.reference(run.smooth(self.bandwidth_hz), label), source=run.source)
+        reference = self.law.reference(run.smooth(self.bandwidth_hz), label, run.starts)
+        reference = replace(reference, source=run.source)
         return Selected(reference, run.told)
 
     def inside(self, source: ExperimentSource, label: str, *, borders: bool = True) -> ExperimentSource:
@@ -183,6 +185,9 @@ def tracking_of(
         label: read_positions(run, folder, signals, torque_units=units, label=label)
         for label, run in document.runs.items()
     }
+    for label, run in document.runs.items():
+        found = read_temperatures(run, folder, runs[label].time, len(units), label, signals)
+        runs[label] = replace(runs[label], starts=found.starts)
     fitted = {label: run for label, run in document.runs.items() if run.role == "estimation"}
     step = 1 / (document.loop.rate_hz or _fine(max(run.rate_hz for run in runs.values())))
     measured = dict[str, Measured]()
@@ -195,7 +200,8 @@ def tracking_of(
         )  # fmt: skip
         time = log.times - (0.0 if source.torque is None else source.torque.log_shift_s)
         cutoff_hz = None if source.torque is None else source.torque.cutoff_hz
-        measured[label] = Measured(time, log.torque, positions.smooth(HIGHEST * positions.rate_hz), cutoff_hz)
+        smooth = positions.smooth(HIGHEST * positions.rate_hz)
+        measured[label] = Measured(time, log.torque, smooth, cutoff_hz, positions.starts)
     bandwidth = bandwidth_of([runs[label] for label in fitted], document.controller.bandwidth_hz, _band(measured))
     measured = {label: log.inside(*_borders(runs[label], bandwidth.hz)) for label, log in measured.items()}
     return Tracking.of(

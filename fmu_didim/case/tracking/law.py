@@ -30,6 +30,7 @@ from fmu_didim.components import Component, ModelComponent
 from fmu_didim.components.compiled_model import with_compiled_twin
 from fmu_didim.controllers.pd import PD
 from fmu_didim.data.signals import Array, Trajectory, Variable
+from fmu_didim.dynamics.robot.observed_states import NO_STARTS
 from fmu_didim.estimators.starts.reference_start import Motion, observed_on, values_of_machine
 from fmu_didim.model.parameters import RobotParameters
 
@@ -54,13 +55,14 @@ class Measured:
     """Torque (N, n) of a run at instants (N,), s, and the motion that was measured.
 
     Attributes:
-        cutoff_hz: of the filter that the torque is behind; None without one.
+        cutoff_hz: of the filter that the torque is behind; None without one. starts: of measured states.
     """
 
     time: Array
     torque: Array
     motion: Smooth
     cutoff_hz: float | None = None
+    starts: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def rate_hz(self) -> float:
@@ -105,13 +107,14 @@ class VirtualLaw:
         )  # fmt: skip
         return with_compiled_twin(ModelComponent(law.block()))
 
-    def reference(self, motion: Smooth, label: str = "") -> Trajectory:
-        """What the loop follows in a run: the motion at all ticks, and the torque that is fed forward."""
+    def reference(self, motion: Smooth, label: str = "", starts: Mapping[str, float] = NO_STARTS) -> Trajectory:
+        """What the loop follows in a run: the motion at all ticks, and the torque that is fed forward; ``starts``: of
+        measured states."""
         values = self.loaded.get(label, self.values)
         count = int((motion.last - motion.first) / self.step + 1e-6) + 1
         time = motion.first + np.arange(count, dtype=np.float64) * self.step
         middle = motion.at(time + self.step / 2)
-        observed = self.parameters.observed_along(time, *middle, values)
+        observed = self.parameters.observed_along(time, *middle, values, starts=starts)
         columns, known = self.parameters.regressor(*middle, observed=observed)
         torque = (columns @ values + known) / (1.0 if self.drive_gains is None else self.drive_gains)
         table = np.hstack([*motion.at(time), torque])
@@ -223,7 +226,7 @@ def _rows(parameters: RobotParameters, run: Measured, step: float) -> tuple[Arra
     def rows(observed: Array) -> tuple[Array, Array]:
         return parameters.regressor(*motion, observed=observed)
 
-    columns, known = rows(observed_on(parameters, run.time, motion, run.torque, rows))
+    columns, known = rows(observed_on(parameters, run.time, motion, run.torque, rows, starts=run.starts))
     return columns, run.torque - known
 
 

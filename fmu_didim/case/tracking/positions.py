@@ -9,7 +9,7 @@ the fifth degree. White noise of the deviation s in positions sampled at the rat
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -18,7 +18,7 @@ import numpy as np
 from fmu_didim.base.diagnostics import Diagnostic
 from fmu_didim.base.errors import InputError
 from fmu_didim.case.files import found_in, read_signals
-from fmu_didim.case.reference import FEWEST_ROWS, at_least_two_rows, resampled
+from fmu_didim.case.runs.reference import FEWEST_ROWS, at_least_two_rows, resampled
 from fmu_didim.case.sources import ExperimentSource
 from fmu_didim.checks.data.log import REFERENCE_STEP
 from fmu_didim.data.filters import LowPass
@@ -61,6 +61,7 @@ class Positions:
 
     Attributes:
         label: of the run; time: (K,) s, evenly spaced; q: (K, n) rad or m; told: what was found in their file.
+        starts: of states of the plant that were measured, too, as of :class:`~fmu_didim.model.experiment.Experiment`.
     """
 
     label: str
@@ -68,6 +69,7 @@ class Positions:
     q: Array
     source: str = ""
     told: tuple[Diagnostic, ...] = ()
+    starts: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def rate_hz(self) -> float:

@@ -204,7 +204,8 @@ def misread_diagnostics(run: Simulation, given: Expected) -> list[Diagnostic]:
     motion, found = whole_reference(run), []
     known = np.zeros_like(given.measured) if given.known is None else given.known
     for robot, other in _misread(run.model):
-        observed = other.observed_along(run.experiment.reference.time, *motion)
+        experiment = run.experiment
+        observed = other.observed_along(experiment.reference.time, *motion, starts=experiment.measured_starts)
         ticks = run.operator.ticks
         columns = other.regressor(*(signal[ticks] for signal in motion), observed=observed[ticks])[0]
         rest = given.error(fitted_by(given.kept(run.sampled(columns)), given.measured, known, given.size))

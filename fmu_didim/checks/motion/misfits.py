@@ -355,7 +355,7 @@ def _columns_of_fit(motions: FittedMotions) -> tuple[dict[str, Array], list[int]
     own, theta = [parameters.names.index(free[k].key) for k in shared], fit.model.theta(fit.values)
     columns = {}
     for label, m in motions.motions.items():
-        observed = parameters.observed_along(m.time, m.q, m.dq, m.ddq, theta)
+        observed = parameters.observed_along(m.time, m.q, m.dq, m.ddq, theta, starts=m.starts)
         columns[label] = parameters.regressor(m.q, m.dq, m.ddq, observed=observed)[0][:, :, own]
     return columns, shared
 

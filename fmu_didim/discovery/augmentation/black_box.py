@@ -153,7 +153,7 @@ def torque_part(effect: TorqueEffect, *, integrates: bool = False) -> TorquePart
 @lru_cache(maxsize=256)
 def acts_on_own_joint(effect: TorqueEffect, joint_type: JointType) -> bool:
     """Whether an effect depends on position, velocity and states of its own joint and on time alone."""
-    if effect.reach or effect.needs - {"time"}:
+    if effect.reach or effect.needs - {"time"} or effect.given_states:
         return False
     ddq, load, link = ca.SX.sym("ddq"), ca.SX.sym("load"), ca.SX.sym("link", len(PAYLOAD))
     z = ca.SX.sym("z", len(effect.states(joint_type)))

@@ -40,6 +40,7 @@ from fmu_didim.dynamics.effects import (
     Place,
     Search,
     TorqueEffect,
+    start_name,
 )
 from fmu_didim.dynamics.robot import RobotDescription
 from fmu_didim.model.free_parameter import LOG, PLANT, FreeParameter, joint_parameter
@@ -245,7 +246,11 @@ class InEquations(LoopEffect):
 
     @property
     def can_be_added(self) -> bool:
-        return self.loop.description is not None
+        return self.loop.description is not None and all(
+            start_name(state, self.effect_at.joint) in experiment.measured_starts
+            for state in (self.effect.given_states if isinstance(self.effect, TorqueEffect) else ())
+            for experiment in self.loop.model.experiments.values()
+        )
 
     @property
     def can_stand_idle(self) -> bool:

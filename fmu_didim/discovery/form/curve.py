@@ -1,10 +1,11 @@
 """The form of what a model lacks, where the catalogue does not explain it: a curve of one variable, fitted in the loop.
 
 The curve is a sum of cubic splines (:mod:`fmu_didim.dynamics.effects.curve`) of the position, velocity, transmitted
-torque or time of a joint, or of the position of its neighbour. All are compared to first order, by the response of the
-closed loop to their splines beside the sensitivities of the model; the best is fitted in the loop and looked for in
-what was held out. What the model can make itself belongs to no curve: with the sensitivities J of the model, an
-orthonormal basis Q of W J, W = 1 / noise, the response S to the splines, the residual r and second differences D,
+torque or time of a joint, of the position of its neighbour, or of the distance since the last reversal. All are
+compared to first order, by the response of the closed loop to their splines beside the sensitivities of the model; the
+best is fitted in the loop and looked for in what was held out. What the model can make itself belongs to no curve: with
+the sensitivities J of the model, an orthonormal basis Q of W J, W = 1 / noise, the response S to the splines, the
+residual r and second differences D,
 
     (I - Q Q') W S = U diag(s) V',    c = V_k z,    z = argmin |diag(s_k) z - U_k' W r|^2 + m |D V_k z|^2
 
@@ -26,13 +27,14 @@ Journal of the American Statistical Association 83 (1988).
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from fmu_didim.base.distributions import normal_isf
+from fmu_didim.cosim import Indices
 from fmu_didim.data.signals import Array
 from fmu_didim.discovery.augmentation.builder import LoopModelBuilder
 from fmu_didim.discovery.augmentation.places import Proposal
@@ -129,27 +131,31 @@ def tried_curves(builder: LoopModelBuilder, fit: Fit, joint: int) -> Iterator[Tr
         effect_at = EffectAtJoint(name, joint)
         if not isinstance(effect, Curve) or not builder.at(effect_at).can_be_added:
             continue
-        along = [_along(effect, motion, joint - 1, kinds) for _, motion in parts]
-        low, high = min(float(x.min()) for x in along), max(float(x.max()) for x in along)
+        ends = [effect.ends_on(_arrays(motion, joint - 1, kinds)) for _, motion in parts]
+        low, high = min(low for low, _ in ends), max(high for _, high in ends)
         if not high > low or (effect.needs and len(kinds) == 1 and "other joints" in effect.needs):
             continue
         shapes = effect.shape_values(low, high)
-        made = TorqueSignature(effect, joint - 1, kinds, tuple(shapes))
-        table = np.concatenate(
-            [response.at_samples(made.columns(motion.at(response.ticks), shapes)) for response, motion in parts]
-        )
+        known = {v.name: v.start for v in effect.shapes(kinds[joint - 1])} | shapes
+        made = TorqueSignature(effect, joint - 1, kinds, tuple(known))
+        table = np.concatenate([response.at_samples(_columns(made, m, response.ticks, known)) for response, m in parts])
         sizes, _, count = beside.solved(table, fit.residual)
         before, after = (beside.rest(residual) for residual in (fit.residual, fit.residual - table @ sizes))
         gain = delta_bic(before, after, count, fit.noise)
-        unit = effect.shapes(kinds[joint - 1])[0].unit
+        unit = effect.shapes(kinds[joint - 1])[-1].unit
         yield TriedCurve(effect_at, effect, unit, (low, high), sizes, count, gain)
 
 
-def _along(effect: Curve, motion: Motion, joint: int, kinds: tuple[JointType, ...]) -> Array:
-    """(K,) the variable of a curve along a motion; the expressions of the effect take arrays as well."""
+def _arrays(motion: Motion, joint: int, kinds: tuple[JointType, ...]) -> Surroundings:
+    """A motion as the surroundings of a joint; the expressions of an effect take arrays as well."""
     of: Any = motion
-    at = Surroundings(joint, kinds[joint], of.q.T, of.dq.T, of.ddq.T, load=of.load[:, joint], time=of.time)
-    return np.asarray(effect.along(at))
+    return Surroundings(joint, kinds[joint], of.q.T, of.dq.T, of.ddq.T, load=of.load[:, joint], time=of.time)
+
+
+def _columns(made: TorqueSignature, motion: Motion, ticks: Indices, shapes: Mapping[str, float]) -> Array:
+    """(K, n, m) columns of a curve at some ticks of a motion."""
+    states = made.states(motion, shapes)[ticks] if made.has_states else None
+    return made.columns(motion.at(ticks), shapes, states)
 
 
 @dataclass(frozen=True)

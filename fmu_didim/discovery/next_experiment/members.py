@@ -135,7 +135,8 @@ class AmbiguousEffect:
     """One effect of an ambiguous set: its columns on any motion.
 
     Raises:
-        InputError: the effect has no signature on a motion, so that only closed-loop simulations show it.
+        InputError: the effect has no signature on a motion, so that only closed-loop simulations show it, or follows
+            what is measured beside one.
     """
 
     def __init__(self, proposal: Proposal, context: DesignContext, model: RobotModel) -> None:
@@ -159,6 +160,11 @@ class AmbiguousEffect:
         if all(name in proposal.values for name in self.amplitudes) and not is_moved:
             self.theta = np.array([proposal.values[n] - neutral.get(n, 0.0) for n in self.amplitudes])
         self._made: TorqueSignature | None = None
+        if isinstance(self.effect, TorqueEffect) and self.effect.given_states:
+            raise InputError(
+                f"The effect '{self.effect.name}' follows what is measured, and not a motion.",
+                where="splitting experiment", next_step=self.effect.experiment,
+            )  # fmt: skip
         if isinstance(self.effect, TorqueEffect):
             self._made = TorqueSignature(self.effect, self.joint, types, tuple(self.shapes))
         elif first_order is None:

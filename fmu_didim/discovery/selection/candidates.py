@@ -60,6 +60,7 @@ class FittedCandidate:
         implausible: why its values are not significant or not possible, or an empty string.
         unusual: which of its values hardly any machine has, or an empty string.
         has_minima: whether its fit has many minima, as that of play has, which hits its flanks.
+        is_measured: whether it follows what runs have measured, so that held-out ones may tell nothing of it.
         is_known: whether it repeats as the motor does that the description states.
     """
 
@@ -73,6 +74,7 @@ class FittedCandidate:
     implausible: str = ""
     unusual: str = ""
     has_minima: bool = False
+    is_measured: bool = False
     is_known: bool = False
 
 

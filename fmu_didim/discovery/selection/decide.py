@@ -18,6 +18,7 @@ from fmu_didim.discovery.selection.held_out import (
     held_out_objection,
     held_out_remark,
     is_confirmed_by_size_alone,
+    tells_nothing,
     unconfirmed,
 )
 from fmu_didim.discovery.selection.plausible import MAY_BE_ABSENT
@@ -212,9 +213,20 @@ def objection(candidate: FittedCandidate, fit: Fit, options: Options, *, base: F
         return f"explains {100 * part:.1f} % of the gap of the base model on its joint, less than {smallest:g} %"
     if candidate.implausible:
         return candidate.implausible
-    return held_out_objection(
-        fit, candidate.fit, seed=options.seed, lenience=options.lenience(hits=candidate.has_minima)
-    )
+    return "" if is_untold(candidate, fit, options) else _held_out(candidate, fit, options)
+
+
+def _held_out(candidate: FittedCandidate, fit: Fit, options: Options) -> str:
+    """Why held-out data speak against a candidate, or an empty string."""
+    lenience = options.lenience(hits=candidate.has_minima)
+    return held_out_objection(fit, candidate.fit, seed=options.seed, lenience=lenience)
+
+
+def is_untold(candidate: FittedCandidate, fit: Fit, options: Options) -> bool:
+    """Whether the held-out data tell nothing of an effect that follows what was measured."""
+    if not candidate.is_measured or not _held_out(candidate, fit, options):
+        return False
+    return tells_nothing(fit, candidate.fit, seed=options.seed)
 
 
 def _of_clock(candidate: FittedCandidate) -> str:
@@ -275,6 +287,7 @@ def step_of(
         members=tuple(proposal_of(c) for c in fitted),
         remark=_remark(accepted, ranking, competition, options),
         without=fit,
+        untested=is_untold(accepted, fit, options),
         channels_before=channel_gaps(fit),
         channels_after=channel_gaps(accepted.fit),
     )
@@ -289,6 +302,11 @@ def _remark(
     lenience = options.lenience(hits=accepted.has_minima)
     by_what = held_out_remark(competition.fit, accepted.fit, seed=options.seed, lenience=lenience)
     told = [_held_remark(accepted), by_what]
+    if is_untold(accepted, competition.fit, options):
+        told.append(
+            "the held-out runs are nearly as warm as the fitted ones are on average, where it changes too little to be "
+            "told; only the fitted data decided"
+        )
     text = " ".join(f"{effect.title} on joint {accepted.effect_at.joint}: {one}." for one in told if one)
     if not told[1]:
         return text

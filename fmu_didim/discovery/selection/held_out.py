@@ -29,6 +29,14 @@ blocks reach 1. With the start of the data the interval of a is that of the resi
 
 with e, of the weighted residuals, in place of P w e (H. White, Econometrica 48, 1980).
 
+Where an effect follows what was measured, such as a temperature, and the held-out runs have about the mean of the
+fitted ones, it changes little there, and no prediction confirms it. Such data tell nothing if the interval of the ratio
+holds both 1, which no effect makes, and what the effect would make, were it as large as it was fitted,
+
+    sqrt(sum(w r_1)^2 / (sum(w r_1)^2 + sum(w (r_0 - r_1))^2))
+
+The fitted data then decide, which is said.
+
 Weights are 1 / noise, and less for samples that neither model explains, such as glitches of a logger: by Huber's rule
 for the smaller one of the two residuals, so that no sample that one of them explains loses weight.
 
@@ -149,6 +157,16 @@ def unconfirmed(before: Fit, after: Fit, *, seed: int = 0, lenience: Lenience = 
     if found is None:
         return text
     return "" if found.low > NEARER and found.high >= OWN_SIZE else f"{text}; there it has {found}"
+
+
+def tells_nothing(before: Fit, after: Fit, *, seed: int = 0) -> bool:
+    """Whether held-out data neither confirm nor contradict an effect: they look as with all of it, and as without."""
+    ratio = held_out_ratio(before, after, seed=seed)
+    if ratio is None or ratio.low > WORSE_JOINT or ratio.high < HELD_OUT:
+        return False
+    first, second = (held_out_residual(fit) / before.noise.deviation for fit in (before, after))
+    left, change = float(np.sum(second**2)), float(np.sum((first - second) ** 2))
+    return bool(np.sqrt(left / (left + change + TINY)) >= ratio.low)
 
 
 def _leniently(before: Fit, after: Fit, seed: int, lenience: Lenience) -> str:

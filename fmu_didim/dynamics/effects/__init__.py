@@ -37,6 +37,7 @@ from fmu_didim.dynamics.effects.base import (
     Place,
     PreCheck,
     TorqueEffect,
+    start_name,
 )
 from fmu_didim.dynamics.effects.base_tilt import BaseTilt
 from fmu_didim.dynamics.effects.contact_stop import ContactStop
@@ -53,6 +54,7 @@ from fmu_didim.dynamics.effects.curve import Curve
 from fmu_didim.dynamics.effects.curve_of_load import CurveOfLoad
 from fmu_didim.dynamics.effects.curve_of_neighbour import CurveOfNeighbour
 from fmu_didim.dynamics.effects.curve_of_position import CurveOfPosition
+from fmu_didim.dynamics.effects.curve_of_reversal import CurveOfReversal
 from fmu_didim.dynamics.effects.curve_of_time import CurveOfTime
 from fmu_didim.dynamics.effects.curve_of_velocity import CurveOfVelocity
 from fmu_didim.dynamics.effects.dead_zone import DeadZone
@@ -94,6 +96,7 @@ from fmu_didim.dynamics.effects.spring import Spring
 from fmu_didim.dynamics.effects.stated_size import StatedSize
 from fmu_didim.dynamics.effects.stribeck import Stribeck
 from fmu_didim.dynamics.effects.structure import StructureEffect
+from fmu_didim.dynamics.effects.temperature_dependent_friction import TemperatureDependentFriction
 from fmu_didim.dynamics.effects.thermal_friction_drift import ThermalFrictionDrift
 from fmu_didim.dynamics.effects.torque_drift import TorqueDrift
 from fmu_didim.dynamics.effects.torque_offset import TorqueOffset
@@ -110,8 +113,9 @@ _ALL: tuple[Effect, ...] = (
     CubicViscous(), PowerViscous(), Stribeck(), Presliding(), LuGre(), LoadDependentFriction(),
     DirectionalEfficiency(), PositionDependentFriction(), CouplingFriction(), WristFriction(), CoupledInertia(),
     Spring(), CubicSpring(), GravityCompensator(), TorqueRipple(), CurrentRipple(), ContactStop(), ContactStopLower(),
-    ThermalFrictionDrift(), TorqueDrift(), TorqueSettling(), ExternalForce(), PayloadChange(), CurveOfPosition(),
-    CurveOfVelocity(), CurveOfLoad(), CurveOfTime(), CurveOfNeighbour(),
+    ThermalFrictionDrift(), TemperatureDependentFriction(), TorqueDrift(), TorqueSettling(), ExternalForce(),
+    PayloadChange(), CurveOfPosition(), CurveOfVelocity(), CurveOfLoad(), CurveOfTime(), CurveOfNeighbour(),
+    CurveOfReversal(),
     # controller
     ControllerGains(),
     # drive and sensor
@@ -238,5 +242,5 @@ __all__ = [
     "Column", "ControllerEffect", "Curve", "Effect", "Harmonic", "InsertedEffect", "JointTorque", "JointType",
     "JointUnits", "MeasurementEffect", "Motor", "NonlinearEffect", "OperatingRange", "Parameter", "Place", "PreCheck",
     "Search", "StatedSize", "StructureEffect", "Surroundings", "TorqueEffect", "Values", "clashing_names",
-    "effect_catalogue", "effect_name", "find_effect", "torque_effect",
+    "effect_catalogue", "effect_name", "find_effect", "start_name", "torque_effect",
 ]  # fmt: skip

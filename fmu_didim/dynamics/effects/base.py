@@ -42,6 +42,11 @@ Place = Literal["torque balance", "controller", "drive", "sensor", "structure", 
 Need = Literal["load", "time", "other joints"]
 
 
+def start_name(state: str, joint: int) -> str:
+    """The parameter of a plant in which a measured state of a joint, counted from 1, starts."""
+    return f"{state}_start{joint}"
+
+
 def _range(low: float, high: float) -> str:
     return f"{low:g} or more" if math.isinf(high) else f"{low:g} to {high:g}"
 
@@ -260,6 +265,8 @@ class TorqueEffect(Effect):
         added_to_link: amplitude -> inertial parameter of the link that it adds to, which is stated in the link's frame.
         couples_motors: whether it says that a motor turns with its joint and the next one, so that what repeats in a
             turn of that motor does not in the position of either.
+        given_states: names of those of its states whose start is measured: each run states them, as parameters
+            ``<state>_start<joint>`` of the plant.
     """
 
     place: ClassVar[Place] = "torque balance"
@@ -269,6 +276,7 @@ class TorqueEffect(Effect):
     reach: ClassVar[int] = 0
     added_to_link: ClassVar[Mapping[str, str]] = MappingProxyType({})
     couples_motors: ClassVar[bool] = False
+    given_states: ClassVar[frozenset[str]] = frozenset()
 
     @property
     def is_steep(self) -> bool:

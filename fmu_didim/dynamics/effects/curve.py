@@ -36,11 +36,16 @@ class Curve(TorqueEffect):
     """In words."""
 
     @abstractmethod
-    def along(self, at: Surroundings) -> ca.SX:
+    def along(self, at: Surroundings, shapes: Values) -> ca.SX:
         """The variable x."""
 
+    def ends_on(self, at: Surroundings) -> tuple[float, float]:
+        """The range of x on a motion, of which ``at`` has arrays."""
+        x = np.asarray(self.along(at, {}))
+        return float(x.min()), float(x.max())
+
     def columns(self, at: Surroundings, shapes: Values) -> tuple[ca.SX, ...]:
-        return _splines(self.along(at), *self.ends(shapes))
+        return _splines(self.along(at, shapes), *self.ends(shapes))
 
     def shape_values(self, low: float, high: float) -> dict[str, float]:
         """Its shapes for a range."""
@@ -54,11 +59,17 @@ class Curve(TorqueEffect):
         """Begin and end of its range."""
         return shapes[f"{self.symbol}from"], shapes[f"{self.symbol}to"]
 
+    def largest(self, parameters: Values) -> ca.SX:
+        """A bound of its size."""
+        return ca.mmax(ca.fabs(ca.vertcat(*self._sizes(parameters))))
+
+    def _sizes(self, parameters: Values) -> list[ca.SX]:
+        return [parameters[f"c{self.symbol}{letter}"] for letter in LETTERS]
+
     def steepest(self, parameters: Values, shapes: Values) -> ca.SX:
         """A bound of its slope."""
         low, high = self.ends(shapes)
-        sizes = [parameters[f"c{self.symbol}{letter}"] for letter in LETTERS]
-        steps = [ca.fabs(b - a) for a, b in pairwise(sizes)]
+        steps = [ca.fabs(b - a) for a, b in pairwise(self._sizes(parameters))]
         return ca.mmax(ca.vertcat(*steps)) * (len(LETTERS) - 3) / (high - low)
 
 

@@ -1,7 +1,7 @@
 import casadi as ca
 
 from fmu_didim.dynamics.effects.curve import Curve, curve_ends, curve_parameters
-from fmu_didim.dynamics.effects.joint import Surroundings
+from fmu_didim.dynamics.effects.joint import Surroundings, Values
 
 
 class CurveOfNeighbour(Curve):
@@ -22,6 +22,6 @@ class CurveOfNeighbour(Curve):
     own_parameters = curve_parameters("n")
     own_shapes = curve_ends("n", "position", -1.0, 1.0)
 
-    def along(self, at: Surroundings) -> ca.SX:
+    def along(self, at: Surroundings, shapes: Values) -> ca.SX:
         is_last = at.joint + 1 == at.all_q.shape[0]
         return at.all_q[at.joint - 1 if is_last else at.joint + 1]

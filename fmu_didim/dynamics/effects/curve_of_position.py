@@ -22,7 +22,7 @@ class CurveOfPosition(Curve):
     own_parameters = curve_parameters("x")
     own_shapes = curve_ends("x", "position", -1.0, 1.0)
 
-    def along(self, at: Surroundings) -> ca.SX:
+    def along(self, at: Surroundings, shapes: Values) -> ca.SX:
         return at.q
 
     def stiffness(self, parameters: Values, shapes: Values, within: OperatingRange) -> ca.SX:

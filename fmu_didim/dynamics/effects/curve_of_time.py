@@ -1,7 +1,7 @@
 import casadi as ca
 
 from fmu_didim.dynamics.effects.curve import Curve, curve_ends, curve_parameters
-from fmu_didim.dynamics.effects.joint import Surroundings
+from fmu_didim.dynamics.effects.joint import Surroundings, Values
 
 
 class CurveOfTime(Curve):
@@ -22,5 +22,5 @@ class CurveOfTime(Curve):
     own_parameters = curve_parameters("t")
     own_shapes = curve_ends("t", "s", 0.0, 10.0)
 
-    def along(self, at: Surroundings) -> ca.SX:
+    def along(self, at: Surroundings, shapes: Values) -> ca.SX:
         return at.time

@@ -21,7 +21,7 @@ class CurveOfVelocity(Curve):
     own_parameters = curve_parameters("v")
     own_shapes = curve_ends("v", "velocity", -1.0, 1.0)
 
-    def along(self, at: Surroundings) -> ca.SX:
+    def along(self, at: Surroundings, shapes: Values) -> ca.SX:
         return at.dq
 
     def damping(self, parameters: Values, shapes: Values, within: OperatingRange) -> ca.SX:

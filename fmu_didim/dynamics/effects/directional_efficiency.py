@@ -9,7 +9,9 @@ class DirectionalEfficiency(TorqueEffect):
     """tau_e = Fldrive (|load| s + load s^2)/2 + Flback (|load| s - load s^2)/2, s = tanh(dq/v0).
 
     The first column acts while the motor drives the load (load dq > 0), the second while the load drives the
-    motor; each is |load| sign(dq) there. With the efficiency eta of a gear, Fldrive = 1/eta - 1, Flback = 1 - eta.
+    motor; each is |load| sign(dq) there. With the efficiency eta of a gear, Fldrive = 1/eta - 1, Flback = 1 - eta. A
+    cable that wraps by an angle phi, with friction mu, needs exp(mu phi) times its load, and exp(-mu phi) times it
+    while the load drives (Euler and Eytelwein): Fldrive = exp(mu phi) - 1, Flback = 1 - exp(-mu phi).
     """
 
     name = "directional_efficiency"

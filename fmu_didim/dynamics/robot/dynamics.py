@@ -8,7 +8,7 @@ in all inertial parameters.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import casadi as ca
@@ -16,7 +16,7 @@ import numpy as np
 
 from fmu_didim.base.symbolic import jacobian
 from fmu_didim.data.signals import Array
-from fmu_didim.dynamics.effects import PAYLOAD, Surroundings, TorqueEffect
+from fmu_didim.dynamics.effects import PAYLOAD, Surroundings, TorqueEffect, start_name
 from fmu_didim.dynamics.robot.description import RobotDescription
 
 ROUNDING = 1e-14
@@ -218,6 +218,13 @@ def placed_effects(robot: RobotDescription) -> list[PlacedEffect]:
             result.append(PlacedEffect(effect, j, slice(begin, end)))
             begin = end
     return result
+
+
+def given_starts(robot: RobotDescription, placed: PlacedEffect) -> Iterator[tuple[int, str]]:
+    """The measured states of an effect: place in z, and name of the parameter of the plant that is the start of it."""
+    for i, state in enumerate(placed.effect.states(robot.joints[placed.joint].type), start=placed.states.start):
+        if state.name in placed.effect.given_states:
+            yield i, start_name(state.name, placed.joint + 1)
 
 
 def own_parameters(

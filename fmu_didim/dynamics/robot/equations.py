@@ -15,6 +15,7 @@ from fmu_didim.dynamics.robot.dynamics import (
     FreeGeometry,
     PlacedEffect,
     add_effect,
+    given_starts,
     link_columns,
     own_parameters,
     placed_effects,
@@ -36,7 +37,8 @@ class EquationsOfMotion:
         load: (n,) symbols for the transmitted torque G.
         rigid: G; torque: tau with ``load`` still a symbol; rates: dz/dt.
         links, link: the links' own motion where gears give way, (2 m,); link_accelerations, link_ddq: (m,) likewise.
-        states: variables of z; uses_clock: whether anything depends on time; loaded: joints whose load matters.
+        states: variables of z; given: place in z -> name of the parameter that is its measured start;
+        uses_clock: whether anything depends on time; loaded: joints whose load matters.
     """
 
     def __init__(self, robot: RobotDescription, geometry: FreeGeometry = NOTHING) -> None:
@@ -49,6 +51,7 @@ class EquationsOfMotion:
         self.by_shape = {v.name: self.s[i] for i, v in enumerate(shapes)}
         self.effects = placed_effects(robot)
         self.states = tuple(v for placed in self.effects for v in self._states(placed))
+        self.given = {i: name for placed in self.effects for i, name in given_starts(robot, placed)}
         self.z, self.clock, self.load = ca.SX.sym("z", len(self.states)), ca.SX.sym("clock"), ca.SX.sym("load", n)
         self._make_links()
         gravity = gravity_vector(robot, self.by_shape) if geometry.gravity is None else geometry.gravity

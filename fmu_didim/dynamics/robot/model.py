@@ -61,6 +61,7 @@ class RobotModel:
         shapes: the shape parameters, with values and units.
         links: ``q_link<j>`` and ``dq_link<j>`` of the elastic joints.
         extra: states of the effects, then ``clock`` (time in s), if anything needs them, then ``links``.
+        given: place in ``extra`` of a measured state -> the parameter of the plant that is its start.
         observed: ``extra``, then ``load<j>`` (the transmitted torque) of the joints whose effects need it, then
             ``ddq_link<j>`` of the elastic joints.
     """
@@ -79,6 +80,7 @@ class RobotModel:
         )
         self.links: tuple[Variable, ...] = equations.links
         self.extra: tuple[Variable, ...] = (*equations.states, *clock, *self.links)
+        self.given: Mapping[int, str] = equations.given
         self.observed: tuple[Variable, ...] = (*self.extra, *loads, *equations.link_accelerations)
         self._q, self._dq, self._ddq, self._tau = equations.q, equations.dq, equations.ddq, equations.tau
         self._chi, self._s = equations.chi, equations.s
@@ -296,8 +298,8 @@ class RobotModel:
         """The plant: dx/dt = (dq, direct(...), de/dt), x = (q, dq, e), u = tau, y = (q, dq, ddq, observed).
 
         Its parameters are the active standard parameters and the shapes (tunable), the start values
-        ``q_start<j>``, ``dq_start<j>`` (fixed) and, where anything depends on time, the time ``t_start`` of the
-        start (fixed).
+        ``q_start<j>``, ``dq_start<j>`` (fixed), those of measured states (fixed) and, where anything depends on time,
+        the time ``t_start`` of the start (fixed).
 
         Args:
             values: parameter values that replace those of the description.
@@ -310,7 +312,9 @@ class RobotModel:
         robot, n, states = self.description, self.joint_count, self._equations.states
         standard = [self.parameters[i] for i in self.active]
         starts = list(self._motion_variables("q_start{}", "dq_start{}"))
-        timed = self._equations.uses_clock
+        timed, given = self._equations.uses_clock, self._equations.given
+        measured = {name: i for i, name in given.items()}  # effects of a joint share what is measured there
+        starts += [replace(states[i], name=name, causality="parameter") for name, i in measured.items()]
         if timed:
             starts.append(Variable("t_start", "s", "parameter", 0.0, "time at the start"))
         p = ca.SX.sym("p", len(standard) + len(self.shapes) + len(starts))
@@ -322,7 +326,9 @@ class RobotModel:
         acceleration, rates, loads = self._plant(chi, shapes)
         x = ca.vertcat(self._q, self._dq, self._e)
         arguments = [x, self._tau, p]
-        begin = ca.vertcat(first[: 2 * n], *(v.start for v in states), *([first[2 * n]] if timed else []))
+        places = {name: 2 * n + k for k, name in enumerate(measured)}
+        own = [first[places[given[i]]] if i in given else v.start for i, v in enumerate(states)]
+        begin = ca.vertcat(first[: 2 * n], *own, *([first[2 * n + len(measured)]] if timed else []))
         elastic = robot.elastic_joints()  # their gears start without twist
         begin = ca.vertcat(begin, *(first[j] for j in elastic), *(first[n + j] for j in elastic))
         return Block(

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
 
 import casadi as ca
 import numpy as np
@@ -11,6 +12,7 @@ from fmu_didim.base.symbolic import jacobian
 from fmu_didim.data.signals import Array
 from fmu_didim.dynamics.robot.model import RobotModel
 
+NO_STARTS: Mapping[str, float] = MappingProxyType({})
 LARGEST_EXPONENT = 50.0
 """Largest growth of a state within a tick that is computed, as a power of e; larger ones would overflow."""
 
@@ -28,20 +30,27 @@ def following_links(model: RobotModel, q: Array, dq: Array, ddq: Array) -> Array
     return result
 
 
-def observed_along(model: RobotModel, time: Array, q: Array, dq: Array, ddq: Array, chi: Array | None = None) -> Array:
+def observed_along(
+    model: RobotModel, time: Array, q: Array, dq: Array, ddq: Array, chi: Array | None = None, *,
+    starts: Mapping[str, float] = NO_STARTS,
+) -> Array:  # fmt: skip
     """Values (N, no) of ``model.observed`` along a motion (N, n).
 
     States start at their start values, see :func:`states_along`.
 
     Args:
         time: (N,) in s; chi: (ns,) parameters from which loads follow; loads are zero without them.
+        starts: of measured states, by the names of the plant's parameters.
     """
     extra = len(model.extra) - len(model.links)
     result = following_links(model, q, dq, ddq)
     names = [v.name for v in model.extra[:extra]]
     if extra:
         n, s = model.joint_count, ca.DM(model.shape_values)
-        start = np.array([time[0] if v.name == "clock" else v.start for v in model.extra[:extra]])
+        start = np.array([
+            time[0] if v.name == "clock" else starts.get(model.given.get(i, ""), v.start)
+            for i, v in enumerate(model.extra[:extra])
+        ])  # fmt: skip
         moved = np.column_stack([q, dq])
         result[:, :extra] = states_along(lambda z, x: model.rates(x[:n], x[n:], z, s), start, time, moved)
     if "clock" in names:

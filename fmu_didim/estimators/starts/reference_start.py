@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 import numpy as np
 from numpy.typing import NDArray
@@ -139,22 +139,24 @@ def rows_on(run: Simulation, whole: Motion) -> tuple[Array, Array]:
     def rows(observed: Array) -> tuple[Array, Array]:
         return sampled_regressor(run, (q, dq, ddq), observed[ticks])
 
-    time = run.experiment.reference.time
-    return rows(observed_on(model.parameters, time, whole, model.experiments.measured_in(run.label), rows))
+    experiment, measured = run.experiment, model.experiments.measured_in(run.label)
+    starts = experiment.measured_starts
+    return rows(observed_on(model.parameters, experiment.reference.time, whole, measured, rows, starts=starts))
 
 
 def observed_on(
-    parameters: Parameters, time: Array, motion: tuple[Array, Array, Array], torque: Array, rows: Rows
-) -> Array:
+    parameters: Parameters, time: Array, motion: tuple[Array, Array, Array], torque: Array, rows: Rows, *,
+    starts: Mapping[str, float],
+) -> Array:  # fmt: skip
     """Observed values (K, no) for the regressor on a motion that was not simulated.
 
     Loads follow from a least squares fit without the effects that depend on them.
 
     Args:
         time: (K,) in s; motion: q, dq, ddq, (K, n) each.
-        torque: (N, n) measured; rows: regressor and known torque at its samples.
+        torque: (N, n) measured; rows: regressor and known torque at its samples; starts: of measured states.
     """
-    observed = parameters.observed_along(time, *motion)
+    observed = parameters.observed_along(time, *motion, starts=starts)
     if not parameters.observes_load:
         return observed
     columns, known = rows(observed)
@@ -164,7 +166,7 @@ def observed_on(
     theta = np.zeros(parameters.count)
     names = tuple(parameters.names[i] for i in kept)
     theta[kept] = least_squares(flat[:, kept], (torque - known).reshape(-1), names=names).solution
-    return parameters.observed_along(time, *motion, theta)
+    return parameters.observed_along(time, *motion, theta, starts=starts)
 
 
 def values_of_machine(parameters: RobotParameters, values: Array, whitened: Array) -> Array:

@@ -13,7 +13,7 @@ import casadi as ca
 import numpy as np
 
 from fmu_didim.data.signals import Array
-from fmu_didim.dynamics.effects import PAYLOAD, JointType, Search, Surroundings, TorqueEffect
+from fmu_didim.dynamics.effects import PAYLOAD, JointType, Search, Surroundings, TorqueEffect, start_name
 from fmu_didim.dynamics.robot.observed_states import states_along
 from fmu_didim.dynamics.robot.vectorised import Vectorised
 from fmu_didim.model.motion import Motion
@@ -84,7 +84,7 @@ class TorqueSignature:
         n, rates, s = motion.joint_count, self._rates, ca.DM([shapes[name] for name in self._shape_names])
         return states_along(
             lambda z, x: rates(z, x[:n], x[n : 2 * n], x[2 * n], s),
-            np.array([v.start for v in self._states]),
+            np.array([motion.starts.get(start_name(v.name, self.joint + 1), v.start) for v in self._states]),
             motion.time,
             np.column_stack([motion.q, motion.dq, motion.time]),
         )

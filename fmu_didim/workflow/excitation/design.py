@@ -12,7 +12,7 @@ import numpy as np
 from fmu_didim.base.diagnostics import by_weight
 from fmu_didim.base.errors import InputError, SimulationError, UnknownNameError
 from fmu_didim.case import Case
-from fmu_didim.case.torque_log import read_torque_log
+from fmu_didim.case.runs.torque_log import read_torque_log
 from fmu_didim.data.excitation import Fourier, PointToPoint
 from fmu_didim.data.signals import Array, Trajectory
 from fmu_didim.discovery.excitation.basis import Basis

@@ -92,7 +92,8 @@ class Plan:
         begin = InitialState("reference")
         if self.case.tracking is not None:
             reference = self.case.tracking.followed(reference, label)
-        return Experiment(reference, times, nothing, operator, label=label, initial_state=begin)
+        warm = self.case.measured_starts(label, reference)
+        return Experiment(reference, times, nothing, operator, label=label, initial_state=begin, measured_starts=warm)
 
 
 def drive_gains(model: LoopModel, values: Array) -> Array:

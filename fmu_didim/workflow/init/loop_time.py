@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fmu_didim.base.errors import InputError
-from fmu_didim.case.instants import OTHER_RATE
+from fmu_didim.case.runs.instants import OTHER_RATE
 from fmu_didim.checks.data.log import OF_THE_LOOP
 from fmu_didim.cosim.instants import PeriodChange, period_change
 from fmu_didim.data.signals import Array

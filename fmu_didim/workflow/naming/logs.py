@@ -15,9 +15,9 @@ from fmu_didim.case import Case, load_case
 from fmu_didim.case.build import contents_of
 from fmu_didim.case.document import CaseDocument, read_case
 from fmu_didim.case.files import read_signals
-from fmu_didim.case.instants import read_motion
+from fmu_didim.case.runs.instants import read_motion
+from fmu_didim.case.runs.torque_log import TorqueLog, read_torque_log
 from fmu_didim.case.sources import ExperimentSource, SignalFile
-from fmu_didim.case.torque_log import TorqueLog, read_torque_log
 from fmu_didim.controllers.pd import PD
 from fmu_didim.data.signals import Trajectory, Variable
 from fmu_didim.dynamics.robot import read_robot

@@ -40,6 +40,7 @@ from tests.tools.blind.curves import hidden_function, planted_function, within_b
         pytest.param("unknown_detent", 5, "the position of the joint", 0.9, marks=pytest.mark.slow),
         pytest.param("unknown_swell", 6, "the time", 0.9, marks=pytest.mark.slow),
         pytest.param("unknown_neighbour", 5, "the position of the neighbour", 0.9, marks=pytest.mark.slow),
+        pytest.param("unknown_reversal", 3, "the distance since the last reversal", 0.9, marks=pytest.mark.gate),
     ],
 )
 def test_what_no_effect_explains_is_drawn_as_a_curve(
@@ -152,7 +153,7 @@ def test_the_splines_are_those_of_the_effect() -> None:
 
 def test_curves_are_never_proposed_as_an_explanation() -> None:
     curves = [effect for effect in EFFECTS.values() if isinstance(effect, Curve)]
-    assert len(curves) == 5 and not any(effect.is_proposed for effect in curves)
+    assert len(curves) == 6 and not any(effect.is_proposed for effect in curves)
 
 
 def test_a_curve_takes_the_name_that_its_user_gives_it(tmp_path: Path) -> None:

@@ -13,7 +13,7 @@ import yaml
 
 from fmu_didim.base.errors import InputError
 from fmu_didim.case.document import ExperimentSource
-from fmu_didim.case.reference import read_reference
+from fmu_didim.case.runs.reference import read_reference
 from fmu_didim.components import Component, ModelComponent
 from fmu_didim.components.compiled_model import with_compiled_twin
 from fmu_didim.controllers import read_controller

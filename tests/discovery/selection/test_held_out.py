@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -10,7 +11,7 @@ import pytest
 from fmu_didim.data.signals import Array
 from fmu_didim.discovery.selection.candidates import FittedCandidate
 from fmu_didim.discovery.selection.competition import Competition
-from fmu_didim.discovery.selection.decide import Options, _remark, decide
+from fmu_didim.discovery.selection.decide import Options, _remark, decide, objection
 from fmu_didim.discovery.selection.held_out import (
     FEWEST_BLOCKS,
     Lenience,
@@ -20,6 +21,7 @@ from fmu_didim.discovery.selection.held_out import (
     held_out_objection,
     held_out_remark,
     shared_weights,
+    tells_nothing,
     typical_ratio,
     unconfirmed,
 )
@@ -55,6 +57,33 @@ def spoiled(size: float = 1.0, *, drift: float, seed: int = 0) -> tuple[Array, A
     rest = white(seed)
     first = rest + size * 0.6 * EFFECT
     return first, first - 0.6 * EFFECT + drift * BASE
+
+
+@pytest.mark.parametrize(
+    ("shown", "fitted", "nothing"),
+    [
+        (0.0, 0.02, True),  # hardly changes these data, and is not there: nobody can tell
+        (0.02, 0.02, True),
+        (0.0, 1.0, False),  # would show, and does not
+        (1.0, 1.0, False),  # shows
+        (-2.0, 0.3, False),  # the prediction gets worse by more than chance
+    ],
+)
+def test_held_out_data_that_an_effect_would_hardly_change_tell_nothing(
+    shown: float, fitted: float, nothing: bool
+) -> None:
+    first = white() + shown * EFFECT
+    assert tells_nothing(*fits(first, first - fitted * EFFECT)) is nothing
+
+
+@pytest.mark.parametrize(("measured", "accepted"), [(True, True), (False, False)])
+def test_only_what_follows_a_measurement_may_be_named_where_held_out_data_tell_nothing(
+    measured: bool, accepted: bool
+) -> None:
+    first = white()
+    before, after = fits(first, first - 0.02 * EFFECT)
+    candidate = replace(candidate_of(bic=500.0, fit=after), is_measured=measured)
+    assert (objection(candidate, before, Options(), base=before) == "") is accepted
 
 
 def test_an_effect_is_confirmed_beside_parameters_that_drifted_with_it() -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ast
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -107,6 +107,12 @@ def curve(symbol: str, x: float, p: Mapping[str, float]) -> float:
     return float(BSpline(knots, sizes, 3)(min(max(x, low), high - 1e-12)))
 
 
+def since_reversal(x: ProjectedMotion) -> float:
+    """Of a bristle of a quarter of the range, which has moved by d where 1 - 2 exp(-d/R) of it is bent."""
+    length = x.p["rto"] / 4
+    return float(-length * np.log(max((1 - x.s() * x.z / length) / 2, np.exp(-4.0))))
+
+
 def both(value: float) -> np.ndarray:
     return np.array([value, value])
 
@@ -148,6 +154,7 @@ EQUATIONS: Mapping[str, Callable[[ProjectedMotion], float | np.ndarray]] = {
     "thermal_friction_drift": lambda x: (
         (1 - np.exp(-x.t / x.p["Theat"])) * (x.p["Fvt"] * x.dq[x.j] + x.p["Fct"] * x.s())
     ),
+    "temperature_dependent_friction": lambda x: (x.z - 293.15) * (x.p["FvK"] * x.dq[x.j] + x.p["FcK"] * x.s()),
     "torque_drift": lambda x: x.p["drift"] * x.t,
     "torque_settling": lambda x: x.p["settled"] * (1 - np.exp(-x.t / x.p["Tsettle"])),
     "external_force": lambda x: (
@@ -157,6 +164,7 @@ EQUATIONS: Mapping[str, Callable[[ProjectedMotion], float | np.ndarray]] = {
     "curve_of_velocity": lambda x: curve("v", x.dq[x.j], x.p),
     "curve_of_load": lambda x: curve("l", x.load[x.j], x.p),
     "curve_of_time": lambda x: curve("t", x.t, x.p),
+    "curve_of_reversal": lambda x: x.s() * curve("r", since_reversal(x), x.p),
     "curve_of_neighbour": lambda x: curve("n", x.q[x.j - 1], x.p),
     "payload_change": lambda x: step_at(x.t, x.p["t_load"], x.p["w_load"]) * x.moved_mass(),
 }
@@ -356,6 +364,7 @@ def torque_unit(v: Variable, kind: str, name: str) -> str:
         **dict.fromkeys(("Ia", "Iam"), f"{length}/s2"),
         "Fq": f"{length}2/s2", "Fcube": f"{length}3/s3", "kcube": f"{length}3", "drift": "s",
         **dict.fromkeys(("Fv", "Fva", "Fvm", "Fvw", "Fvt"), f"{length}/s"),
+        "FvK": f"{length}.K/s", "FcK": "K",
         **dict.fromkeys(("k", "kupper", "klower"), length),
         **dict.fromkeys(("Fl", "Fldrive", "Flback", "Ksin", "Kcos"), torque),
     }  # fmt: skip
@@ -561,7 +570,10 @@ def test_clock_starts_where_it_is_told() -> None:
     np.testing.assert_allclose(table[:, outputs.index("clock")], 3.0 + PERIOD * np.arange(10), rtol=1e-13)
 
 
-EXPORTED = ["presliding", "thermal_friction_drift", "load_dependent_friction", "payload_change", "wrist_friction"]
+EXPORTED = [
+    "presliding", "thermal_friction_drift", "temperature_dependent_friction", "load_dependent_friction",
+    "payload_change", "wrist_friction",
+]  # fmt: skip
 
 
 @pytest.mark.gate
@@ -587,7 +599,9 @@ IDENTIFIED = {
     "external_force": {"Fext": 2.0, "t_on": 1.0, "t_off": 1.6},
     "payload_change": {"dM": 0.5, "dMX": 0.15, "dMY": 0.04, "t_load": 1.5},
     "wrist_friction": {"Fvw": 0.5, "Fcw": 0.7},
+    "temperature_dependent_friction": {"FvK": -0.01, "FcK": -0.02},
 }
+AT_46_DEGC = {"temperature_start1": 319.15, "warming_start1": 0.0}
 
 
 def arm_model(name: str, kind: str = "model") -> tuple[LoopModel, np.ndarray]:
@@ -606,6 +620,10 @@ def arm_model(name: str, kind: str = "model") -> tuple[LoopModel, np.ndarray]:
     system = loop(component(kind, robot_model.block()), component(kind, gains), motion)
     time = np.arange(0, 3.0, 0.02)
     empty, truth = model_on(system, parameters, motion, time), parameters.nominal()
+    if EFFECTS[name].given_states:
+        warming = {"temperature_start1": 293.15, "warming_start1": 5.0}
+        for label, experiment in empty.experiments.items():
+            empty = empty.with_experiment(label, replace(experiment, measured_starts=warming))
     return with_torque(empty, empty.torque(truth)), truth
 
 
@@ -643,6 +661,48 @@ def test_states_along_a_motion_are_those_of_the_simulation() -> None:
     expected = recording.table(["plant.z_presliding1"])
     # Velocity is taken for a straight line between samples 5 ms apart.
     assert np.abs(got - expected).max() <= 0.02 * np.abs(expected).max()
+
+
+def test_a_cable_that_wraps_is_an_efficiency_by_direction() -> None:
+    """The torque of the drive is exp(mu phi) times that of the load, or exp(-mu phi) times it, away from standstill."""
+    wrapped = 0.1 * np.pi
+    joint = {"type": "revolute", "effects": ["directional_efficiency"], "parameters": {
+        "MX": 4.0, "Fldrive": float(np.exp(wrapped) - 1), "Flback": float(1 - np.exp(-wrapped)), "v0": 1e-4,
+    }}  # fmt: skip
+    content = {"name": "hoist", "gravity": (0, -9.81, 0), "joints": [joint]}
+    model = RobotModel(validate(RobotDescription, content, where="robot.yaml"))
+    for q, dq in ((0.0, 1.0), (0.0, -1.0), (np.pi, 1.0), (np.pi, -1.0)):
+        load = 4.0 * 9.81 * np.cos(q)
+        expected = load * np.exp(wrapped * np.sign(load * dq))
+        torque = model.inverse([q], [dq], [0.0], model.parameter_values, model.shape_values)
+        assert float(torque) == pytest.approx(expected, rel=1e-6)
+
+
+def test_a_measured_temperature_is_a_line_from_where_the_plant_is_told() -> None:
+    name = "temperature_dependent_friction"
+    j = place(name) + 1
+    starts = {f"temperature_start{j}": 310.0, f"warming_start{j}": 0.5}
+    block = RobotModel(robot("revolute", name)).block(starts)
+    outputs = [v.name for v in block.outputs]
+    table = drive(ModelComponent(block), np.zeros((10, 2)), PERIOD)
+    found = table[:, outputs.index(f"temperature_{name}{j}")]
+    np.testing.assert_allclose(found, 310.0 + 0.5 * PERIOD * np.arange(10), rtol=1e-13)
+    units = {v.name: v.unit for v in block.parameters if v.name in block.fixed}
+    assert [units[name] for name in starts] == ["K", "K/s"]
+
+
+def test_a_warm_machine_moves_as_one_with_the_friction_that_it_has_then() -> None:
+    """At 46 degC, 26 K above 20, each friction is what its coefficient makes of it; the compiled loop has it, too."""
+    warm, cold = arm_model("temperature_dependent_friction"), arm_model("temperature_dependent_friction")
+    (model, truth), (plain, values) = warm, cold
+    names = [p.name for p in model.free_parameters]
+    places = [names.index(name) for name in ("Fv1", "Fc1", "FvK1", "FcK1")]
+    model = model.with_experiment("estimation", replace(model.experiments["estimation"], measured_starts=AT_46_DEGC))
+    values = values.copy()
+    values[places] = truth[places[0]] + 26 * truth[places[2]], truth[places[1]] + 26 * truth[places[3]], 0.0, 0.0
+    peak = np.abs(plain.torque(values)).max()
+    np.testing.assert_allclose(model.torque(truth), plain.torque(values), rtol=0, atol=1e-6 * peak)
+    assert np.abs(model.torque(truth) - plain.torque(truth)).max() > 0.1
 
 
 def test_offset_and_asymmetric_coulomb_are_two_parameters() -> None:

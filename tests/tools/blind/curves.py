@@ -27,7 +27,7 @@ from tests.tools.blind.score import matches, read_truth, same_class
 Array = np.ndarray
 VARIABLES = {
     "q": "the position of the joint", "dq": "the velocity of the joint", "t": "the time",
-    "other q": "the position of the neighbour",
+    "other q": "the position of the neighbour", "distance": "the distance since the last reversal",
 }  # fmt: skip
 """Of a hidden function -> in words, as of a curve."""
 MOSTLY = 0.9
@@ -81,7 +81,8 @@ def hidden_function(folder: Path, truth_file: Path | None = None) -> tuple[str, 
     signs = [1.0, float(turned[1]) if turned else 1.0]
     joint, (text, variable) = int(truth["joint"]), truth["form"].split(", x = ")
     own, seen = signs[joint - 1], signs[2 - joint if variable == "other q" else joint - 1]
-    seen = 1.0 if variable == "t" else seen
+    seen = 1.0 if variable in ("t", "distance") else seen
+    own = 1.0 if variable == "distance" else own  # a part of friction, along the motion
 
     def function(x: Array) -> Array:
         return own * np.asarray(eval(text, {"exp": np.exp, "x": seen * x}), dtype=float)

@@ -180,7 +180,7 @@ def draw(number: int, seed: int) -> Pair:
     wanted, rate = PLAN[number % len(PLAN)], RATES[(number + number // len(PLAN)) % len(RATES)]
     while True:
         robot = str(rng.choice(["scara", "arm"]))
-        design = replace(_scara(rng) if robot == "scara" else development_design(rng), periods=1)
+        design = replace(scara(rng) if robot == "scara" else development_design(rng), periods=1)
         before = Plant(design, clutter=rng.random() < CLUTTERED)
         first = random_motion(rng, before.design)
         second = random_motion(rng, before.design) if rng.random() < OTHER_MOTION else first
@@ -195,7 +195,7 @@ def draw(number: int, seed: int) -> Pair:
             number, robot, rate, before.clutter, second is not first, repaired, tuple(changes), *plants,
             (first, second), seed,
         )  # fmt: skip
-        if _is_calm(before, first) and _is_calm(after, second):
+        if is_calm(before, first) and is_calm(after, second):
             return pair
 
 
@@ -209,12 +209,12 @@ def _causes(rng: np.random.Generator, wanted: str) -> tuple[str, ...]:
     return (wanted,)
 
 
-def _scara(rng: np.random.Generator) -> Design:
+def scara(rng: np.random.Generator) -> Design:
     true = {name: value * (1 + SPREAD * rng.uniform(-1, 1)) for name, value in SCARA.items()}
     return Design(0.5, (0.0, 0.0), (0.0, 0.0, 0.0), dict(SCARA), true, (3700.0, 62.0), (230.0, 4.0), encoder_bits=22)
 
 
-def _is_calm(plant: Plant, motion: Motion) -> bool:
+def is_calm(plant: Plant, motion: Motion) -> bool:
     """Whether the loop follows its motion and its command does not rattle: else nobody would have kept the log."""
     found, _ = plant.simulate(motion)
     error = np.abs(found.q - motion.at(instants(plant.design))[0]).max()

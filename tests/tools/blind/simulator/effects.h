@@ -50,9 +50,10 @@ static double friction(const double *f, double t, double q, double v, const doub
     return sum;
 }
 
-/* A function of one variable that no effect of the catalogue is; CURVE_KIND says of which. */
-static double curve(const double *f, double t, double q, double v, double other) {
+/* A function of one variable that no effect of the catalogue is; CURVE_KIND says of which; moved: since a reversal. */
+static double curve(const double *f, double t, double q, double v, double other, double moved) {
     int kind = (int)f[CURVE_KIND];
+    if (kind == 6) return soft_sign(v) * moved / f[CURVE_WIDTH] * exp(-moved / f[CURVE_WIDTH]);
     double x = kind == 2 ? v : kind == 3 ? t : kind == 4 ? other : q;
     double u = (x - f[CURVE_PLACE]) / f[CURVE_WIDTH];
     if (kind == 5) return u / (1.0 + u * u); /* a detent: it pulls towards one position, less the farther away */
@@ -60,7 +61,7 @@ static double curve(const double *f, double t, double q, double v, double other)
 }
 
 /* Torque that depends on position and time only. */
-static double position_torque(const double *f, double t, double q, double v, double other) {
+static double position_torque(const double *f, double t, double q, double v, double other, double moved) {
     double sum = 0.0;
     sum += f[RIPPLE_SINE] * sin(f[RIPPLE_NUMBER] * q) + f[RIPPLE_COSINE] * cos(f[RIPPLE_NUMBER] * q);
     sum += f[CLUTTER_RIPPLE] * sin(f[CLUTTER_NUMBER] * q);
@@ -79,7 +80,7 @@ static double position_torque(const double *f, double t, double q, double v, dou
     }
     if (f[CHIRP] != 0.0) sum += f[CHIRP] * sin(2.0 * 3.14159265358979323846 * (f[CHIRP_START] + 0.5 * f[CHIRP_RATE] * t) * t);
     if (f[COUPLING] != 0.0) sum += f[COUPLING] * sin(2.0 * q - 3.0 * other) * (1.0 + 0.5 * cos(5.0 * other));
-    return sum + f[CURVE] * curve(f, t, q, v, other);
+    return sum + f[CURVE] * curve(f, t, q, v, other, moved);
 }
 
 /* Torque of a gear with play: a spring outside the gap. Teeth that are not even turn the link by a little more or less

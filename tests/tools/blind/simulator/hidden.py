@@ -306,6 +306,7 @@ CURVES: Mapping[str, Maker] = {
     "unknown_detent": _curve(5, "u/(1 + u**2), x = q", _within, 0.1),
     "unknown_hump": _curve(2, "exp(-u**2), x = dq", lambda rng, s: float(rng.choice([-1, 1]) * np.ptp(s.q) / 2), 0.15),
     "unknown_swell": _curve(3, "exp(-u**2), x = t", lambda rng, s: float(rng.uniform(0.3, 0.7) * s.duration_s), 0.2),
+    "unknown_reversal": _curve(6, "u*exp(-u), x = distance", lambda rng, s: 0.0, 0.07),
     "unknown_neighbour": _curve(4, "u**2*exp(-u**2), x = other q", lambda rng, s: float(rng.uniform(-0.3, 0.3)), 0.2),
 }  # fmt: skip
 """Functions of one variable outside the catalogue: to be refused, and drawn as a curve."""

@@ -32,6 +32,7 @@ typedef struct {
     int fresh;
     double load[JOINTS];
     double a[JOINTS];   /* accelerations of the links at the last evaluation */
+    double turned[JOINTS]; /* positions of the last reversals, as seen at the ticks of the control */
 } Plant;
 
 /* Rates of all states; y in the counter-clockwise convention. */
@@ -74,7 +75,8 @@ static void rates(Plant *p, double t, const double *y, double *dy) {
                 applied[j] = x[5];
             }
         }
-        push[j] = position_torque(f, t, x[0], x[1], y[n > 1 ? (1 - j) * PER_JOINT : 0]);
+        push[j] = position_torque(f, t, x[0], x[1], y[n > 1 ? (1 - j) * PER_JOINT : 0],
+                                  fabs(x[0] - p->turned[j]));
     }
     double a[JOINTS] = {p->a[0], p->a[1]}, load[JOINTS] = {0.0, 0.0}, right[JOINTS];
     int loaded = 0;
@@ -176,13 +178,14 @@ VISIBLE int run(int n, int N, double Ts, double start, const double *qr, const d
                 const double *sign, const double *global, const double *fields, double tolerance, double *command,
                 double *q, double *v, double *a, long *count) {
     Plant p = {.n = n, .g = global};
-    double y[STATES] = {0}, past[HISTORY][JOINTS] = {{0}}, previous[JOINTS] = {0}, h = Ts / 4.0;
+    double y[STATES] = {0}, past[HISTORY][JOINTS] = {{0}}, previous[JOINTS] = {0}, moving[JOINTS] = {0}, h = Ts / 4.0;
     *count = 0;
     for (int j = 0; j < n; j++) {
         p.f[j] = fields + j * FIELD_COUNT;
         double *x = y + j * PER_JOINT;
         x[0] = x[2] = sign[j] * qr[j];
         x[1] = x[3] = sign[j] * vr[j];
+        p.turned[j] = x[0];
     }
     for (int k = 0; k < N; k++) {
         double t = start + k * Ts, cut[JOINTS + 1], delayed[JOINTS];
@@ -211,6 +214,11 @@ VISIBLE int run(int n, int N, double Ts, double start, const double *qr, const d
             if (k == 0) y[j * PER_JOINT + 4] = y[j * PER_JOINT + 5] = p.tau[j];
         }
         double dy[STATES];
+        for (int j = 0; j < n; j++) {
+            const double *x = y + j * PER_JOINT;
+            if (x[1] * moving[j] < 0.0) p.turned[j] = x[0];
+            if (x[1] != 0.0) moving[j] = x[1];
+        }
         rates(&p, t, y, dy);
         for (int j = 0; j < n; j++) {
             q[k * n + j] = sign[j] * y[j * PER_JOINT];

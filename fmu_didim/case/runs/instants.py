@@ -17,7 +17,7 @@ import numpy as np
 from fmu_didim.base.diagnostics import CATALOGUE, DOUBT, PROBLEM, REMARK, DiagnosedError, Diagnostic
 from fmu_didim.base.errors import InputError
 from fmu_didim.case.files import NONE_GIVEN, found_in, read_signals, read_stamps
-from fmu_didim.case.reference import (
+from fmu_didim.case.runs.reference import (
     FEWEST_ROWS,
     SMALLER_UNITS,
     TIME_UNIT,

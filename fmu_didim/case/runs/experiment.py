@@ -7,9 +7,10 @@ from dataclasses import replace
 from pathlib import Path
 
 from fmu_didim.case.files import NONE_GIVEN, read_signals
-from fmu_didim.case.instants import read_motion
+from fmu_didim.case.runs.instants import read_motion
+from fmu_didim.case.runs.temperatures import read_temperatures
+from fmu_didim.case.runs.torque_log import read_torque_log
 from fmu_didim.case.sources import ExperimentSource
-from fmu_didim.case.torque_log import read_torque_log
 from fmu_didim.cosim import Instants, sample_operator
 from fmu_didim.data.signals import Trajectory
 from fmu_didim.data.tables import Selected
@@ -50,14 +51,15 @@ def read_experiment(
         log.times, start=float(reference.time[0]), step=step, tick_count=reference.time.size,
         instants=instants, **source.torque.sampled,
     ).stamped_later(source.torque.log_shift_s / step, reference.time.size)  # fmt: skip
-    told, positions = [*motion.told, *log.told], None
+    temperatures = read_temperatures(source, folder, reference.time, len(torque_units), label, signals)
+    told, positions = [*motion.told, *log.told, *temperatures.told], None
     if source.positions is not None:
         measured = read_signals(source.positions, folder, signals, torque_units=torque_units)
         positions = measured.signals
         told += measured.told
     return Experiment(
         reference, log.times, log.torque, operator, positions, label, source.role, stamps=log.stamps,
-        told=tuple(dict.fromkeys(told)), initial_state=initial_state_of(source),
+        measured_starts=temperatures.starts, told=tuple(dict.fromkeys(told)), initial_state=initial_state_of(source),
         leaves_out_outliers=source.torque.outliers == "leave_out", is_unsigned=source.torque.unsigned,
         shares_noise=source.torque.motors is not None and mixes(source.torque.motors),
         unit=source.unit, day=source.recorded_on,

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from fmu_didim.base.diagnostics import CATALOGUE, PROBLEM, DiagnosedError, Diagnostic
 from fmu_didim.base.errors import InputError
 from fmu_didim.case.files import NONE_GIVEN, read_signals
-from fmu_didim.case.instants import LONG, NEAR
-from fmu_didim.case.reference import SMALLER_UNITS, TIME_UNIT, at_least_two_rows
+from fmu_didim.case.runs.instants import LONG, NEAR
+from fmu_didim.case.runs.reference import SMALLER_UNITS, TIME_UNIT, at_least_two_rows
 from fmu_didim.case.sources import ExperimentSource, ReferenceFile, TorqueFile
 from fmu_didim.cosim import Indices, Instants, decimated_times, grid_places, period_change, sample_operator
 from fmu_didim.data.filters import running_median

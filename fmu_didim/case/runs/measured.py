@@ -11,8 +11,8 @@ import numpy as np
 from fmu_didim.base.diagnostics import Diagnostic
 from fmu_didim.base.errors import InputError, UnknownNameError
 from fmu_didim.case.files import NONE_GIVEN, read_samples, table_and_time
+from fmu_didim.case.runs.torque_log import ROUNDING_S
 from fmu_didim.case.sources import ExperimentSource, MeasuredFile
-from fmu_didim.case.torque_log import ROUNDING_S
 from fmu_didim.cosim import Instants, SampleOperator, System, measured_output, sample_operator
 from fmu_didim.data.signals import Array, Trajectory, Variable
 from fmu_didim.data.tables import Column
