@@ -50,7 +50,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         found = read(options.folder)
         print(text(found))
         if options.figures:
-            given = ["score", "FOLDER", "--figures", str(options.figures)]
+            given = ["score", options.folder.name, "--figures", str(options.figures)]
             write_figures(options.figures, command_of("tests.tools.known_ripples", given), figures_of(found))
     return 0
 

@@ -90,7 +90,8 @@ def figures_of(found: Sequence[Result]) -> dict[str, str | list[str]]:
     for name, kind in (("clean", "r"), ("other", "o")):
         for how in STATED:
             own = [r for r in found if r.level == 0 and (r.name[0], r.how) == (kind, how)]
-            figures |= {f"{name}_{how}": str(len(own)), f"{name}_{how}_false": _share(bool(r.false) for r in own)}
+            if own:
+                figures |= {f"{name}_{how}": str(len(own)), f"{name}_{how}_false": _share(bool(r.false) for r in own)}
     return figures
 
 
