@@ -196,6 +196,17 @@ class Competition:
         found = None if candidate.of_motor is None else self.refit(candidate.of_motor.start)
         return None if found is None else self.assess(candidate.effect_at, found)
 
+    def may_be(self, candidate: FittedCandidate, other: FittedCandidate) -> bool:
+        """Whether two ripples may be one: of one class on one joint, less than a period apart over the range."""
+        first, second = candidate.effect_at, other.effect_at
+        builder = self.builder
+        one_class = builder.effect(first).class_name == builder.effect(second).class_name
+        if not one_class or first.joint != second.joint:
+            return False
+        own, theirs = (builder.shapes_in(c.fit, c.effect_at)[0] for c in (candidate, other))
+        drift = builder.loop.ranges[first.joint - 1].drift
+        return any(drift(own[n], theirs[n]) < 1 for n in builder.at(first).harmonics if n in own and n in theirs)
+
     def _is_usual(self, candidate: ScreenedCandidate) -> bool:
         """Whether its amplitudes are possible, and such as machines have."""
         effect, values = self.builder.effect(candidate.effect_at), dict(candidate.start.values)

@@ -55,6 +55,7 @@ In blind cases gains that are off lead lags and gears by two fifths or more; a d
 of hidden Stribeck friction by 8 %."""
 TOLD_BY_FITS = frozenset({"measurement", "controller"})
 """Places of effects that fits alone put into a set, not their class."""
+BESIDE_HARMONIC = "a ripple beside this harmonic of the motor, too small for a name, explains more"
 TOO_SMALL = "changes "
 """Beginning of the objection that an effect changes the torque, or all signals, by too little."""
 
@@ -135,6 +136,7 @@ def decide(
     base: Fit,
     held: Callable[[FittedCandidate], Iterable[FittedCandidate]] = lambda candidate: (),
     at_harmonic: Callable[[FittedCandidate], FittedCandidate | None] = lambda candidate: None,
+    may_be: Callable[[FittedCandidate, FittedCandidate], bool] = lambda candidate, other: False,
     finished: Callable[[FittedCandidate], FittedCandidate] = lambda candidate: candidate,
     class_of: Callable[[EffectAtJoint], str] = lambda effect_at: effect_at.effect,
     rivals_of: Callable[[FittedCandidate], frozenset[str]] = lambda candidate: frozenset(),
@@ -146,6 +148,8 @@ def decide(
         held: a candidate that fails on held-out data only, or whose amplitudes may be absent beside shapes that are
             free, with its shapes held at screened values.
         at_harmonic: a candidate that is too small at the frequency where it is best, at a harmonic of its motor.
+        may_be: whether a ripple may be what another candidate is: of one class, and of nearly one frequency. A harmonic
+            of a motor that is small is not named where another frequency beside it explains more.
         finished: a candidate whose fit was given up, at its minimum.
         class_of: the class of an effect. Where held-out data confirm the best by its size alone, one of its class with
             fewer parameters is as good unless they confirm what the best has more.
@@ -161,12 +165,19 @@ def decide(
         is_as_odd = bool(best.unusual and other.unusual)
         return named and not is_as_odd and other.delta_bic > (1 - NEAR_STATED) * best.delta_bic
 
-    def judged(candidate: FittedCandidate) -> tuple[FittedCandidate, str]:
+    def objected_to(candidate: FittedCandidate) -> str:
         reason = objection(candidate, fit, options, base=base)
+        if reason or not candidate.is_known or candidate.change >= options.smallest_size:
+            return reason
+        ahead = (c for c in ranking if not c.is_known and c.delta_bic > candidate.delta_bic)
+        return BESIDE_HARMONIC if any(may_be(candidate, c) for c in ahead) else ""
+
+    def judged(candidate: FittedCandidate) -> tuple[FittedCandidate, str]:
+        reason = objected_to(candidate)
         if reason or not candidate.fit.given_up:
             return candidate, reason
         candidate = finished(candidate)
-        return candidate, objection(candidate, fit, options, base=base)
+        return candidate, objected_to(candidate)
 
     reasons: list[tuple[EffectAtJoint, str]] = []
     for first in ranking:

@@ -72,6 +72,24 @@ def test_a_ripple_of_the_motor_beside_a_larger_one_that_is_too_small_for_a_name(
     assert (found is known) if taken else isinstance(found, tuple)
 
 
+@pytest.mark.parametrize(
+    ("harmonic", "other", "may_be", "named"),
+    [
+        ({"change": 0.4}, {"bic": 71.0, "change": 0.5}, True, False),  # it follows a ripple beside it
+        ({"change": 0.4}, {"bic": 71.0, "change": 0.5}, False, True),  # of another joint, or far away
+        ({"change": 0.4}, {"bic": 48.0, "change": 0.5}, True, True),
+        ({"change": 0.7}, {"bic": 71.0, "change": 0.5}, True, True),  # large enough whatever its frequency is
+    ],
+)
+def test_a_small_harmonic_is_not_named_for_a_better_ripple_beside_it(
+    harmonic: dict[str, Any], other: dict[str, Any], may_be: bool, named: bool
+) -> None:
+    known, beside = candidate_of("known", bic=49.0, is_known=True, **harmonic), candidate_of("beside", **other)
+    ranking = sorted([known, beside], key=lambda c: -c.delta_bic)
+    found = decide(ranking, BEFORE, Options(), base=BASE, may_be=lambda candidate, one: may_be)
+    assert (found is known) if named else (isinstance(found, tuple) and found[1][1] == decide_module.BESIDE_HARMONIC)
+
+
 def held_out(first: np.ndarray, second: np.ndarray | None, **more: Any) -> tuple[Any, FittedCandidate]:
     """The fit before with a residual on held-out data, and a candidate with another one."""
     before = table_fit(50.0, held_out={"other": first}, **more)

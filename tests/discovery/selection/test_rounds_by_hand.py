@@ -166,6 +166,7 @@ class ByHand:
         base: Fit,
         held: Any,
         at_harmonic: Any,
+        may_be: Any,
         finished: Any,
         class_of: Any,
         rivals_of: Any,
