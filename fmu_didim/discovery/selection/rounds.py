@@ -212,7 +212,8 @@ class _Round:
             return cls(ranking, tried, None, fruitless)
         judge = partial(
             _judge(competition, base, options), held=partial(_with_shapes_held, competition, screened),
-            at_harmonic=partial(_at_harmonic, competition, screened), may_be=lambda one, other: competition.may_be(one, other),
+            at_harmonic=partial(_at_harmonic, competition, screened),
+            may_be=lambda one, other: competition.may_be(one, other),
         )  # fmt: skip
         accepted = judge(ranking)
         if comparison.unfitted and not isinstance(accepted, FittedCandidate):
