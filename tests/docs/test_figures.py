@@ -180,6 +180,8 @@ STATED: Mapping[str, Mapping[str, str]] = {
         "a torque sample of 10 ms": MADE, "three periods of 4 s": MADE, "1.5 % of noise": MADE, "lag of 6 ms": MADE,
         "(0.08 N.m, 0.15 rad/s)": MADE, "friction (0.8 N·m), logged at 20 Hz with noise of 0.3 N·m": MADE,
         "the joint changes by 10 % or more": THRESHOLD, "that differ by more than 10 %": THRESHOLD,
+        "no clutter, 0.2 σ in the torque": THRESHOLD, "in the place of 0.6 σ": THRESHOLD,
+        "but one below 0.6 σ": THRESHOLD,
         "differs by a factor of 1.5 or more": THRESHOLD, "less than 0.2 of the noise": THRESHOLD,
         "each pulse above 0.5 N·m, with begin and end within 20 ms": "what was asked",
     },
