@@ -131,6 +131,16 @@ def scored(lines: Sequence[dict[str, Any]]) -> dict[str, Any]:
     return {"kinds": table(heads, rows), "plants": str(len(lines)), "inside": f"{inside} of {values}"}
 
 
+def _percent(of: tuple[float, float]) -> str:
+    return f"{100 * of[0]:g} to {100 * of[1]:g} %"
+
+
+def read_lines(path: Path) -> list[dict[str, Any]]:
+    """The lines of a run; joints are numbers again."""
+    found = [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines() if line.startswith("{")]
+    return [line | {"found": {int(j): values for j, values in line["found"].items()}} for line in found]
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """0: done."""
     given = list(sys.argv[1:] if arguments is None else arguments)
@@ -139,20 +149,21 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--plants", type=int, default=30, help="how many (30)")
     parser.add_argument("--seed", type=int, default=1, help="of the draws (1)")
     parser.add_argument("--jobs", type=int, default=1, help="processes (1)")
+    parser.add_argument("--lines", type=Path, help="what a run has printed, to be scored once more")
     parser.add_argument("--figures", type=Path, help="file of figures for docs/include.py")
     options = parser.parse_args(given)
-    lines = []
-    with ProcessPoolExecutor(options.jobs, mp_context=get_context("spawn")) as pool:
-        for line in pool.map(partial(run, seed=options.seed, folder=options.folder), range(options.plants)):
-            lines.append(line)
-            print(json.dumps(line), flush=True)
+    lines = read_lines(options.lines) if options.lines else []
+    if not lines:
+        with ProcessPoolExecutor(options.jobs, mp_context=get_context("spawn")) as pool:
+            for line in pool.map(partial(run, seed=options.seed, folder=options.folder), range(options.plants)):
+                lines.append(line)
+                print(json.dumps(line), flush=True)
     found = scored(lines)
     print("\n".join([*found["kinds"], f"dry friction within {WITHIN:g} sigma: {found['inside']}"]))
     if options.figures:
-        shown = ["FOLDER" if Path(word) == options.folder else word for word in given]
-        write_figures(
-            options.figures, command_of("tests.tools.temperatures", shown), found | {"seed": str(options.seed)}
-        )
+        words = ["FOLDER", "--plants", str(len(lines)), "--seed", str(options.seed), "--figures", str(options.figures)]
+        stated = {"sensor": f"{SENSOR:g} K", "dry": _percent(DRY), "viscous": _percent(VISCOUS)}
+        write_figures(options.figures, command_of("tests.tools.temperatures", words), found | stated)
     return 0
 
 

@@ -23,7 +23,7 @@ from fmu_didim.case.sources import ExperimentSource
 from fmu_didim.checks.data.log import REFERENCE_STEP
 from fmu_didim.data.filters import LowPass
 from fmu_didim.data.signals import Array, Trajectory, Variable, white_noise
-from fmu_didim.estimators.starts.reference_start import Motion, derived_noise, motion_hz
+from fmu_didim.estimators.starts.reference_start import Motion, derived_noise, motion_hz, moving_joints
 
 if TYPE_CHECKING:
     from scipy.interpolate import BSpline
@@ -85,14 +85,16 @@ class Positions:
 
     def noise_share(self, bandwidth_hz: float) -> float:
         """The largest noise of an acceleration below a bandwidth, of the deviation of the acceleration there."""
-        ddq = self.smooth(bandwidth_hz).at(self.time)[2].std(axis=0)
-        moves = ddq > 0
+        _, dq, acceleration = self.smooth(bandwidth_hz).at(self.time)
+        ddq = acceleration.std(axis=0)
+        moves = (ddq > 0) & moving_joints(dq)
         noise = np.array([white_noise(column) for column in self.q.T])[moves]
         return float(np.max(derived_noise(noise, bandwidth_hz, self.rate_hz, 2) / ddq[moves], initial=0.0))
 
     def motion_hz(self, bandwidth_hz: float) -> float:
         """Highest frequency of the motion below a bandwidth."""
-        return motion_hz(self.time, self.smooth(bandwidth_hz).at(self.time)[1])
+        velocity = self.smooth(bandwidth_hz).at(self.time)[1]
+        return motion_hz(self.time, velocity[:, moving_joints(velocity)])
 
 
 @dataclass(frozen=True)

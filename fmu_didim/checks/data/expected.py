@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from fmu_didim.base.errors import FmuDidimError, SimulationError
 from fmu_didim.base.tall import in_blocks
 from fmu_didim.data.signals import Array
-from fmu_didim.estimators.starts.reference_start import rows_on, whole_reference
+from fmu_didim.estimators.starts.reference_start import moving_joints, rows_on, whole_reference
 from fmu_didim.fit.noise.noise import TINY
 from fmu_didim.fit.solver.admissible import mass_matrix_problem
 from fmu_didim.model.loop_model import Simulation
@@ -41,6 +41,7 @@ class Expected:
         measured: (N, n); nominal: (N, n) simulated at the start values, None where the loop does not run with them.
         columns: (N, n, b) regressor along the reference; known: (N, n) torque beside it; None without one.
         left: which rows (N,) and which joints (n,) of the log these are; None: all.
+        moving: (n,) which joints move; None: all.
     """
 
     measured: Array
@@ -48,13 +49,16 @@ class Expected:
     columns: Array | None = None
     known: Array | None = None
     left: tuple[NDArray[np.bool_], NDArray[np.bool_]] | None = None
+    moving: NDArray[np.bool_] | None = None
 
     @property
     def size(self) -> Array:
         """(n,) standard deviation of each measured torque, never zero: that of a dead channel is a rounding of the
-        largest torque, 1 where there is none."""
+        largest torque, 1 where there is none. The torque of a joint that stands still is no more than noise and what
+        the others shake: it counts as a part of the largest one."""
         largest = float(np.abs(self.measured).max(initial=0.0))
-        return np.asarray(np.maximum(self.measured.std(axis=0), DEAD * largest if largest > TINY else 1.0))
+        found = np.asarray(np.maximum(self.measured.std(axis=0), DEAD * largest if largest > TINY else 1.0))
+        return found if self.moving is None else np.where(self.moving, found, found.max(initial=0.0))
 
     def without(self, wrong: NDArray[np.bool_]) -> Expected:
         """The same without the samples (N, n) that are wrong by themselves: without the joints of which hardly any
@@ -65,7 +69,8 @@ class Expected:
             return self
         parts = (self.nominal, self.columns, self.known)
         nominal, columns, known = (None if part is None else part[rows][:, joints] for part in parts)
-        return Expected(self.measured[rows][:, joints], nominal, columns, known, (rows, joints))
+        moving = None if self.moving is None else self.moving[joints]
+        return Expected(self.measured[rows][:, joints], nominal, columns, known, (rows, joints), moving)
 
     def kept(self, torque: Array) -> Array:
         """Those samples of a torque (N, n) of the whole log that are left."""
@@ -92,7 +97,7 @@ class Expected:
         rows = slice(int(part * self.measured.shape[0]), None)
         parts = (self.nominal, self.columns, self.known)
         nominal, columns, known = (None if part is None else part[rows] for part in parts)
-        return Expected(self.measured[rows], nominal, columns, known)
+        return Expected(self.measured[rows], nominal, columns, known, moving=self.moving)
 
     def chance(self) -> float:
         """Median error of the fit for the log rolled to other instants."""
@@ -147,10 +152,12 @@ def expected(run: Simulation) -> Expected:
             nominal = run.torque()
         except SimulationError:
             nominal = None  # the fit deals with such a start
-    names = run.experiment.reference.names
+    names, moving = run.experiment.reference.names, None
     if model.parameters.has_regressor and all(f"q{j}" in names for j in range(1, model.joint_count + 1)):
+        motion = whole_reference(run)
+        moving = moving_joints(motion[1])
         try:
-            columns, known = rows_on(run, whole_reference(run))
+            columns, known = rows_on(run, motion)
         except FmuDidimError:
             columns = known = None  # effects whose loads no fit along the reference gives
-    return Expected(measured, nominal, columns, known)
+    return Expected(measured, nominal, columns, known, moving=moving)

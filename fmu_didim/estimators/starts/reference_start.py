@@ -25,6 +25,9 @@ SMOOTHED_ORDER = 4
 """[1] Of that filter, a Butterworth one run forward and backward."""
 NOISE_OF_ACCELERATION = 0.1
 """[1] Fraction of the deviation of an acceleration that its noise may have: 1 % of its power."""
+STANDS = 0.01
+"""[1] Deviation of the velocity of a joint that stands still, of the largest one of its robot: of a log in which one
+joint moved after the other, the others show 1e-3 of it and less."""
 
 Rows = Callable[[Array], tuple[Array, Array]]
 """Regressor (N, n, b) and known torque (N, n) at the samples, for what is observed beyond the motion (K, no)."""
@@ -89,6 +92,14 @@ def derived_noise(noise: Array, cutoff_hz: float, rate_hz: float, order: int) ->
     """
     part = cutoff_hz / rate_hz
     return np.asarray(noise * (2 * np.pi * cutoff_hz) ** order * np.sqrt(2 * part / (2 * order + 1)))
+
+
+def moving_joints(velocity: Array) -> NDArray[np.bool_]:
+    """(n,) which joints move, by velocities (K, n): of the others noise is seen, and what the moving ones shake. All,
+    where none does."""
+    size = velocity.std(axis=0)
+    found = np.asarray(size > STANDS * size.max(initial=0.0))
+    return found if found.any() else np.ones(size.size, dtype=bool)
 
 
 def motion_hz(time: Array, velocities: Array) -> float:
