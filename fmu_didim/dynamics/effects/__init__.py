@@ -101,6 +101,7 @@ from fmu_didim.dynamics.effects.torque_saturation import TorqueSaturation
 from fmu_didim.dynamics.effects.torque_settling import TorqueSettling
 from fmu_didim.dynamics.effects.transmission_error import TransmissionError
 from fmu_didim.dynamics.effects.viscous import Viscous
+from fmu_didim.dynamics.effects.voltage_limit import VoltageLimit
 from fmu_didim.dynamics.effects.wrist_friction import WristFriction
 
 _ALL: tuple[Effect, ...] = (
@@ -114,7 +115,8 @@ _ALL: tuple[Effect, ...] = (
     # controller
     ControllerGains(),
     # drive and sensor
-    ControllerGain(), TorqueSaturation(), DriveGain(), DeadZone(), Delay(), ActuatorLag(), EncoderEccentricity(),
+    ControllerGain(), TorqueSaturation(), VoltageLimit(), DriveGain(), DeadZone(), Delay(), ActuatorLag(),
+    EncoderEccentricity(),
     # structure
     JointElasticity(), Backlash(), TransmissionError(), BaseTilt(),
     # measurement
