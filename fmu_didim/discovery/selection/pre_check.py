@@ -33,11 +33,19 @@ WORTH_A_TRIAL = 0.005
 """[1] Fraction of the chi-square that clipping the simulated torque along a line must take away for a full simulation.
 On blind cases that hide such a limit it took away 0.007 to 0.07, because base parameters have made up for a part and
 what a loop does after a limit is not in it; where no drive is at a limit 0.004 or less."""
-STARTS = 3
+LINES = 4
+"""[trials] Of limits that fall, on one joint: of those that promise most and of those on which most samples lie."""
+ON_LINE = 2.0
+"""[standard deviations] Of the noise within which a sample lies on a line: a drive at its limit logs the limit."""
+STARTS = 4
 """[trials] From which a limit that falls is fitted: stall and speed lie in a valley, whose ground is not smooth where
 samples come to the limit or leave it."""
+APART = 1.25
+"""[1] Ratio of the speeds of two of them."""
+VALLEYS = 2
+"""[fits] That go on to the end of the valley, the best ones."""
 ALONG_VALLEY = Stopping(iterations=40, updates=None, exact=True)
-"""Of the best of these fits."""
+"""How long they do."""
 PROMISING = 0.9
 """[1] Fraction of the chi-square of the base model below which the best trial must come."""
 WORSE = 1.02
@@ -99,9 +107,13 @@ def _checked(
     tried = {name: _tried(name, check, competition) for name, check in checks.items() if not check.speed}
     limited = {t.effect_at.joint for trials in tried.values() for t in trials if t.square <= enough}
     tried |= {name: _tried(name, check, competition, limited) for name, check in checks.items() if check.speed}
+    limited |= {t.effect_at.joint for trials in tried.values() for t in trials if t.square <= enough}
     found: list[FittedCandidate] = []
-    for trials in (each for each in tried.values() if each and each[0].square <= enough):
-        for effect_at in dict.fromkeys(t.effect_at for t in trials[:FITTED]):
+    for trials in tried.values():
+        best = trials[:FITTED] if trials and trials[0].square <= enough else []
+        # Whether one of the class may stand for another that is promising on a joint, only its fit tells.
+        beside = (t for t in trials if len(tried) > 1 and t.effect_at.joint in limited)
+        for effect_at in dict.fromkeys(t.effect_at for t in (*best, *beside)):
             fitted = _fitted(effect_at, [t for t in trials if t.effect_at == effect_at], competition)
             if fitted is not None:
                 found.append(competition.assess(effect_at, fitted))
@@ -119,14 +131,23 @@ def _checked(
 def _fitted(effect_at: EffectAtJoint, trials: Sequence[Trial], competition: Competition) -> Fit | None:
     """The model with a limit, fitted from its best trial; one that falls from several, and to the end of its valley."""
     check = competition.builder.effect(effect_at).pre_check
-    falls = check is not None and bool(check.speed)
-    starts = (Proposal(effect_at, t.values, t.values) for t in trials[: STARTS if falls else 1])
-    fits = [fit for fit in map(competition.refit, starts) if fit is not None]
-    best = min(fits, key=lambda fit: fit.chi_square, default=None)
-    if best is None or not falls:
-        return best
-    longer = minimise(best.model, competition.fit.noise, stopping=ALONG_VALLEY)
-    return longer if longer.chi_square < best.chi_square else best
+    starts = [trials[0]] if check is None or not check.speed else apart(trials, check.speed)
+    proposals = (Proposal(effect_at, t.values, t.values) for t in starts)
+    fits = [fit for fit in map(competition.refit, proposals) if fit is not None]
+    fits.sort(key=lambda fit: fit.chi_square)
+    if len(starts) > 1:
+        fits += [minimise(fit.model, competition.fit.noise, stopping=ALONG_VALLEY) for fit in fits[:VALLEYS]]
+    return min(fits, key=lambda fit: fit.chi_square, default=None)
+
+
+def apart(trials: Sequence[Trial], speed: str) -> list[Trial]:
+    """The best trials of a limit that falls whose speeds are apart, from the best on."""
+    found: list[Trial] = []
+    for trial in trials:
+        ratios = (trial.values[speed] / other.values[speed] for other in found)
+        if len(found) < STARTS and all(max(ratio, 1 / ratio) >= APART for ratio in ratios):
+            found.append(trial)
+    return found
 
 
 @dataclass(frozen=True)
@@ -226,36 +247,44 @@ def _values(check: PreCheck, fit: Fit, joint: int, *, asked: bool) -> list[dict[
         return [{check.parameter: float(np.quantile(torque, quantile))} for quantile in check.quantiles]
     return lines(
         check, np.copysign(torque, fit.torque[:, joint - 1]), fit.torque[:, joint - 1], _velocity(fit, joint),
-        weight=np.broadcast_to(fit.noise.weight, fit.outputs.shape)[: torque.size, joint - 1],
+        deviation=float(fit.noise.deviation[joint - 1]),
         least=-np.inf if asked else WORTH_A_TRIAL * _square(fit.residual, fit),
     )  # fmt: skip
 
 
 def lines(
-    check: PreCheck, measured: Array, simulated: Array, velocity: Array, *, weight: Array, least: float
+    check: PreCheck, measured: Array, simulated: Array, velocity: Array, *, deviation: float, least: float
 ) -> list[dict[str, float]]:
-    """Limits that fall with the speed, of each speed the one that promises most: by how much the sum of squares falls
-    where the simulated torque is clipped along it.
+    """Limits that fall with the speed, one for each speed that is tried, of those that promise most and of those along
+    which most measured samples lie; none where clipping promises too little.
 
     Args:
-        measured, simulated, velocity, weight: (N,) at the samples of a joint.
-        least: by which the sum of squares must fall.
+        measured, simulated, velocity: (N,) at the samples of a joint; deviation: of the noise of the torque.
+        least: chi-square that clipping the simulated torque along the best line must take away.
     """
-    fastest, found = float(np.abs(velocity).max(initial=0.0)), list[dict[str, float]]()
-    if fastest <= 0:
+    fastest = float(np.abs(velocity).max(initial=0.0))
+    if check.speeds is None or fastest <= 0:
         return []
-    before = float(np.sum(((measured - simulated) * weight) ** 2))
-    for part in check.speeds:
+    before, found = float(np.sum((measured - simulated) ** 2)), list[tuple[float, int, dict[str, float]]]()
+    for part in np.geomspace(check.speeds.lowest, check.speeds.highest, check.speeds.count).tolist():
         left = velocity / (part * fastest)
-        at_rest = np.maximum(measured / (1 - left), -measured / (1 + left))
-        gains: list[tuple[float, float]] = []
-        for stall in np.quantile(at_rest, check.quantiles).tolist():
-            clipped = np.clip(simulated, -stall * (1 + left), stall * (1 - left))
-            gains.append((before - float(np.sum(((measured - clipped) * weight) ** 2)), stall))
-        gain, stall = max(gains)
-        if stall > 0 and gain >= least:
-            found.append({check.parameter: stall, check.speed: part * fastest})
-    return found
+        drives = measured / (1 - left) > -measured / (1 + left)
+        room = np.where(drives, 1 - left, 1 + left)
+        at_rest = np.where(drives, measured, -measured) / room
+        top = float(np.quantile(at_rest, check.quantiles[-1]))
+        lies_on = np.abs(at_rest - top) * room < ON_LINE * deviation
+        stalls = [*np.quantile(at_rest, check.quantiles), float(np.median(at_rest[lies_on])) if lies_on.any() else top]
+        clipped = (np.clip(simulated, -stall * (1 + left), stall * (1 - left)) for stall in stalls)
+        gains = [before - float(np.sum((measured - each) ** 2)) for each in clipped]
+        best = int(np.argmax(gains))
+        if stalls[best] > 0:
+            limit = {check.parameter: float(stalls[best]), check.speed: part * fastest}
+            found.append((gains[best], int(np.sum(lies_on)), limit))
+    if max((gain for gain, *_ in found), default=0.0) < least * deviation**2:
+        return []
+    by_gain = sorted(range(len(found)), key=lambda i: -found[i][0])[:LINES]
+    by_count = sorted(range(len(found)), key=lambda i: (-found[i][1], -found[i][0]))[:LINES]
+    return [found[i][2] for i in dict.fromkeys((*by_gain, *by_count))]
 
 
 def _velocity(fit: Fit, joint: int) -> Array:

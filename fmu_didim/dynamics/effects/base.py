@@ -59,14 +59,14 @@ class PreCheck:
         quantiles: of the absolute measured torque of the joint, which are tried as its values; of a limit that falls,
             of what the torque would be at rest on a line through it.
         speed: name of the parameter at which nothing is left; empty of a constant limit.
-        speeds: tried as its values, as multiples of the largest speed of the joint.
+        speeds: grid of its values, as multiples of the largest speed of the joint.
         flattest: the largest multiple that a fit may find: what falls less is a constant limit.
     """
 
     parameter: str
     quantiles: tuple[float, ...]
     speed: str = ""
-    speeds: tuple[float, ...] = ()
+    speeds: Search | None = None
     flattest: float = math.inf
 
 

@@ -30,7 +30,7 @@ class VoltageLimit(VelocityEffect):
         "stall",
         (0.95, 0.97, 0.98, 0.99, 0.995, 0.998),
         speed="no_load_speed",
-        speeds=(1.1, 1.4, 1.8, 2.4, 3.5, 8.0),
+        speeds=Search(1.05, 8.0, 16),
         flattest=10.0,
     )
     own_parameters = (
