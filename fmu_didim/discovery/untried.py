@@ -5,7 +5,7 @@ from __future__ import annotations
 from fmu_didim.base.diagnostics import CATALOGUE, DOUBT, Diagnostic
 from fmu_didim.discovery.augmentation.builder import LoopModelBuilder
 from fmu_didim.discovery.judge import remaining_gaps
-from fmu_didim.dynamics.effects import UNITS
+from fmu_didim.dynamics.effects.inserted import VELOCITY_UNITS
 from fmu_didim.fit.fit import Fit
 
 EFFECTS_UNTRIED = CATALOGUE(
@@ -24,7 +24,6 @@ INTEGRATED = (
     "The plant has no output {0}: the position is the integral of the velocity, from the start of the reference or "
     "from zero. What depends on the position is therefore known up to its zero."
 )
-VELOCITY_UNITS = frozenset(units.velocity for units in UNITS.values())
 
 
 def motion_notes(builder: LoopModelBuilder) -> tuple[str, ...]:
