@@ -236,7 +236,8 @@ class TestOtherEffects:
             insert_effect(blind(scara_loop(), "q", unit="rad/s"), VoltageLimit(), 2, "revolute")
 
     def test_the_difference_of_positions_asks_for_one_period(self) -> None:
-        given, differs = VoltageLimit(), VoltageLimit().fed_by({"q1": "rad"}, 1)
+        given = VoltageLimit()
+        differs = given.fed_by({"q1": "rad"}, 1)
         assert differs is not None and given.fed_by({"q1": "rad", "dq1": "rad/s"}, 1) is given
         assert given.fed_by({"q1": "rad"}, 1) is differs  # so that it is compiled once
         assert not given.depends_on_period("revolute") and differs.depends_on_period("revolute")

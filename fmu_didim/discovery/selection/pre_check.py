@@ -131,12 +131,12 @@ def _checked(
 def _fitted(effect_at: EffectAtJoint, trials: Sequence[Trial], competition: Competition) -> Fit | None:
     """The model with a limit, fitted from its best trial; one that falls from several, and to the end of its valley."""
     check = competition.builder.effect(effect_at).pre_check
-    starts = [trials[0]] if check is None or not check.speed else apart(trials, check.speed)
-    proposals = (Proposal(effect_at, t.values, t.values) for t in starts)
+    if check is None or not check.speed:
+        return competition.refit(Proposal(effect_at, trials[0].values, trials[0].values))
+    proposals = (Proposal(effect_at, t.values, t.values) for t in apart(trials, check.speed))
     fits = [fit for fit in map(competition.refit, proposals) if fit is not None]
     fits.sort(key=lambda fit: fit.chi_square)
-    if len(starts) > 1:
-        fits += [minimise(fit.model, competition.fit.noise, stopping=ALONG_VALLEY) for fit in fits[:VALLEYS]]
+    fits += [minimise(fit.model, competition.fit.noise, stopping=ALONG_VALLEY) for fit in fits[:VALLEYS]]
     return min(fits, key=lambda fit: fit.chi_square, default=None)
 
 
@@ -222,11 +222,12 @@ def _tried(name: str, check: PreCheck, competition: Competition, limited: Collec
     class_name = builder.effects[name].class_name
     named = {a.joint for a in fit.model.added_effects if builder.effect(a).class_name == class_name}
     candidates = (EffectAtJoint(name, joint) for joint in builder.joints(name) if joint not in named)
+    possible = [effect_at for effect_at in candidates if builder.at(effect_at).can_be_added]
+    speeds = _velocities(fit) if check.speed and possible else None
     proposals = [
         Proposal(effect_at, values)
-        for effect_at in candidates
-        if builder.at(effect_at).can_be_added
-        for values in _values(check, fit, effect_at.joint, asked=effect_at.joint in limited)
+        for effect_at in possible
+        for values in _values(check, fit, effect_at.joint, speeds, asked=effect_at.joint in limited)
     ]
     models = [builder.build(fit.model, [proposal]) for proposal in proposals]
     misfits = side_by_side([partial(misfit, model) for model in models], fit.model.allowed_workers(fit.values))
@@ -236,19 +237,20 @@ def _tried(name: str, check: PreCheck, competition: Competition, limited: Collec
     return sorted(trials, key=lambda t: t.square)
 
 
-def _values(check: PreCheck, fit: Fit, joint: int, *, asked: bool) -> list[dict[str, float]]:
+def _values(check: PreCheck, fit: Fit, joint: int, velocities: Array | None, *, asked: bool) -> list[dict[str, float]]:
     """The values of a limit that are worth a full simulation at a joint, counted from 1; see :class:`PreCheck`.
 
     Args:
-        asked: whether the best lines are, whatever they promise.
+        velocities: (N, n) of a limit that falls with the speed, None of a constant one.
+        asked: whether the best lines are worth it, whatever they promise.
     """
     torque = np.abs(fit.model.measured[:, joint - 1])
-    if not check.speed:
+    if velocities is None:
         return [{check.parameter: float(np.quantile(torque, quantile))} for quantile in check.quantiles]
+    least = WORTH_A_TRIAL * _square(fit.residual, fit) / float(fit.noise.weight[joint - 1]) ** 2
     return lines(
-        check, np.copysign(torque, fit.torque[:, joint - 1]), fit.torque[:, joint - 1], _velocity(fit, joint),
-        deviation=float(fit.noise.deviation[joint - 1]),
-        least=-np.inf if asked else WORTH_A_TRIAL * _square(fit.residual, fit),
+        check, np.copysign(torque, fit.torque[:, joint - 1]), fit.torque[:, joint - 1], velocities[:, joint - 1],
+        deviation=float(fit.noise.deviation[joint - 1]), least=-np.inf if asked else least,
     )  # fmt: skip
 
 
@@ -260,7 +262,7 @@ def lines(
 
     Args:
         measured, simulated, velocity: (N,) at the samples of a joint; deviation: of the noise of the torque.
-        least: chi-square that clipping the simulated torque along the best line must take away.
+        least: part of the sum of squares that clipping the simulated torque along the best line must take away.
     """
     fastest = float(np.abs(velocity).max(initial=0.0))
     if check.speeds is None or fastest <= 0:
@@ -280,26 +282,27 @@ def lines(
         if stalls[best] > 0:
             limit = {check.parameter: float(stalls[best]), check.speed: part * fastest}
             found.append((gains[best], int(np.sum(lies_on)), limit))
-    if max((gain for gain, *_ in found), default=0.0) < least * deviation**2:
+    if max((gain for gain, *_ in found), default=0.0) < least:
         return []
     by_gain = sorted(range(len(found)), key=lambda i: -found[i][0])[:LINES]
     by_count = sorted(range(len(found)), key=lambda i: (-found[i][1], -found[i][0]))[:LINES]
     return [found[i][2] for i in dict.fromkeys((*by_gain, *by_count))]
 
 
-def _velocity(fit: Fit, joint: int) -> Array:
-    """(N,) velocity of a joint, counted from 1, at the samples that are fitted: as simulated, else of the reference."""
+def _velocities(fit: Fit) -> Array:
+    """(N, n) velocities of the joints at the samples that are fitted: as simulated, else of the reference."""
     found = []
     for label in fit.model.estimation_labels:
         run = fit.simulation(label)
-        table = simulated_table(run, motion=("q", "dq"))
-        motion = motion_at_samples(run, table) if f"dq{joint}" in table.names else {}
-        if f"dq{joint}" not in motion:
-            reference = run.experiment.reference
-            motion = {
-                f"dq{joint}": np.interp(run.experiment.time, reference.time, joint_reference(reference, joint)[1])
-            }
-        found.append(motion[f"dq{joint}"])
+        motion = motion_at_samples(run, simulated_table(run, motion=("q", "dq")))
+        time, reference = run.experiment.time, run.experiment.reference
+        columns = (
+            motion[f"dq{j}"]
+            if f"dq{j}" in motion
+            else np.interp(time, reference.time, joint_reference(reference, j)[1])
+            for j in range(1, fit.model.joint_count + 1)
+        )
+        found.append(np.column_stack(list(columns)))
     return np.concatenate(found)
 
 
