@@ -63,7 +63,7 @@ from fmu_didim.dynamics.effects.encoder_eccentricity import EncoderEccentricity
 from fmu_didim.dynamics.effects.external_force import ExternalForce
 from fmu_didim.dynamics.effects.first_order import JointTorque
 from fmu_didim.dynamics.effects.gravity_compensator import GravityCompensator
-from fmu_didim.dynamics.effects.inserted import InsertedEffect
+from fmu_didim.dynamics.effects.inserted import InsertedEffect, VelocityEffect
 from fmu_didim.dynamics.effects.joint import (
     LINK_PARAMETERS,
     NOMINAL_ACCELERATION,
@@ -238,6 +238,6 @@ __all__ = [
     "DEFAULT_EFFECTS", "EFFECTS", "LINK_PARAMETERS", "NOMINAL_ACCELERATION", "NOMINAL_SPEED", "PAYLOAD", "UNITS",
     "Column", "ControllerEffect", "Curve", "Effect", "InsertedEffect", "JointTorque", "JointType", "JointUnits",
     "MeasurementEffect", "NonlinearEffect", "OperatingRange", "Parameter", "Place", "PreCheck", "Search", "StatedSize",
-    "StructureEffect", "Surroundings", "TorqueEffect", "Values", "clashing_names", "effect_catalogue", "effect_name",
-    "find_effect", "torque_effect",
+    "StructureEffect", "Surroundings", "TorqueEffect", "Values", "VelocityEffect", "clashing_names", "effect_catalogue",
+    "effect_name", "find_effect", "torque_effect",
 ]  # fmt: skip
