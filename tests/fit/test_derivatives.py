@@ -83,7 +83,7 @@ def derivatives(system: System, names: tuple[str, ...]) -> np.ndarray:
     )
 
 
-LIMIT = {"stall": 1.8, "no_load_speed": 6.0}
+LIMIT = {"stall": 2.6, "no_load_speed": 8.0}
 
 
 def limited(**values: float) -> System:
@@ -120,7 +120,7 @@ def test_derivatives_are_those_of_the_loop(name: str) -> None:
 @pytest.mark.gate
 def test_derivatives_by_the_values_of_a_limit_are_there_where_it_is_reached() -> None:
     names, reached = ("stall", "no_load_speed"), at_limit(limited())
-    assert 10 < reached.sum() < 0.5 * reached.size
+    assert 10 < reached.sum() < 0.9 * reached.size
     assert not at_limit(limited(stall=1e9)).any()
     for values in ({}, {"stall": 1e9}):
         system = limited(**values)
