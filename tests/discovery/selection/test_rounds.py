@@ -203,6 +203,16 @@ def test_a_limit_that_the_held_out_data_do_not_reach_is_named(cluttered: Run) ->
 
 
 @pytest.mark.slow
+def test_a_limit_that_falls_with_the_speed_is_told_from_a_constant_one(cluttered: Run) -> None:
+    """Each is named, alone in its set; and the one that falls with what is left at rest and the speed without load."""
+    for effect, seed in (("voltage_limit", 902), ("voltage_limit", 908), ("torque_saturation", 1)):
+        document, truth = cluttered(effect, seed)
+        assert [(f.effect, f.joint) for f in document.findings][:1] == truth
+        assert document.findings[0].ambiguous == []
+        assert_gap_shrinks(document, to=0.7)
+
+
+@pytest.mark.slow
 def test_friction_that_sticks_is_no_series_of_pushes(cluttered: Run) -> None:
     """Its breakaways, one after each reversal, look like seven external torques of one size."""
     document, truth = cluttered("lugre", 3)
