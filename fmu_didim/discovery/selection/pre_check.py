@@ -29,10 +29,10 @@ from fmu_didim.model.workers import side_by_side
 
 FITTED = 4
 """[trials] The best ones, whose joints are fitted."""
-WORTH_A_TRIAL = 0.005
-"""[1] Fraction of the chi-square that clipping the simulated torque along a line must take away for a full simulation.
-On blind cases that hide such a limit it took away 0.007 to 0.07, because base parameters have made up for a part and
-what a loop does after a limit is not in it; where no drive is at a limit 0.004 or less."""
+WORTH_A_TRIAL = 0.002
+"""[1] Fraction of the chi-square that clipping the simulated torque along a line must take away for full simulations.
+On blind cases that hide such a limit it took away 0.004 to 0.07, because base parameters have made up for a part and
+what a loop does after a limit is not in it; where no drive is at a limit 0 to 0.004."""
 LINES = 4
 """[trials] Of limits that fall, on one joint: of those that promise most and of those on which most samples lie."""
 ON_LINE = 2.0
@@ -44,8 +44,9 @@ APART = 1.25
 """[1] Ratio of the speeds of two of them."""
 VALLEYS = 2
 """[fits] That go on to the end of the valley, the best ones."""
-ALONG_VALLEY = Stopping(iterations=40, updates=None, exact=True)
-"""How long they do."""
+STEPS = 40
+"""[steps] Of such a fit at most."""
+ALONG_VALLEY = Stopping(iterations=STEPS, updates=None, exact=True)
 PROMISING = 0.9
 """[1] Fraction of the chi-square of the base model below which the best trial must come."""
 WORSE = 1.02
