@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
+from types import MappingProxyType
 
 from fmu_didim.base.errors import InputError, UnknownNameError
 from fmu_didim.components import Component
@@ -16,7 +17,9 @@ from fmu_didim.dynamics.effects import JointType
 from fmu_didim.dynamics.effects.inserted import InsertedEffect
 
 
-def insert_before_input(system: System, name: str, component: Component, *, at: str) -> System:
+def insert_before_input(
+    system: System, name: str, component: Component, *, at: str, also: Mapping[str, str] = MappingProxyType({})
+) -> System:
     """Insert a component into the connections that end at an input.
 
     All that went to ``at`` now goes, with its gains, to the component's input; the component's output goes to
@@ -26,15 +29,17 @@ def insert_before_input(system: System, name: str, component: Component, *, at: 
 
     Args:
         system: the system; it stays as it is.
-        name: of the component in the system; component: with exactly one input and one output.
+        name: of the component in the system; component: with exactly one output, and one input beside those of
+            ``also``.
         at: ``component.input``.
+        also: further inputs of the component -> ``component.output`` that feeds them, at the same instant.
 
     Raises:
         InputError: the component has other inputs or outputs, its name is taken, nothing ends at ``at``, or the
             system runs in parallel (Jacobi), where a component more is a sample of delay more.
-        UnknownNameError: there is no such component or input.
+        UnknownNameError: there is no such component, input or output.
     """
-    inside, outside = _ports(system, name, component)
+    inside, outside = _ports(system, name, component, also)
     target, _, variable = at.partition(".")
     _check_place(system, target, variable, kind="input")
     if not any(c.target == at for c in system.connections):
@@ -43,7 +48,8 @@ def insert_before_input(system: System, name: str, component: Component, *, at: 
             next_step="Insert it at an input that a connection ends in.",
         )  # fmt: skip
     moved = tuple(replace(c, target=inside) if c.target == at else c for c in system.connections)
-    return _with_component(system, name, component, (*moved, Connection(outside, at)), before=target)
+    fed = (Connection(source, f"{name}.{own}") for own, source in also.items())
+    return _with_component(system, name, component, (*moved, Connection(outside, at), *fed), before=target)
 
 
 def insert_after_output(system: System, name: str, component: Component, *, of: str) -> System:
@@ -69,9 +75,13 @@ def insert_after_output(system: System, name: str, component: Component, *, of: 
     return _with_component(system, name, component, (*moved, Connection(of, inside)), before=first)
 
 
-def _ports(system: System, name: str, component: Component) -> tuple[str, str]:
+def _ports(
+    system: System, name: str, component: Component, also: Mapping[str, str] = MappingProxyType({})
+) -> tuple[str, str]:
+    """The input that is inserted, without those that are fed by others, and the output."""
     where = f"insertion of '{name}'"
-    if len(component.inputs) != 1 or len(component.outputs) != 1:
+    inputs = [v.name for v in component.inputs if v.name not in also]
+    if len(inputs) != 1 or len(component.inputs) != 1 + len(also) or len(component.outputs) != 1:
         raise InputError(
             "Only a component with one input and one output can be inserted into a connection.", where=where,
             got=f"{len(component.inputs)} inputs, {len(component.outputs)} outputs",
@@ -88,7 +98,7 @@ def _ports(system: System, name: str, component: Component) -> tuple[str, str]:
             got="algorithm: jacobi",
             next_step="Use algorithm: gauss_seidel with the delay of the parallel loop (delay_samples: 1).",
         )
-    return f"{name}.{component.inputs[0].name}", f"{name}.{component.outputs[0].name}"
+    return f"{name}.{inputs[0]}", f"{name}.{component.outputs[0].name}"
 
 
 def _check_place(system: System, name: str, variable: str, *, kind: str) -> None:
@@ -129,13 +139,24 @@ def insert_effect(
     Args:
         joint: counted from 1; joint_type: its type.
         values: parameters by their plain names; the others are neutral.
-        plant: name of the plant, with input ``tau<j>`` and output ``q<j>``.
+        plant: name of the plant, with input ``tau<j>`` and output ``q<j>``; what else an effect takes, as ``dq<j>``,
+            comes from its outputs, too.
 
     Raises:
-        InputError: the joint has this effect, or the system has no place for it; it is computed for a constant control
-            period, and that of the system changes.
+        InputError: the joint has this effect, or the system has no place for it; the plant does not give what it
+            depends on; it is computed for a constant control period, and that of the system changes.
     """
     name = f"{effect.name}{joint}"
+    given = outputs_of(system, plant)
+    fed = effect.fed_by(given, joint)
+    if fed is None:
+        raise InputError(
+            "This effect depends on the velocity of its joint, and the plant gives neither that nor its position.",
+            where=name, got=", ".join(given), valid=f"an output dq{joint} or q{joint}",
+            next_step=f"Map the velocity (plant: {{outputs: {{dq{joint}: name in the plant}}}}), or leave the effect "
+            "out.",
+        )  # fmt: skip
+    effect = fed
     if system.at_instants:
         check_period(effect, joint_type, name)
     component = inserted_component(effect, joint_type, system.step_size, values)
@@ -145,7 +166,13 @@ def insert_effect(
     for other, inside in _drive(system, at):
         if other.rank > effect.rank:
             at = inside
-    return insert_before_input(system, name, component, at=at)
+    also = {v.name: f"{plant}.{v.name}{joint}" for v in effect.inputs(joint_type)[1:]}
+    return insert_before_input(system, name, component, at=at, also=also)
+
+
+def outputs_of(system: System, name: str) -> dict[str, str]:
+    """Name -> unit of the outputs of a component; nothing where the system lacks it."""
+    return {v.name: v.unit for v in system.components[name].outputs} if name in system.components else {}
 
 
 def check_period(effect: InsertedEffect, joint_type: JointType, name: str) -> None:

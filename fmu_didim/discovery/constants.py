@@ -61,7 +61,10 @@ DECIDING = (
     (form, ("LEAD", "LEAD_ALONE", "LEAD_SURE")),
     (held_out, ("HELD_OUT", "WORSE_JOINT", "NEARER", "OWN_SIZE", "FEWEST_BLOCKS", "EACH_OF", "GLITCH")),
     (plausible, ("ZERO", "UNTOLD", "LONGEST", "FEWEST_REPEATS", "MOSTLY_TOUCHED", "STILL", "MOSTLY_STILL")),
-    (pre_check, ("FITTED", "PROMISING", "WORSE")),
+    (
+        pre_check,
+        ("FITTED", "PROMISING", "WORTH_A_TRIAL", "LINES", "ON_LINE", "STARTS", "APART", "VALLEYS", "STEPS", "WORSE"),
+    ),
     (beside_others, ("KEPT_GAIN",)),
     (rivals, ("PROMISED",)),
     (rounds, ("PAIRED", "VALLEY")),

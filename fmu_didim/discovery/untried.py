@@ -5,7 +5,7 @@ from __future__ import annotations
 from fmu_didim.base.diagnostics import CATALOGUE, DOUBT, Diagnostic
 from fmu_didim.discovery.augmentation.builder import LoopModelBuilder
 from fmu_didim.discovery.judge import remaining_gaps
-from fmu_didim.dynamics.effects import UNITS
+from fmu_didim.dynamics.effects.inserted import VELOCITY_UNITS
 from fmu_didim.fit.fit import Fit
 
 EFFECTS_UNTRIED = CATALOGUE(
@@ -19,18 +19,20 @@ NO_MOTION = (
     "The plant has no output {0}: effects in its torque balance, such as friction, were left out, except those whose "
     "parameters it has."
 )
+NO_POSITION = (
+    " A torque limit that falls with the speed was left out, too, because there is no position q{0} to take it from."
+)
 IS_A_VELOCITY = "Its q{0} is in {1}, a velocity: map that output as dq{0}, not as q{0}."
 INTEGRATED = (
     "The plant has no output {0}: the position is the integral of the velocity, from the start of the reference or "
     "from zero. What depends on the position is therefore known up to its zero."
 )
-VELOCITY_UNITS = frozenset(units.velocity for units in UNITS.values())
 
 
 def motion_notes(builder: LoopModelBuilder) -> tuple[str, ...]:
     """Notes on a black box that does not give its whole motion."""
     if dumb := _without_velocity(builder):
-        return (_no_motion(dumb),)
+        return (_no_motion(builder, dumb),)
     integrated = [] if builder.description is not None else _not_given(builder, "q")
     return (INTEGRATED.format(", ".join(f"q{j}" for j in integrated)),) if integrated else ()
 
@@ -43,11 +45,14 @@ def untried_effects(builder: LoopModelBuilder, final: Fit) -> list[Diagnostic]:
     unit = {v.name: v.unit for v in builder.base.loop.plant.outputs}
     swapped = [j for j in dumb if unit.get(f"q{j}") in VELOCITY_UNITS]
     advice = " ".join(IS_A_VELOCITY.format(j, unit[f"q{j}"]) for j in swapped)
-    return [Diagnostic(EFFECTS_UNTRIED, _no_motion(dumb), "plant", next_step=advice)]
+    return [Diagnostic(EFFECTS_UNTRIED, _no_motion(builder, dumb), "plant", next_step=advice)]
 
 
-def _no_motion(joints: list[int]) -> str:
-    return NO_MOTION.format(", ".join(f"dq{j}" for j in joints))
+def _no_motion(builder: LoopModelBuilder, joints: list[int]) -> str:
+    unit = {v.name: v.unit for v in builder.base.loop.plant.outputs}
+    still = [j for j in joints if unit.get(f"q{j}", "rad/s") in VELOCITY_UNITS]
+    text = NO_MOTION.format(", ".join(f"dq{j}" for j in joints))
+    return text + (NO_POSITION.format(", q".join(map(str, still))) if still else "")
 
 
 def _without_velocity(builder: LoopModelBuilder) -> list[int]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pickle
+from dataclasses import replace
 from typing import Any
 
 import control
@@ -30,6 +31,7 @@ from fmu_didim.dynamics.effects.delay import Delay
 from fmu_didim.dynamics.effects.drive_gain import DriveGain
 from fmu_didim.dynamics.effects.encoder_eccentricity import EncoderEccentricity
 from fmu_didim.dynamics.effects.torque_saturation import TorqueSaturation
+from fmu_didim.dynamics.effects.voltage_limit import VoltageLimit
 from tests.helpers import PERIOD, Mock, component, loop, ports, reference, scara, scara_pd, sledge
 
 MOTION = reference(1.5)
@@ -196,6 +198,50 @@ class TestOtherEffects:
         assert torque.max() == limit
         assert (torque == np.clip(recorded.applied["controller.command2"], -limit, limit)).all()
 
+    @pytest.mark.parametrize("compiled", [None, False])
+    def test_a_limit_falls_with_the_speed_that_the_plant_gives(self, compiled: bool | None) -> None:
+        system, values = limited(scara_loop("fmu", "fmu"))
+        assert Connection("plant.dq2", "voltage_limit2.dq") in system.connections
+        assert system.order == ("controller", "voltage_limit2", "plant")
+        recorded = simulate(system, MOTION, compiled=compiled)
+        assert recorded.compiled == (compiled is None)
+        torque, dq = recorded.inputs[logged_torque(system, 2)], recorded.applied["plant.dq2"]
+        left, command = dq / values["no_load_speed"], recorded.applied["controller.command2"]
+        expected = np.clip(command, -values["stall"] * (1 + left), values["stall"] * (1 - left))
+        assert np.abs(torque - expected).max() < 1e-12
+        at_limit = np.abs(torque - command) > 1e-3
+        assert np.ptp(np.abs(dq[at_limit])) > 0.1 * np.abs(dq).max()  # at several speeds
+
+    def test_without_velocities_it_takes_the_difference_of_positions(self) -> None:
+        whole, values = limited(scara_loop())
+        system, _ = limited(blind(scara_loop(), "q"))
+        assert Connection("plant.q2", "voltage_limit2.q") in system.connections
+        first, second = simulate(whole, MOTION), simulate(system, MOTION)
+        q = second.applied["plant.q2"]
+        left = np.concatenate([[0.0], np.diff(q) / PERIOD]) / values["no_load_speed"]
+        expected = np.clip(
+            second.applied["controller.command2"], -values["stall"] * (1 + left), values["stall"] * (1 - left)
+        )
+        assert np.abs(second.inputs["plant.tau2"] - expected).max() < 1e-10
+        torques = [run.inputs["plant.tau2"] for run in (first, second)]
+        free = simulate(scara_loop(), MOTION).inputs["plant.tau2"]
+        late, limit = (np.sqrt(np.mean((torques[0] - other) ** 2)) for other in (torques[1], free))
+        assert 0 < late < 0.1 * limit  # by half a period
+
+    def test_what_the_plant_does_not_give_is_told(self) -> None:
+        with pytest.raises(InputError, match="depends on the velocity of its joint") as told:
+            insert_effect(blind(scara_loop()), VoltageLimit(), 2, "revolute")
+        assert "an output dq2 or q2" in str(told.value) and "dq2: name in the plant" in str(told.value)
+        with pytest.raises(InputError, match="depends on the velocity"):  # a velocity that is mapped as a position
+            insert_effect(blind(scara_loop(), "q", unit="rad/s"), VoltageLimit(), 2, "revolute")
+
+    def test_the_difference_of_positions_asks_for_one_period(self) -> None:
+        given = VoltageLimit()
+        differs = given.fed_by({"q1": "rad"}, 1)
+        assert differs is not None and given.fed_by({"q1": "rad", "dq1": "rad/s"}, 1) is given
+        assert given.fed_by({"q1": "rad"}, 1) is differs  # so that it is compiled once
+        assert not given.depends_on_period("revolute") and differs.depends_on_period("revolute")
+
     def test_the_controller_is_told_the_eccentric_position(self) -> None:
         values = {"eccentricity_cosine": 2e-4, "eccentricity_sine": -3e-4, "eccentricity_number": 2.0}
         system = insert_effect(scara_loop(), EncoderEccentricity(), 2, "revolute", values=values)
@@ -250,6 +296,31 @@ class TestOrderOfADrive:
             insert_effect(system, ActuatorLag(), 1, "revolute")
         assert logged_torque(pickle.loads(pickle.dumps(system)), 1) == "actuator_lag1.u"
         assert system.describe()["components"]["actuator_lag1"]["parameters"] == {"T": 0.01}
+
+
+def limited(system: System) -> tuple[System, dict[str, float]]:
+    """A loop whose second joint meets a limit that falls with the speed, and its values."""
+    free = simulate(scara_loop(), MOTION)
+    torque, dq = free.inputs["plant.tau2"], free.applied["plant.dq2"]
+    speed = 2 * float(np.abs(dq).max())
+    at_rest = np.maximum(torque / (1 - dq / speed), -torque / (1 + dq / speed))
+    values = {"stall": 0.75 * float(at_rest.max()), "no_load_speed": speed}
+    return insert_effect(system, VoltageLimit(), 2, "revolute", values=values), values
+
+
+def blind(system: System, *kept: str, unit: str = "rad") -> System:
+    """The loop with a plant that names its motion otherwise, but for some signals."""
+    plant = system.components["plant"]
+    names = {v.name: v.name if v.name[:-1] in kept else f"m{v.name}" for v in plant.outputs}
+    outputs = tuple(
+        replace(v, name=names[v.name], unit=unit if v.name.startswith("q") else v.unit) for v in plant.outputs
+    )
+    changed = plant.with_names(plant.inputs, outputs)
+    wires = tuple(
+        replace(c, source=f"plant.{names[c.source[6:]]}") if c.source.startswith("plant.") else c
+        for c in system.connections
+    )
+    return replace(system, components={**system.components, "plant": changed}, connections=wires)
 
 
 def run_alone(part: Component, inputs: np.ndarray) -> np.ndarray:

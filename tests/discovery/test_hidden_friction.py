@@ -69,3 +69,4 @@ def test_without_a_velocity_the_doubt_says_that_it_was_not_tried(tmp_path: Path,
     reason = found.document.reasons[0]
     assert (reason.code, reason.place) == ("effects-untried", "plant")
     assert "friction" in reason.text and advice in reason.next_step
+    assert ("torque limit that falls with the speed" in reason.text) is (output == "w")  # of positions it is tried

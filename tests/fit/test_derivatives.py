@@ -83,6 +83,20 @@ def derivatives(system: System, names: tuple[str, ...]) -> np.ndarray:
     )
 
 
+LIMIT = {"stall": 2.6, "no_load_speed": 8.0}
+
+
+def limited(**values: float) -> System:
+    """The loop whose second joint is at its limit for a while, at several speeds, as :func:`at_limit` tells."""
+    return insert_effect(closed(), EFFECTS["voltage_limit"], 2, "revolute", values=LIMIT | values)
+
+
+def at_limit(system: System) -> np.ndarray:
+    """(K,) whether the drive is at its limit."""
+    recording = simulate(system, reference(1.0, period=system.step_size))
+    return np.asarray(recording.inputs["voltage_limit2.u"] != recording.applied["voltage_limit2.y"])
+
+
 LOOPS: Mapping[str, Callable[[], System]] = {
     "PD": closed,
     "python-control": lambda: closed(block_as_control(scara_pd())),
@@ -92,6 +106,7 @@ LOOPS: Mapping[str, Callable[[], System]] = {
     "slow controller": lambda: replace(closed(), step_size=PERIOD / 2, every={"controller": 2}),
     "substeps": lambda: replace(closed(), substeps={"plant": 3}),
     "outputs after the step": lambda: replace(closed(), after_step=frozenset({"controller"})),
+    "limit that falls with the speed": lambda: limited(),
     "lag of a drive": lambda: insert_effect(closed(), EFFECTS["actuator_lag"], 2, "revolute", values={"T": 0.004}),
 }
 
@@ -100,6 +115,34 @@ LOOPS: Mapping[str, Callable[[], System]] = {
 @pytest.mark.parametrize("name", LOOPS)
 def test_derivatives_are_those_of_the_loop(name: str) -> None:
     check(LOOPS[name](), IDENTIFIED)
+
+
+@pytest.mark.gate
+def test_derivatives_by_the_values_of_a_limit_are_there_where_it_is_reached() -> None:
+    names, reached = ("stall", "no_load_speed"), at_limit(limited())
+    assert 10 < reached.sum() < 0.9 * reached.size
+    assert not at_limit(limited(stall=1e9)).any()
+    for values in ({}, {"stall": 1e9}):
+        system = limited(**values)
+        varied = with_derivatives(system, [("voltage_limit2", name) for name in names])
+        assert varied is not None
+        recording = simulate(varied, reference(1.0, period=system.step_size))
+        ours = np.column_stack([recording.inputs[f"plant.tau2@{i}"] for i in range(2)])
+        if values:
+            assert (ours == 0).all()
+            continue
+        part, columns = system.components["voltage_limit2"], []
+        for name in names:
+            step = 1e-6 * LIMIT[name]
+            pair = [
+                torques(system.replace("voltage_limit2", part.with_parameters({name: LIMIT[name] + s * step})))
+                for s in (1, -1)
+            ]
+            columns.append((pair[0] - pair[1])[:, 1] / (2 * step))
+        theirs = np.column_stack(columns)
+        assert (np.abs(theirs[: int(np.argmax(reached))]) < 1e-9).all()  # before it is reached first
+        assert np.abs(ours - theirs).max() < 1e-4 * np.abs(theirs).max()
+        assert (np.abs(theirs).max(axis=0) > 1e-3).all()
 
 
 EFFECTS_OF_AN_ARM: Mapping[str, tuple[dict[str, float], tuple[str, ...]]] = {

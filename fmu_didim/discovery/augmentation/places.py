@@ -338,8 +338,11 @@ class InWiring(LoopEffect):
 
     @property
     def can_be_added(self) -> bool:
-        """An effect of an encoder shows where the controller gets the position of the plant."""
+        """An effect of an encoder shows where the controller gets the position of the plant; one of a drive may need a
+        velocity that the plant gives."""
         position, model = f"{self.loop.model.loop.plant_name}.q{self.effect_at.joint}", self.loop.model
+        if self._fed is None:
+            return False
         return (self._knows_period and self.effect.place != "sensor") or any(
             c.source == position for c in model.loop.systems[model.first].connections
         )
@@ -351,10 +354,25 @@ class InWiring(LoopEffect):
         return not (changes and self.part.depends_on_period(self.joint_type))
 
     @property
+    def _fed(self) -> InsertedEffect | None:
+        """The effect with the inputs that the plant has for it; None where it lacks what the effect needs."""
+        assert isinstance(self.effect, InsertedEffect)
+        given = {v.name: v.unit for v in self.loop.model.loop.plant.outputs}
+        return self.effect.fed_by(given, self.effect_at.joint)
+
+    @property
     def part(self) -> InsertedEffect:
         """The effect as a component."""
-        assert isinstance(self.effect, InsertedEffect)
-        return self.effect
+        assert self._fed is not None
+        return self._fed
+
+    def _limits(self, name: str, is_shape: bool) -> tuple[float, float]:
+        """A limit of the torque that falls less with the speed than data could tell is a constant one."""
+        low, high = super()._limits(name, is_shape)
+        check = self.effect.pre_check
+        if check is not None and name == check.speed:
+            high = min(high, check.flattest * self.loop.ranges[self.effect_at.joint - 1].speed)
+        return low, high
 
     def wired(self, system: System, label: str) -> System:
         """The loop of an experiment with its component."""

@@ -283,6 +283,8 @@ def step_of(
         # Whether a shift of the log may stand for a lag of the loop, or one factor of a command for those of the gains,
         # or vice versa, only their fits tell; beside a virtual controller nothing does.
         is_told = not fit.model.loop.is_virtual and bool(TOLD_BY_FITS & {other.place, effect.place})
+        # Limits of a torque are fitted side by side, the constant one and the one that falls with the speed.
+        is_told |= other.pre_check is not None and any(c.effect_at == member for c in ranking)
         alike = other.class_name == effect.class_name and not is_told
         if alike and member not in named:
             near.append((member, float("nan")))

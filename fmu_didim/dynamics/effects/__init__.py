@@ -65,7 +65,7 @@ from fmu_didim.dynamics.effects.encoder_eccentricity import EncoderEccentricity
 from fmu_didim.dynamics.effects.external_force import ExternalForce
 from fmu_didim.dynamics.effects.first_order import JointTorque
 from fmu_didim.dynamics.effects.gravity_compensator import GravityCompensator
-from fmu_didim.dynamics.effects.inserted import InsertedEffect
+from fmu_didim.dynamics.effects.inserted import InsertedEffect, VelocityEffect
 from fmu_didim.dynamics.effects.joint import (
     LINK_PARAMETERS,
     NOMINAL_ACCELERATION,
@@ -105,6 +105,7 @@ from fmu_didim.dynamics.effects.torque_saturation import TorqueSaturation
 from fmu_didim.dynamics.effects.torque_settling import TorqueSettling
 from fmu_didim.dynamics.effects.transmission_error import TransmissionError
 from fmu_didim.dynamics.effects.viscous import Viscous
+from fmu_didim.dynamics.effects.voltage_limit import VoltageLimit
 from fmu_didim.dynamics.effects.wrist_friction import WristFriction
 
 _ALL: tuple[Effect, ...] = (
@@ -119,7 +120,8 @@ _ALL: tuple[Effect, ...] = (
     # controller
     ControllerGains(),
     # drive and sensor
-    ControllerGain(), TorqueSaturation(), DriveGain(), DeadZone(), Delay(), ActuatorLag(), EncoderEccentricity(),
+    ControllerGain(), TorqueSaturation(), VoltageLimit(), DriveGain(), DeadZone(), Delay(), ActuatorLag(),
+    EncoderEccentricity(),
     # structure
     JointElasticity(), Backlash(), TransmissionError(), BaseTilt(),
     # measurement
@@ -241,6 +243,6 @@ __all__ = [
     "DEFAULT_EFFECTS", "EFFECTS", "LINK_PARAMETERS", "NOMINAL_ACCELERATION", "NOMINAL_SPEED", "PAYLOAD", "UNITS",
     "Column", "ControllerEffect", "Curve", "Effect", "Harmonic", "InsertedEffect", "JointTorque", "JointType",
     "JointUnits", "MeasurementEffect", "Motor", "NonlinearEffect", "OperatingRange", "Parameter", "Place", "PreCheck",
-    "Search", "StatedSize", "StructureEffect", "Surroundings", "TorqueEffect", "Values", "clashing_names",
-    "effect_catalogue", "effect_name", "find_effect", "start_name", "torque_effect",
+    "Search", "StatedSize", "StructureEffect", "Surroundings", "TorqueEffect", "Values", "VelocityEffect",
+    "clashing_names", "effect_catalogue", "effect_name", "find_effect", "start_name", "torque_effect",
 ]  # fmt: skip

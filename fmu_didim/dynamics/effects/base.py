@@ -53,16 +53,27 @@ def _range(low: float, high: float) -> str:
 
 @dataclass(frozen=True)
 class PreCheck:
-    """How an effect is looked for to which linear screening is blind: values of its one parameter, tried in full
-    simulations before all other effects.
+    """How a limit of the torque is looked for, to which linear screening is blind: values of its parameters, tried in
+    full simulations before all other effects.
+
+    A constant limit has one parameter. One that falls with the speed, parameter * (1 - |dq| / speed) for what drives
+    the motion, has two; since it holds the constant one, it is tried where clipping the simulated torque along such a
+    line promises something, and beside every constant limit that is promising.
 
     Attributes:
-        parameter: its name; in N.m or N.
-        quantiles: of the absolute measured torque of the joint, which are tried as its values.
+        parameter: its name; in N.m or N, at rest.
+        quantiles: of the absolute measured torque of the joint, which are tried as its values; of a limit that falls,
+            of what the torque would be at rest on a line through it.
+        speed: name of the parameter at which nothing is left; empty of a constant limit.
+        speeds: grid of its values, as multiples of the largest speed of the joint.
+        flattest: the largest multiple that a fit may find: what falls less is a constant limit.
     """
 
     parameter: str
     quantiles: tuple[float, ...]
+    speed: str = ""
+    speeds: Search | None = None
+    flattest: float = math.inf
 
 
 class Effect(ABC):

@@ -19,6 +19,7 @@ from fmu_didim.dynamics.effects import (
     TorqueEffect,
     find_effect,
 )
+from fmu_didim.dynamics.effects.inserted import NO_LIMIT, VELOCITY_UNITS
 from fmu_didim.dynamics.robot.observed_states import states_along
 from fmu_didim.report.drawing.plot import text_plot
 from fmu_didim.report.terminal import wrapped
@@ -137,7 +138,7 @@ def effect_plot(effect: Effect) -> list[str]:
     if isinstance(effect, InsertedEffect):
         u = np.sin(w * time)
         return text_plot(
-            time, {"u": u, "y": _output(effect, u)}, x_name="time in s", y_name="signal before (u), after (y)"
+            time, {"u": u, "y": _output(effect, u, q, dq)}, x_name="time in s", y_name="signal before (u), after (y)"
         )
     if not isinstance(effect, TorqueEffect) or effect.needs & {"load", "other joints"} or effect.reach:
         return []
@@ -177,20 +178,25 @@ def _torque(effect: TorqueEffect, time: Array, q: Array, dq: Array, ddq: Array) 
     return np.asarray(ca.Function("torque", [x, z], [total]).map(time.size)(motion.T, states.T)).ravel()
 
 
-def _output(effect: InsertedEffect, u: Array) -> Array:
-    """The output of a drive or sensor effect, with each parameter in the middle of its search range."""
+def _output(effect: InsertedEffect, u: Array, q: Array, dq: Array) -> Array:
+    """The output of a drive or sensor effect, with each parameter in the middle of its search range, and limits that
+    act on this signal and motion."""
     block = effect.block("revolute", STEP)
     grids = effect.search("revolute")
     middle = {
         name: (g.lowest * g.highest) ** 0.5 if g.logarithmic else (g.lowest + g.highest) / 2
         for name, g in grids.items()
     }
-    starts = {v.name: v.start if abs(v.start) < 1e6 else 0.7 for v in block.parameters}  # limits act on this sine
-    values = np.array(list((starts | {name: middle[name] for name in middle if name in starts}).values()))
+    limits = {v.name: 0.7 if v.unit not in VELOCITY_UNITS else 2 * np.abs(dq).max() for v in block.parameters}
+    values = np.array([
+        limits[v.name] if v.start >= NO_LIMIT else middle.get(v.name, v.start) for v in block.parameters
+    ])  # fmt: skip
     assert block.output is not None
-    x = np.asarray(block.start([u[0]], values)).ravel() if block.states else np.zeros(0)
+    signals = {"u": u, "q": q, "dq": dq}
+    rows = np.column_stack([signals[v.name] for v in block.inputs])
+    x = np.asarray(block.start(rows[0], values)).ravel() if block.states else np.zeros(0)
     found = []
-    for value in u:
-        found.append(float(block.output(x, [value], values)))
-        x = np.asarray(block.update(x, [value], values)).ravel() if block.states else x
+    for row in rows:
+        found.append(float(block.output(x, row, values)))
+        x = np.asarray(block.update(x, row, values)).ravel() if block.states else x
     return np.array(found)

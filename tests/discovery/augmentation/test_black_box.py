@@ -25,6 +25,7 @@ from tests.discovery.vendor import NOISE, vendor_case
     [
         ("actuator_lag", 1, {"T": 0.006}, "lag"),
         ("stribeck", 2, {"Fs": 0.08, "vs": 0.15}, "stribeck"),
+        ("voltage_limit", 1, {"stall": 41.0, "no_load_speed": 9.0}, "saturation"),
     ],
 )
 def test_hidden_effect_is_named_and_spliced_in(
@@ -33,7 +34,7 @@ def test_hidden_effect_is_named_and_spliced_in(
     found = discover(vendor_case(tmp_path, hidden, joint, **values), tmp_path / "out")
     assert [(f.class_, f.joint) for f in found.findings] == [(kind, joint)]
     assert found.answer == "named"
-    truth = {name: value for name, value in values.items() if name in ("T", "Fs", "vs")}
+    truth = {name: value for name, value in values.items() if name in ("T", "Fs", "vs", "stall", "no_load_speed")}
     for value in found.findings[0].parameters:
         wanted = truth[value.name.rstrip("12").rstrip("_")]
         assert abs(value.value - wanted) < max(4 * (value.std or 0), 0.03 * wanted)
@@ -46,7 +47,8 @@ def test_hidden_effect_is_named_and_spliced_in(
     assert found.ratio_interval is not None
     assert (found.ratio_interval[1] or 9.0) < 1.0
     part = load_fmu(tmp_path / "out" / found.files[f"part_{found.findings[0].effect}{joint}"])
-    assert [v.name for v in part.inputs] == (["u"] if hidden == "actuator_lag" else ["u", "q", "dq"])
+    inputs = {"actuator_lag": ["u"], "stribeck": ["u", "q", "dq"], "voltage_limit": ["u", "dq"]}
+    assert [v.name for v in part.inputs] == inputs[hidden]
 
 
 @pytest.mark.slow

@@ -197,9 +197,20 @@ def test_play_that_the_start_alone_tells_is_doubted(cluttered: Run) -> None:
 def test_a_limit_that_the_held_out_data_do_not_reach_is_named(cluttered: Run) -> None:
     document, truth = cluttered("torque_saturation", 6)
     assert [(f.effect, f.joint) for f in document.findings] == truth
+    assert document.findings[0].ambiguous == []  # that it does not fall with the speed is told
     assert document.gap["estimation"].after < 0.7 * document.gap["estimation"].before  # type: ignore[operator]
     assert document.gap["validation"].after == pytest.approx(document.gap["validation"].before, rel=0.02)
     assert any("hardly reaches the limit" in note for note in document.notes)
+
+
+@pytest.mark.slow
+def test_a_limit_that_falls_with_the_speed_is_told_from_a_constant_one(cluttered: Run) -> None:
+    document, truth = cluttered("voltage_limit", 902)
+    assert [(f.effect, f.joint) for f in document.findings] == truth
+    assert document.findings[0].ambiguous == []
+    assert_gap_shrinks(document, to=0.7)
+    at_rest, speed = document.findings[0].parameters
+    assert at_rest.value == pytest.approx(0.94 * 87.744, rel=0.02) and speed.value == pytest.approx(4.169, rel=0.02)
 
 
 @pytest.mark.slow

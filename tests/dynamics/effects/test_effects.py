@@ -348,7 +348,8 @@ def test_what_an_effect_says_to_discovery_fits_together(name: str) -> None:
         amplitudes = [v.name for v in effect.parameters(kind)]  # type: ignore[arg-type]
         shapes = [v.name for v in effect.shapes(kind)]  # type: ignore[arg-type]
         assert effect.is_linear or set(amplitudes) <= set(effect.neutral)
-        assert effect.pre_check is None or amplitudes == [effect.pre_check.parameter]
+        check = effect.pre_check
+        assert check is None or amplitudes == [name for name in (check.parameter, check.speed) if name]
         assert effect.distance in ("", *shapes)
         assert effect.allows({v.name: v.start for v in effect.shapes(kind)})  # type: ignore[arg-type]
     if effect.first_order is not None:

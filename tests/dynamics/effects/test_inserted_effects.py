@@ -123,9 +123,16 @@ class TestNeutralValues:
         assert np.abs(closed(arm(joint1={"effects": ["base_tilt"]})) - closed(arm())).max() < 1e-9
 
 
+SPEED = 2 * np.cos(0.13 * np.arange(120))
+"""Of the joint, where an effect depends on it."""
 EQUATIONS: Mapping[str, tuple[Mapping[str, float], Callable[[np.ndarray], np.ndarray]]] = {
     "dead_zone": ({"dead_zone": 0.4}, lambda u: np.sign(u) * np.maximum(0, np.abs(u) - 0.4)),
     "torque_saturation": ({"limit": 0.7}, lambda u: np.clip(u, -0.7, 0.7)),
+    # Driving, braking as a generator up to 1.9 times the stall torque, and beyond the no-load speed.
+    "voltage_limit": (
+        {"stall": 0.9, "no_load_speed": 1.8},
+        lambda u: np.clip(u, -0.9 * (1 + SPEED / 1.8), 0.9 * (1 - SPEED / 1.8)),
+    ),
     "drive_gain": ({"drive_gain": 1.3}, lambda u: 1.3 * u),
     "controller_gain": ({"controller_gain": 0.6}, lambda u: 0.6 * u),
     "encoder_eccentricity": (
@@ -159,8 +166,9 @@ class TestEquationsOfDrivesAndSensors:
         u = 1.5 * np.sin(0.2 * np.arange(120)) + 0.5 * np.random.default_rng(7).normal(size=120)
         part = inserted_component(INSERTED[name], "revolute", PERIOD, values)
         assert part.twin is not None
-        source = trajectory(np.arange(u.size) * PERIOD, {"u": u})
-        system = System({"it": part}, (Connection("reference.u", "it.u"),), ("it",), PERIOD)
+        source = trajectory(np.arange(u.size) * PERIOD, {"u": u, "dq": SPEED})
+        wires = tuple(Connection(f"reference.{v.name}", f"it.{v.name}") for v in part.inputs)
+        system = System({"it": part}, wires, ("it",), PERIOD)
         recorded = simulate(system, source)
         assert recorded.compiled
         rounded = 0.06 * 0.4 if name == "dead_zone" else 1e-8  # its corners, over 5 % of the width

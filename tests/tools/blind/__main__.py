@@ -23,7 +23,7 @@ from tests.tools.blind.campaign import PAIRS, make_campaign
 from tests.tools.blind.harness import by_campaign, case_folders, read_lines
 from tests.tools.blind.publish import collected, figures, read_rows, write_rows
 from tests.tools.blind.score import read_truth, score, text
-from tests.tools.blind.simulator.hidden import CURVES, EFFECTS, GEARS, UNKNOWN
+from tests.tools.blind.simulator.hidden import CURVES, EFFECTS, GEARS, LIMITS, UNKNOWN
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -106,7 +106,7 @@ def _make(given: Sequence[str]) -> int:
     parser.add_argument("--reach", type=float, default=1.0, help="times the limit of an effect that it may reach (1)")
     parser.add_argument("--jobs", type=int, default=1)
     options = parser.parse_args(given)
-    known = {**EFFECTS, **UNKNOWN, **CURVES, **GEARS}
+    known = {**EFFECTS, **UNKNOWN, **CURVES, **GEARS, **LIMITS}
     unknown = [e for name in options.effects for e in name.split("+") if e not in known]
     if unknown:
         parser.error(f"unknown effects {', '.join(unknown)}; valid: {', '.join(known)}")

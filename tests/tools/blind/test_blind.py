@@ -208,6 +208,12 @@ def test_load_friction_follows_the_transmitted_torque() -> None:
 
 def test_saturation_gains_and_shifted_payload_act_where_they_should() -> None:
     assert np.abs(simulated({"LIMIT": 20.0}, {}).command[:, 0]).max() == 20.0
+    fallen = simulated({"STALL": 25.0, "NO_LOAD_SPEED": 4.0}, {})
+    left = fallen.dq[:, 0] / 4.0
+    room = np.minimum(25.0 * (1 - left) - fallen.command[:, 0], 25.0 * (1 + left) + fallen.command[:, 0])
+    reached = room < 1e-9
+    assert room.min() > -1e-9
+    assert reached.sum() > 20 and np.ptp(np.abs(left[reached])) > 0.1
     gain = simulated({"DRIVE_GAIN": 1.25}, {})
     plain = simulated()
     assert np.abs(1.25 * gain.command - plain.command)[:, 0].max() < 0.1 * np.abs(plain.command[:, 0]).max()
@@ -268,7 +274,9 @@ def test_base_columns_span_the_torque_of_the_base_model() -> None:
 # ---- the folders -----------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("effect", ["stribeck", "joint_elasticity", "delay", "torque_saturation", "unknown_push"])
+@pytest.mark.parametrize(
+    "effect", ["stribeck", "joint_elasticity", "delay", "torque_saturation", "voltage_limit", "unknown_push"]
+)
 def test_effects_reach_the_gap_that_is_asked_for(effect: str) -> None:
     plant, path, deviation = make_plant([effect], np.random.default_rng(11), level=2.0)
     size = gap(plant, path, deviation)

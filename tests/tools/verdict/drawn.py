@@ -123,11 +123,14 @@ def draw(robot: str, seed: int, *, expressions: bool = False) -> Drawn | None:
 def catalogued(rng: np.random.Generator, model: LoopModel, torque: Array, robot: str) -> tuple[str, LoopModel] | None:
     """What is drawn, and the machine that has it: one or two effects of the catalogue."""
     wanted = 1 + int(rng.uniform() < TWO)
-    # Curves stand for anything, over a range that only a motion gives; what acts in an elastic gear has none here.
+    # Curves stand for anything, over a range that only a motion gives; what acts in an elastic gear has none here. An
+    # effect that came later has no range either: what a seed draws stays the same.
+    ranges = {**VALUES, **RATIOS, **SHARES}
     free = [
         n
         for n, effect in EFFECTS.items()
         if not (n in OWN or effect.is_form or effect.needs_elastic or effect.place == "controller")
+        and (isinstance(effect, TorqueEffect) or n in ranges)
     ]
     names = rng.permutation(free)
     proposals = list[Proposal]()

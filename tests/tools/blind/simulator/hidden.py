@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -19,6 +19,7 @@ class Surroundings:
         joint: from 0. n: number of joints. duration_s, period_s: of the run.
         dry: Coulomb friction, N m. inertia, rotor: kg m2. q: reference positions of the joint, (N,).
         command: largest command of the joint without the effect, N m.
+        commands, speeds: commands and velocities of the joint without the effect, (N,).
         gravity: in the plane, m/s2. reach: distance of the payload from the last axis, m.
     """
 
@@ -34,6 +35,8 @@ class Surroundings:
     command: float
     gravity: tuple[float, float]
     reach: float = 0.4
+    commands: Array = field(default_factory=lambda: np.zeros(0))
+    speeds: Array = field(default_factory=lambda: np.zeros(0))
 
 
 @dataclass(frozen=True)
@@ -156,6 +159,17 @@ def _controller_gain(rng: np.random.Generator, s: Surroundings) -> Form:
 
 def _saturation(rng: np.random.Generator, s: Surroundings) -> Form:
     return Form("clip(command, (1 - a) largest command)", 0.08, 0.3, lambda a: {"LIMIT": (1 - a) * s.command})
+
+
+def _voltage_limit(rng: np.random.Generator, s: Surroundings) -> Form:
+    """A line that falls to zero at 1.3 to 3 times the largest speed, from where it is just not reached downwards."""
+    fastest = float(np.abs(s.speeds).max() * rng.uniform(1.3, 3.0))
+    left = s.speeds / fastest
+    stall = float(np.maximum(s.commands / (1 - left), -s.commands / (1 + left)).max())
+    return Form(
+        f"clip(command, -S (1 + v/{fastest:.9g}), S (1 - v/{fastest:.9g})), S = (1 - a) {stall:.9g}", 0.08, 0.4,
+        lambda a: {"STALL": (1 - a) * stall, "NO_LOAD_SPEED": fastest},
+    )  # fmt: skip
 
 
 def _elasticity(rng: np.random.Generator, s: Surroundings) -> Form:
@@ -314,6 +328,10 @@ CURVES: Mapping[str, Maker] = {
 GEARS: Mapping[str, Maker] = {"transmission_error": _transmission}
 """What is hidden beside the elasticity of a gear only. Named as another error that repeats along the joint, it is not
 found."""
+
+LIMITS: Mapping[str, Maker] = {"voltage_limit": _voltage_limit}
+"""Limits of the torque beside the constant one. They stand apart from the others so that what was drawn from those by
+a seed stays the same."""
 
 WHOLE_ROBOT = ("base_tilt", "payload_change", "log_time_shift")
 """Effects that belong to no joint; the truth states the joint they start from."""

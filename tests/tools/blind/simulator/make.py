@@ -19,6 +19,7 @@ from tests.tools.blind.simulator.hidden import (
     EFFECTS,
     GEARS,
     HARMONIC_DRIVE,
+    LIMITS,
     UNKNOWN,
     Form,
     Maker,
@@ -176,7 +177,7 @@ def _surroundings(plant: Plant, motion: Motion, joint: int, rng: np.random.Gener
         dry=true[f"Fc{joint + 1}"], viscous=true[f"Fv{joint + 1}"], inertia=inertia,
         rotor=rng.uniform(0.25, 0.45) * inertia if joint == 0 else true["Ia2"],
         q=motion.at(instants(d))[0][:, joint], command=float(np.abs(found.command[:, joint]).max()),
-        gravity=d.plane_gravity,
+        gravity=d.plane_gravity, commands=found.command[:, joint], speeds=found.dq[:, joint],
     )  # fmt: skip
 
 
@@ -196,7 +197,7 @@ def make_plant(
     plant, motion = _steady(rng, effects, robots, clutter)
     design = plant.design
     deviation = NOISE * root_mean_square(plant.simulate(motion)[1])
-    makers = {**EFFECTS, **UNKNOWN, **CURVES, **GEARS, **forms}
+    makers = {**EFFECTS, **UNKNOWN, **CURVES, **GEARS, **LIMITS, **forms}
     order, one_joint = rng.permutation(design.count), one_joint or tuple(effects) == HARMONIC_DRIVE
     items: list[Hidden] = []
     for i, effect in enumerate(effects):

@@ -199,6 +199,11 @@ VISIBLE int run(int n, int N, double Ts, double start, const double *qr, const d
             previous[j] = seen;
             double u = f[KP_FACTOR] * gain[0] * (qr[k * n + j] - seen) + f[KD_FACTOR] * gain[1] * (vr[k * n + j] - rate);
             if (f[LIMIT] > 0.0 && fabs(u) > f[LIMIT]) u = u > 0.0 ? f[LIMIT] : -f[LIMIT];
+            if (f[STALL] > 0.0) { /* what the voltage leaves beside the back electromotive force of the motor */
+                double left = sign[j] * y[j * PER_JOINT + (f[GEAR_STIFFNESS] > 0.0 ? 3 : 1)] / f[NO_LOAD_SPEED];
+                double high = f[STALL] * (1.0 - left), low = -f[STALL] * (1.0 + left);
+                u = u > high ? high : u < low ? low : u;
+            }
             command[k * n + j] = u;
             if (k == 0) for (int i = 0; i < HISTORY; i++) past[i][j] = u;
             past[k % HISTORY][j] = u;
