@@ -85,7 +85,7 @@ def _places(competition: Competition, options: Options) -> Iterator[tuple[Effect
     first."""
     builder, fit = competition.builder, competition.fit
     allowed = {n: e for n, e in builder.effects.items() if n not in options.forbid and e.is_proposed}
-    inside = [name for name, effect in allowed.items() if effect.needs_elastic]
+    inside = [name for name, effect in allowed.items() if effect.needs_elastic and effect.frequency]
     gaps = joint_gaps(fit.torque_alone.residual, fit.torque_alone.noise)
     for j in (np.argsort(-gaps) + 1).tolist():
         gears = [EffectAtJoint(name, j) for name, effect in allowed.items() if effect.elastic]

@@ -82,8 +82,8 @@ static double position_torque(const double *f, double t, double q, double v, dou
     return sum + f[CURVE] * curve(f, t, q, v, other);
 }
 
-/* Torque of a gear with play: a spring outside the gap. Teeth that are not even turn the link by a little more or less
- * than the motor: a harmonic drive does so twice a turn of it. */
+/* Torque of a gear with play: a spring outside the gap, which may harden: K x (1 + c (K x)^2). Teeth that are not even
+ * turn the link by a little more or less than the motor: a harmonic drive does so twice a turn of it. */
 static double gear(const double *f, double motor, double speed, double link, double slope) {
     double twist = motor - link, rate = speed - slope;
     if (f[TRANSMISSION] != 0.0) {
@@ -95,7 +95,8 @@ static double gear(const double *f, double motor, double speed, double link, dou
     if (twist > half) x = twist - half;
     else if (twist < -half) x = twist + half;
     else if (half > 0.0) return 0.0;
-    return f[GEAR_STIFFNESS] * x + f[GEAR_DAMPING] * rate;
+    double linear = f[GEAR_STIFFNESS] * x;
+    return linear * (1.0 + f[GEAR_CUBIC] * linear * linear) + f[GEAR_DAMPING] * rate;
 }
 
 /* What the encoder shows of a position. */

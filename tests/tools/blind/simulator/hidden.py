@@ -217,6 +217,13 @@ def _transmission(rng: np.random.Generator, s: Surroundings) -> Form:
     )  # fmt: skip
 
 
+def _hardening(rng: np.random.Generator, s: Surroundings) -> Form:
+    return Form(
+        "K x (1 + c (K x)^2) in the place of K x, a of K x at the largest command without it", 0.3, 1.0,
+        lambda a: {"GEAR_CUBIC": a * (1 + a) ** 2 / s.command**2},
+    )  # fmt: skip
+
+
 def _push(rng: np.random.Generator, s: Surroundings) -> Form:
     repeated = rng.random() < 0.5
     start = rng.uniform(0.2, 0.7) * (s.period_s if repeated else s.duration_s)
@@ -310,8 +317,8 @@ CURVES: Mapping[str, Maker] = {
 }  # fmt: skip
 """Functions of one variable outside the catalogue: to be refused, and drawn as a curve."""
 
-GEARS: Mapping[str, Maker] = {"transmission_error": _transmission}
-"""What is hidden beside the elasticity of a gear only. Named as another error that repeats along the joint, it is not
+GEARS: Mapping[str, Maker] = {"transmission_error": _transmission, "gear_hardening": _hardening}
+"""What is hidden beside the elasticity of a gear only. An error named as another one that repeats along the joint is not
 found."""
 
 WHOLE_ROBOT = ("base_tilt", "payload_change", "log_time_shift")
