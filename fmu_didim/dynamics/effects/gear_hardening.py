@@ -23,9 +23,7 @@ class GearHardening(StructureEffect):
     title = "Stiffness of a gear that hardens"
     equation = "tau_s = K*z + K3*z^3, z = q - q_link, less the play"
     confounded_with = ("backlash",)
-    signature = (
-        "Residual of an elastic gear that grows with the cube of the load: the resonance rises with the amplitude."
-    )
+    signature = "Residual of an elastic gear where its load is large: its resonance rises with the amplitude."
     experiment = "One motion at several amplitudes or with several payloads, or an encoder on the link."
     source = (
         "Tuttle and Seering: A nonlinear model of a harmonic drive gear transmission, IEEE Transactions on Robotics "

@@ -7,10 +7,10 @@ With q, dq, ddq the motion on the motors' side (what encoders see) and q_link th
     gear:                         tau_s_j = K z(x_j) + K3 z(x_j)^3 + D z'(x_j) dx_j/dt,    x_j = q_j - q_link_j
 
 where G are the rigid-body torques, own_j the effects that say of themselves that they act on the link, drive_j all
-others, z(x) = x or, with backlash, x with a dead zone, and K3 is zero but in gears that harden. At rigid joints q_link =
-q. Added up, tau = G + Im ddq + drive + own: linear in the standard parameters, with the links' motion as something
-observed. A rotor's inertia counts about its own joint only, or where the description says so about the next one, too
-(``coupled_inertia``).
+others, z(x) = x or, with backlash, x with a dead zone, and K3 is zero but in gears that harden. At rigid joints
+q_link = q. Added up, tau = G + Im ddq + drive + own: linear in the standard parameters, with the links' motion as
+something observed. A rotor's inertia counts about its own joint only, or where the description says so about the next
+one, too (``coupled_inertia``).
 
 Where the teeth of a gear turn its link by e(q_j) more than its motor, x_j = q_j + e - q_link_j, dx_j/dt = (1 + e') dq_j
 - dq_link_j, and the motor feels (1 + e') tau_s_j, so that no power is lost.

@@ -318,8 +318,8 @@ CURVES: Mapping[str, Maker] = {
 """Functions of one variable outside the catalogue: to be refused, and drawn as a curve."""
 
 GEARS: Mapping[str, Maker] = {"transmission_error": _transmission, "gear_hardening": _hardening}
-"""What is hidden beside the elasticity of a gear only. An error named as another one that repeats along the joint is not
-found."""
+"""What is hidden beside the elasticity of a gear only. An error of its teeth that is named as another one that repeats
+along the joint is not found."""
 
 WHOLE_ROBOT = ("base_tilt", "payload_change", "log_time_shift")
 """Effects that belong to no joint; the truth states the joint they start from."""
