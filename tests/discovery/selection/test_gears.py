@@ -21,8 +21,10 @@ GEAR, ERROR = EffectAtJoint("gear", 1), EffectAtJoint("teeth", 1)
 
 
 def builder_of(joints: int = 1, **costs: float) -> Any:
-    more = (effect_of("play", elastic=True), effect_of("gear", elastic=True), effect_of("teeth", needs_elastic=True))
-    return Catalogue(effect_of("a"), *more, joints=joints, costs={"play": 3.0, **costs})
+    gears = (effect_of("play", elastic=True), effect_of("gear", elastic=True))
+    # What has no period shows once the gear is in the model, and is not looked for together with it.
+    inside = (effect_of("teeth", needs_elastic=True, frequency="number"), effect_of("hardening", needs_elastic=True))
+    return Catalogue(effect_of("a"), *gears, *inside, joints=joints, costs={"play": 3.0, **costs})
 
 
 def places(*mean_squares: float, forbid: frozenset[str] = frozenset()) -> list[tuple[str, str, int]]:
