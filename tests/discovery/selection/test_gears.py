@@ -236,7 +236,7 @@ def test_the_best_fit_counts_that_was_not_given_up(
     model: Any = SimpleNamespace(start=np.ones(1), free_parameters=limits, with_values=lambda values: model)
     fit = SimpleNamespace(model=None, chi_square=9.0, noise=SimpleNamespace(deviation=None))
     competition: Any = SimpleNamespace(fit=fit, builder=SimpleNamespace(build=lambda *_: model))
-    starts: Any = [SimpleNamespace(gear="gear", error="error") for _ in ends]
+    starts = [("gear", "error") for _ in ends]
     found = gears._fitted(competition, starts, until=7.0)
     assert (None if found is None else found.chi_square) == wanted
     assert asked == len(ends) * [(True, 9.0, 7.0)]

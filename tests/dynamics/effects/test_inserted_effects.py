@@ -419,7 +419,7 @@ class TestEquationsOfTheStructure:
 
     @pytest.mark.parametrize("case", ["hardening gear", "hardening gear with play", "softening gear"])
     def test_hardening_is_felt(self, case: str) -> None:
-        """A fifth of the torque of the gear at its largest twist at least, or the cases above would say little of it."""
+        """A fifth of the torque of the gear at its largest twist at least; else the cases above would say little."""
         robot, _ = SOFT[case]
         plant = ModelComponent(RobotModel(robot).block())
         found = dict(zip([v.name for v in plant.outputs], drive(plant, torque(160), PERIOD).T, strict=True))
@@ -440,8 +440,10 @@ class TestEquationsOfTheStructure:
         found = dict(zip([v.name for v in plant.outputs], drive(plant, tau, PERIOD).T, strict=True))
         twist = found["q2"] - found["q_link2"]
         links = np.column_stack([found["dq1"], found["dq_link2"]])
-        zz1, zz2, rotor = (dict(zip((v.name for v in model.parameters), model.parameter_values, strict=True))[n]
-                           for n in ("ZZ1", "ZZ2", "Ia2"))
+        zz1, zz2, rotor = (
+            dict(zip((v.name for v in model.parameters), model.parameter_values, strict=True))[n]
+            for n in ("ZZ1", "ZZ2", "Ia2")
+        )
         mass = np.array([[zz1 + zz2, zz2], [zz2, zz2]])
         kinetic = 0.5 * np.einsum("ki,ij,kj->k", links, mass, links) + 0.5 * rotor * found["dq2"] ** 2
         stored = 0.5 * 300.0 * twist**2 + 0.25 * cubic * twist**4
@@ -468,7 +470,6 @@ class TestEquationsOfTheStructure:
         inertia = np.linalg.inv([[2.35 + 0.9, 0.35 + 0.45], [0.35 + 0.45, 0.35]])[1, 1]
         start = block.start(np.zeros(2), block.parameter_values)
         assert float(block.rate_bound(start, block.parameter_values)) > np.sqrt(1e6 * (1 / 0.15 + inertia))
-
 
     def test_substeps_follow_a_gear_that_hardens_at_its_load(self) -> None:
         """K + 3 K3 z^2 where K z + K3 z^3 is what link 2 weighs, stretched out, and takes at nominal accelerations."""
