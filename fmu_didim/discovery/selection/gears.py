@@ -46,9 +46,8 @@ FAR = 3.0
 of its teeth, which repeats along the joint, does not make up for it."""
 STARTS = 2
 """[starts] Of a gear with what acts in it, from which all are fitted."""
-SOFTER = 0.5
-"""[1] Of the stiffness of play in contact, from which an elastic gear is fitted in its place, too: without load a gear
-that hardens is softer than with it."""
+SOFTER = (1.0, 0.5, 0.25)
+"""[1] Of the stiffness of a gear, those from which one that hardens is fitted: without load it is softer than with."""
 IN_IT = "{0}: it shows only beside {1}, which acts in it."
 """Remark on a gear."""
 
@@ -233,11 +232,36 @@ def other_gears(
         searched = builder.at(rival).search
         kept = {name: value for name, value in known.items() if name in searched}
         left = search_grid({name: grid for name, grid in searched.items() if name not in known}, kept)
-        starts = [(Proposal(rival, values), *inside) for values in left]
-        tried = sorted((beside.misfit(*start), place) for place, start in enumerate(starts))[:STARTS]
-        whole = _fitted(beside, [starts[place] for cost, place in tried if np.isfinite(cost)], until=progress.ends)
+        whole = _fitted_from_best(beside, [(Proposal(rival, values), *inside) for values in left], progress)
         if whole is not None:
             found.append(beside.assess(rival, whole))
+    return found
+
+
+def hardened(
+    beside: Competition, fit: Fit, gear: EffectAtJoint, options: Options, progress: Progress
+) -> FittedCandidate | None:
+    """A gear with what acts in it and has no period, fitted together from softer gears and from the whole range of
+    that; None where nothing can be fitted.
+
+    A fit of one stiffness may end far from that without load, where to first order hardening promises nothing.
+
+    Args:
+        beside: the model without the gear; fit: with it alone.
+    """
+    builder, values, found = beside.builder, fitted_proposal(fit, gear).values, None
+    stiffness = _stiffness(builder, gear)
+    for name, effect in builder.effects.items():
+        inside = EffectAtJoint(name, gear.joint)
+        if not effect.needs_elastic or effect.frequency or name in options.forbid or builder.at(inside).is_present:
+            continue
+        starts = [
+            (Proposal(gear, {**values, stiffness: part * values[stiffness]}), Proposal(inside, own))
+            for part in SOFTER for own in search_grid(builder.at(inside).search, {})
+        ]  # fmt: skip
+        whole = _fitted_from_best(beside, starts, progress)
+        if whole is not None and (found is None or whole.chi_square < found.fit.chi_square):
+            found = Competition(builder, fit).assess(inside, whole)
     return found
 
 
@@ -275,7 +299,7 @@ def hardening_instead(
         if builder.at(gear).cost >= named.cost or gear in beside.fit.model.added_effects or progress.is_time_up:
             continue
         kept, stiffness = {n: v for n, v in values.items() if n in builder.at(gear).search}, _stiffness(builder, gear)
-        sizes = (part * kept[stiffness] for part in (1.0, SOFTER))
+        sizes = (part * kept[stiffness] for part in SOFTER[:STARTS])
         alone = _fitted(beside, [(Proposal(gear, {**kept, stiffness: k}),) for k in sizes], until=progress.ends)
         if alone is None:
             continue
@@ -290,6 +314,13 @@ def hardening_instead(
         )):  # fmt: skip
             return Part(beside, first), Part(within, second)
     return ()
+
+
+def _fitted_from_best(competition: Competition, starts: Sequence[Sequence[Proposal]], progress: Progress) -> Fit | None:
+    """The model with several effects, fitted from the best of these starts."""
+    tried = sorted((competition.misfit(*start), place) for place, start in enumerate(starts))[:STARTS]
+    best = [starts[place] for misfit, place in tried if np.isfinite(misfit)]
+    return None if progress.is_time_up else _fitted(competition, best, until=progress.ends)
 
 
 def inside_objection(within: Competition, inside: FittedCandidate, base: Fit, options: Options) -> str:

@@ -37,11 +37,12 @@ from fmu_didim.discovery.selection.beside_others import (
 from fmu_didim.discovery.selection.candidates import FittedCandidate, ScreenedCandidate
 from fmu_didim.discovery.selection.competition import LEADING, Competition, proposal_of
 from fmu_didim.discovery.selection.decide import NEAR_STATED, Options, Step, nearness, objection, step_of
-from fmu_didim.discovery.selection.gears import hardening_instead, harder, inside_objection, other_gears
+from fmu_didim.discovery.selection.gears import hardened, hardening_instead, harder, inside_objection, other_gears
 from fmu_didim.discovery.selection.parts import Part, parts_of_named, together_like
 from fmu_didim.discovery.selection.plausible import MAY_BE_ABSENT, repeats
 from fmu_didim.discovery.selection.wide_search import searched_widely
 from fmu_didim.fit.fit import Fit
+from fmu_didim.fit.gap import joint_gaps
 from fmu_didim.model.loop_model import EffectAtJoint
 
 EFFECT_AMBIGUOUS = CATALOGUE(
@@ -152,7 +153,8 @@ class Rivalry:
 
     Attributes:
         builder: of its models; base: its first fit; contests: those that were run. What has lost one does not come
-            back. divided: effects of a model in whose place two were looked for.
+            back. divided: effects of a model in whose place two were looked for; hardened: gears of a model that were
+            fitted with what may act in them.
     """
 
     builder: LoopModelBuilder
@@ -161,6 +163,7 @@ class Rivalry:
     progress: Progress
     contests: Contests = field(default_factory=dict)
     divided: set[tuple[frozenset[EffectAtJoint], EffectAtJoint]] = field(default_factory=set)
+    hardened: set[tuple[frozenset[EffectAtJoint], EffectAtJoint]] = field(default_factory=set)
 
     def instead(
         self, fit: Fit, steps: Sequence[Step], catalogue: SignatureCatalogue
@@ -179,6 +182,9 @@ class Rivalry:
                 if how is Standing.AHEAD and c.effect_at not in lost
             ]  # fmt: skip
             if found is None or not ahead:
+                inside = self._hardened(fit, steps, step)
+                if inside is not None:
+                    return inside
                 parts = self._parts(fit, step, catalogue)
                 if parts:
                     return self._with_parts(parts, steps, step)
@@ -233,6 +239,26 @@ class Rivalry:
         new[0] = replace(new[0], remark=TOGETHER_INSTEAD.format(effect.title, step.effect_at.joint, titles))
         others = [replace(s, without=None) for s in steps if s is not step]
         return without_superfluous(builder, candidates[-1].fit, [*others, *new], self.options, self.progress)
+
+    def _hardened(self, fit: Fit, steps: Sequence[Step], step: Step) -> tuple[Fit, list[Step]] | None:
+        """The model and its steps with what acts in a gear, fitted together with that where its joint has a gap left,
+        once in this model; None where the data do not support it."""
+        builder, key = self.builder, (frozenset(fit.model.added_effects), step.effect_at)
+        asked = builder.effect(step.effect_at).elastic and key not in self.hardened and not self.progress.is_time_up
+        if not asked or _gap_of(fit, step.effect_at.joint) <= self.options.smallest_size:
+            return None
+        self.hardened.add(key)
+        beside = self._beside(fit, step)
+        if beside is None:
+            return None
+        self.progress.say(f"{step.effect_at.text} together with what may act in it")
+        inside = hardened(beside, fit, step.effect_at, self.options, self.progress)
+        if inside is None or objection(inside, fit, self.options, base=self.base):
+            return None
+        inside = fitted_to_minimum(builder, inside)
+        new = step_of(inside, (inside,), Competition(builder, fit), self.options)
+        others = [replace(s, without=None) for s in steps]
+        return without_superfluous(builder, inside.fit, [*others, new], self.options, self.progress)
 
     def _inside_instead(
         self, fit: Fit, steps: Sequence[Step], step: Step, rival: FittedCandidate, lead: float
@@ -326,6 +352,11 @@ class Rivalry:
         judged = [(c, objection(c, beside.fit, self.options, base=self.base)) for c in found]
         named = beside.assess(step.effect_at, fit)
         return Contest(beside, named, tuple(sorted(judged, key=lambda r: -r[0].delta_bic)), is_nested=True)
+
+
+def _gap_of(fit: Fit, joint: int) -> float:
+    """The gap that is left on a joint, counted from 1, over its noise."""
+    return float(joint_gaps(fit.torque_alone.residual, fit.torque_alone.noise)[joint - 1])
 
 
 def _remark(named: FittedCandidate, title: str, other: str, lead: float) -> str:

@@ -39,6 +39,6 @@ class GearHardening(StructureEffect):
             neutral=0.0, limits=(-LARGEST / SMALLEST_TWIST**2, LARGEST / SMALLEST_TWIST**2), least=0.0,
             # As stiff again as K, from 50 N.m/rad at 0.3 rad to 5e4 N.m/rad at 1e-3 rad; 5e3 N/m at 0.01 m to 5e7 N/m
             # at 1e-5 m.
-            search=(Search(5e2, 5e10, 2), Search(5e7, 5e17, 2)),
+            search=(Search(5e2, 5e10, 9), Search(5e7, 5e17, 11)),
         ),
     )  # fmt: skip
