@@ -12,6 +12,7 @@ import numpy as np
 from fmu_didim.base.errors import SimulationError
 from fmu_didim.data.signals import Array
 from fmu_didim.discovery.selection.candidates import FittedCandidate
+from fmu_didim.dynamics.effects import Search
 from fmu_didim.fit.fit import Fit
 from fmu_didim.fit.noise.noise import Noise
 from fmu_didim.model.free_parameter import PLANT, FreeParameter
@@ -162,6 +163,7 @@ class Catalogue:
         self.start: Mapping[str, float] = {}
         self.amplitudes: tuple[Any, ...] = ()
         self.shapes: tuple[Any, ...] = ()
+        self.search: dict[str, Mapping[str, Search]] = {}
         self._costs, self._joints = dict(costs or {}), joints
         self.expected: list[list[tuple[EffectAtJoint, ...]]] = []
         self.stayed: list[Fit] = []
@@ -172,7 +174,7 @@ class Catalogue:
     def at(self, effect_at: EffectAtJoint) -> Any:
         return SimpleNamespace(
             cost=self._costs.get(effect_at.effect, 1.0), can_be_added=True, is_present=self._is_present(effect_at),
-            amplitudes=self.amplitudes, shapes=self.shapes,
+            amplitudes=self.amplitudes, shapes=self.shapes, search=self.search.get(effect_at.effect, {}),
         )  # fmt: skip
 
     def has_place(self, effect_at: EffectAtJoint, added: Sequence[EffectAtJoint]) -> bool:
