@@ -172,6 +172,15 @@ def geared(tmp_path_factory: pytest.TempPathFactory) -> Bench:
     return Bench(builder, fit, np.sqrt(np.mean(fit.torque**2, axis=0)))
 
 
+def test_hardening_of_a_gear_is_seen_in_what_it_does(geared: Bench) -> None:
+    """One column, the derivative of the loop where the gear does not harden."""
+    (found,) = signatures(geared, "gear_hardening", 1)
+    assert found.amplitudes == ("K3",) and not found.inverse
+    correlation, slope = compared(geared, found, "K3")
+    assert correlation > 0.99
+    assert slope == pytest.approx(1, abs=0.1)
+
+
 def error_of_gear(bench: Bench, substeps: int | None) -> np.ndarray:
     """(M, 2) the signature of 60 periods in a turn beside a fit with these substeps."""
     fit = replace(bench.fit, model=bench.fit.model.with_loop(substeps=substeps))
