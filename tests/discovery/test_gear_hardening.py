@@ -22,9 +22,9 @@ from tests.discovery.helpers import arm_case, base_of
 
 GEAR = {"K": 1500.0, "motor_share": 0.4}
 PLAY = {**GEAR, "gap": 0.004, "D": 2.0}
-HARDER = {"K3": 2e6}
+HARDER = {"K_cubic": 2e6}
 """At the largest twist of the arm, 0.01 rad, an eighth of the torque of the gear."""
-MUCH_HARDER = {"K3": 2e7}
+MUCH_HARDER = {"K_cubic": 2e7}
 HARDENING = EffectAtJoint("gear_hardening", 1)
 Truth = Mapping[str, Mapping[str, float]]
 
@@ -57,7 +57,7 @@ def test_hardening_of_a_gear_that_is_known_to_give_way(tmp_path: Path) -> None:
     within(document, "gear_hardening", HARDER)
     joint = read_robot(out / document.files["robot"]).joints[0]
     assert joint.effects[-2:] == ("joint_elasticity", "gear_hardening")
-    assert joint.parameters["K3"] == pytest.approx(document.findings[0].parameters[0].value)
+    assert joint.parameters["K_cubic"] == pytest.approx(document.findings[0].parameters[0].value)
     table = read_trajectory(out / document.files["signals_estimation"])
     wanted, simulated = table.select(["final1"])[:, 0], simulate(out / document.files["case"], experiment="estimation")
     at = np.round((table.time - simulated.time[0]) * 200).astype(int)
@@ -95,11 +95,11 @@ def test_a_gear_that_does_not_harden_is_not_said_to(tmp_path: Path, gear: Truth)
 @pytest.mark.slow
 def test_a_gear_that_softens_is_doubted(tmp_path: Path) -> None:
     """No gear does: whatever else is named in the place of that is doubted, and why hardening is not named is told."""
-    document = found_of(tmp_path, {"gear_hardening": {"K3": -2e6}}, GEAR)
+    document = found_of(tmp_path, {"gear_hardening": {"K_cubic": -2e6}}, GEAR)
     assert "gear_hardening" not in {f.effect for f in document.findings}
     assert document.verdict == "doubtful"
     (reason,) = [why for effect, _, why in document.refused if effect == "gear_hardening"]
-    assert reason.startswith("physically impossible: K3 = -") and reason.endswith("below 0")
+    assert reason.startswith("physically impossible: K_cubic = -") and reason.endswith("below 0")
 
 
 def fitted(folder: Path, gear: Mapping[str, float], truth: Truth) -> FittedCandidate:
@@ -113,13 +113,13 @@ def fitted(folder: Path, gear: Mapping[str, float], truth: Truth) -> FittedCandi
 
 
 def value_of(candidate: FittedCandidate) -> tuple[float, float]:
-    """K3 and its standard deviation."""
-    place = candidate.fit.model.names.index("K3_1")
+    """K_cubic and its standard deviation."""
+    place = candidate.fit.model.names.index("K_cubic_1")
     return float(candidate.fit.values[place]), float(np.sqrt(candidate.fit.covariance[place, place]))
 
 
 def test_where_a_gear_is_hardly_twisted_its_interval_says_so(tmp_path: Path) -> None:
-    """The same K3 in a gear ten times as stiff is a ten-thousandth of its torque: any value fits, and none is named."""
+    """The same K_cubic in a gear ten times as stiff is a ten-thousandth of its torque: any value fits, and none is named."""
     told = fitted(tmp_path / "soft", GEAR, {"gear_hardening": HARDER})
     value, deviation = value_of(told)
     assert abs(value - 2e6) < 3 * deviation < 0.2 * 2e6 and not told.implausible

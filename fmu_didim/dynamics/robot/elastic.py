@@ -4,10 +4,10 @@ With q, dq, ddq the motion on the motors' side (what encoders see) and q_link th
 
     motor of an elastic joint j:  Im ddq_j + drive_j(q, dq) + tau_s_j = tau_j
     its link:                     G_j(q_link, dq_link, ddq_link) + own_j(q_link, dq_link) = tau_s_j
-    gear:                         tau_s_j = K z(x_j) + K3 z(x_j)^3 + D z'(x_j) dx_j/dt,    x_j = q_j - q_link_j
+    gear:                         tau_s_j = K z(x_j) + K_cubic z(x_j)^3 + D z'(x_j) dx_j/dt,    x_j = q_j - q_link_j
 
 where G are the rigid-body torques, own_j the effects that say of themselves that they act on the link, drive_j all
-others, z(x) = x or, with backlash, x with a dead zone, and K3 is zero but in gears that harden. At rigid joints
+others, z(x) = x or, with backlash, x with a dead zone, and K_cubic is zero but in gears that harden. At rigid joints
 q_link = q. Added up, tau = G + Im ddq + drive + own: linear in the standard parameters, with the links' motion as
 something observed. A rotor's inertia counts about its own joint only, or where the description says so about the next
 one, too (``coupled_inertia``).
@@ -166,7 +166,7 @@ class ElasticEquations(EquationsOfMotion):
         deflection, contact = self._contact(j, twist)
         damped = self.by_shape[f"D_{j + 1}"] * contact * speed
         torque = self.by_shape[f"K_{j + 1}"] * deflection + damped
-        hardening = self.by_shape.get(f"K3_{j + 1}")
+        hardening = self.by_shape.get(f"K_cubic_{j + 1}")
         return torque if hardening is None else torque + hardening * deflection**3
 
     def _contact(self, j: int, twist: ca.SX) -> tuple[ca.SX, ca.SX]:
@@ -316,14 +316,14 @@ class ElasticEquations(EquationsOfMotion):
         return ca.fmax(total + gears * method.oscillating, driven * method.oscillating)
 
     def _steepest(self, j: int, links: ca.SX, by_name: Mapping[str, ca.SX], by_shape: Mapping[str, ca.SX]) -> ca.SX:
-        """Stiffness of a gear at the twist of the largest load L that is likely: K + 3 K3 z^2 where K z + K3 z^3 = L.
+        """Stiffness of a gear, K + 3 K_cubic z^2, at the twist of the largest load L that is likely:
 
-            K3 z^2 = 4/3 K sinh(u/3)^2,    sinh(u) = 3/2 L/K sqrt(3 K3/K)
+            K z + K_cubic z^3 = L:    K_cubic z^2 = 4/3 K sinh(u/3)^2,    sinh(u) = 3/2 L/K sqrt(3 K_cubic/K)
 
         Args:
             links: (n, n) inertia of the links.
         """
-        stiffness, hardening = by_shape[f"K_{j + 1}"], by_shape.get(f"K3_{j + 1}")
+        stiffness, hardening = by_shape[f"K_{j + 1}"], by_shape.get(f"K_cubic_{j + 1}")
         if hardening is None:
             return stiffness
         load = load_bound(self.robot, j, links, by_name)

@@ -175,8 +175,8 @@ def geared(tmp_path_factory: pytest.TempPathFactory) -> Bench:
 def test_hardening_of_a_gear_is_seen_in_what_it_does(geared: Bench) -> None:
     """One column, the derivative of the loop where the gear does not harden."""
     (found,) = signatures(geared, "gear_hardening", 1)
-    assert found.amplitudes == ("K3",) and not found.inverse
-    correlation, slope = compared(geared, found, "K3", part=0.002)  # with more the gear resonates elsewhere
+    assert found.amplitudes == ("K_cubic",) and not found.inverse
+    correlation, slope = compared(geared, found, "K_cubic", part=0.002)  # with more the gear resonates elsewhere
     assert correlation > 0.999
     assert slope == pytest.approx(1, abs=0.02)
 

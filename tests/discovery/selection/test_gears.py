@@ -256,13 +256,13 @@ def catalogue() -> Any:
     found.search = {
         "elastic": {"K": Search(50.0, 5e4, 10)},
         "play": {"gap": Search(0.001, 0.01, 2), "K": Search(50.0, 5e4, 4), "D": Search(2.0, 8.0, 2)},
-        "hard": {"K3": Search(1e3, 1e5, 3)},
+        "hard": {"K_cubic": Search(1e3, 1e5, 3)},
     }
     return found
 
 
 class Fitted:
-    """Fits of gears, whose misfits are as large as the gap, the damping and K3 say; which starts were fitted."""
+    """Fits of gears, whose misfits are as large as the gap, the damping and K_cubic say; which starts were fitted."""
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch, builder: Any) -> None:
         self.builder, self.started, self.chi_square = builder, list[Any](), 5.0
@@ -272,7 +272,9 @@ class Fitted:
 
     def misfit(self, *proposals: Proposal) -> float:
         values = {name: value for p in proposals for name, value in p.values.items()}
-        return abs(values.get("gap", 0.0) - 0.01) + abs(values.get("D", 0.0) - 8.0) + abs(values.get("K3", 1e4) - 1e4)
+        return (
+            abs(values.get("gap", 0.0) - 0.01) + abs(values.get("D", 0.0) - 8.0) + abs(values.get("K_cubic", 1e4) - 1e4)
+        )
 
     def _fitted(self, competition: Any, starts: Any, *, until: float) -> Any:
         self.started.append([{p.effect_at.effect: dict(p.values) for p in proposals} for proposals in starts])
@@ -292,15 +294,15 @@ def fit_with(**values: dict[str, float]) -> Any:
     [
         # Play without a width, or a damping that the log does not show, is left out; all that acts in the gear stays.
         (
-            {"play": {"gap": 0.0, "K": 300.0, "D": 0.0}, "hard": {"K3": 7e4}},
-            [{"elastic": {"K": 300.0}, "hard": {"K3": 7e4}}],
+            {"play": {"gap": 0.0, "K": 300.0, "D": 0.0}, "hard": {"K_cubic": 7e4}},
+            [{"elastic": {"K": 300.0}, "hard": {"K_cubic": 7e4}}],
         ),
         # Its gap and damping come from the grid, the best first.
         (
-            {"elastic": {"K": 300.0}, "hard": {"K3": 1e4}},
+            {"elastic": {"K": 300.0}, "hard": {"K_cubic": 1e4}},
             [
-                {"play": {"gap": 0.01, "K": 300.0, "D": 8.0}, "hard": {"K3": 1e4}},
-                {"play": {"gap": 0.001, "K": 300.0, "D": 8.0}, "hard": {"K3": 1e4}},
+                {"play": {"gap": 0.01, "K": 300.0, "D": 8.0}, "hard": {"K_cubic": 1e4}},
+                {"play": {"gap": 0.001, "K": 300.0, "D": 8.0}, "hard": {"K_cubic": 1e4}},
             ],
         ),
     ],
@@ -324,7 +326,7 @@ def test_a_gear_that_hardens_is_fitted_from_softer_ones(monkeypatch: pytest.Monk
     gear, fit = EffectAtJoint("elastic", 1), fit_with(elastic={"K": 400.0})
     found = gears.hardened(beside, fit, gear, Options(), Progress())
     assert found is not None and found.effect_at == EffectAtJoint("hard", 1)
-    assert beside.started == [[{"elastic": {"K": k}, "hard": {"K3": pytest.approx(1e4)}} for k in (400.0, 200.0)]]
+    assert beside.started == [[{"elastic": {"K": k}, "hard": {"K_cubic": pytest.approx(1e4)}} for k in (400.0, 200.0)]]
     assert gears.hardened(beside, fit, gear, Options(forbid=frozenset({"hard"})), Progress()) is None
 
 
@@ -333,7 +335,7 @@ def test_a_gear_that_hardens_is_fitted_from_softer_ones(monkeypatch: pytest.Monk
     [
         (111.0, "", (), ["elastic", "hard"]),  # ahead of the 100 of play by more than decides nothing
         (110.0, "", (), []),
-        (500.0, "physically impossible: K3 below 0", (), []),
+        (500.0, "physically impossible: K_cubic below 0", (), []),
         (500.0, "held-out RMS ratio 1.1", (), []),
         (500.0, "", ("play",), []),
     ],

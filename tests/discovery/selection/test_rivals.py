@@ -317,7 +317,7 @@ BOTH = [at("elastic"), at("hard")]
     [
         (30.0, "", BOTH),  # as much as play has more than the gear that does not harden
         (29.0, "", [at("play")]),
-        (90.0, "physically impossible: K3 below 0", [at("play")]),
+        (90.0, "physically impossible: K_cubic below 0", [at("play")]),
         (None, "", [at("play")]),
     ],
 )

@@ -122,7 +122,7 @@ class TestNeutralValues:
     @pytest.mark.parametrize("gear", ["joint_elasticity", "backlash"])
     def test_no_hardening_is_the_gear_without_it_to_the_bit(self, gear: str) -> None:
         values = {"K": 800.0, "D": 1.0, **({"gap": 0.01} if gear == "backlash" else {})}
-        first = closed(arm(joint2={"effects": [gear, "gear_hardening"], **values, "K3": 0.0}))
+        first = closed(arm(joint2={"effects": [gear, "gear_hardening"], **values, "K_cubic": 0.0}))
         assert np.array_equal(first, closed(arm(joint2={"effects": [gear], **values})))
 
     def test_no_tilt_is_the_level_base(self) -> None:
@@ -288,20 +288,20 @@ SOFT: Mapping[str, tuple[RobotDescription, Mapping[int, Callable[[float, float],
         {1: play(2000.0, 4.0, 0.01)},
     ),
     "hardening gear": (
-        arm(joint2={"effects": ["joint_elasticity", "gear_hardening"], "K": 300.0, "D": 0.3, "K3": 3e5}),
+        arm(joint2={"effects": ["joint_elasticity", "gear_hardening"], "K": 300.0, "D": 0.3, "K_cubic": 3e5}),
         {1: hardening(300.0, 3e5, 0.3)},
     ),
     "softening gear": (
-        arm(joint2={"effects": ["joint_elasticity", "gear_hardening"], "K": 500.0, "D": 0.3, "K3": -6e4}),
+        arm(joint2={"effects": ["joint_elasticity", "gear_hardening"], "K": 500.0, "D": 0.3, "K_cubic": -6e4}),
         {1: hardening(500.0, -6e4, 0.3)},
     ),
     "hardening gear with play": (
-        arm(joint2={"effects": ["backlash", "gear_hardening"], "K": 1500.0, "D": 4.0, "gap": 0.02, "K3": 3e7}),
+        arm(joint2={"effects": ["backlash", "gear_hardening"], "K": 1500.0, "D": 4.0, "gap": 0.02, "K_cubic": 3e7}),
         {1: hardening(1500.0, 3e7, 4.0, 0.02)},
     ),
     "error of a hardening gear": (
         arm(joint2={
-            "effects": ["joint_elasticity", "transmission_error", "gear_hardening"], "K": 300.0, "D": 0.4, "K3": 3e5,
+            "effects": ["joint_elasticity", "transmission_error", "gear_hardening"], "K": 300.0, "D": 0.4, "K_cubic": 3e5,
             **UNEVEN,
         }),
         {1: hardening(300.0, 3e5, 0.4)},
@@ -425,13 +425,13 @@ class TestEquationsOfTheStructure:
         found = dict(zip([v.name for v in plant.outputs], drive(plant, torque(160), PERIOD).T, strict=True))
         own = robot.joints[1].parameters
         twist = max(float(np.abs(found["q2"] - found["q_link2"]).max()) - own.get("gap", 0.0) / 2, 0.0)
-        assert abs(own["K3"]) * twist**2 > 0.2 * own["K"] / (1.2 if own["K3"] < 0 else 1)
+        assert abs(own["K_cubic"]) * twist**2 > 0.2 * own["K"] / (1.2 if own["K_cubic"] < 0 else 1)
 
     @pytest.mark.parametrize("cubic", [3e5, -3e4])
     def test_a_gear_without_damping_keeps_the_energy(self, cubic: float) -> None:
-        """Of two inertias on one cubic spring, K z^2 / 2 + K3 z^4 / 4: there is nothing else in the arm."""
+        """Of two inertias on one cubic spring, K z^2 / 2 + K_cubic z^4 / 4: there is nothing else in the arm."""
         still = {"MX": 0.0, "MY": 0.0, "Fv": 0.0, "Fc": 0.0}
-        gear = {"effects": ["joint_elasticity", "gear_hardening"], "K": 300.0, "K3": cubic}
+        gear = {"effects": ["joint_elasticity", "gear_hardening"], "K": 300.0, "K_cubic": cubic}
         robot = arm(joint1={"effects": [], **still}, joint2={**still, **gear})
         model = RobotModel(robot)
         plant = ModelComponent(model.block(), substeps=32)
@@ -472,7 +472,7 @@ class TestEquationsOfTheStructure:
         assert float(block.rate_bound(start, block.parameter_values)) > np.sqrt(1e6 * (1 / 0.15 + inertia))
 
     def test_substeps_follow_a_gear_that_hardens_at_its_load(self) -> None:
-        """K + 3 K3 z^2 where K z + K3 z^3 is what link 2 weighs, stretched out, and takes at nominal accelerations."""
+        """K + 3 K_cubic z^2 where K z + K_cubic z^3 is what link 2 weighs, stretched out, and takes at nominal accelerations."""
         load = 9.81 * (0.9 + 0.1) + 10 * ((0.35 + 0.45) + 0.35)
         wanted, found = [], []
         for stiffness, cubic in ((800.0, 0.0), (800.0, 2e4), (800.0, 3e7), (800.0, -2e4)):
@@ -481,7 +481,7 @@ class TestEquationsOfTheStructure:
             wanted.append(np.sqrt(stiffness + 3 * max(cubic, 0.0) * z**2))
             effects = ["joint_elasticity", "gear_hardening"]
             still = {"Fv": 0.0, "Fc": 0.0}
-            gear = {"effects": effects, "K": stiffness, "K3": cubic, **still}
+            gear = {"effects": effects, "K": stiffness, "K_cubic": cubic, **still}
             block = RobotModel(arm(joint1={"effects": [], **still}, joint2=gear)).block()
             assert block.rate_bound is not None
             values = block.parameter_values
@@ -492,7 +492,7 @@ class TestEquationsOfTheStructure:
 class TestIdentification:
     @pytest.mark.parametrize(
         "inside",
-        [{}, {"transmission_error": UNEVEN}, {"gear_hardening": {"K3": 4e5}}],
+        [{}, {"transmission_error": UNEVEN}, {"gear_hardening": {"K_cubic": 4e5}}],
         ids=["even", "uneven", "hardening"],
     )
     def test_didim_finds_the_parameters_of_an_elastic_arm(self, inside: Mapping[str, Mapping[str, float]]) -> None:
@@ -578,7 +578,7 @@ class TestInARobotDescription:
                 "gives way: list joint_elasticity or backlash",
             ),
             (2, {"effects": ["gear_hardening"]}, "gear_hardening acts in a gear that gives way"),
-            (2, {"effects": ["joint_elasticity", "gear_hardening"], "K3": 1e25}, r"K3 = 1e\+25 must lie"),
+            (2, {"effects": ["joint_elasticity", "gear_hardening"], "K_cubic": 1e25}, r"K_cubic = 1e\+25 must lie"),
             (
                 2,
                 {"effects": ["joint_elasticity", "transmission_error"], "gear_number": 0.0},
