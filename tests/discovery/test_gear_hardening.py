@@ -119,7 +119,7 @@ def value_of(candidate: FittedCandidate) -> tuple[float, float]:
 
 
 def test_where_a_gear_is_hardly_twisted_its_interval_says_so(tmp_path: Path) -> None:
-    """The same K_cubic in a gear ten times as stiff is a ten-thousandth of its torque: any value fits, and none is named."""
+    """The same cube in a gear ten times as stiff is a ten-thousandth of its torque: any value fits, none is named."""
     told = fitted(tmp_path / "soft", GEAR, {"gear_hardening": HARDER})
     value, deviation = value_of(told)
     assert abs(value - 2e6) < 3 * deviation < 0.2 * 2e6 and not told.implausible

@@ -272,9 +272,8 @@ class Fitted:
 
     def misfit(self, *proposals: Proposal) -> float:
         values = {name: value for p in proposals for name, value in p.values.items()}
-        return (
-            abs(values.get("gap", 0.0) - 0.01) + abs(values.get("D", 0.0) - 8.0) + abs(values.get("K_cubic", 1e4) - 1e4)
-        )
+        best = {"gap": 0.01, "D": 8.0, "K_cubic": 1e4}
+        return sum(abs(values[name] - value) for name, value in best.items() if name in values)
 
     def _fitted(self, competition: Any, starts: Any, *, until: float) -> Any:
         self.started.append([{p.effect_at.effect: dict(p.values) for p in proposals} for proposals in starts])

@@ -301,8 +301,8 @@ SOFT: Mapping[str, tuple[RobotDescription, Mapping[int, Callable[[float, float],
     ),
     "error of a hardening gear": (
         arm(joint2={
-            "effects": ["joint_elasticity", "transmission_error", "gear_hardening"], "K": 300.0, "D": 0.4, "K_cubic": 3e5,
-            **UNEVEN,
+            "effects": ["joint_elasticity", "transmission_error", "gear_hardening"],
+            "K": 300.0, "D": 0.4, "K_cubic": 3e5, **UNEVEN,
         }),
         {1: hardening(300.0, 3e5, 0.4)},
     ),
@@ -472,7 +472,7 @@ class TestEquationsOfTheStructure:
         assert float(block.rate_bound(start, block.parameter_values)) > np.sqrt(1e6 * (1 / 0.15 + inertia))
 
     def test_substeps_follow_a_gear_that_hardens_at_its_load(self) -> None:
-        """K + 3 K_cubic z^2 where K z + K_cubic z^3 is what link 2 weighs, stretched out, and takes at nominal accelerations."""
+        """At the twist by what link 2 weighs, stretched out, and takes at nominal accelerations."""
         load = 9.81 * (0.9 + 0.1) + 10 * ((0.35 + 0.45) + 0.35)
         wanted, found = [], []
         for stiffness, cubic in ((800.0, 0.0), (800.0, 2e4), (800.0, 3e7), (800.0, -2e4)):
