@@ -224,6 +224,13 @@ def _hardening(rng: np.random.Generator, s: Surroundings) -> Form:
     )  # fmt: skip
 
 
+def _steps(rng: np.random.Generator, s: Surroundings) -> Form:
+    return Form(
+        "three stiffnesses K, (1 + a/2) K and (1 + a) K, from a fifth and a half of the largest command on", 0.5, 1.5,
+        lambda a: {"GEAR_GROWTH": a, "GEAR_STEP": 0.2 * s.command},
+    )  # fmt: skip
+
+
 def _push(rng: np.random.Generator, s: Surroundings) -> Form:
     repeated = rng.random() < 0.5
     start = rng.uniform(0.2, 0.7) * (s.period_s if repeated else s.duration_s)
@@ -317,7 +324,7 @@ CURVES: Mapping[str, Maker] = {
 }  # fmt: skip
 """Functions of one variable outside the catalogue: to be refused, and drawn as a curve."""
 
-GEARS: Mapping[str, Maker] = {"transmission_error": _transmission, "gear_hardening": _hardening}
+GEARS: Mapping[str, Maker] = {"transmission_error": _transmission, "gear_hardening": _hardening, "gear_steps": _steps}
 """What is hidden beside the elasticity of a gear only. An error of its teeth that is named as another one that repeats
 along the joint is not found."""
 
