@@ -224,8 +224,7 @@ def other_gears(
     """
     builder, known = beside.builder, fitted_proposal(fit, gear).values
     others = set(beside.fit.model.added_effects)
-    inside = [fitted_proposal(fit, a) for a in fit.model.added_effects if a != gear and a not in others]
-    found = []
+    inside, found = _inside(beside, fit, gear), []
     for rival in _gears_on(builder, gear.joint, options):
         if rival == gear or rival in others or progress.is_time_up:
             continue
@@ -241,22 +240,23 @@ def other_gears(
 def hardened(
     beside: Competition, fit: Fit, gear: EffectAtJoint, options: Options, progress: Progress
 ) -> FittedCandidate | None:
-    """A gear with what acts in it and has no period, fitted together from softer gears and from the whole range of
-    that; None where nothing can be fitted.
+    """A gear with what may act in it, too, and has no period, fitted together from softer gears and from the whole
+    range of that; None where nothing can be fitted.
 
     A fit of one stiffness may end far from that without load, where to first order hardening promises nothing.
 
     Args:
-        beside: the model without the gear; fit: with it alone.
+        beside: the model without the gear and what acts in it; fit: with them.
     """
     builder, values, found = beside.builder, fitted_proposal(fit, gear).values, None
-    stiffness = _stiffness(builder, gear)
+    stiffness, present = _stiffness(builder, gear), _inside(beside, fit, gear)
     for name, effect in builder.effects.items():
         inside = EffectAtJoint(name, gear.joint)
-        if not effect.needs_elastic or effect.frequency or name in options.forbid or builder.at(inside).is_present:
+        is_asked = effect.needs_elastic and not effect.frequency and name not in options.forbid
+        if not is_asked or inside in fit.model.added_effects or builder.at(inside).is_present:
             continue
         starts = [
-            (Proposal(gear, {**values, stiffness: part * values[stiffness]}), Proposal(inside, own))
+            (Proposal(gear, {**values, stiffness: part * values[stiffness]}), *present, Proposal(inside, own))
             for part in SOFTER for own in search_grid(builder.at(inside).search, {})
         ]  # fmt: skip
         whole = _fitted_from_best(beside, starts, progress)
@@ -314,6 +314,12 @@ def hardening_instead(
         )):  # fmt: skip
             return Part(beside, first), Part(within, second)
     return ()
+
+
+def _inside(beside: Competition, fit: Fit, gear: EffectAtJoint) -> list[Proposal]:
+    """What acts in a gear of a fit, with its values; beside: the model without them."""
+    others = {gear, *beside.fit.model.added_effects}
+    return [fitted_proposal(fit, a) for a in fit.model.added_effects if a not in others]
 
 
 def _fitted_from_best(competition: Competition, starts: Sequence[Sequence[Proposal]], progress: Progress) -> Fit | None:

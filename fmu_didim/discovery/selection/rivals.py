@@ -248,11 +248,11 @@ class Rivalry:
         if not asked or _gap_of(fit, step.effect_at.joint) <= self.options.smallest_size:
             return None
         self.hardened.add(key)
-        beside = self._beside(fit, step)
-        if beside is None:
+        without = fit_without(builder, fit, step)
+        if without is None:
             return None
         self.progress.say(f"{step.effect_at.text} together with what may act in it")
-        inside = hardened(beside, fit, step.effect_at, self.options, self.progress)
+        inside = hardened(Competition(builder, without), fit, step.effect_at, self.options, self.progress)
         if inside is None or objection(inside, fit, self.options, base=self.base):
             return None
         inside = fitted_to_minimum(builder, inside)
