@@ -124,14 +124,16 @@ def table_fit(*mean_squares: float, held_out: Mapping[str, Array | None] | None 
 def candidate_of(
     effect: str = "coulomb", joint: int = 1, *, bic: float = 100.0, size: float = 3.0, share: float = 0.5,
     change: float = 3.0, cost: float = 1.0, fit: Fit | None = None, implausible: str = "",
-    unusual: str = "",
+    unusual: str = "", bends_gear: bool = False,
 ) -> FittedCandidate:  # fmt: skip
     """A candidate that is accepted as it stands."""
     at = EffectAtJoint(effect, joint)
     parameter = FreeParameter(f"{effect}{joint}", "N.m", PLANT, f"{effect}{joint}", 2.5, 1.0, effect=0)
     if fit is None:
         fit = fit_of(TableModel(residual(10.0), {}, (at,), (parameter,)), values=[2.5])
-    return FittedCandidate(at, fit, bic, size, share, change, cost, implausible, unusual)
+    return FittedCandidate(
+        at, fit, bic, size, share, change, cost, implausible, unusual, bends_gear=bends_gear
+    )  # fmt: skip
 
 
 def effect_of(name: str, *, class_name: str | None = None, place: str = "joint", **more: Any) -> Any:

@@ -57,6 +57,8 @@ class FittedCandidate:
         implausible: why its values are not significant or not possible, or an empty string.
         unusual: which of its values hardly any machine has, or an empty string.
         has_minima: whether its fit has many minima, as that of play has, which hits its flanks.
+        bends_gear: whether it bends the torque of a gear over its twist, so that the stiffness hangs on it, however
+            small a part of what the whole gear explains it may be.
     """
 
     effect_at: EffectAtJoint
@@ -69,6 +71,7 @@ class FittedCandidate:
     implausible: str = ""
     unusual: str = ""
     has_minima: bool = False
+    bends_gear: bool = False
 
 
 class Outcome(Enum):

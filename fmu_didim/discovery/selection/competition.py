@@ -425,7 +425,8 @@ class Competition:
         effect = builder.effect(effect_at)
         why = implausible(whole, index, effect, builder.link_values(effect_at.joint))
         odd = unusual(whole, index, effect)
-        return FittedCandidate(effect_at, whole, gain, size, share, raw, cost, why, odd, effect.has_minima)
+        bends = effect.needs_elastic and not effect.frequency
+        return FittedCandidate(effect_at, whole, gain, size, share, raw, cost, why, odd, effect.has_minima, bends)
 
     def change_without(self, effect_at: EffectAtJoint, found: Fit, *, held_out: bool = False) -> float:
         """Largest RMS change of an output, such as the torque of a joint, in units of its noise, when an effect is
