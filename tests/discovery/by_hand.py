@@ -12,6 +12,7 @@ import numpy as np
 from fmu_didim.base.errors import SimulationError
 from fmu_didim.data.signals import Array
 from fmu_didim.discovery.selection.candidates import FittedCandidate
+from fmu_didim.dynamics.effects import Search
 from fmu_didim.fit.fit import Fit
 from fmu_didim.fit.noise.noise import Noise
 from fmu_didim.model.free_parameter import PLANT, FreeParameter
@@ -123,14 +124,16 @@ def table_fit(*mean_squares: float, held_out: Mapping[str, Array | None] | None 
 def candidate_of(
     effect: str = "coulomb", joint: int = 1, *, bic: float = 100.0, size: float = 3.0, share: float = 0.5,
     change: float = 3.0, cost: float = 1.0, fit: Fit | None = None, implausible: str = "",
-    unusual: str = "", is_known: bool = False,
+    unusual: str = "", is_known: bool = False, bends_gear: bool = False,
 ) -> FittedCandidate:  # fmt: skip
     """A candidate that is accepted as it stands."""
     at = EffectAtJoint(effect, joint)
     parameter = FreeParameter(f"{effect}{joint}", "N.m", PLANT, f"{effect}{joint}", 2.5, 1.0, effect=0)
     if fit is None:
         fit = fit_of(TableModel(residual(10.0), {}, (at,), (parameter,)), values=[2.5])
-    return FittedCandidate(at, fit, bic, size, share, change, cost, implausible, unusual, is_known=is_known)
+    return FittedCandidate(
+        at, fit, bic, size, share, change, cost, implausible, unusual, is_known=is_known, bends_gear=bends_gear
+    )  # fmt: skip
 
 
 def effect_of(name: str, *, class_name: str | None = None, place: str = "joint", **more: Any) -> Any:
@@ -162,6 +165,7 @@ class Catalogue:
         self.start: Mapping[str, float] = {}
         self.amplitudes: tuple[Any, ...] = ()
         self.shapes: tuple[Any, ...] = ()
+        self.search: dict[str, Mapping[str, Search]] = {}
         self._costs, self._joints = dict(costs or {}), joints
         self.expected: list[list[tuple[EffectAtJoint, ...]]] = []
         self.stayed: list[Fit] = []
@@ -177,6 +181,7 @@ class Catalogue:
         return SimpleNamespace(
             cost=cost, cost_with=lambda shapes: cost, harmonics={}, can_be_added=True,
             is_present=self._is_present(effect_at), amplitudes=self.amplitudes, shapes=self.shapes,
+            search=self.search.get(effect_at.effect, {}),
         )  # fmt: skip
 
     def has_place(self, effect_at: EffectAtJoint, added: Sequence[EffectAtJoint]) -> bool:

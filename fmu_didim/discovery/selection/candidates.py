@@ -62,6 +62,8 @@ class FittedCandidate:
         has_minima: whether its fit has many minima, as that of play has, which hits its flanks.
         is_measured: whether it follows what runs have measured, so that held-out ones may tell nothing of it.
         is_known: whether it repeats as the motor does that the description states.
+        bends_gear: whether it bends the torque of a gear over its twist, so that the stiffness hangs on it, however
+            small a part of what the whole gear explains it may be.
     """
 
     effect_at: EffectAtJoint
@@ -76,6 +78,7 @@ class FittedCandidate:
     has_minima: bool = False
     is_measured: bool = False
     is_known: bool = False
+    bends_gear: bool = False
 
 
 class Outcome(Enum):

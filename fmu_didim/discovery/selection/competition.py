@@ -426,12 +426,12 @@ class Competition:
         tried = [(self.misfit(proposal), place, proposal) for place, proposal in enumerate(proposals)]
         return [proposal for cost, _, proposal in sorted(tried)[:STARTS] if np.isfinite(cost)]
 
-    def misfit(self, proposal: Proposal | None = None, *, most_steps: float = np.inf) -> float:
-        """Of the loop, with an effect or without, with the base refitted to first order; infinite where it cannot be
-        simulated, or not with so many steps of the integration."""
+    def misfit(self, *proposals: Proposal, most_steps: float = np.inf) -> float:
+        """Of the loop, with further effects or without, with the base refitted to first order; infinite where it cannot
+        be simulated, or not with so many steps of the integration."""
         residual = self.fit.residual
-        if proposal is not None:
-            model = self.builder.build(self.fit.model, [proposal])
+        if proposals:
+            model = self.builder.build(self.fit.model, proposals)
             values = np.clip(model.start, *model.free_parameters.limits)
             try:
                 if np.isfinite(most_steps) and model.integration_steps(values) > most_steps:
@@ -457,8 +457,9 @@ class Competition:
         odd = unusual(whole, index, effect)
         measured = isinstance(effect, TorqueEffect) and bool(effect.given_states)
         return FittedCandidate(
-            effect_at, whole, gain, size, share, raw, cost, why, odd, effect.has_minima, measured, is_known
-        )
+            effect_at, whole, gain, size, share, raw, cost, why, odd, has_minima=effect.has_minima,
+            is_measured=measured, is_known=is_known, bends_gear=effect.needs_elastic and not effect.frequency,
+        )  # fmt: skip
 
     def change_without(self, effect_at: EffectAtJoint, found: Fit, *, held_out: bool = False) -> float:
         """Largest RMS change of an output, such as the torque of a joint, in units of its noise, when an effect is

@@ -219,7 +219,7 @@ def objection(candidate: FittedCandidate, fit: Fit, options: Options, *, base: F
     if candidate.share < options.smallest_share:
         return f"explains {100 * candidate.share:.0f} % of the gap, less than {100 * options.smallest_share:g} %"
     part = part_of_gap(base, fit, candidate.fit, fit.noise)
-    if part < options.smallest_part:
+    if part < options.smallest_part and not candidate.bends_gear:
         smallest = 100 * options.smallest_part
         return f"explains {100 * part:.1f} % of the gap of the base model on its joint, less than {smallest:g} %"
     if candidate.implausible:

@@ -38,10 +38,12 @@ from fmu_didim.discovery.selection.beside_others import (
 from fmu_didim.discovery.selection.candidates import FittedCandidate, ScreenedCandidate
 from fmu_didim.discovery.selection.competition import LEADING, Competition, proposal_of
 from fmu_didim.discovery.selection.decide import NEAR_STATED, Options, Step, nearness, objection, step_of
+from fmu_didim.discovery.selection.gears import hardened, hardening_instead, harder, inside_objection, other_gears
 from fmu_didim.discovery.selection.parts import Part, parts_of_named, together_like
 from fmu_didim.discovery.selection.plausible import MAY_BE_ABSENT, repeats
 from fmu_didim.discovery.selection.wide_search import searched_widely
 from fmu_didim.fit.fit import Fit
+from fmu_didim.fit.gap import joint_gaps
 from fmu_didim.model.loop_model import EffectAtJoint
 
 EFFECT_AMBIGUOUS = CATALOGUE(
@@ -62,6 +64,10 @@ AS_MACHINES_HAVE = (
     "of {5:.0f} in BIC."
 )
 """The same where it explains a little less."""
+SIMPLER = "{0} on joint {1} was accepted first; beside all others {2} explains as much in its place, with fewer values."
+"""The same where it is simpler and as good."""
+HARDER = "{0}: beside {1} it explains more than {2} in the place of that."
+"""Remark on what acts in a gear in the place of which another one would be named."""
 TOGETHER_INSTEAD = "{0} on joint {1} was accepted first; {2} together explain more in its place, beside all others."
 """Remark on the first of two effects that are named in the place of one."""
 
@@ -94,18 +100,21 @@ class Contest:
     Attributes:
         beside: the others; named: the effect; rivals: those that were fitted, the best first, with the objection to
             each.
+        is_nested: whether one of them is another one with a value of zero, as gears in which the same acts.
     """
 
     beside: Competition
     named: FittedCandidate
     rivals: tuple[tuple[FittedCandidate, str], ...]
+    is_nested: bool = False
 
     def standings(self, options: Options) -> list[tuple[FittedCandidate, float, Standing]]:
         """Each rival with its lead in BIC and how it stands.
 
         What the case states, such as gains of the controller, is not doubted for what it is confounded with unless that
         explains far less, and an effect with values that hardly any machine has gives way to what explains nearly as
-        much, as in the decision of a round; what the user prefers is not replaced.
+        much, as in the decision of a round; what the user prefers is not replaced. Of two that are one with a value of
+        zero, the simpler one is named where it is as good.
         """
         return [
             (rival, rival.delta_bic - self.named.delta_bic, self._how(rival, why, options))
@@ -126,6 +135,8 @@ class Contest:
             how = Standing.AHEAD if alike and lead > -NEAR_STATED * named.delta_bic else how
         elif how is Standing.AHEAD and rival.unusual and not named.unusual and gives_way and not far:
             how = Standing.AS_GOOD
+        if self.is_nested and how is Standing.AS_GOOD and not why and rival.cost < named.cost:
+            how = Standing.AHEAD
         is_kept = named.effect_at.effect in options.prefer
         return Standing.AS_GOOD if how is Standing.AHEAD and is_kept else how
 
@@ -140,7 +151,8 @@ class Rivalry:
 
     Attributes:
         builder: of its models; base: its first fit; contests: those that were run. What has lost one does not come
-            back. divided: effects of a model in whose place two were looked for.
+            back. divided: effects of a model in whose place two were looked for; hardened: gears of a model that were
+            fitted with what may act in them.
     """
 
     builder: LoopModelBuilder
@@ -149,6 +161,7 @@ class Rivalry:
     progress: Progress
     contests: Contests = field(default_factory=dict)
     divided: set[tuple[frozenset[EffectAtJoint], EffectAtJoint]] = field(default_factory=set)
+    hardened: set[tuple[frozenset[EffectAtJoint], EffectAtJoint]] = field(default_factory=set)
 
     def instead(
         self, fit: Fit, steps: Sequence[Step], catalogue: SignatureCatalogue
@@ -167,10 +180,16 @@ class Rivalry:
                 if how is Standing.AHEAD and c.effect_at not in lost
             ]  # fmt: skip
             if found is None or not ahead:
+                inside = self._hardened(fit, steps, step)
+                if inside is not None:
+                    return inside
                 parts = self._parts(fit, step, catalogue)
                 if parts:
                     return self._with_parts(parts, steps, step)
                 continue
+            inside = self._inside_instead(fit, steps, step, *ahead[0])
+            if inside is not None:
+                return inside
             rival, lead = fitted_to_minimum(builder, ahead[0][0]), ahead[0][1]
             self.progress.say(f"{rival.effect_at.text} instead of {step.effect_at.text}")
             self.contests[frozenset(rival.fit.model.added_effects), step.effect_at] = None
@@ -191,14 +210,17 @@ class Rivalry:
 
     def _parts(self, fit: Fit, step: Step, catalogue: SignatureCatalogue) -> tuple[Part, ...]:
         """Effects of one joint that an effect may stand for together, looked for once in this model."""
-        key = frozenset(fit.model.added_effects), step.effect_at
-        if key in self.divided or self.progress.is_time_up or not together_like(self.builder, step.effect_at):
+        key, is_gear = (frozenset(fit.model.added_effects), step.effect_at), self.builder.effect(step.effect_at).elastic
+        asked = is_gear or together_like(self.builder, step.effect_at)
+        if key in self.divided or self.progress.is_time_up or not asked:
             return ()
         self.divided.add(key)
         beside = self._beside(fit, step)
         if beside is None:
             return ()
         named = beside.assess(step.effect_at, fit)
+        if is_gear:
+            return hardening_instead(beside, named, self.base, self.options, self.progress)
         return parts_of_named(beside, named, catalogue, self.base, self.options, self.progress)
 
     def _with_parts(self, parts: Sequence[Part], steps: Sequence[Step], step: Step) -> tuple[Fit, list[Step]]:
@@ -215,6 +237,45 @@ class Rivalry:
         new[0] = replace(new[0], remark=TOGETHER_INSTEAD.format(effect.title, step.effect_at.joint, titles))
         others = [replace(s, without=None) for s in steps if s is not step]
         return without_superfluous(builder, candidates[-1].fit, [*others, *new], self.options, self.progress)
+
+    def _hardened(self, fit: Fit, steps: Sequence[Step], step: Step) -> tuple[Fit, list[Step]] | None:
+        """The model and its steps with what acts in a gear, fitted together with that where its joint has a gap left,
+        once in this model; None where the data do not support it."""
+        builder, key = self.builder, (frozenset(fit.model.added_effects), step.effect_at)
+        asked = builder.effect(step.effect_at).elastic and key not in self.hardened and not self.progress.is_time_up
+        if not asked or _gap_of(fit, step.effect_at.joint) <= self.options.smallest_size:
+            return None
+        self.hardened.add(key)
+        without = fit_without(builder, fit, step)
+        if without is None:
+            return None
+        self.progress.say(f"{step.effect_at.text} together with what may act in it")
+        inside = hardened(Competition(builder, without), fit, step.effect_at, self.options, self.progress)
+        if inside is None or objection(inside, fit, self.options, base=self.base):
+            return None
+        inside = fitted_to_minimum(builder, inside)
+        new = step_of(inside, (inside,), Competition(builder, fit), self.options)
+        others = [replace(s, without=None) for s in steps]
+        return without_superfluous(builder, inside.fit, [*others, new], self.options, self.progress)
+
+    def _inside_instead(
+        self, fit: Fit, steps: Sequence[Step], step: Step, rival: FittedCandidate, lead: float
+    ) -> tuple[Fit, list[Step]] | None:
+        """The model and its steps with what acts in a gear, where that explains more beside it than another gear does
+        in its place; None if nothing does."""
+        builder, within = self.builder, Competition(self.builder, fit)
+        if not (builder.effect(step.effect_at).elastic and builder.effect(rival.effect_at).elastic):
+            return None
+        inside = harder(within, step.effect_at, rival.effect_at, self.options, self.progress)
+        if inside is None or inside.delta_bic < lead or inside_objection(within, inside, self.base, self.options):
+            return None
+        self.progress.say(f"{inside.effect_at.text} beside {step.effect_at.text}, not {rival.effect_at.text}")
+        inside = fitted_to_minimum(builder, inside)
+        titles = [builder.effect(a).title for a in (inside.effect_at, step.effect_at, rival.effect_at)]
+        new = step_of(inside, (inside,), within, self.options)
+        remark = HARDER.format(f"{titles[0]} on joint {step.effect_at.joint}", titles[1].lower(), titles[2].lower())
+        new = replace(new, remark=" ".join(filter(None, (new.remark, remark))))
+        return without_superfluous(builder, inside.fit, [*steps, new], self.options, self.progress)
 
     def told(self, fit: Fit, steps: Sequence[Step]) -> tuple[Step, ...]:
         """The steps, each with the rivals that explain the data as well beside all others; where no contest can be run,
@@ -243,6 +304,8 @@ class Rivalry:
 
     def _held(self, fit: Fit, step: Step, catalogue: SignatureCatalogue | None) -> Contest | None:
         builder, options, progress = self.builder, self.options, self.progress
+        if self._hardens(fit, step):
+            return self._of_gears(fit, step)
         if len(fit.model.added_effects) == 1:
             catalogue = None  # its round has compared it with all others
         known = list(rivals_of(builder, fit, step, options))
@@ -265,12 +328,42 @@ class Rivalry:
         judged = [(c, objection(c, beside.fit, options, base=self.base)) for c in fitted]
         return Contest(beside, named, tuple(sorted(judged, key=lambda r: -r[0].delta_bic)))
 
+    def _hardens(self, fit: Fit, step: Step) -> bool:
+        """Whether a gear holds what may be confounded with another gear."""
+        effects, joint = self.builder.effects, step.effect_at.joint
+        inside = [effects[a.effect] for a in fit.model.added_effects if a.joint == joint]
+        gears = {name for name, effect in effects.items() if effect.elastic}
+        return effects[step.effect_at.effect].elastic and any(
+            e.needs_elastic and gears.intersection(e.confounded_with) for e in inside
+        )
+
+    def _of_gears(self, fit: Fit, step: Step) -> Contest | None:
+        """The contest of a gear with others in which the same acts."""
+        without = None if self.progress.is_time_up else fit_without(self.builder, fit, step)
+        if without is None:
+            return None
+        beside = Competition(self.builder, without)
+        self.progress.say(f"other gears in the place of {step.effect_at.text}, with what acts in it")
+        found = other_gears(beside, fit, step.effect_at, self.options, self.progress)
+        if self.progress.is_time_up or not found:
+            return None
+        judged = [(c, objection(c, beside.fit, self.options, base=self.base)) for c in found]
+        named = beside.assess(step.effect_at, fit)
+        return Contest(beside, named, tuple(sorted(judged, key=lambda r: -r[0].delta_bic)), is_nested=True)
+
+
+def _gap_of(fit: Fit, joint: int) -> float:
+    """The gap that is left on a joint, counted from 1, over its noise."""
+    return float(joint_gaps(fit.torque_alone.residual, fit.torque_alone.noise)[joint - 1])
+
 
 def _remark(named: FittedCandidate, title: str, other: str, lead: float) -> str:
     """Why a rival is named in the place of an effect."""
     joint = named.effect_at.joint
     if lead > 0:
         return IN_ITS_PLACE.format(title, joint, other, lead)
+    if not named.unusual:
+        return SIMPLER.format(title, joint, other)
     return AS_MACHINES_HAVE.format(title, joint, named.unusual, other, named.delta_bic + lead, named.delta_bic)
 
 

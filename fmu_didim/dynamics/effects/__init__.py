@@ -64,6 +64,7 @@ from fmu_didim.dynamics.effects.drive_gain import DriveGain
 from fmu_didim.dynamics.effects.encoder_eccentricity import EncoderEccentricity
 from fmu_didim.dynamics.effects.external_force import ExternalForce
 from fmu_didim.dynamics.effects.first_order import JointTorque
+from fmu_didim.dynamics.effects.gear_hardening import GearHardening
 from fmu_didim.dynamics.effects.gravity_compensator import GravityCompensator
 from fmu_didim.dynamics.effects.inserted import InsertedEffect, VelocityEffect
 from fmu_didim.dynamics.effects.joint import (
@@ -123,7 +124,7 @@ _ALL: tuple[Effect, ...] = (
     ControllerGain(), TorqueSaturation(), VoltageLimit(), DriveGain(), DeadZone(), Delay(), ActuatorLag(),
     EncoderEccentricity(),
     # structure
-    JointElasticity(), Backlash(), TransmissionError(), BaseTilt(),
+    JointElasticity(), Backlash(), TransmissionError(), GearHardening(), BaseTilt(),
     # measurement
     LogTimeShift(),
 )  # fmt: skip

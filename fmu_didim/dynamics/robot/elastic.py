@@ -4,12 +4,13 @@ With q, dq, ddq the motion on the motors' side (what encoders see) and q_link th
 
     motor of an elastic joint j:  Im ddq_j + drive_j(q, dq) + tau_s_j = tau_j
     its link:                     G_j(q_link, dq_link, ddq_link) + own_j(q_link, dq_link) = tau_s_j
-    gear:                         tau_s_j = K z(x_j) + D z'(x_j) dx_j/dt,    x_j = q_j - q_link_j
+    gear:                         tau_s_j = K z(x_j) + K_cubic z(x_j)^3 + D z'(x_j) dx_j/dt,    x_j = q_j - q_link_j
 
 where G are the rigid-body torques, own_j the effects that say of themselves that they act on the link, drive_j all
-others, and z(x) = x or, with backlash, x with a dead zone. At rigid joints q_link = q. Added up, tau = G + Im ddq +
-drive + own: linear in the standard parameters, with the links' motion as something observed. A rotor's inertia counts
-about its own joint only, or where the description says so about the next one, too (``coupled_inertia``).
+others, z(x) = x or, with backlash, x with a dead zone, and K_cubic is zero but in gears that harden. At rigid joints
+q_link = q. Added up, tau = G + Im ddq + drive + own: linear in the standard parameters, with the links' motion as
+something observed. A rotor's inertia counts about its own joint only, or where the description says so about the next
+one, too (``coupled_inertia``).
 
 Where the teeth of a gear turn its link by e(q_j) more than its motor, x_j = q_j + e - q_link_j, dx_j/dt = (1 + e') dq_j
 - dq_link_j, and the motor feels (1 + e') tau_s_j, so that no power is lost.
@@ -33,7 +34,7 @@ from fmu_didim.dynamics.robot.description import RobotDescription
 from fmu_didim.dynamics.robot.dynamics import NOTHING, FreeGeometry, add_effect, link_columns, own_parameters
 from fmu_didim.dynamics.robot.equations import EquationsOfMotion
 from fmu_didim.dynamics.robot.implicit import NEWTON_STEPS, Loads, StiffBalance
-from fmu_didim.dynamics.robot.rate import EXPLICIT, Method, fastest_rate
+from fmu_didim.dynamics.robot.rate import EXPLICIT, Method, fastest_rate, load_bound
 
 ROUNDING = 0.05
 """Radius of the rounded corners of backlash, as a fraction of half its gap."""
@@ -163,7 +164,10 @@ class ElasticEquations(EquationsOfMotion):
         twist = self.q[j] + self.error[i] - self.link[i]
         speed = self.turn[i] * self.dq[j] - self.link[m + i]
         deflection, contact = self._contact(j, twist)
-        return self.by_shape[f"K_{j + 1}"] * deflection + self.by_shape[f"D_{j + 1}"] * contact * speed
+        damped = self.by_shape[f"D_{j + 1}"] * contact * speed
+        torque = self.by_shape[f"K_{j + 1}"] * deflection + damped
+        hardening = self.by_shape.get(f"K_cubic_{j + 1}")
+        return torque if hardening is None else torque + hardening * deflection**3
 
     def _contact(self, j: int, twist: ca.SX) -> tuple[ca.SX, ca.SX]:
         """z(x) and z'(x)."""
@@ -296,21 +300,35 @@ class ElasticEquations(EquationsOfMotion):
         )
         inverse, gears, driven = ca.ldl_solve(ca.SX.eye(n), *ca.ldl(links)), ca.SX(0), ca.SX(0)
         yielding = self._of_motors(drives, motor)
+        steepest = [self._steepest(j, links, by_name, by_shape) for j in self.elastic]
         for i, j in enumerate(self.elastic):
             turn, rate = self._bound_of_error(j, by_shape)
             driven = ca.fmax(driven, rate)
             both = ca.fabs(inverse[j, j]) + turn**2 / ca.fabs(motor[i])
-            damping, stiffness = by_shape[f"D_{j + 1}"] * both, by_shape[f"K_{j + 1}"] * both
+            damping, stiffness = by_shape[f"D_{j + 1}"] * both, steepest[i] * both
             for k, more in yielding[i].items():  # torques of all gears whose motors move this one
                 other = self._bound_of_error(k, by_shape)[0]
-                damping, stiffness = (
-                    v + turn * other * more * by_shape[f"{name}_{k + 1}"]
-                    for v, name in ((damping, "D"), (stiffness, "K"))
-                )
+                damping = damping + turn * other * more * by_shape[f"D_{k + 1}"]
+                stiffness = stiffness + turn * other * more * steepest[self.elastic.index(k)]
             damping = damping * method.damped
             # fastest root of s^2 + damping s + stiffness = 0, or its magnitude
             gears = ca.fmax(gears, damping / 2 + ca.sqrt(damping**2 / 4 + stiffness))
         return ca.fmax(total + gears * method.oscillating, driven * method.oscillating)
+
+    def _steepest(self, j: int, links: ca.SX, by_name: Mapping[str, ca.SX], by_shape: Mapping[str, ca.SX]) -> ca.SX:
+        """Stiffness of a gear, K + 3 K_cubic z^2, at the twist of the largest load L that is likely:
+
+            K z + K_cubic z^3 = L:    K_cubic z^2 = 4/3 K sinh(u/3)^2,    sinh(u) = 3/2 L/K sqrt(3 K_cubic/K)
+
+        Args:
+            links: (n, n) inertia of the links.
+        """
+        stiffness, hardening = by_shape[f"K_{j + 1}"], by_shape.get(f"K_cubic_{j + 1}")
+        if hardening is None:
+            return stiffness
+        load = load_bound(self.robot, j, links, by_name)
+        angle = ca.asinh(1.5 * load / stiffness * ca.sqrt(3 * ca.fmax(hardening, 0) / stiffness))
+        return stiffness * (1 + 4 * ca.sinh(angle / 3) ** 2)
 
     def _of_motors(self, drives: ca.SX, motor: ca.SX) -> list[dict[int, ca.SX]]:
         """Of each elastic joint i, by elastic joint k: bound of the acceleration of motor i by a torque of one at motor

@@ -94,12 +94,17 @@ def _operating_range(
     robot: RobotDescription, placed: PlacedEffect, mass: ca.SX, parameters: Mapping[str, ca.SX]
 ) -> OperatingRange:
     j, kind = placed.joint, robot.joints[placed.joint].type
-    load = _load_bound(robot, j, mass, parameters) if "load" in placed.effect.needs else ca.SX(0)
+    load = load_bound(robot, j, mass, parameters) if "load" in placed.effect.needs else ca.SX(0)
     return OperatingRange(NOMINAL_SPEED[kind], NOMINAL_ACCELERATION[kind], load)
 
 
-def _load_bound(robot: RobotDescription, j: int, mass: ca.SX, parameters: Mapping[str, ca.SX]) -> ca.SX:
-    """Gravity with all links stretched out, plus the inertia at nominal accelerations."""
+def load_bound(robot: RobotDescription, j: int, mass: ca.SX, parameters: Mapping[str, ca.SX]) -> ca.SX:
+    """Bound of the load of joint j, from 0, on its links: gravity with all of them stretched out, plus the inertia at
+    nominal accelerations.
+
+    Args:
+        mass: M (n, n); parameters: by name with the joint number.
+    """
     gravity = float(np.linalg.norm(robot.gravity))
     load, reach = ca.SX(0), 0.0
     for i in range(j, len(robot.joints)):

@@ -13,6 +13,9 @@ from tests.discovery.helpers import arm_model
 GEAR, ERROR, SPRING = (EffectAtJoint(name, 2) for name in ("joint_elasticity", "transmission_error", "spring"))
 
 
+HARDENING = EffectAtJoint("gear_hardening", 2)
+
+
 @pytest.fixture(scope="module")
 def builder(tmp_path_factory: pytest.TempPathFactory) -> LoopModelBuilder:
     folder = tmp_path_factory.mktemp("two")
@@ -21,6 +24,8 @@ def builder(tmp_path_factory: pytest.TempPathFactory) -> LoopModelBuilder:
 
 
 def test_a_gear_must_give_way_on_its_joint(builder: LoopModelBuilder) -> None:
+    assert builder.has_place(EffectAtJoint("gear_hardening", 1), ())
+    assert not builder.has_place(HARDENING, ()) and builder.has_place(HARDENING, (GEAR,))
     assert builder.has_place(EffectAtJoint("transmission_error", 1), ())  # its gear is in the description
     assert not builder.has_place(ERROR, ()) and not builder.has_place(ERROR, (EffectAtJoint("backlash", 1),))
     assert builder.has_place(ERROR, (GEAR,)) and builder.has_place(ERROR, (EffectAtJoint("backlash", 2),))

@@ -61,11 +61,11 @@ def signatures(bench: Bench, name: str, joint: int) -> list[Signature]:
     return list(SignatureCatalogue(bench.builder, bench.fit, candidates=[EffectAtJoint(name, joint)]))
 
 
-def compared(bench: Bench, signature: Signature, amplitude: str) -> tuple[float, float]:
+def compared(bench: Bench, signature: Signature, amplitude: str, part: float = 0.02) -> tuple[float, float]:
     """Correlation of a column with the difference of two closed loops per unit of its amplitude, and the slope of the
-    difference over the column; each joint in units of its torque. The effect moves the torque by 2 %."""
+    difference over the column; each joint in units of its torque. The effect moves the torque by a part of it."""
     column = signature.columns[:, :, signature.amplitudes.index(amplitude)] / bench.size
-    value = 0.02 / np.sqrt(np.mean(column**2, axis=0)).max()
+    value = part / np.sqrt(np.mean(column**2, axis=0)).max()
     values = {**signature.shapes, **dict.fromkeys(signature.amplitudes, 0.0), amplitude: float(value)}
     model = bench.builder.build(bench.fit.model, [Proposal(signature.effect_at, values)])
     change = ((model.torque(model.start) - bench.fit.torque) / bench.size / value).ravel()
@@ -170,6 +170,15 @@ def geared(tmp_path_factory: pytest.TempPathFactory) -> Bench:
     fit = minimise(arm_model(folder, rate_hz=200.0, seconds=4.0, gear=GEAR), known_noise(0.1))
     builder = LoopModelBuilder(fit.model, load_case(folder / "case.yaml").parameters.model.description)  # type: ignore[union-attr]
     return Bench(builder, fit, np.sqrt(np.mean(fit.torque**2, axis=0)))
+
+
+def test_hardening_of_a_gear_is_seen_in_what_it_does(geared: Bench) -> None:
+    """One column, the derivative of the loop where the gear does not harden."""
+    (found,) = signatures(geared, "gear_hardening", 1)
+    assert found.amplitudes == ("K_cubic",) and not found.inverse
+    correlation, slope = compared(geared, found, "K_cubic", part=0.002)  # with more the gear resonates elsewhere
+    assert correlation > 0.999
+    assert slope == pytest.approx(1, abs=0.02)
 
 
 def error_of_gear(bench: Bench, substeps: int | None) -> np.ndarray:

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from fmu_didim.base.errors import SimulationError
+from fmu_didim.discovery.augmentation.places import Proposal
 from fmu_didim.discovery.progress import Progress
 from fmu_didim.discovery.selection import gears
 from fmu_didim.discovery.selection.decide import Options
@@ -21,8 +22,10 @@ GEAR, ERROR = EffectAtJoint("gear", 1), EffectAtJoint("teeth", 1)
 
 
 def builder_of(joints: int = 1, **costs: float) -> Any:
-    more = (effect_of("play", elastic=True), effect_of("gear", elastic=True), effect_of("teeth", needs_elastic=True))
-    return Catalogue(effect_of("a"), *more, joints=joints, costs={"play": 3.0, **costs})
+    gears = (effect_of("play", elastic=True), effect_of("gear", elastic=True))
+    # What has no period shows once the gear is in the model, and is not looked for together with it.
+    inside = (effect_of("teeth", needs_elastic=True, frequency="number"), effect_of("hardening", needs_elastic=True))
+    return Catalogue(effect_of("a"), *gears, *inside, joints=joints, costs={"play": 3.0, **costs})
 
 
 def places(*mean_squares: float, forbid: frozenset[str] = frozenset()) -> list[tuple[str, str, int]]:
@@ -234,7 +237,150 @@ def test_the_best_fit_counts_that_was_not_given_up(
     model: Any = SimpleNamespace(start=np.ones(1), free_parameters=limits, with_values=lambda values: model)
     fit = SimpleNamespace(model=None, chi_square=9.0, noise=SimpleNamespace(deviation=None))
     competition: Any = SimpleNamespace(fit=fit, builder=SimpleNamespace(build=lambda *_: model))
-    starts: Any = [SimpleNamespace(gear="gear", error="error") for _ in ends]
+    starts = [("gear", "error") for _ in ends]
     found = gears._fitted(competition, starts, until=7.0)
     assert (None if found is None else found.chi_square) == wanted
     assert asked == len(ends) * [(True, 9.0, 7.0)]
+
+
+def catalogue() -> Any:
+    """An elastic gear of a stiffness, play of a gap and a damping besides, and what acts in either."""
+    found = Catalogue(
+        effect_of("elastic", elastic=True, neutral={"K": np.inf}, confounded_with=("play",)),
+        effect_of("play", elastic=True, neutral={"K": np.inf}, confounded_with=("elastic",)),
+        effect_of("hard", needs_elastic=True, confounded_with=("play",)),
+        effect_of("teeth", needs_elastic=True, frequency="number"),
+        costs={"elastic": 1.0, "play": 3.0},
+    )  # fmt: skip
+    found.amplitudes = (SimpleNamespace(name="K"),)
+    found.search = {
+        "elastic": {"K": Search(50.0, 5e4, 10)},
+        "play": {"gap": Search(0.001, 0.01, 2), "K": Search(50.0, 5e4, 4), "D": Search(2.0, 8.0, 2)},
+        "hard": {"K_cubic": Search(1e3, 1e5, 3)},
+    }
+    return found
+
+
+class Fitted:
+    """Fits of gears, whose misfits are as large as the gap, the damping and K_cubic say; which starts were fitted."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch, builder: Any) -> None:
+        self.builder, self.started, self.chi_square = builder, list[Any](), 5.0
+        self.fit: Any = SimpleNamespace(model=SimpleNamespace(added_effects=()), noise=None)
+        monkeypatch.setattr(gears, "fitted_proposal", lambda fit, a: Proposal(a, fit.values[a.effect]))
+        monkeypatch.setattr(gears, "_fitted", self._fitted)
+
+    def misfit(self, *proposals: Proposal) -> float:
+        values = {name: value for p in proposals for name, value in p.values.items()}
+        best = {"gap": 0.01, "D": 8.0, "K_cubic": 1e4}
+        return sum(abs(values[name] - value) for name, value in best.items() if name in values)
+
+    def _fitted(self, competition: Any, starts: Any, *, until: float) -> Any:
+        self.started.append([{p.effect_at.effect: dict(p.values) for p in proposals} for proposals in starts])
+        return SimpleNamespace(chi_square=self.chi_square, model=self.fit.model, noise=None)
+
+    def assess(self, effect_at: EffectAtJoint, fit: Any) -> Any:
+        return candidate_of(effect_at.effect, fit=fit)
+
+
+def fit_with(**values: dict[str, float]) -> Any:
+    effects = tuple(EffectAtJoint(name, 1) for name in values)
+    return SimpleNamespace(model=SimpleNamespace(added_effects=effects), values=values)
+
+
+@pytest.mark.parametrize(
+    ("named", "wanted"),
+    [
+        # Play without a width, or a damping that the log does not show, is left out; all that acts in the gear stays.
+        (
+            {"play": {"gap": 0.0, "K": 300.0, "D": 0.0}, "hard": {"K_cubic": 7e4}},
+            [{"elastic": {"K": 300.0}, "hard": {"K_cubic": 7e4}}],
+        ),
+        # Its gap and damping come from the grid, the best first.
+        (
+            {"elastic": {"K": 300.0}, "hard": {"K_cubic": 1e4}},
+            [
+                {"play": {"gap": 0.01, "K": 300.0, "D": 8.0}, "hard": {"K_cubic": 1e4}},
+                {"play": {"gap": 0.001, "K": 300.0, "D": 8.0}, "hard": {"K_cubic": 1e4}},
+            ],
+        ),
+    ],
+)  # fmt: skip
+def test_another_gear_is_fitted_from_where_the_one_that_is_named_is(
+    monkeypatch: pytest.MonkeyPatch, named: dict[str, dict[str, float]], wanted: list[Any]
+) -> None:
+    beside: Any = Fitted(monkeypatch, catalogue())
+    gear = EffectAtJoint(next(iter(named)), 1)
+    (found,) = gears.other_gears(beside, fit_with(**named), gear, Options(), Progress())
+    assert beside.started == [wanted] and found.effect_at.effect == next(iter(wanted[0]))
+    forbid = Options(forbid=frozenset({found.effect_at.effect}))
+    assert gears.other_gears(beside, fit_with(**named), gear, forbid, Progress()) == []
+    assert gears.other_gears(beside, fit_with(**named), gear, Options(), Progress(ends=0.0)) == []
+
+
+def test_a_gear_that_hardens_is_fitted_from_softer_ones(monkeypatch: pytest.MonkeyPatch) -> None:
+    """An error of its teeth, which repeats, is looked for in another way."""
+    beside: Any = Fitted(monkeypatch, catalogue())
+    monkeypatch.setattr(gears, "Competition", lambda builder, fit: beside)
+    gear, fit = EffectAtJoint("elastic", 1), fit_with(elastic={"K": 400.0})
+    found = gears.hardened(beside, fit, gear, Options(), Progress())
+    assert found is not None and found.effect_at == EffectAtJoint("hard", 1)
+    assert beside.started == [[{"elastic": {"K": k}, "hard": {"K_cubic": pytest.approx(1e4)}} for k in (400.0, 200.0)]]
+    assert gears.hardened(beside, fit, gear, Options(forbid=frozenset({"hard"})), Progress()) is None
+
+
+@pytest.mark.parametrize(
+    ("gain", "objected", "prefer", "wanted"),
+    [
+        (111.0, "", (), ["elastic", "hard"]),  # ahead of the 100 of play by more than decides nothing
+        (110.0, "", (), []),
+        (500.0, "physically impossible: K_cubic below 0", (), []),
+        (500.0, "held-out RMS ratio 1.1", (), []),
+        (500.0, "", ("play",), []),
+    ],
+)
+def test_when_a_gear_that_hardens_takes_the_place_of_play(
+    monkeypatch: pytest.MonkeyPatch, gain: float, objected: str, prefer: tuple[str, ...], wanted: list[str]
+) -> None:
+    beside: Any = Fitted(monkeypatch, catalogue())
+    by_held_out = objected.startswith("held-out")
+    monkeypatch.setattr(gears, "Competition", lambda builder, fit: beside)
+    monkeypatch.setattr(gears, "harder", lambda *_: candidate_of("hard"))
+    monkeypatch.setattr(gears, "bic_gain", lambda *_: gain)
+    monkeypatch.setattr(gears, "objection", lambda *_, **__: "" if by_held_out else objected)
+    monkeypatch.setattr(gears, "held_out_objection", lambda *_, **__: objected if by_held_out else "")
+    named = candidate_of("play", cost=3.0, fit=fit_with(play={"gap": 0.002, "K": 600.0, "D": 3.0}))
+    found = gears.hardening_instead(beside, named, table_fit(9.0), Options(prefer=prefer), Progress())
+    assert [part.candidate.effect_at.effect for part in found] == wanted
+    assert beside.started == ([] if prefer else [[{"elastic": {"K": 600.0}}, {"elastic": {"K": 300.0}}]])
+
+
+@pytest.mark.parametrize(
+    ("rival", "added", "forbid", "wanted"),
+    [
+        ("play", ("elastic",), (), ["hard"]),
+        ("elastic", ("play",), (), []),  # what hardens looks like play, not like a gear of one stiffness
+        ("play", ("elastic", "hard"), (), []),
+        ("play", ("elastic",), ("hard",), []),
+    ],
+)
+def test_what_may_act_in_a_gear_and_look_like_another_one(
+    monkeypatch: pytest.MonkeyPatch, rival: str, added: tuple[str, ...], forbid: tuple[str, ...], wanted: list[str]
+) -> None:
+    asked = list[EffectAtJoint]()
+
+    def signatures(builder: Any, fit: Any, *, candidates: list[EffectAtJoint], progress: Any) -> str:
+        asked.extend(candidates)
+        return "signatures"
+
+    monkeypatch.setattr(gears, "SignatureCatalogue", signatures)
+    ranking = [candidate_of("hard", bic=50.0)]
+    competition: Any = SimpleNamespace(
+        builder=catalogue(), fit=fit_with(**{name: {} for name in added}), screen=lambda found: found,
+        compare=lambda screened, **_: SimpleNamespace(ranking=ranking), finished=lambda candidate: candidate,
+    )  # fmt: skip
+    options = Options(forbid=frozenset(forbid))
+    found = gears.harder(competition, EffectAtJoint(added[0], 1), EffectAtJoint(rival, 1), options, Progress())
+    assert [a.effect for a in asked] == wanted and (found is None) == (not wanted)
+    ranking.clear()
+    assert gears.harder(competition, EffectAtJoint(added[0], 1), EffectAtJoint(rival, 1), options, Progress()) is None

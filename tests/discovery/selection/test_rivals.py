@@ -241,6 +241,142 @@ def test_why_a_rival_is_named_instead(lead: float, said: str) -> None:
     assert ("553 of 583 in BIC" in text) == (lead < 0)
 
 
+@pytest.mark.parametrize(
+    ("is_nested", "gain", "cost", "objected", "wanted"),
+    [
+        (True, 95.0, 2.0, "", Standing.AHEAD),  # an elastic gear that hardens, where play is of no width
+        (True, 89.0, 2.0, "", Standing.BEHIND),
+        (True, 95.0, 2.0, "held-out RMS ratio 1.1", Standing.BEHIND),
+        (True, 95.0, 4.0, "", Standing.AS_GOOD),  # no simpler
+        (False, 95.0, 2.0, "", Standing.AS_GOOD),
+    ],
+)
+def test_of_gears_in_which_the_same_acts_the_simpler_is_named_where_it_is_as_good(
+    monkeypatch: pytest.MonkeyPatch, is_nested: bool, gain: float, cost: float, objected: str, wanted: Standing
+) -> None:
+    beside: Any = Beside(monkeypatch, {})
+    rival, named = candidate_of("elastic", bic=gain, cost=cost), candidate_of("play", bic=100.0, cost=4.0)
+    held = Contest(beside, named, ((rival, objected),), is_nested=is_nested)
+    assert [how for _, _, how in held.standings(Options())] == [wanted]
+    kept = Standing.AS_GOOD if wanted is Standing.AHEAD else wanted
+    assert [how for _, _, how in held.standings(Options(prefer=("play",)))] == [kept]
+    if wanted is Standing.AHEAD:
+        assert "play explains" not in (text := _remark(named, "Play", "elastic gear", gain - 100.0))
+        assert text.endswith("elastic gear explains as much in its place, with fewer values.")
+
+
+class Gears(Beside):
+    """Gears, what acts in them, and what a search for that finds.
+
+    Args:
+        inside: gain of what acts in the gear that is named, beside it; None where nothing does. objected: to it.
+    """
+
+    builder: Any = Catalogue(
+        effect_of("elastic", title="Elastic gear", elastic=True, confounded_with=("play",)),
+        effect_of("play", title="Play", elastic=True, has_minima=True, confounded_with=("elastic",)),
+        effect_of("hard", title="Hardening", needs_elastic=True, confounded_with=("play",)),
+        effect_of("teeth", title="Teeth", needs_elastic=True, frequency="number", confounded_with=("hard",)),
+    )  # fmt: skip
+
+    def __init__(
+        self, monkeypatch: pytest.MonkeyPatch, gains: dict[str, float], inside: float | None, objected: str = "",
+        square: float = 2.0,
+    ) -> None:  # fmt: skip
+        super().__init__(monkeypatch, gains, widely=0.5)
+        self.asked: list[str] = []
+        self.named = model_with(at("elastic"), square=square)
+
+        def searched(how: str) -> Any:
+            def found_inside(*_: Any) -> FittedCandidate | None:
+                self.asked.append(how)
+                fit = model_with(at("elastic"), at("hard"))
+                return None if inside is None else candidate_of("hard", bic=inside, fit=fit)
+
+            return found_inside
+
+        monkeypatch.setattr(rivals, "harder", searched("beside"))
+        monkeypatch.setattr(rivals, "hardened", searched("together"))
+        monkeypatch.setattr(rivals, "inside_objection", lambda *_: objected)
+        monkeypatch.setattr(rivals, "hardening_instead", lambda *_: self.asked.append("instead") or ())
+        monkeypatch.setattr(
+            rivals, "objection", lambda candidate, *_, **__: objected if candidate.effect_at == at("hard") else ""
+        )
+
+    def changed(self, rivalry: Rivalry | None = None) -> tuple[list[EffectAtJoint], str] | None:
+        rivalry = rivalry or Rivalry(self.builder, self.named, Options(), Progress())
+        found_instead = rivalry.instead(self.named, [found(at("elastic"), (at("play"), 3.0))], CATALOGUE)
+        return None if found_instead is None else ([s.effect_at for s in found_instead[1]], found_instead[1][-1].remark)
+
+
+BOTH = [at("elastic"), at("hard")]
+
+
+@pytest.mark.parametrize(
+    ("inside", "objected", "wanted"),
+    [
+        (30.0, "", BOTH),  # as much as play has more than the gear that does not harden
+        (29.0, "", [at("play")]),
+        (90.0, "physically impossible: K_cubic below 0", [at("play")]),
+        (None, "", [at("play")]),
+    ],
+)
+def test_play_does_not_take_the_place_of_a_gear_that_explains_more_if_it_hardens(
+    monkeypatch: pytest.MonkeyPatch, inside: float | None, objected: str, wanted: list[EffectAtJoint]
+) -> None:
+    changed = Gears(monkeypatch, {"elastic": 100.0, "play": 130.0}, inside, objected).changed()
+    assert changed is not None and changed[0] == wanted
+    told = "Hardening on joint 1: beside elastic gear it explains more than play in the place of that."
+    assert (changed[1] == told) == (wanted == BOTH)
+
+
+@pytest.mark.parametrize(
+    ("inside", "objected", "square", "wanted", "asked"),
+    [
+        (30.0, "", 2.0, BOTH, ["together"]),
+        (30.0, "explains 2 % of the gap", 2.0, None, ["together", "instead"]),
+        (None, "", 2.0, None, ["together", "instead"]),
+        (30.0, "", 1.3, None, ["instead"]),  # its joint has hardly a gap left
+    ],
+)
+def test_a_gear_with_a_gap_left_is_fitted_with_what_may_act_in_it_once(
+    monkeypatch: pytest.MonkeyPatch, inside: float | None, objected: str, square: float,
+    wanted: list[EffectAtJoint] | None, asked: list[str],
+) -> None:  # fmt: skip
+    gears = Gears(monkeypatch, {"elastic": 100.0, "play": 80.0}, inside, objected, square)
+    rivalry = Rivalry(gears.builder, gears.named, Options(), Progress())
+    changed = gears.changed(rivalry)
+    assert (None if changed is None else changed[0]) == wanted and gears.asked == asked
+    in_no_time = Rivalry(gears.builder, gears.named, Options(), Progress(ends=0.0))
+    assert gears.changed(in_no_time) is None and gears.asked == asked
+    assert gears.changed(rivalry) is None and gears.asked.count("together") == asked.count("together")
+
+
+@pytest.mark.parametrize(
+    ("effects", "wanted"),
+    [
+        ((at("elastic"), at("hard")), True),
+        ((at("elastic"), at("teeth")), False),  # which no gear looks like: an error of it repeats
+        ((at("elastic"), at("hard", 2)), False),
+        ((at("elastic"),), False),
+    ],
+)
+def test_gears_are_compared_with_what_acts_in_them(
+    monkeypatch: pytest.MonkeyPatch, effects: tuple[EffectAtJoint, ...], wanted: bool
+) -> None:
+    gears, asked = Gears(monkeypatch, {"elastic": 100.0, "play": 130.0}, None), list[EffectAtJoint]()
+
+    def others(beside: Any, fit: Fit, gear: EffectAtJoint, *_: Any) -> list[FittedCandidate]:
+        asked.append(gear)
+        return [candidate_of("play", bic=130.0)]
+
+    monkeypatch.setattr(rivals, "other_gears", others)
+    fit = model_with(*effects)
+    held = Rivalry(gears.builder, fit, Options(), Progress())._held(fit, found(at("elastic")), None)
+    assert asked == ([at("elastic")] if wanted else [])
+    assert held is None or held.is_nested == wanted
+
+
 def test_what_was_replaced_does_not_come_back(monkeypatch: pytest.MonkeyPatch) -> None:
     """Where each of two leads beside what the search finds after it, the second stays."""
     Beside(monkeypatch, {"slide": 100.0, "lag": 130.0})

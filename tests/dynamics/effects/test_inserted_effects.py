@@ -119,6 +119,12 @@ class TestNeutralValues:
         second = closed(arm(joint2={"effects": ["joint_elasticity"], "K": 800.0, "D": 1.0}))
         assert np.abs(first - second).max() < 1e-9
 
+    @pytest.mark.parametrize("gear", ["joint_elasticity", "backlash"])
+    def test_no_hardening_is_the_gear_without_it_to_the_bit(self, gear: str) -> None:
+        values = {"K": 800.0, "D": 1.0, **({"gap": 0.01} if gear == "backlash" else {})}
+        first = closed(arm(joint2={"effects": [gear, "gear_hardening"], **values, "K_cubic": 0.0}))
+        assert np.array_equal(first, closed(arm(joint2={"effects": [gear], **values})))
+
     def test_no_tilt_is_the_level_base(self) -> None:
         assert np.abs(closed(arm(joint1={"effects": ["base_tilt"]})) - closed(arm())).max() < 1e-9
 
@@ -258,6 +264,13 @@ def play(k: float, d: float, gap: float) -> Callable[[float, float], float]:
     return gear
 
 
+def hardening(k: float, cubic: float, d: float = 0.0, gap: float = 0.0) -> Callable[[float, float], float]:
+    """A spring outside the gap, or without one, and the cube of its deflection."""
+    linear = play(1.0, 0.0, gap) if gap else spring(1.0)
+    damped = play(0.0, d, gap) if gap else spring(0.0, d)
+    return lambda x, v: k * linear(x, 0.0) + cubic * linear(x, 0.0) ** 3 + damped(x, v)
+
+
 UNEVEN = {"gear_cosine": 0.003, "gear_sine": 0.004, "gear_number": 60.0}
 SOFT: Mapping[str, tuple[RobotDescription, Mapping[int, Callable[[float, float], float]]]] = {
     "joint 2": (arm(joint2={"effects": ["joint_elasticity"], "K": 220.0, "D": 0.5}), {1: spring(220.0, 0.5)}),
@@ -282,9 +295,28 @@ SOFT: Mapping[str, tuple[RobotDescription, Mapping[int, Callable[[float, float],
         arm(joint2={"effects": ["backlash", "transmission_error"], "K": 2000.0, "D": 4.0, "gap": 0.01, **UNEVEN}),
         {1: play(2000.0, 4.0, 0.01)},
     ),
+    "hardening gear": (
+        arm(joint2={"effects": ["joint_elasticity", "gear_hardening"], "K": 300.0, "D": 0.3, "K_cubic": 3e5}),
+        {1: hardening(300.0, 3e5, 0.3)},
+    ),
+    "softening gear": (
+        arm(joint2={"effects": ["joint_elasticity", "gear_hardening"], "K": 500.0, "D": 0.3, "K_cubic": -6e4}),
+        {1: hardening(500.0, -6e4, 0.3)},
+    ),
+    "hardening gear with play": (
+        arm(joint2={"effects": ["backlash", "gear_hardening"], "K": 1500.0, "D": 4.0, "gap": 0.02, "K_cubic": 3e7}),
+        {1: hardening(1500.0, 3e7, 4.0, 0.02)},
+    ),
+    "error of a hardening gear": (
+        arm(joint2={
+            "effects": ["joint_elasticity", "transmission_error", "gear_hardening"],
+            "K": 300.0, "D": 0.4, "K_cubic": 3e5, **UNEVEN,
+        }),
+        {1: hardening(300.0, 3e5, 0.4)},
+    ),
 }  # fmt: skip
 TEETH: Mapping[str, Mapping[int, tuple[float, float, float]]] = {
-    name: {1: (0.005, float(np.arctan2(0.003, 0.004)), 60.0)} for name in SOFT if name.startswith("error of a gear")
+    name: {1: (0.005, float(np.arctan2(0.003, 0.004)), 60.0)} for name in SOFT if name.startswith("error of a")
 }
 """0.005 sin(60 q + phase) = 0.003 cos(60 q) + 0.004 sin(60 q)"""
 
@@ -393,7 +425,44 @@ class TestEquationsOfTheStructure:
         moved = Arm(ARM, soft, TEETH[name]).run(tau) - Arm(ARM, soft).run(tau)
         assert np.ptp(moved[:, 1]) > 0.005
 
-    @pytest.mark.parametrize("case", ["both", "backlash", "error of a gear"])
+    @pytest.mark.parametrize("case", ["hardening gear", "hardening gear with play", "softening gear"])
+    def test_hardening_is_felt(self, case: str) -> None:
+        """A fifth of the torque of the gear at its largest twist at least; else the cases above would say little."""
+        robot, _ = SOFT[case]
+        plant = ModelComponent(RobotModel(robot).block())
+        found = dict(zip([v.name for v in plant.outputs], drive(plant, torque(160), PERIOD).T, strict=True))
+        own = robot.joints[1].parameters
+        twist = max(float(np.abs(found["q2"] - found["q_link2"]).max()) - own.get("gap", 0.0) / 2, 0.0)
+        assert abs(own["K_cubic"]) * twist**2 > 0.2 * own["K"] / (1.2 if own["K_cubic"] < 0 else 1)
+
+    @pytest.mark.parametrize("cubic", [3e5, -3e4])
+    def test_a_gear_without_damping_keeps_the_energy(self, cubic: float) -> None:
+        """Of two inertias on one cubic spring, K z^2 / 2 + K_cubic z^4 / 4: there is nothing else in the arm."""
+        still = {"MX": 0.0, "MY": 0.0, "Fv": 0.0, "Fc": 0.0}
+        gear = {"effects": ["joint_elasticity", "gear_hardening"], "K": 300.0, "K_cubic": cubic}
+        robot = arm(joint1={"effects": [], **still}, joint2={**still, **gear})
+        model = RobotModel(robot)
+        plant = ModelComponent(model.block(), substeps=32)
+        tau = np.zeros((400, 2))
+        tau[:8, 1] = 12.0
+        found = dict(zip([v.name for v in plant.outputs], drive(plant, tau, PERIOD).T, strict=True))
+        twist = found["q2"] - found["q_link2"]
+        links = np.column_stack([found["dq1"], found["dq_link2"]])
+        zz1, zz2, rotor = (
+            dict(zip((v.name for v in model.parameters), model.parameter_values, strict=True))[n]
+            for n in ("ZZ1", "ZZ2", "Ia2")
+        )
+        mass = np.array([[zz1 + zz2, zz2], [zz2, zz2]])
+        kinetic = 0.5 * np.einsum("ki,ij,kj->k", links, mass, links) + 0.5 * rotor * found["dq2"] ** 2
+        stored = 0.5 * 300.0 * twist**2 + 0.25 * cubic * twist**4
+        free = slice(25, None)
+        assert np.ptp(stored[free]) > 0.02 * kinetic[free].max()
+        assert np.abs(0.25 * cubic * twist**4)[free].max() > 0.02 * stored[free].max()
+        assert np.ptp((kinetic + stored)[free]) < 1e-4 * np.ptp(stored[free])
+
+    @pytest.mark.parametrize(
+        "case", ["both", "backlash", "error of a gear", "hardening gear", "hardening gear with play"]
+    )
     def test_the_augmented_fmu_is_valid_and_equals_the_model(self, case: str) -> None:
         block = RobotModel(SOFT[case][0]).block()
         path = build_fmu(block)
@@ -410,12 +479,33 @@ class TestEquationsOfTheStructure:
         start = block.start(np.zeros(2), block.parameter_values)
         assert float(block.rate_bound(start, block.parameter_values)) > np.sqrt(1e6 * (1 / 0.15 + inertia))
 
+    def test_substeps_follow_a_gear_that_hardens_at_its_load(self) -> None:
+        """At the twist by what link 2 weighs, stretched out, and takes at nominal accelerations."""
+        load = 9.81 * (0.9 + 0.1) + 10 * ((0.35 + 0.45) + 0.35)
+        wanted, found = [], []
+        for stiffness, cubic in ((800.0, 0.0), (800.0, 2e4), (800.0, 3e7), (800.0, -2e4)):
+            roots = np.roots([max(cubic, 0.0), 0.0, stiffness, -load])
+            (z,) = roots[np.abs(roots.imag) < 1e-9].real
+            wanted.append(np.sqrt(stiffness + 3 * max(cubic, 0.0) * z**2))
+            effects = ["joint_elasticity", "gear_hardening"]
+            still = {"Fv": 0.0, "Fc": 0.0}
+            gear = {"effects": effects, "K": stiffness, "K_cubic": cubic, **still}
+            block = RobotModel(arm(joint1={"effects": [], **still}, joint2=gear)).block()
+            assert block.rate_bound is not None
+            values = block.parameter_values
+            found.append(float(block.rate_bound(block.start(np.zeros(2), values), values)))
+        assert np.array(found) / found[0] == pytest.approx(np.array(wanted) / wanted[0], rel=1e-6)
+
 
 class TestIdentification:
-    @pytest.mark.parametrize("teeth", [{}, UNEVEN], ids=["even", "uneven"])
-    def test_didim_finds_the_parameters_of_an_elastic_arm(self, teeth: Mapping[str, float]) -> None:
-        effects = ["joint_elasticity", *(["transmission_error"] if teeth else [])]
-        truth = arm(joint2={"effects": effects, "K": 400.0, "D": 1.0, **teeth})
+    @pytest.mark.parametrize(
+        "inside",
+        [{}, {"transmission_error": UNEVEN}, {"gear_hardening": {"K_cubic": 4e5}}],
+        ids=["even", "uneven", "hardening"],
+    )
+    def test_didim_finds_the_parameters_of_an_elastic_arm(self, inside: Mapping[str, Mapping[str, float]]) -> None:
+        own = {name: value for values in inside.values() for name, value in values.items()}
+        truth = arm(joint2={"effects": ["joint_elasticity", *inside], "K": 400.0, "D": 1.0, **own})
         model = RobotModel(truth)
         motion = reference(4.0)
         plant = with_compiled_twin(ModelComponent(model.block()))
@@ -495,6 +585,8 @@ class TestInARobotDescription:
                 {"effects": ["transmission_error"]},
                 "gives way: list joint_elasticity or backlash",
             ),
+            (2, {"effects": ["gear_hardening"]}, "gear_hardening acts in a gear that gives way"),
+            (2, {"effects": ["joint_elasticity", "gear_hardening"], "K_cubic": 1e25}, r"K_cubic = 1e\+25 must lie"),
             (
                 2,
                 {"effects": ["joint_elasticity", "transmission_error"], "gear_number": 0.0},

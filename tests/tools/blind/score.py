@@ -27,6 +27,7 @@ CLASSES: tuple[frozenset[str], ...] = tuple(
         "torque_saturation saturation",
         "contact_stop contact_stop_lower",
         "controller_gain controller_gains",
+        "gear_hardening gear_steps",
     )
 )
 """Effects that data cannot, or need not, tell apart; an effect in none of them is a class of its own. The simulator's

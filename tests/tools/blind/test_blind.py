@@ -151,6 +151,46 @@ def test_uneven_teeth_turn_the_link_as_stated_and_lose_no_power() -> None:
     assert np.ptp(kinetic + moved + potential) < 0.005 * np.ptp(kinetic + moved)
 
 
+@pytest.mark.parametrize(
+    ("form", "torque"),
+    [
+        ({"GEAR_CUBIC": 0.02}, lambda linear: linear * (1 + 0.02 * linear**2)),
+        (
+            {"GEAR_GROWTH": 1.0, "GEAR_STEP": 1.0},
+            # Corners of torque over K x: 1 at 1, and 1 + 1.5 more over 1.5 K; then 2 K.
+            lambda linear: np.sign(linear) * np.interp(np.abs(linear), [0.0, 1.0, 2.0, 12.0], [0.0, 1.0, 2.5, 22.5]),
+        ),
+    ],
+)
+def test_a_gear_hardens_as_stated(form: dict[str, float], torque: Callable[[np.ndarray], np.ndarray]) -> None:
+    """What moves link 2 is that function of the twist; where the motor is, a controller without damping says."""
+    stiffness, stiff = 60.0, 400.0
+    gear = {"GEAR_STIFFNESS": stiffness, "GEAR_DAMPING": 0.0, **form}
+    found = simulated({}, gear, gains=np.array([[3000.0, 150.0, 0.0], [stiff, 0.0, 0.0]]))
+    twist = motion()[0][:, 1] - found.command[:, 1] / stiff - found.q[:, 1]
+    q, dq, ddq = (SIGN * x for x in (found.q, found.dq, found.ddq))
+    gravity = (GEOMETRY["GRAVITY_X"], GEOMETRY["GRAVITY_Y"])
+    through = (SIGN * rigid_torque(ROBOT, q, dq, ddq, length=0.4, gravity=gravity))[:, 1]
+    linear = stiffness * twist
+    assert np.abs(through - torque(linear)).max() < 1e-6 * np.abs(through).max()
+    assert np.abs(through).max() > 1.3 * np.abs(linear).max()
+
+
+def test_hardening_is_a_part_of_the_torque_of_the_gear_at_the_largest_command() -> None:
+    """There the cube is a times the linear part, and both together are the command."""
+    plant, path, deviation = make_plant(
+        ["joint_elasticity", "gear_hardening"], np.random.default_rng(5), level=2.0, one_joint=True, reach=0.5
+    )
+    elasticity, hardening = plant.hidden
+    assert elasticity.joint == hardening.joint and 0.0 < hardening.amplitude <= 0.5
+    bare, _ = replace(plant, hidden=()).simulate(path)
+    largest = np.abs(bare.command[:, hardening.joint]).max()
+    linear = largest / (1 + hardening.amplitude)
+    cubic = hardening.form.joint(hardening.amplitude)["GEAR_CUBIC"] * linear**3
+    assert linear + cubic == pytest.approx(largest) and cubic == pytest.approx(hardening.amplitude * linear)
+    assert gap(plant, path, deviation).refitted.max() > 0.5
+
+
 def test_tolerance_hardly_matters() -> None:
     coarse, fine = simulated(), simulated(tolerance=1e-11)
     assert fine.steps > 1.2 * coarse.steps

@@ -83,8 +83,20 @@ static double position_torque(const double *f, double t, double q, double v, dou
     return sum + f[CURVE] * curve(f, t, q, v, other, moved);
 }
 
-/* Torque of a gear with play: a spring outside the gap. Teeth that are not even turn the link by a little more or less
- * than the motor: a harmonic drive does so twice a turn of it. */
+/* A spring that may harden: K x (1 + c (K x)^2), or in steps, as makers state it: K up to a torque, then halfway to and
+ * from 2.5 times that torque on (1 + growth) K. */
+static double hardening(const double *f, double x) {
+    double linear = f[GEAR_STIFFNESS] * x, growth = f[GEAR_GROWTH], first = f[GEAR_STEP], second = 2.5 * f[GEAR_STEP];
+    if (growth != 0.0 && fabs(linear) > first) {
+        double more = (fabs(linear) - first) * (1.0 + 0.5 * growth), torque = first + more;
+        if (torque > second) torque = second + (torque - second) * (1.0 + growth) / (1.0 + 0.5 * growth);
+        linear = linear > 0.0 ? torque : -torque;
+    }
+    return linear * (1.0 + f[GEAR_CUBIC] * linear * linear);
+}
+
+/* Torque of a gear with play: a spring outside the gap. Teeth that are not even
+ * turn the link by a little more or less than the motor: a harmonic drive does so twice a turn of it. */
 static double gear(const double *f, double motor, double speed, double link, double slope) {
     double twist = motor - link, rate = speed - slope;
     if (f[TRANSMISSION] != 0.0) {
@@ -96,7 +108,7 @@ static double gear(const double *f, double motor, double speed, double link, dou
     if (twist > half) x = twist - half;
     else if (twist < -half) x = twist + half;
     else if (half > 0.0) return 0.0;
-    return f[GEAR_STIFFNESS] * x + f[GEAR_DAMPING] * rate;
+    return hardening(f, x) + f[GEAR_DAMPING] * rate;
 }
 
 /* What the encoder shows of a position. */

@@ -231,6 +231,20 @@ def _transmission(rng: np.random.Generator, s: Surroundings) -> Form:
     )  # fmt: skip
 
 
+def _hardening(rng: np.random.Generator, s: Surroundings) -> Form:
+    return Form(
+        "K x (1 + c (K x)^2) in the place of K x, a of K x at the largest command without it", 0.3, 1.0,
+        lambda a: {"GEAR_CUBIC": a * (1 + a) ** 2 / s.command**2},
+    )  # fmt: skip
+
+
+def _steps(rng: np.random.Generator, s: Surroundings) -> Form:
+    return Form(
+        "three stiffnesses K, (1 + a/2) K and (1 + a) K, from a fifth and a half of the largest command on", 0.5, 1.5,
+        lambda a: {"GEAR_GROWTH": a, "GEAR_STEP": 0.2 * s.command},
+    )  # fmt: skip
+
+
 def _push(rng: np.random.Generator, s: Surroundings) -> Form:
     repeated = rng.random() < 0.5
     start = rng.uniform(0.2, 0.7) * (s.period_s if repeated else s.duration_s)
@@ -325,9 +339,9 @@ CURVES: Mapping[str, Maker] = {
 }  # fmt: skip
 """Functions of one variable outside the catalogue: to be refused, and drawn as a curve."""
 
-GEARS: Mapping[str, Maker] = {"transmission_error": _transmission}
-"""What is hidden beside the elasticity of a gear only. Named as another error that repeats along the joint, it is not
-found."""
+GEARS: Mapping[str, Maker] = {"transmission_error": _transmission, "gear_hardening": _hardening, "gear_steps": _steps}
+"""What is hidden beside the elasticity of a gear only. An error of its teeth that is named as another one that repeats
+along the joint is not found."""
 
 LIMITS: Mapping[str, Maker] = {"voltage_limit": _voltage_limit}
 """Limits of the torque beside the constant one. They stand apart from the others so that what was drawn from those by
