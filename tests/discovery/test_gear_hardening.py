@@ -118,6 +118,7 @@ def value_of(candidate: FittedCandidate) -> tuple[float, float]:
     return float(candidate.fit.values[place]), float(np.sqrt(candidate.fit.covariance[place, place]))
 
 
+@pytest.mark.gate
 def test_where_a_gear_is_hardly_twisted_its_interval_says_so(tmp_path: Path) -> None:
     """The same cube in a gear ten times as stiff is a ten-thousandth of its torque: any value fits, none is named."""
     told = fitted(tmp_path / "soft", GEAR, {"gear_hardening": HARDER})

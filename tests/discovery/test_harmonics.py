@@ -130,6 +130,7 @@ def found_in(folder: Path, motor: Any, **ripple: float) -> tuple[dict[str, Any],
     return json.loads((out / "findings.json").read_text()), out
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize(
     ("motor", "origins"),
     [(None, []), (MOTOR, ["1 in an electrical turn: offset of a current sensor (60"]), ({"gear_ratio": 13}, [])],
@@ -144,6 +145,7 @@ def test_a_small_ripple_is_named_where_the_motor_has_it(motor: Any, origins: lis
         assert text in (out / "discovery.html").read_text()
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize(
     ("motor", "told"), [(None, False), (MOTOR, False), ({"gear_ratio": 13.2, "pole_pairs": 5}, True)]
 )
@@ -159,11 +161,13 @@ def test_a_ripple_that_the_motor_does_not_have_is_a_doubt(motor: Any, told: bool
         assert found["verdict"] == "doubtful"
 
 
+@pytest.mark.gate
 def test_a_motor_without_a_ripple_gives_none(tmp_path: Path) -> None:
     found, _ = found_in(tmp_path, MOTOR, none=1.0)
     assert found["answer"] == "nothing" and not found["findings"]
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize("motor", [None, MOTOR])
 def test_a_motor_beside_a_plant_from_elsewhere_is_told_to_be_unused(motor: Any, tmp_path: Path) -> None:
     case = arm_case(tmp_path)
@@ -177,6 +181,7 @@ def test_a_motor_beside_a_plant_from_elsewhere_is_told_to_be_unused(motor: Any, 
     assert any("motor: of joint 1 was not used" in note for note in notes) == (motor is not None)
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize(("motor", "answer"), [(None, "unknown"), (MOTOR, "named")])
 def test_an_encoder_on_the_motor_is_named_where_the_gear_is_known(motor: Any, answer: str, tmp_path: Path) -> None:
     """Without a motor up to nine periods in a turn of the joint are looked for."""

@@ -73,6 +73,7 @@ def test_a_log_of_one_joint_belongs_to_its_reference() -> None:
     assert other.fitted is not None and other.error(other.fitted) > EXPLAINS
 
 
+@pytest.mark.gate
 def test_a_machine_that_moves_joint_by_joint_is_identified(tmp_path: Path) -> None:
     """No check of the data calls such a log foreign."""
     content: dict[str, Any] = {

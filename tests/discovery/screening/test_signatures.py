@@ -37,6 +37,10 @@ UNMOVED = {("payload_change", 1): {"dM", "dMZ"}, ("payload_change", 2): {"dMZ"}}
 """Amplitudes that an arm in a plane does not feel: mass on the first axis, moments along the axes."""
 
 
+WARMING = {"temperature_start1": 290.0, "warming_start1": 4.0, "temperature_start2": 310.0, "warming_start2": -3.0}
+"""Gears that get warmer and colder, through 20 degC and above it."""
+
+
 @dataclass(frozen=True)
 class Bench:
     builder: LoopModelBuilder
@@ -47,6 +51,8 @@ class Bench:
 def two_joints(folder: Path) -> Bench:
     """Two joints at 200 Hz for one period, the fit at the truth."""
     model = arm_model(folder, joints=2, rate_hz=200.0, seconds=4.0)
+    for label, experiment in model.experiments.items():
+        model = model.with_experiment(label, replace(experiment, measured_starts=WARMING))
     fit = minimise(with_nuisances(replace(model, workers=1)), known_noise([0.1, 0.05]))
     builder = LoopModelBuilder(fit.model, load_case(folder / "case.yaml").parameters.model.description)  # type: ignore[union-attr]
     return Bench(builder, fit, np.sqrt(np.mean(fit.torque**2, axis=0)))
