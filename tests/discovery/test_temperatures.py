@@ -12,7 +12,9 @@ SEED = 1
 
 
 @pytest.mark.gate
-@pytest.mark.parametrize("number", range(3))
+@pytest.mark.parametrize(
+    "number", [pytest.param(0, marks=pytest.mark.slow), 1, pytest.param(2, marks=pytest.mark.slow)]
+)
 def test_joints_whose_friction_follows_the_temperature_are_named(number: int, tmp_path: Path) -> None:
     """Of both joints, of one, of none, at 100 Hz."""
     line = run(number + len(KINDS), SEED, tmp_path)

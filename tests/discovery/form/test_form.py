@@ -40,7 +40,7 @@ from tests.tools.blind.curves import hidden_function, planted_function, within_b
         pytest.param("unknown_detent", 5, "the position of the joint", 0.9, marks=pytest.mark.slow),
         pytest.param("unknown_swell", 6, "the time", 0.9, marks=pytest.mark.slow),
         pytest.param("unknown_neighbour", 5, "the position of the neighbour", 0.9, marks=pytest.mark.slow),
-        pytest.param("unknown_reversal", 3, "the distance since the last reversal", 0.9, marks=pytest.mark.gate),
+        pytest.param("unknown_reversal", 3, "the distance since the last reversal", 0.9, marks=pytest.mark.slow),
     ],
 )
 def test_what_no_effect_explains_is_drawn_as_a_curve(
