@@ -324,6 +324,7 @@ def test_effects_reach_the_gap_that_is_asked_for(effect: str) -> None:
     assert (size.plain >= 0.6 * size.refitted).all()
 
 
+@pytest.mark.gate
 def test_a_harmonic_drive_has_all_its_parts_on_one_joint() -> None:
     plant, path, deviation = make_plant(HARMONIC_DRIVE, np.random.default_rng(3), level=1.5)
     assert [h.effect for h in plant.hidden] == list(HARMONIC_DRIVE)
@@ -331,6 +332,7 @@ def test_a_harmonic_drive_has_all_its_parts_on_one_joint() -> None:
     assert gap(plant, path, deviation).refitted.max() > 1.0
 
 
+@pytest.mark.gate
 def test_gains_grow_beyond_their_limit_where_that_is_asked_for(tmp_path: Path) -> None:
     """By less than a half they change the torque less than what is judged."""
     sizes = []
@@ -342,6 +344,7 @@ def test_gains_grow_beyond_their_limit_where_that_is_asked_for(tmp_path: Path) -
     assert sizes[0] <= 0.45 < sizes[1] <= 1.8 * 0.45
 
 
+@pytest.mark.gate
 def test_two_effects_act_on_one_joint_where_that_is_asked_for(tmp_path: Path) -> None:
     for one_joint, count in ((True, 1), (False, 2)):
         folder = tmp_path / str(one_joint)
@@ -351,6 +354,7 @@ def test_two_effects_act_on_one_joint_where_that_is_asked_for(tmp_path: Path) ->
         assert len({joint for _, joint in truth.effects}) == count
 
 
+@pytest.mark.gate
 def test_of_three_effects_each_must_show(tmp_path: Path) -> None:
     """A case counts where the least gap that one of them makes beside the others is one that is judged."""
     (case, _) = made(tmp_path, *HARMONIC_DRIVE, robots="varied")
@@ -365,6 +369,7 @@ def test_of_three_effects_each_must_show(tmp_path: Path) -> None:
     assert counts(rows, {case.name: read_truth(case)})["all of three effects found"] == (0, 0)
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize("first", [1, 9101])
 def test_triples_are_of_the_first_seed_without_other_cases(tmp_path: Path, first: int) -> None:
     make_campaign(tmp_path, [], seeds=range(first, first), rates=[100], level=1.0, triples=1, robots="development")
@@ -373,6 +378,7 @@ def test_triples_are_of_the_first_seed_without_other_cases(tmp_path: Path, first
     assert hidden == drawn_together(1, 3, first_seed=first)[0]
 
 
+@pytest.mark.gate
 def test_a_plant_of_which_nothing_can_be_logged_is_drawn_anew(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     drawn, write = list[Plant](), campaign.write_cases
 
