@@ -248,7 +248,7 @@ class InEquations(LoopEffect):
     def can_be_added(self) -> bool:
         return self.loop.description is not None and all(
             start_name(state, self.effect_at.joint) in experiment.measured_starts
-            for state in (self.effect.given_states if isinstance(self.effect, TorqueEffect) else ())
+            for state in self.effect.given_states
             for experiment in self.loop.model.experiments.values()
         )
 

@@ -160,7 +160,7 @@ class AmbiguousEffect:
         if all(name in proposal.values for name in self.amplitudes) and not is_moved:
             self.theta = np.array([proposal.values[n] - neutral.get(n, 0.0) for n in self.amplitudes])
         self._made: TorqueSignature | None = None
-        if isinstance(self.effect, TorqueEffect) and self.effect.given_states:
+        if self.effect.given_states:
             raise InputError(
                 f"The effect '{self.effect.name}' follows what is measured, and not a motion.",
                 where="splitting experiment", next_step=self.effect.experiment,

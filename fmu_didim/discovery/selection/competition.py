@@ -35,7 +35,7 @@ from fmu_didim.discovery.selection.candidates import (
     TriedCandidate,
 )
 from fmu_didim.discovery.selection.plausible import implausible, unusual
-from fmu_didim.dynamics.effects import Search, TorqueEffect
+from fmu_didim.dynamics.effects import Search
 from fmu_didim.fit.base_projection import BLOCK, BaseProjection
 from fmu_didim.fit.derivatives.sensitivity import sensitivity
 from fmu_didim.fit.fit import Fit
@@ -455,10 +455,10 @@ class Competition:
         effect, is_known = builder.effect(effect_at), bool(origin(builder, found, effect_at))
         why = implausible(whole, index, effect, builder.link_values(effect_at.joint))
         odd = unusual(whole, index, effect)
-        measured = isinstance(effect, TorqueEffect) and bool(effect.given_states)
         return FittedCandidate(
             effect_at, whole, gain, size, share, raw, cost, why, odd, has_minima=effect.has_minima,
-            is_measured=measured, is_known=is_known, bends_gear=effect.needs_elastic and not effect.frequency,
+            is_measured=bool(effect.given_states), is_known=is_known,
+            bends_gear=effect.needs_elastic and not effect.frequency,
         )  # fmt: skip
 
     def change_without(self, effect_at: EffectAtJoint, found: Fit, *, held_out: bool = False) -> float:

@@ -224,7 +224,8 @@ def objection(candidate: FittedCandidate, fit: Fit, options: Options, *, base: F
         return f"explains {100 * part:.1f} % of the gap of the base model on its joint, less than {smallest:g} %"
     if candidate.implausible:
         return candidate.implausible
-    return "" if is_untold(candidate, fit, options) else _held_out(candidate, fit, options)
+    why = _held_out(candidate, fit, options)
+    return "" if why and _may_be_untold(candidate, fit, options) else why
 
 
 def _held_out(candidate: FittedCandidate, fit: Fit, options: Options) -> str:
@@ -233,11 +234,13 @@ def _held_out(candidate: FittedCandidate, fit: Fit, options: Options) -> str:
     return held_out_objection(fit, candidate.fit, seed=options.seed, lenience=lenience)
 
 
+def _may_be_untold(candidate: FittedCandidate, fit: Fit, options: Options) -> bool:
+    return candidate.is_measured and tells_nothing(fit, candidate.fit, seed=options.seed)
+
+
 def is_untold(candidate: FittedCandidate, fit: Fit, options: Options) -> bool:
     """Whether the held-out data tell nothing of an effect that follows what was measured."""
-    if not candidate.is_measured or not _held_out(candidate, fit, options):
-        return False
-    return tells_nothing(fit, candidate.fit, seed=options.seed)
+    return _may_be_untold(candidate, fit, options) and bool(_held_out(candidate, fit, options))
 
 
 def _of_clock(candidate: FittedCandidate) -> str:

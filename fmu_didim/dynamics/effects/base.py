@@ -103,6 +103,8 @@ class Effect(ABC):
         elastic: whether it puts a spring between motor and link of its joint.
         needs_elastic: whether it acts in such a spring, so that its joint has another effect that puts one there.
         acts_on_base: whether it acts on the base of the robot, so that it is listed at joint 1.
+        given_states: names of those of its states whose start is measured: each run states them, as parameters
+            ``<state>_start<joint>`` of the plant.
 
     How it is discovered:
         is_base: whether it belongs to every base model, so that it is never proposed.
@@ -156,6 +158,7 @@ class Effect(ABC):
     elastic: ClassVar[bool] = False
     needs_elastic: ClassVar[bool] = False
     acts_on_base: ClassVar[bool] = False
+    given_states: ClassVar[frozenset[str]] = frozenset()
 
     is_base: ClassVar[bool] = False
     is_composed: ClassVar[bool] = False
@@ -276,8 +279,6 @@ class TorqueEffect(Effect):
         added_to_link: amplitude -> inertial parameter of the link that it adds to, which is stated in the link's frame.
         couples_motors: whether it says that a motor turns with its joint and the next one, so that what repeats in a
             turn of that motor does not in the position of either.
-        given_states: names of those of its states whose start is measured: each run states them, as parameters
-            ``<state>_start<joint>`` of the plant.
     """
 
     place: ClassVar[Place] = "torque balance"
@@ -287,7 +288,6 @@ class TorqueEffect(Effect):
     reach: ClassVar[int] = 0
     added_to_link: ClassVar[Mapping[str, str]] = MappingProxyType({})
     couples_motors: ClassVar[bool] = False
-    given_states: ClassVar[frozenset[str]] = frozenset()
 
     @property
     def is_steep(self) -> bool:
