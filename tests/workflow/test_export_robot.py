@@ -17,6 +17,7 @@ from fmu_didim import ResultDocument, export_robot, load_case
 from fmu_didim.base.errors import InputError
 from fmu_didim.cli.main import main
 from fmu_didim.dynamics.base_parameters import base_parameters
+from fmu_didim.dynamics.effects.motor import Motor
 from fmu_didim.dynamics.physical_set import ENTRIES
 from fmu_didim.dynamics.robot import RobotDescription, RobotModel, read_robot, write_robot
 from fmu_didim.dynamics.robot.body import body_of
@@ -189,6 +190,19 @@ def test_what_may_mislead_is_told(scara: Path, tmp_path: Path) -> None:
     assert any("The result is doubtful" in remark for remark in made.remarks)
     assert any("No links have these base parameters" in remark for remark in made.remarks)
     assert made.away > 10
+
+
+def test_a_format_that_cannot_state_a_motor_says_so(tmp_path: Path) -> None:
+    case = load_case(SCARA)
+    assert isinstance(case.robot, RobotDescription)
+    motor = {"gear_ratio": 100, "pole_pairs": 4}
+    joints = [joint.model_copy(update={"motor": Motor(**motor)}) for joint in case.robot.joints[:1]]
+    driven = case.with_(robot=case.robot.model_copy(update={"joints": (*joints, *case.robot.joints[1:])}))
+    for name in ("robot.urdf", "robot.xml"):
+        remarks = export_robot(driven, tmp_path / name).remarks
+        assert any("the motor of joint 1 (gear_ratio: 100, pole_pairs: 4)" in remark for remark in remarks), remarks
+    assert export_robot(driven, tmp_path / "robot.yaml").robot.joints[0].motor == Motor(**motor)
+    assert read_robot(tmp_path / "robot.yaml").joints[0].motor == Motor(**motor)
 
 
 def test_wrong_input_is_refused_before_anything_is_written(scara: Path, tmp_path: Path) -> None:

@@ -66,6 +66,10 @@ class Motor(Strict):
             )
         return self
 
+    def stated(self) -> str:
+        """What is known, by the names of a robot description: ``gear_ratio: 100, pole_pairs: 4``."""
+        return ", ".join(f"{name}: {value:g}" for name, value in self.model_dump(exclude_none=True).items())
+
     def mechanical(self, cause: str) -> list[Harmonic]:
         """Of a cause that repeats once or twice in a turn of the motor."""
         return [Harmonic(k * self.gear_ratio, f"{k} in a turn of the motor: {cause}") for k in IN_A_TURN]

@@ -107,7 +107,8 @@ def not_in_urdf(robot: RobotDescription) -> list[str]:
 
 
 def not_held(robot: RobotDescription, held: Sequence[str]) -> list[str]:
-    """Parameters of effects, by name with the joint number and their unit, whose names are none of these."""
+    """Parameters of effects, by name with the joint number and their unit, whose names are none of these; and what is
+    known of the motors."""
     found = []
     for j, joint in enumerate(robot.joints, start=1):
         for effect in joint.all_effects():
@@ -116,7 +117,8 @@ def not_held(robot: RobotDescription, held: Sequence[str]) -> list[str]:
                 stands = v.name in held or (v.name == "v0" and set(held) & set(joint.parameters))
                 if not stands and value != effect.neutral.get(v.name, 0.0):
                     found.append(f"{v.name}{j} = {value:.6g} {v.unit} ({effect.title[:1].lower()}{effect.title[1:]})")
-    return list(dict.fromkeys(found))
+    motors = {j: joint.motor for j, joint in enumerate(robot.joints, start=1) if joint.motor is not None}
+    return [*dict.fromkeys(found), *(f"the motor of joint {j} ({motor.stated()})" for j, motor in motors.items())]
 
 
 def _upright(gravity: Sequence[float]) -> Array:
