@@ -9,7 +9,7 @@ from __future__ import annotations
 import difflib
 import platform
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from typing import Any, Self
 
@@ -43,7 +43,7 @@ class FmuDidimError(Exception):
         self.what = what
         self.where = where
         self.got = got
-        self.valid = valid if isinstance(valid, str) else _listed(list(valid))
+        self.valid = valid if isinstance(valid, str) else listed(list(valid))
         self.next_step = next_step
         super().__init__(self._text())
 
@@ -79,10 +79,10 @@ class FmuDidimError(Exception):
         return "\n".join(lines)
 
 
-def _listed(names: list[str]) -> str:
-    """Names in one line, the first ones of very many."""
-    shown = ", ".join(names[:MOST_NAMES])
-    return shown if len(names) <= MOST_NAMES else f"{shown} and {len(names) - MOST_NAMES} others"
+def listed(names: Sequence[str], most: int = MOST_NAMES, *, separator: str = ", ") -> str:
+    """Names in one line, the first ones of many: ``a, b and 3 others``."""
+    shown = separator.join(names[:most])
+    return shown if len(names) <= most else f"{shown} and {len(names) - most} others"
 
 
 class InputError(FmuDidimError):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Container, Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
@@ -26,6 +26,7 @@ from fmu_didim.data.tables import (
     read_table,
     selected,
 )
+from fmu_didim.data.tables.columns import is_of_joint
 from fmu_didim.data.tables.motors import on_joints
 from fmu_didim.data.tables.select import NO_UNITS
 
@@ -85,17 +86,20 @@ def read_signals(
     *,
     torque_units: tuple[str, ...] = (),
     units: Mapping[str, str] = NO_UNITS,
+    needed: Container[str] = (),
 ) -> Selected:
     """The signals of a file, or those given under its name, under the names of the case and in SI units.
 
     Args:
         torque_units: (n,) N.m or N of each joint, where known; units: name of a signal -> its unit, if it is not SI.
+        needed: names of signals that are asked for beside those of joints and those that the case names; of others
+            a column in which something is no number is left out.
     """
     table, time = table_and_time(source, folder, signals)
     command = isinstance(source, TorqueFile) and source.quantity == "command"
     found = selected(
         table, time=time, columns=source.columns, torque_units=torque_units, is_command=command, units=units,
-        of_motors=source.motors is not None,
+        of_motors=source.motors is not None, others=lambda name: is_of_joint(name) or name in needed,
     )  # fmt: skip
     if source.motors is not None:
         of_joints = on_joints(found.signals, source.motors, torque_units, where=source.file)

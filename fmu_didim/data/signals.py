@@ -16,7 +16,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from fmu_didim.base.errors import InputError, UnknownNameError
+from fmu_didim.base.errors import InputError, UnknownNameError, listed
 from fmu_didim.data.units import DisplayUnit
 
 Array = NDArray[np.float64]
@@ -89,10 +89,12 @@ class Trajectory:
                 next_step="Give one row for each instant and one name for each column.",
             )  # fmt: skip
         if time.size and not (np.isfinite(time).all() and np.isfinite(values).all()):
-            bad = np.flatnonzero(~np.isfinite(np.column_stack([time, values])).all(axis=1))
+            wrong = ~np.isfinite(np.column_stack([time, values]))
+            rows = np.flatnonzero(wrong.any(axis=1))
+            names = [name for name, column in zip(("time", *self.names), wrong.T, strict=True) if column.any()]
             raise InputError(
                 "A trajectory holds values that are not finite numbers.", where=where,
-                got=f"{bad.size} rows, the first one is row {bad[0]} (from 0)",
+                got=f"{rows.size} rows, the first one is row {rows[0]} (from 0), in {listed(names)}",
                 next_step="Remove or interpolate those rows.",
             )  # fmt: skip
         if time.size > 1 and not (np.diff(time) > 0).all():

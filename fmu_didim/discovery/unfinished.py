@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from fmu_didim.base.diagnostics import CATALOGUE, DOUBT, Diagnostic
+from fmu_didim.base.errors import listed
 from fmu_didim.base.imports import without_folder
 from fmu_didim.checks.judgement import diagnostic_result, judgement
 from fmu_didim.discovery.selection.candidates import Outcome, TriedCandidate
@@ -47,11 +48,10 @@ def unfinished_search(
     if not untried:
         text = NOT_TO_ITS_END.format(limit_s or 0.0, number)
         return _result(Diagnostic(SEARCH_CUT, text, value=limit_s, unit="s"), number - 1, untried)
-    shown = ", ".join(map(_named, untried[:SHOWN_UNTRIED]))
-    more = f" and {len(untried) - SHOWN_UNTRIED} more" if len(untried) > SHOWN_UNTRIED else ""
+    shown = listed([_named(effect_at) for effect_at in untried], SHOWN_UNTRIED)
     text = (
         f"The time limit of {limit_s or 0.0:g} s ended the search in round {number}: {len(untried)} of its "
-        f"{len(last)} candidates were not tried ({shown}{more}){_leader(last)}."
+        f"{len(last)} candidates were not tried ({shown}){_leader(last)}."
     )
     return _result(Diagnostic(SEARCH_CUT, text, value=limit_s, unit="s"), number - 1, untried)
 

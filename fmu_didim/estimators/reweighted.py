@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from fmu_didim.base.errors import SimulationError
+from fmu_didim.base.errors import SimulationError, listed
 from fmu_didim.estimators.finish import Minimum
 from fmu_didim.fit.estimate import Estimate, Status
 from fmu_didim.fit.noise.error_models import NORMAL_FROM, Reweighted, reweighted
@@ -78,8 +78,7 @@ def _words(found: Reweighted) -> list[str]:
             continue
         several = len({label for label, _ in found.outliers[name]}) > 1
         off = [f"{time:g} s{f' of {label}' if several else ''}" for label, time in found.outliers[name]]
-        more = f" and {len(off) - SHOWN} others" if len(off) > SHOWN else ""
-        where = f": t = {', '.join(off[:SHOWN])}{more}" if off else ""
+        where = f": t = {listed(off, SHOWN)}" if off else ""
         told.append(
             f"{name}: noise of Student's t with {noise.freedom:.2g} degrees of freedom; {len(off)} outliers count less "
             f"than a fifth of an ordinary sample{where}."

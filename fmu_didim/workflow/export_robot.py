@@ -15,7 +15,7 @@ from xml.etree import ElementTree as ET
 
 import numpy as np
 
-from fmu_didim.base.errors import InputError
+from fmu_didim.base.errors import InputError, listed
 from fmu_didim.base.version import __version__
 from fmu_didim.case import Case, load_case
 from fmu_didim.data.signals import Array
@@ -234,10 +234,9 @@ class _Task:
         beside = [] if suffix in YAML else not_in_mjcf(robot) if suffix == MJCF else not_in_urdf(robot)
         beside += self.outside
         if beside:
-            more = f" and {len(beside) - NAMED} more" if len(beside) > NAMED else ""
             told.append(
-                f"The file has no place for {'; '.join(beside[:NAMED])}{more}: whoever reads it simulates without, "
-                "or adds it by hand."
+                f"The file has no place for {listed(beside, NAMED, separator='; ')}: whoever reads it simulates "
+                "without, or adds it by hand."
             )
         described = self.parameters.model.description.joints
         bare = [str(j) for j, joint in enumerate(described, start=1) if not joint.parameters.get("M")]

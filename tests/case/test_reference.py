@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -9,8 +10,10 @@ import pytest
 from numpy.testing import assert_allclose
 
 from fmu_didim.base.diagnostics import DiagnosedError
+from fmu_didim.base.errors import InputError
 from fmu_didim.case import load_case
-from fmu_didim.case.runs.reference import resampled, with_derivatives
+from fmu_didim.case.runs.reference import read_reference, resampled, with_derivatives
+from fmu_didim.case.sources import ReferenceFile
 from fmu_didim.data.signals import Trajectory, trajectory
 from fmu_didim.workflow.data import case_diagnostics
 from tests.cases import SCARA
@@ -147,3 +150,31 @@ def test_a_reference_without_velocities_gives_the_values_of_one_that_has_them() 
     for name in ("dq1", "dq2"):
         assert_allclose(made.column(name), motion.column(name), atol=1e-4)
     assert "reference-derived" in codes(case_diagnostics(case))
+
+
+@pytest.mark.parametrize(
+    ("name", "refused"), [("ddq1", True), ("enable", True), ("wrist_current", False), ("Q1 commanded", False)]
+)
+def test_a_column_without_a_number_matters_where_something_asks_for_it(
+    tmp_path: Path, name: str, refused: bool
+) -> None:
+    """Where no entry names it: signals of joints, and what a controller takes from its reference by that name."""
+    motion = only(reference(1.0), "q1", "q2", "dq1", "dq2")
+    broken = np.where(np.arange(motion.time.size) == 7, np.nan, 1.0)
+    columns = {"t": motion.time, **{n: motion.column(n) for n in motion.names}, name: broken}
+    rows = [
+        ",".join(columns),
+        *(",".join(f"{value:.9g}" for value in row) for row in zip(*columns.values(), strict=True)),
+    ]
+    (tmp_path / "reference.csv").write_text("\n".join(rows) + "\n")
+    source = ReferenceFile(file="reference.csv")
+    needed = NEEDED | {"enable"}
+
+    def read() -> Trajectory:
+        return read_reference(source, tmp_path, step=PERIOD, torque_units=("N.m", "N.m"), needed=needed).signals
+
+    if refused:
+        with pytest.raises(InputError, match=rf"not finite[\s\S]*1 rows, the first one is row 7 \(from 0\), in {name}"):
+            read()
+    else:
+        assert read().names == ("q1", "q2", "dq1", "dq2")

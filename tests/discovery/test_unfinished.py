@@ -36,7 +36,7 @@ def tried(effect_at: EffectAtJoint, outcome: Outcome = Outcome.NOT_TRIED, bic: f
          "gear on joint 2)."),
         ([[tried(LAG, Outcome.FITTED, 99.0)], [tried(a) for a in (GEAR, *MORE)]], [LAG], Ending.TIME_UP, 1,
          "The time limit of 30 s ended the search in round 2: 5 of its 5 candidates were not tried (gear on joint 2, "
-         "c on joint 3, d on joint 4, e on joint 5 and 1 more)."),
+         "c on joint 3, d on joint 4, e on joint 5 and 1 others)."),
         ([[tried(LAG, Outcome.FITTED, 12.4), tried(MORE[0], Outcome.LEFT_EARLY, 50.0), tried(GEAR)]], [],
          Ending.TIME_UP, 0,
          "The time limit of 30 s ended the search in round 1: 1 of its 3 candidates were not tried (gear on joint 2); "

@@ -85,7 +85,7 @@ def read_motion(
     if isinstance(given, Excitation):
         check_joints(given, len(torque_units))
         return Selected(given.at(ticks_of(instants, 0.0, given.length_s, step, where)), instants.told)
-    read = read_signals(given, folder, signals, torque_units=torque_units)
+    read = read_signals(given, folder, signals, torque_units=torque_units, needed=needed)
     own, of_derivatives = with_derivatives(at_least_two_rows(read.signals, given.file), needed)
     time = ticks_of(instants, float(own.time[0]), float(own.time[-1]), step, where)
     found, of_rows = brought_to(own, time)

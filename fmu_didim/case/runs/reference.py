@@ -106,7 +106,7 @@ def read_reference(
     if isinstance(source, Excitation):
         check_joints(source, len(torque_units))
         return Selected(at_least_two_rows(source.trajectory(1.0 / step), "reference"))
-    read = read_signals(source, folder, signals, torque_units=torque_units)
+    read = read_signals(source, folder, signals, torque_units=torque_units, needed=needed)
     found, told = at_least_two_rows(read.signals, source.file), [*read.told]
     if source.resample:
         found, of_rows = resampled(found, step)

@@ -146,11 +146,12 @@ def target(
     if unit is not None:
         of_model = known_unit(unit) if unit else None
         return Target(() if of_model is None else (of_model.powers,), (unit,), own=of_model)
-    stem = signal.rstrip("0123456789")
-    number = signal[len(stem) :]
-    if not number or stem not in (*MOTION, "tau") or (stem == "tau" and is_command):
+    if not is_of_joint(signal):
         return Target()
-    j = int(number)
+    stem = signal.rstrip("0123456789")
+    if stem == "tau" and is_command:
+        return Target()
+    j = int(signal[len(stem) :])
     known = torque_units[j - 1 : j] or ("N.m", "N")
     if stem == "tau":
         return Target(tuple(_powers(unit) for unit in known), tuple(known), None, True)
@@ -158,6 +159,13 @@ def target(
     lengths = ["rad" if unit == "N.m" else "m" for unit in known]
     names = tuple(unit + ("", "/s", "/s2")[order] for unit in lengths)
     return Target(tuple(_powers(unit) for unit in names), names, order)
+
+
+def is_of_joint(signal: str) -> bool:
+    """Whether it is a position, velocity, acceleration or torque of a joint: ``q<j>``, ``dq<j>``, ``ddq<j>``,
+    ``tau<j>``."""
+    stem = signal.rstrip("0123456789")
+    return stem != signal and stem in (*MOTION, "tau")
 
 
 def _powers(unit: str) -> dict[str, int]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -37,7 +37,7 @@ def selected(
     torque_units: Sequence[str] = (),
     is_command: bool = False,
     units: Mapping[str, str] = NO_UNITS,
-    others: bool = True,
+    others: bool | Callable[[str], bool] = True,
     sparse: bool = False,
     of_motors: bool = False,
 ) -> Selected:
@@ -47,7 +47,8 @@ def selected(
         columns: name of a signal -> its column; all other columns of the same length keep their names, without units.
         torque_units: (n,) N.m or N of each joint, where known; is_command: whether ``tau<j>`` are commands.
         units: name of a signal -> unit in which it is wanted, SI or not.
-        others: whether columns that are not among ``columns`` are signals, too.
+        others: whether columns that are not among ``columns`` are signals, too; or whether one of that name is wanted,
+            where a column that is not, and in which something is no number, is left out.
         sparse: whether rows in which a signal is no number, such as empty cells, are left out.
         of_motors: whether signals of joints are those of their motors, which turn, as they are in the file.
 
@@ -66,6 +67,10 @@ def selected(
     shown: dict[str, str] = {}
     converted: list[str] = []
     further = dict(_others(table, own, clock, count)) if others else {}
+    if callable(others):
+        further = {
+            signal: name for signal, name in further.items() if others(signal) or np.isfinite(table.columns[name]).all()
+        }
     for signal, name in {**own, **further}.items():
         wanted = target(signal, tuple(torque_units), is_command=is_command, unit=units.get(signal))
         column = columns.get(signal, Column(name=name))
