@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from fmu_didim.data.tables import SignalTable
-from fmu_didim.workflow.init.roles import guesses
+from fmu_didim.workflow.init.roles import guess, guesses
 
 STRUCT = ("log.q1", "log.q2", "log.tau1", "log.tau2", "log.pos_error")
 LIST = tuple(f"/joint_states.{field}.{joint}" for field in ("position", "effort") for joint in ("elbow", "wrist_1"))
@@ -35,3 +35,15 @@ def test_a_wrist_is_not_measured_because_of_its_letters() -> None:
         {"time": np.arange(3.0), "wrist1": np.zeros(3), "q1_ist": np.zeros(3), **dict.fromkeys(LIST, np.zeros(3))}
     )
     assert [one.side for one in guesses(table)] == ["", "measured", *["measured"] * 4]
+
+
+@pytest.mark.parametrize(
+    ("name", "unit", "expected"),
+    [
+        ("Temp1", "", True), ("Temperatur_Achse2", "", True), ("joint_temperatures.elbow", "", True),
+        ("motor_temp_3", "", True), ("T_gear1", "degC", True), ("housing", "K", True),
+        ("attempt1", "", False), ("template2", "", False), ("contempt_q1", "", False),
+    ],
+)  # fmt: skip
+def test_temperatures_are_known_by_name_or_unit(name: str, unit: str, expected: bool) -> None:
+    assert (guess(name, unit).role == "temperature") == expected

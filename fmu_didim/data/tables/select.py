@@ -66,11 +66,7 @@ def selected(
     made: dict[str, Array] = {}
     shown: dict[str, str] = {}
     converted: list[str] = []
-    further = dict(_others(table, own, clock, count)) if others else {}
-    if callable(others):
-        further = {
-            signal: name for signal, name in further.items() if others(signal) or np.isfinite(table.columns[name]).all()
-        }
+    further = dict(_others(table, own, clock, count, others)) if others else {}
     for signal, name in {**own, **further}.items():
         wanted = target(signal, tuple(torque_units), is_command=is_command, unit=units.get(signal))
         column = columns.get(signal, Column(name=name))
@@ -123,7 +119,9 @@ def _row_count(table: SignalTable, own: Mapping[str, str], clock: str | None) ->
     return Counter(numbers.size for numbers in table.columns.values()).most_common(1)[0][0]
 
 
-def _others(table: SignalTable, own: Mapping[str, str], clock: str | None, count: int) -> Iterator[tuple[str, str]]:
+def _others(
+    table: SignalTable, own: Mapping[str, str], clock: str | None, count: int, wanted: bool | Callable[[str], bool]
+) -> Iterator[tuple[str, str]]:
     """Name of the signal and of the column, of columns that the case does not name."""
     names = [
         name for name, numbers in table.columns.items()
@@ -134,5 +132,6 @@ def _others(table: SignalTable, own: Mapping[str, str], clock: str | None, count
     usual = Counter(bare.values())
     for name in names:
         signal = bare[name] if usual[bare[name]] == 1 else name
-        if signal not in own:
+        is_of_use = not callable(wanted) or wanted(signal) or np.isfinite(table.columns[name]).all()
+        if signal not in own and is_of_use:
             yield signal, name

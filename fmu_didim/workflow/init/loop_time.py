@@ -13,8 +13,6 @@ from fmu_didim.case.runs.instants import OTHER_RATE
 from fmu_didim.checks.data.log import OF_THE_LOOP
 from fmu_didim.cosim.instants import PeriodChange, period_change
 from fmu_didim.data.signals import Array
-from fmu_didim.data.tables import TimeColumn
-from fmu_didim.data.tables.clock import instants
 from fmu_didim.estimators.initial_states import MOVING
 from fmu_didim.workflow.init.data_file import DataFile
 from fmu_didim.workflow.init.inventory import Inventory, key_of
@@ -81,7 +79,7 @@ def _times(data: DataFile, clock: str | None) -> Array | None:
     if clock is None:
         return None
     try:
-        return instants(data.table, TimeColumn(), clock, data.table.columns[clock].size)[0]
+        return data.instants(clock)
     except InputError:
         return None
 

@@ -18,14 +18,16 @@ from fmu_didim.data.tables.clock import clock_column
 from fmu_didim.data.tables.table import split_unit
 from fmu_didim.data.units import known_unit
 
-Role = Literal["q", "dq", "ddq", "tau", "current", "command", "other"]
+Role = Literal["q", "dq", "ddq", "tau", "current", "command", "temperature", "other"]
 Side = Literal["reference", "measured", ""]
 _BY_POWERS: tuple[tuple[dict[str, int], Role], ...] = (
     ({"rad": 1}, "q"), ({"m": 1}, "q"), ({"rad": 1, "s": -1}, "dq"), ({"m": 1, "s": -1}, "dq"), ({"s": -1}, "dq"),
     ({"rad": 1, "s": -2}, "ddq"), ({"m": 1, "s": -2}, "ddq"), ({"kg": 1, "m": 2, "s": -2}, "tau"),
     ({"kg": 1, "m": 1, "s": -2}, "tau"), ({"A": 1}, "current"), ({"kg": 1, "m": 2, "s": -3, "A": -1}, "command"),
+    ({"K": 1}, "temperature"),
 )  # fmt: skip
 _BY_NAME: tuple[tuple[str, Role], ...] = (
+    (r"temp(eratur(es?|en)?|s)?(?![a-z])", "temperature"),
     (r"ddq|qdd|acc|beschl", "ddq"),
     (r"dq|qd|vel|speed|drehzahl|geschw|rpm", "dq"),
     (r"tau|torq|moment|drehm|kraft|force|effort", "tau"),

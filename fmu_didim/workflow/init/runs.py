@@ -43,7 +43,7 @@ def runs(found: Inventory) -> list[FilesOfRun]:
     """
     groups: dict[str, list[DataFile]] = {}
     for data in found.data:
-        if not data.is_loop_log:
+        if not (data.is_loop_log or data.is_temperature_log):
             groups.setdefault(key_of(data.path), []).append(data)
     made, logs, references = list[FilesOfRun](), list[DataFile](), list[DataFile]()
     for key, files in groups.items():

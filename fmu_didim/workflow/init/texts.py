@@ -28,7 +28,9 @@ def named_from(out: Path, path: Path) -> str:
 
 def time_entry(data: DataFile, *roles: str) -> dict[str, Any]:
     """The entry of the time column where a file does not say all of it, with what it lacks."""
-    if data.clock(*roles):
+    if clock := data.clock(*roles):
+        if unit := data.time_unit(clock):
+            return {"time": {"name": clock, "unit": unit}, "time_note": "the file says no unit, its velocities tell it"}
         return {}
     stamps = stamp_columns(data.table)
     if len(stamps) == 1:

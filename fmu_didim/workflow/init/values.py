@@ -36,8 +36,8 @@ def measured_by_values(column: Array) -> str:
     reach = float(np.ptp(values)) if values.size >= FEWEST else 0.0
     if reach == 0.0 or any(stairs(values[:, None], order) > 1 for order in (1, 2)):
         return ""
-    fourth = np.diff(values, 4)
-    noise = float(DEVIATION_OF_MEDIAN * np.median(np.abs(fourth)) / np.sqrt(GAIN))
+    fourth = np.diff(values / reach, 4)  # so that squares of any numbers are numbers
+    noise = float(reach * DEVIATION_OF_MEDIAN * np.median(np.abs(fourth)) / np.sqrt(GAIN))
     if float(np.mean(fourth[1:] * fourth[:-1] < 0)) < NOISY:
         return ""
     rounding = _digit(values) / np.sqrt(12)

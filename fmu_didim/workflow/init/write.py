@@ -14,7 +14,7 @@ from fmu_didim.controllers import LAWS
 from fmu_didim.data.units import known_unit
 from fmu_didim.workflow.init.data_file import TORQUES, DataFile
 from fmu_didim.workflow.init.fmu_roles import FmuRole, mappings
-from fmu_didim.workflow.init.inventory import Inventory, inventory
+from fmu_didim.workflow.init.inventory import Inventory, inventory, key_of
 from fmu_didim.workflow.init.loop_time import LoopTime, begins_moving, control_rate_hz, loop_time
 from fmu_didim.workflow.init.model_case import model_case
 from fmu_didim.workflow.init.roles import Guess, Role, Side, chosen
@@ -162,6 +162,9 @@ def _case(found: Inventory, out: Path, entries: list[dict[str, Any]], *, follows
         alike = TO_FILL_IN in str(entry["torque"]) and entry["torque"]["columns"] == entries[0]["torque"]["columns"]
         entry["columns_again"] = alike and entry is not entries[0]
         entries[0]["columns_named"] |= entry["columns_again"]
+    if any(entry["temperature"] is None for entry in entries):  # all runs state it, or none
+        for entry in entries:
+            entry["temperature"] = None
     command = any("quantity" in entry["torque"] for entry in entries)
     plant, controller = found.plant_fmu, found.controller_fmu
     own = controller.source if controller else found.controller
@@ -200,7 +203,7 @@ def _experiment(found: Inventory, run: FilesOfRun, joints: int, out: Path) -> di
         "reference": {**reference, "columns": motion}, "torque": log, "torque_note": comment,
         "reference_notes": [*([_BY_ORDER] if run.is_guess else []), *([notes] if notes else [])],
         "asked": _asked(run, joints), "columns_named": False, "positions": _positions(run, joints, out),
-        "positions_note": _why_measured(run),
+        "positions_note": _why_measured(run), "temperature": _temperature(found, run, joints, out),
         "reference_columns": ", ".join(run.reference.table.columns),
         "torque_columns": ", ".join(run.torque.table.columns),
     }  # fmt: skip
@@ -238,6 +241,27 @@ def _positions(run: FilesOfRun, joints: int, out: Path) -> dict[str, Any] | None
             entry = {"file": named_from(out, data.path), **time_entry(data, "q")}
             entry.pop("time_note", None)
             return {**entry, "columns": {f"q{j}": _entry(meant) for j, meant in enumerate(each, start=1)}}
+    return None
+
+
+def _temperature(found: Inventory, run: FilesOfRun, joints: int, out: Path) -> dict[str, Any] | None:
+    """The entry of the temperatures of a run, of each joint or one for all; None where the files do not say which."""
+    own = [data for data in found.data if data.is_temperature_log]
+    own = [data for data in own if key_of(data.path) == run.label] or (own if len(own) == 1 else [])
+    for data in (run.torque, run.reference, *own):
+        each = [
+            chosen(data.guesses, ["temperature"], j, single=joints == 1, prefer="measured")
+            for j in range(1, joints + 1)
+        ]
+        names = {f"temperature{j}": _entry(meant) for j, meant in enumerate(each, start=1)}
+        of_all = [g for g in data.guesses if g.role == "temperature"]
+        if len(of_all) == 1 and of_all[0].joint is None:
+            names = {"temperature": _entry(of_all)}
+        elif any(len(meant) != 1 for meant in each):
+            continue
+        entry = {"file": named_from(out, data.path), **time_entry(data, "temperature")}
+        entry.pop("time_note", None)
+        return {**entry, "columns": names}
     return None
 
 
@@ -326,7 +350,8 @@ def _guessed(found: Inventory) -> Iterator[tuple[str, str, str]]:
         for clock in dict.fromkeys(data.table.times.values()) or [data.clock()]:
             rate = data.rate_hz() if clock and not data.table.times else None
             if clock:
-                yield data.path.name, clock, f"time{f', {rate:g} Hz' if rate else ''}"
+                unit = f" in {known}, by its velocities" if (known := data.time_unit(clock)) else ""
+                yield data.path.name, clock, f"time{unit}{f', {rate:g} Hz' if rate else ''}"
         for g in data.guesses:
             joint = f" of joint {g.joint}" if g.joint is not None and g.role != "other" else ""
             side = f" ({g.side}{': ' if g.why else ''}{g.why})" if g.side else ""

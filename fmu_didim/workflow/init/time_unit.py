@@ -1,0 +1,69 @@
+"""The unit of stamps of which a file says none, as its motion tells it: positions are integrals of velocities.
+
+With the stamps s in an unknown unit of u seconds, q(t) = c + u * integral of dq ds: the slope of the positions over
+that integral is u.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from fmu_didim.data.signals import Array
+from fmu_didim.data.units import known_unit
+from fmu_didim.workflow.init.roles import Guess
+
+UNITS: Mapping[str, float] = {"ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+"""Unit of stamps -> s. Stamps in s need no entry."""
+SAME_UNIT = 0.1
+"""[1] By which a slope may differ from a unit: velocities that are filtered or late are off by less."""
+IS_INTEGRAL = 0.9
+"""[1] Correlation of positions with integrals of velocities, from which the one is the other; joints that stand still
+show noise alone."""
+
+
+def unit_by_motion(stamps: Array, columns: Mapping[str, Array], found: Sequence[Guess]) -> str:
+    """The unit of stamps (N,), such as ms, if all joints that move say the same; empty for s or where none says it.
+
+    Args:
+        columns: name -> (N,) numbers; found: what they are taken for.
+    """
+    slopes = [slope for q, dq in _pairs(found) if (slope := _slope(stamps, _si(columns, q), _si(columns, dq)))]
+    for unit, seconds in UNITS.items():
+        if slopes and all(abs(slope / seconds - 1) <= SAME_UNIT for slope in slopes):
+            return unit
+    return ""
+
+
+def _pairs(found: Sequence[Guess]) -> list[tuple[Guess, Guess]]:
+    """Position and velocity of one joint, both measured or both set points, or neither by its name."""
+    velocities = [one for one in found if one.role == "dq"]
+    return [
+        (q, dq)
+        for q in found
+        if q.role == "q"
+        for dq in velocities
+        if (dq.joint, dq.side) in ((q.joint, q.side), (q.joint, ""))
+    ]
+
+
+def _si(columns: Mapping[str, Array], one: Guess) -> Array:
+    known = known_unit(one.unit) if one.unit else None
+    return columns[one.name] * (1.0 if known is None else known.factor)
+
+
+def _slope(stamps: Array, q: Array, dq: Array) -> float | None:
+    """[s] Of positions over integrals of velocities; None where the one is not the other."""
+    if not stamps.size == q.size == dq.size or stamps.size < 3:
+        return None
+    if not (np.isfinite(stamps).all() and np.isfinite(q).all() and np.isfinite(dq).all()):
+        return None
+    turned = np.concatenate([[0.0], np.cumsum(0.5 * (dq[1:] + dq[:-1]) * np.diff(stamps))])
+    reach, turns = float(np.ptp(q)), float(np.ptp(turned))
+    if not (0 < reach < np.inf and 0 < turns < np.inf):
+        return None
+    a, b = (turned - turned.mean()) / turns, (q - q.mean()) / reach
+    if float(a @ b) < IS_INTEGRAL * float(np.linalg.norm(a) * np.linalg.norm(b)):
+        return None
+    return float(a @ b) / float(a @ a) * reach / turns
