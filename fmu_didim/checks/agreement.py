@@ -36,7 +36,10 @@ from fmu_didim.fit.uncertainty import stretches, uncertainty
 SIGNIFICANCE = 0.001
 """[1] Probability, for all experiments together, with which experiments that agree are said to disagree."""
 RANK = 1e-9
-"""[1] Eigenvalues below this fraction of the largest one are directions that an experiment does not show."""
+"""[1] Of the largest eigenvalue of what an experiment tells, below which it does not show a direction."""
+SCATTERS = 1e-6
+"""[1] Of the largest scatter of a score by noise, below which that of a direction is an error of the computation: what
+an experiment leaves with values of its own was found for directions that it shows."""
 
 
 class AgreementResult(Saved):
@@ -84,7 +87,8 @@ def agreement(fit: Fit) -> Mapping[str, AgreementResult]:
         score = np.einsum("mjp,mj->p", table[part], residual[part])
         gram, own = grams[label], grams[label] @ inverse @ moved[label]
         slope, spread = gram - gram @ inverse @ gram, moved[label] - own - own.T + gram @ every @ gram
-        found[label] = _judged(fit.model.names, score * shared, slope * both, spread * both, len(rows))
+        shown = _largest(gram)
+        found[label] = _judged(fit.model.names, score * shared, slope * both, spread * both, shown, len(rows))
     return found
 
 
@@ -105,7 +109,7 @@ def parts_agree(names: tuple[str, ...], parts: Sequence[BlockOfLog]) -> list[Agr
     for part in parts:
         gram, own = part.gram, part.gram @ inverse @ part.scatter
         slope, spread = gram - gram @ inverse @ gram, part.scatter - own - own.T + gram @ every @ gram
-        found.append(_judged(names, part.score - gram @ pulled, slope, spread, len(parts)))
+        found.append(_judged(names, part.score - gram @ pulled, slope, spread, _largest(gram), len(parts)))
     return found
 
 
@@ -116,7 +120,7 @@ def _moved(fit: Fit, label: str, table: Array, residual: Array, log: Array) -> A
         table: (N, n, p) sensitivity; residual: (N, n); log: (N, n) the same without a filter.
     """
     left, sizes, right = np.linalg.svd(table.reshape(-1, table.shape[2]), full_matrices=False)
-    kept = sizes > np.sqrt(RANK) * sizes.max()
+    kept = sizes > np.sqrt(RANK * SCATTERS) * sizes.max()  # more than is judged
     sensitivity = (left[:, kept] * sizes[kept]).reshape(*residual.shape, -1)
     influence = (left[:, kept] / sizes[kept]).reshape(sensitivity.shape)
     own = log - sensitivity @ np.einsum("mjp,mj->p", influence, residual)
@@ -128,19 +132,33 @@ def _moved(fit: Fit, label: str, table: Array, residual: Array, log: Array) -> A
     return np.asarray(back @ found.covariance @ back.T)
 
 
-def _judged(names: tuple[str, ...], score: Array, slope: Array, covariance: Array, count: int) -> AgreementResult:
-    """From the score (p,) of an experiment, its slope (p, p) and its covariance by noise alone."""
+def _largest(gram: Array) -> float:
+    return float(np.linalg.eigvalsh(gram).max())
+
+
+def _judged(
+    names: tuple[str, ...], score: Array, slope: Array, covariance: Array, shown: float, count: int
+) -> AgreementResult:
+    """From the score (p,) of an experiment, its slope (p, p) and its covariance by noise alone.
+
+    Args:
+        shown: largest eigenvalue of what the experiment tells; count: of experiments.
+    """
     values, vectors = np.linalg.eigh(slope)
-    kept = values > RANK * max(float(values.max()), TINY)
-    if not kept.any():
-        return AgreementResult(p_value=1.0, agrees=True, differs_most="", change_in_std=0.0)
+    kept = values > RANK * max(shown, TINY)
     root = vectors[:, kept] / np.sqrt(values[kept])
-    along, noise = root.T @ score, root.T @ covariance @ root
-    p_value = float(chi2_sf(float(along @ np.linalg.pinv(noise, hermitian=True) @ along), int(kept.sum())))
-    change = root @ along
-    spread = np.sqrt(np.maximum(np.einsum("pi,ij,pj->p", root, noise, root), TINY))
-    most = int(np.argmax(np.abs(change) / spread))
+    scatter, turned = np.linalg.eigh(root.T @ covariance @ root)
+    if not kept.any() or scatter.max() <= 0:
+        return AgreementResult(p_value=1.0, agrees=True, differs_most="", change_in_std=0.0)
+    sound = scatter > SCATTERS * scatter.max()
+    root, scatter = root @ turned[:, sound], scatter[sound]
+    along = root.T @ score
+    p_value = float(chi2_sf(float(along @ (along / scatter)), int(sound.sum())))
+    # What the experiment does not show changes by rounding alone.
+    change = np.where(np.diag(slope) > RANK * shown, np.abs(root @ along), 0.0)
+    deviations = change / np.sqrt(np.maximum((root**2) @ scatter, TINY))
+    most = int(np.argmax(deviations))
     return AgreementResult(
         p_value=p_value, agrees=p_value >= SIGNIFICANCE / count, differs_most=names[most],
-        change_in_std=float(abs(change[most]) / spread[most]),
+        change_in_std=float(deviations[most]),
     )  # fmt: skip

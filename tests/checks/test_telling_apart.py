@@ -103,18 +103,18 @@ AGREES = AgreementResult(p_value=1.0, agrees=True, differs_most="", change_in_st
 def test_the_level_is_that_of_all_experiments(p: float, count: int, agrees: bool) -> None:
     chi_square = stats.chi2.isf(p, 1)
     slope = np.array([[4.0]])
-    found = _judged(("a",), np.array([np.sqrt(chi_square * 4.0)]), slope, slope, count)
+    found = _judged(("a",), np.array([np.sqrt(chi_square * 4.0)]), slope, slope, 4.0, count)
     assert found.p_value == pytest.approx(p)
     assert found.agrees is agrees
     assert (found.differs_most, found.change_in_std) == ("a", pytest.approx(np.sqrt(chi_square)))
 
 
 def test_the_parameter_that_would_change_most() -> None:
-    found = _judged(("a", "b"), np.array([2.0, -9.0]), np.diag([1.0, 9.0]), np.diag([1.0, 9.0]), 2)
+    found = _judged(("a", "b"), np.array([2.0, -9.0]), np.diag([1.0, 9.0]), np.diag([1.0, 9.0]), 9.0, 2)
     assert (found.differs_most, found.change_in_std) == ("b", pytest.approx(3.0))
     assert found.p_value == pytest.approx(stats.chi2.sf(4 + 9, 2))
     # Noise of b that moves its score four times as far: a, two standard deviations, then differs most.
-    found = _judged(("a", "b"), np.array([2.0, -9.0]), np.diag([1.0, 9.0]), np.diag([1.0, 9.0 * 16]), 2)
+    found = _judged(("a", "b"), np.array([2.0, -9.0]), np.diag([1.0, 9.0]), np.diag([1.0, 9.0 * 16]), 9.0, 2)
     assert (found.differs_most, found.change_in_std) == ("a", pytest.approx(2.0))
     assert found.p_value == pytest.approx(stats.chi2.sf(4 + 9 / 16, 2))
 
@@ -122,12 +122,12 @@ def test_the_parameter_that_would_change_most() -> None:
 @pytest.mark.parametrize(("small", "rank"), [(1.1e-9, 2), (0.9e-9, 1)])
 def test_directions_that_an_experiment_does_not_show(small: float, rank: int) -> None:
     slope = np.diag([1.0, small])
-    found = _judged(("a", "b"), np.array([2.0, 0.0]), slope, slope, 2)
+    found = _judged(("a", "b"), np.array([2.0, 0.0]), slope, slope, 1.0, 2)
     assert found.p_value == pytest.approx(stats.chi2.sf(4.0, rank))
 
 
 def test_an_experiment_that_shows_nothing_agrees() -> None:
-    assert _judged(("a",), np.zeros(1), np.zeros((1, 1)), np.zeros((1, 1)), 2) == AGREES
+    assert _judged(("a",), np.zeros(1), np.zeros((1, 1)), np.zeros((1, 1)), 0.0, 2) == AGREES
 
 
 def two(means: tuple[float, float], own: str | None = None) -> dict[str, AgreementResult]:
@@ -170,6 +170,31 @@ def test_two_experiments_by_hand() -> None:
     assert not found["x"].agrees and found["y"].p_value == pytest.approx(found["x"].p_value)
     assert "Experiment x does not agree" in found["x"].warning("x") and "own: [a]" in found["x"].warning("x")
     assert two((0.1, -0.1))["x"].agrees
+
+
+@pytest.mark.parametrize(("moved", "agrees"), [(0.0, True), (60.0, False)])
+def test_what_an_experiment_hardly_shows_is_not_told_of_it(moved: float, agrees: bool) -> None:
+    """Of two parameters by far too little for a value of its own: as where one joint moves and others stand. The score
+    of what it shows, by hand: a alone, in noise of deviation 2."""
+    rng = np.random.default_rng(11)
+    table = rng.normal(size=(800, 1, 4))
+    table[:400, :, 0] *= 0.01
+    table[400:, :, 1:] *= [2.5e-5, 1e-6, 0.0]
+    measured = 2 * rng.normal(size=800)
+    measured[400:] += moved * table[400:, 0, 0]
+    left = measured - table[:, 0] @ np.linalg.lstsq(table[:, 0], measured, rcond=None)[0]
+    model = SimpleNamespace(
+        names=tuple("abcd"), free_parameters=(SimpleNamespace(experiment=None),) * 4,
+        experiments=experiments("xy", 400), prior=None,
+    )  # fmt: skip
+    fit = SimpleNamespace(model=model, residual=left[:, None], jacobian=table, deviation=np.array([2.0]))
+    found = dict(agreement(fit))["y"]
+    assert found.agrees is agrees
+    values = [np.linalg.lstsq(part, of, rcond=None) for part, of in zip(
+        (table[:400, 0], table[400:, 0, :1]), (measured[:400], measured[400:]), strict=True)]  # fmt: skip
+    alone = np.sqrt(sum(np.linalg.inv(part.T @ part)[0, 0] for part in (table[:400, 0], table[400:, 0, :1]))) * 2
+    by_hand = abs(values[0][0][0] - values[1][0][0]) / alone
+    assert (found.differs_most, found.change_in_std) == ("a", pytest.approx(by_hand, rel=0.1))
 
 
 def test_what_an_experiment_has_for_itself_need_not_agree() -> None:
