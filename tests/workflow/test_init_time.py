@@ -30,6 +30,7 @@ NOISE = np.random.default_rng(5).normal(size=(2, TIME.size))
         (1e9 * TIME, {"q1": Q1, "dq1": DQ1}, "ns"),
         (TIME, {"q1": Q1, "dq1": DQ1}, ""),  # s
         (1e3 * TIME, {"q1": Q1, "tau1": DQ1}, ""),  # nothing says it
+        (TIME, {"q1": Q1, "dq1": 1e3 * DQ1}, ""),  # mrad/s, as nobody logs at 200 kHz
         (1e3 * TIME, {"q1": Q1, "dq1": -DQ1}, ""),
         (1e3 * TIME, {"q1": Q1, "dq2": DQ1}, ""),
         # One that stands still says nothing, one that contradicts says that neither is known.

@@ -23,6 +23,11 @@ IS_INTEGRAL = 0.9
 show noise alone."""
 
 
+FASTEST_S = 1e-4
+"""[s] Between rows of a log, at least: in a unit that brings them nearer, it is velocities that have another one, such
+as mrad/s."""
+
+
 def unit_by_motion(stamps: Array, columns: Mapping[str, Array], found: Sequence[Guess]) -> str:
     """The unit of stamps (N,), such as ms, if all joints that move say the same; empty for s or where none says it.
 
@@ -32,7 +37,7 @@ def unit_by_motion(stamps: Array, columns: Mapping[str, Array], found: Sequence[
     slopes = [slope for q, dq in _pairs(found) if (slope := _slope(stamps, _si(columns, q), _si(columns, dq)))]
     for unit, seconds in UNITS.items():
         if slopes and all(abs(slope / seconds - 1) <= SAME_UNIT for slope in slopes):
-            return unit
+            return unit if float(np.median(np.diff(stamps))) * seconds >= FASTEST_S else ""
     return ""
 
 

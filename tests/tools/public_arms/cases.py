@@ -4,11 +4,12 @@ shamilmamedov/dynamic_calibration        UR10e: URDF, logs of positions and curr
 marcocognetti/FrankaEmikaPandaDynModel   Panda: geometry, one log of positions and torques, read at its own pace
 thanhndv212/figaroh-examples             TX40: URDF, logs of motor positions and torques at 5 kHz, coupled wrist
 liuyurong129/figaroh_kinova              AIRBOT Play: URDF, logs of positions and torques at 100 Hz, two with a load
+wissem01chiha/dynamic-identification     Kinova Gen3: URDF, logs of positions, currents and temperatures at 1 kHz
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +30,16 @@ AIRBOT_LOAD = 0.48
 AIRBOT_BANDWIDTH_HZ = 20.4
 """[Hz] That the case states, as the error of one that leaves it open proposes: the loaded arm swings at 4 Hz, and the
 noise of its positions would set a lower one."""
+KINOVA = "dynamic-identification"
+KINOVA_RUNS: Mapping[str, str] = {
+    "cold": "RecordTrajectory_quadratic", "middle": "opti_traj_testing1",
+    **{f"joint{j}": f"joint_{j}_trapez" for j in range(1, 8)},
+}  # fmt: skip
+"""Label -> log: all joints move in the first two, one in each of the others. Other logs of the repository last 2 s and
+do not agree with these on gravity: a tool was perhaps another one."""
+KINOVA_END_S = 4.7
+"""[s] Of the run in between, whose last rows have no torque."""
+KINOVA_HZ = 1000
 LOAD = 2.805
 """[kg] Of the loaded runs, by the scripts of the repository."""
 UR10E_LOGS = "dataset_ur10e/identification_data/ur-20_"
@@ -135,6 +146,12 @@ def panda(folder: Path, out: Path, share: float) -> Path:
     return write(content, out / "case.yaml")
 
 
+def columns_of(path: Path, names: Sequence[str]) -> Array:
+    """(N, n) columns of a CSV file with a header."""
+    titles = path.read_text(encoding="utf-8").split("\n", 1)[0].split(",")
+    return np.loadtxt(path, delimiter=",", skiprows=1, usecols=[titles.index(name) for name in names], ndmin=2)
+
+
 def _read(path: Path) -> Array:
     return np.loadtxt(path, delimiter=",", skiprows=1)
 
@@ -213,3 +230,39 @@ def airbot(folder: Path, out: Path) -> tuple[Path, Path, Path]:
     single = (write({**head, "name": label, "train": run}, out / f"{label}.yaml") for label, run in runs.items())
     both = {"empty": runs["empty"], "loaded": {**runs["loaded"], "load": {}}}
     return *single, write({**head, "name": "load", "experiments": both}, out / "load.yaml")  # type: ignore[return-value]
+
+
+def kinova(folder: Path, out: Path) -> Path:
+    """Nine runs of a cold and a warm arm, in which friction of each joint may follow its temperature.
+
+    FOLDER/dynamic-identification holds the URDF and the logs side by side. A joint that stands still holds a torque of
+    its own in each run, its dry friction: its offset is one of that run.
+    """
+    root = (folder / KINOVA).resolve()
+    robot = read_robot(root / "kinovaGen3.urdf")
+    follows = ("motor_inertia", "viscous", "coulomb", "torque_offset", "temperature_dependent_friction")
+    joints = tuple(joint.model_copy(update={"effects": follows}) for joint in robot.joints)
+    out.mkdir(parents=True, exist_ok=True)
+    write_robot(robot.model_copy(update={"joints": joints}), out / "robot.yaml")
+
+    def run(label: str, log: str) -> Content:
+        file: Content = {"file": str(root / f"{log}.csv"), "time": {"name": "Time", "unit": "ms"}}
+        columns = {
+            "torque": ("tau", "TorqueCur"),
+            "positions": ("q", "Position"),
+            "temperature": ("temperature", "Temp"),
+        }
+        content: Content = {
+            key: {**file, "columns": {f"{signal}{j}": f"{name}{j}" for j in range(1, 8)}}
+            for key, (signal, name) in columns.items()
+        }
+        content["torque"]["rate_hz"] = 100
+        content |= {"to_s": KINOVA_END_S} if label == "middle" else {}
+        stands = [j for j in range(1, 8) if label.startswith("joint") and label != f"joint{j}"]
+        return content | ({"own": [f"offset{j}" for j in stands]} if stands else {})
+
+    content: Content = {
+        "schema": 1, "name": "Kinova Gen3", "robot": "robot.yaml", "controller": {"kind": "tracking"},
+        "loop": {"rate_hz": KINOVA_HZ}, "experiments": {label: run(label, log) for label, log in KINOVA_RUNS.items()},
+    }  # fmt: skip
+    return write(content, out / "case.yaml")
