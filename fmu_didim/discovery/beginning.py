@@ -3,7 +3,9 @@
 In the simulation a gear begins in the middle of its play and without load, and what it does from there shows its play
 best: the load comes on at once. Gears are looked for there where the data after it name nothing
 and either disagree less than those or lack held-out data that confirm a gear, and where they name a gear but do not
-tell whether it has play. What only the beginning tells rests on that start, which is a doubt.
+tell whether it has play. What only the beginning tells rests on that start, which is a doubt. A limit of the torque is
+mostly reached where a loop comes to its motion: it is looked for there, too, but holds only with the value that the
+data after it ask for.
 
 A start in another state than the simulation's is another transient, and may pass for effects that change how the loop
 comes to its motion, such as gains of the controller. So these are asked for there only if the data after the start tell
@@ -47,6 +49,12 @@ def after_start(model: LoopModel) -> LoopModel:
     for label, experiment in model.experiments.items():
         model = model.with_experiment(label, experiment.after(FIRST_S))
     return model
+
+
+def known_at_start(effects: Mapping[str, Effect]) -> set[str]:
+    """Names of what starts in a known state, such as gears, and of limits, which have none and show most there."""
+    limits = {name for name, effect in effects.items() if effect.pre_check is not None and effect.shows_at_start}
+    return limits | {name for name, effect in effects.items() if effect.known_at_start}
 
 
 def at_start(discovery: Discovery, effects: Mapping[str, Effect]) -> set[str]:

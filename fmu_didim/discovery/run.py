@@ -23,6 +23,7 @@ from fmu_didim.discovery.beginning import (
     at_start,
     is_settled_by_start,
     is_told_later,
+    known_at_start,
     unconfirmed_gears,
     untold_gears,
 )
@@ -356,15 +357,15 @@ def _withdrawn(discovery: Discovery, why: str) -> Discovery:
 
 
 def _with_beginning(request: Request, model: LoopModel, found: Found) -> Found:
-    """Search for gears with the start of the data, where nothing was found without it, and for what the data after it
-    tell, but too little, if it shows most there.
+    """Search for gears and limits with the start of the data, where nothing was found without it, and for what the data
+    after it tell, but too little, if it shows most there.
 
     Gears start in the middle of their play and without load; any other difference at the start may be due to the
     unknown initial state. So what else is found there must be in the data after it, too, with the same values.
     """
-    gears = {name for name, effect in request.effects.items() if effect.known_at_start}
-    looked_for = gears | at_start(found.discovery, request.effects)
-    what = "gears" if looked_for == gears else "effects"
+    always = known_at_start(request.effects)
+    looked_for = always | at_start(found.discovery, request.effects)
+    what = "gears and limits" if looked_for == always else "effects"
     unseen = ended_before(found.document, request.progress.limit_s, f"{what} in the first {FIRST_S:g} s of the data")
     if request.progress.is_time_up:
         return replace(found, document=unseen)
@@ -390,7 +391,7 @@ def _with_beginning(request: Request, model: LoopModel, found: Found) -> Found:
         return replace(found, document=unseen)
     named = ", ".join(step.effect_at.text for step in untold)
     why = f"{named} would explain them, but the data after them ask for other values" if untold else (
-        "no gear explains them" if what == "gears" else "nothing that was looked for there explains them"
+        "no gear and no limit explains them" if looked_for == always else "nothing that was looked for explains them"
     )  # fmt: skip
     notes = [*found.document.notes, f"{DISAGREE}; they were left out, and {why}."] if disagrees else (
         found.document.notes

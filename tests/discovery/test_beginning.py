@@ -14,6 +14,7 @@ from fmu_didim.discovery.beginning import (
     at_start,
     is_settled_by_start,
     is_told_later,
+    known_at_start,
     unconfirmed_gears,
     untold_gears,
 )
@@ -41,9 +42,15 @@ def test_what_the_later_data_tell_but_too_little(refused: list[tuple[str, str]],
     assert at_start(discovery, effects) == wanted
 
 
-def test_of_the_catalogue_those_are_gains_of_a_controller() -> None:
+def test_of_the_catalogue_those_are_gains_of_a_controller_and_limits() -> None:
     shown = {name for name, effect in EFFECTS.items() if effect.shows_at_start}
-    assert shown == {name for name, effect in EFFECTS.items() if effect.class_name == "controller_gain"}
+    classes = {"controller_gain", "saturation"}
+    assert shown == {name for name, effect in EFFECTS.items() if effect.class_name in classes}
+
+
+def test_what_starts_in_a_known_state_and_limits_are_looked_for_where_data_begin() -> None:
+    classes = {EFFECTS[name].class_name for name in known_at_start(EFFECTS)}
+    assert classes == {"elasticity", "backlash", "gear_hardening", "transmission_error", "base_tilt", "saturation"}
 
 
 def fit(value: float, deviation: float) -> Any:

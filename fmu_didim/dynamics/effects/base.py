@@ -118,7 +118,7 @@ class Effect(ABC):
         is_shared: whether joints have it in common, as what one lubricant does: named on one, it is looked for on all.
         known_at_start: whether the state in which it starts is known, so that it may be looked for where data begin.
         shows_at_start: whether it shows most in how the loop comes from where it starts to the motion, so that it is
-            looked for where data begin if the data after that tell it, but too little.
+            looked for where data begin if the data after that tell it, but too little; with a ``pre_check`` always.
         sets_ticks: whether it is the steepest effect that is likely: the ticks of a loop that has effects in its wiring
             are chosen for it.
         has_minima: whether its sum of squares has many local minima, so that it is looked for in the whole range of its

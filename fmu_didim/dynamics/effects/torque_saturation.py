@@ -17,7 +17,8 @@ class TorqueSaturation(InsertedEffect):
     source = "Astrom and Wittenmark, Computer-Controlled Systems: limits of actuators"
     logged = "after"
     rank = -10
-    pre_check = PreCheck("limit", (0.9, 0.95, 0.97, 0.98, 0.99, 0.995, 0.998))
+    shows_at_start = True
+    pre_check = PreCheck("limit", (0.9, 0.95, 0.97, 0.98, 0.99, 0.995, 0.998, 1.0))
     own_parameters = (
         Parameter(
             "limit", "torque", "largest torque of the drive", NO_LIMIT,

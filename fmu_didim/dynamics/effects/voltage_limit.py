@@ -26,6 +26,7 @@ class VoltageLimit(VelocityEffect):
     source = "Siciliano et al., Robotics: Modelling, Planning and Control, 2009, sec. 5.2: electric drives"
     logged = "after"
     rank = -10
+    shows_at_start = True
     pre_check = PreCheck(
         "stall",
         (0.95, 0.97, 0.98, 0.99, 0.995, 0.998),

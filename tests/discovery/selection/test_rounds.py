@@ -272,3 +272,13 @@ def test_push_in_one_period_is_no_noise(run: RunWithParameters) -> None:
     named = {f.joint for f in document.findings}
     assert joint in named | {w.joint for w in document.windows}
     assert document.noise.std[joint - 1] < 0.2
+
+
+@pytest.mark.gate
+@pytest.mark.parametrize(
+    ("seed", "rate_hz"), [pytest.param(308, 100, id="a few samples"), pytest.param(306, 20, id="where the data begin")]
+)
+def test_a_limit_that_is_hardly_reached_is_found(cluttered: Run, seed: int, rate_hz: int) -> None:
+    """By the largest torque of all, and with the start of the data, where a loop needs most."""
+    document, truth = cluttered("torque_saturation", seed, rate_hz=rate_hz)
+    assert [(f.effect, f.joint) for f in document.findings] == truth
