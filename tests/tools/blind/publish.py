@@ -28,7 +28,7 @@ from tests.tools.blind.score import (
 
 COLUMNS = (
     "campaign", "case", "rate_hz", "hidden", "gap", "clutter", "verdict", "named", "right", "in_set", "test_before",
-    "test_after",
+    "test_after", "judged",
 )  # fmt: skip
 Lines = list[Mapping[str, Any]]
 
@@ -53,7 +53,8 @@ def write_rows(path: Path, lines: Sequence[Mapping[str, Any]], truths: Mapping[s
     """One row a case: what it hides, with the gap in noise deviations after refitting the base, and what was named.
 
     ``clutter`` says whether small further effects act; ``right`` and ``in_set`` are the judgement of the score:
-    everything as it should be, and the hidden effect's class in the set of the first name.
+    everything as it should be, and the hidden effect's class in the set of the first name. ``judged`` is the verdict
+    on the answer, such as valid; older tables lack it.
     """
     wrong = {note.partition(":")[0] for note in score(lines, truths).notes}
     with path.open("w", encoding="utf-8", newline="") as stream:
@@ -67,7 +68,7 @@ def write_rows(path: Path, lines: Sequence[Mapping[str, Any]], truths: Mapping[s
             before, after = (rms(x) for x in line["gap"].get("test") or (np.nan, np.nan))
             row = (campaign, case, f"{truth.rate_hz:g}", hidden, f"{truth.gap:.2f}", int(truth.clutter))
             judged = (int(line["case"] not in wrong), int(in_set(line, truth)), f"{before:.3f}", f"{after:.3f}")
-            rows.writerow((*row, line["verdict"], named, *judged))
+            rows.writerow((*row, line["verdict"], named, *judged, line.get("judged", "")))
 
 
 def read_rows(path: Path) -> tuple[Lines, dict[str, Truth]]:
@@ -84,7 +85,8 @@ def read_rows(path: Path) -> tuple[Lines, dict[str, Truth]]:
             findings = [{"effect": effect, "joint": joint, "ambiguous": same} for effect, joint in found]
             before, after = float(row["test_before"]), float(row["test_after"])
             gap = {} if np.isnan(before) else {"test": [before, after]}
-            lines.append({"case": name, "verdict": row["verdict"], "findings": findings, "gap": gap})
+            told = {"verdict": row["verdict"], "judged": row.get("judged", "")}
+            lines.append({"case": name, **told, "findings": findings, "gap": gap})
     return lines, truths
 
 
@@ -149,6 +151,8 @@ def _wrong(lines: Lines, truths: Mapping[str, Truth], found: Score) -> dict[str,
     forces = sum(any(f["effect"].startswith("external_force") for f in line["findings"])
                  for line in lines if line["case"] not in wrong and truths[line["case"]].effects
                  and truths[line["case"]].effects[0][0] == "unknown_push")  # fmt: skip
+    valid = [line["case"] for line in lines if line.get("judged") == "valid"]
+    result |= {"valid": str(len(valid)), "valid_wrong": str(sum(case in wrong for case in valid))}
     return {**result, "pushes_named": str(forces)}
 
 
