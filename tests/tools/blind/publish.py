@@ -152,7 +152,8 @@ def _wrong(lines: Lines, truths: Mapping[str, Truth], found: Score) -> dict[str,
                  for line in lines if line["case"] not in wrong and truths[line["case"]].effects
                  and truths[line["case"]].effects[0][0] == "unknown_push")  # fmt: skip
     valid = [line["case"] for line in lines if line.get("judged") == "valid"]
-    result |= {"valid": str(len(valid)), "valid_wrong": str(sum(case in wrong for case in valid))}
+    if valid:  # as far as the table has verdicts
+        result |= {"valid": str(len(valid)), "valid_wrong": str(sum(case in wrong for case in valid))}
     return {**result, "pushes_named": str(forces)}
 
 
