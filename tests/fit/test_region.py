@@ -10,7 +10,7 @@ import pytest
 from fmu_didim.case import load_case
 from fmu_didim.data.signals import Array
 from fmu_didim.fit.linear_problem import LinearProblem
-from fmu_didim.fit.region import SMALLEST, SMALLEST_OF_START, SOLVED, Region
+from fmu_didim.fit.region import ACCURACY, SMALLEST, SMALLEST_OF_START, SOLVED, Region
 from fmu_didim.fit.solver.admissible import mass_matrix_problem
 from fmu_didim.model.loop_model import LoopModel
 from tests.helpers import ROOT
@@ -123,8 +123,8 @@ def beside_a_limit(model: LoopModel) -> Region:
 @pytest.mark.parametrize("known", [False, True], ids=["no machine known yet", "a machine known"])
 @pytest.mark.parametrize("at", [0.0, 1.0], ids=["lowest", "highest"])
 def test_what_is_at_its_limit_stays_there_beside_the_nearest_machine(damping: float, known: bool, at: float) -> None:
-    """As without its column. A step that took it beyond promised what clipping then took back: fits of a measured
-    TX40 stood still with 164 of chi-square promised, step after step."""
+    """As without its column, to the accuracy of the solver. A step that took it beyond promised what clipping then took
+    back: fits of a measured TX40 stood still with 164 of chi-square promised, step after step."""
     model = loop("scara/identify")
     truth, region = model.start, beside_a_limit(model)
     table = 1e3 * drawn(truth.size, 5) / np.abs(truth)
@@ -140,7 +140,8 @@ def test_what_is_at_its_limit_stays_there_beside_the_nearest_machine(damping: fl
     assert step[-1] == 0.0
     without = LinearProblem.of(table[:, None, :], target)
     expected, gain = without.step(truth, Region.of(model), damping)
-    assert step[:-1] / truth == pytest.approx(expected / truth, rel=1e-4, abs=1e-6)
+    # The solver goes to a part of the squares: how far apart the values are then depends on the processor.
+    assert np.linalg.norm(table @ (step[:-1] - expected)) < np.sqrt(ACCURACY * gain)
     assert promised == pytest.approx(gain, rel=1e-6)
     assert promised > 0
 
