@@ -316,7 +316,7 @@ def test_command_writes_the_reference_and_says_what_is_told(tmp_path: Path, caps
     assert "DOUBT excitation-above-log" in printed and "highest harmonic is at 1 Hz" in printed
     found = json.loads((out / "excite.json").read_text(encoding="utf-8"))
     assert found["ready"] and found["limits"]["from"] == dict.fromkeys(found["limits"]["from"], "given")
-    assert found["provenance"]["files"] and found["starts"][0]["status"] == "Solve_Succeeded"
+    assert found["provenance"]["files"] and found["starts"][0]["status"] in optimum.AT_OPTIMUM
     case = load_case(SCARA, require_torque=False)
     source = yaml.safe_load((out / "reference.yaml").read_text(encoding="utf-8"))["reference"]
     np.testing.assert_allclose(
@@ -338,4 +338,5 @@ def test_a_torque_that_is_beyond_between_the_instants_costs_a_little_of_the_moti
     monkeypatch.setattr(optimum, "TORQUE_WITHIN", 1.02)  # the limit at the instants is too high
     found = one.solved(start, tight)
     assert one._broken(found.coefficients, tight) <= 1e-6
-    assert found.criterion == pytest.approx(ended.criterion, abs=0.5)
+    larger = np.exp((ended.criterion - found.criterion) / (2 * one.theta.size))  # deviations, in the geometric mean
+    assert larger < 1.2  # 1.01 and 1.09 were seen: which optimum IPOPT comes to depends on the processor, too

@@ -58,6 +58,8 @@ TORQUE_WITHIN = 0.99
 """[1] Of the limit of the torque, asked for at the instants of the grid: more than it grows between them."""
 KEPT = 1e-6
 """[1] By which a solution may break a limit, of its size: the accuracy of IPOPT's constraints."""
+AT_OPTIMUM = ("Solve_Succeeded", "Solved_To_Acceptable_Level")
+"""What IPOPT says of a start that has come to an optimum."""
 TORQUE_ROUNDS = 6
 """[1] Most of giving joints a limit of the torque, or a lower one, until it is kept between the instants, too."""
 SHRINK = 0.9
@@ -273,8 +275,7 @@ class Problem:
         broken = self._broken(best, bounds)
         if broken > KEPT:
             raise RuntimeError(f"{status}, limits broken by {broken:.2g}{self._where(best, bounds)}")
-        settled = status in ("Solve_Succeeded", "Solved_To_Acceptable_Level")
-        return Solution(best, self.criterion(best), self.criterion(start), status, settled, count)
+        return Solution(best, self.criterion(best), self.criterion(start), status, status in AT_OPTIMUM, count)
 
     def _placed(self, z: Array, rng: np.random.Generator, bounds: Bounds) -> Array:
         """A motion (d, n) made smaller, or drawn about another posture, until it keeps its space."""
