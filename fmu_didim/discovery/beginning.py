@@ -51,7 +51,7 @@ def after_start(model: LoopModel) -> LoopModel:
     return model
 
 
-def known_at_start(effects: Mapping[str, Effect]) -> set[str]:
+def always_at_start(effects: Mapping[str, Effect]) -> set[str]:
     """Names of what starts in a known state, such as gears, and of limits, which have none and show most there."""
     limits = {name for name, effect in effects.items() if effect.pre_check is not None and effect.shows_at_start}
     return limits | {name for name, effect in effects.items() if effect.known_at_start}

@@ -20,10 +20,10 @@ from fmu_didim.discovery.beginning import (
     FIRST_S,
     AfterStart,
     after_start,
+    always_at_start,
     at_start,
     is_settled_by_start,
     is_told_later,
-    known_at_start,
     unconfirmed_gears,
     untold_gears,
 )
@@ -363,7 +363,7 @@ def _with_beginning(request: Request, model: LoopModel, found: Found) -> Found:
     Gears start in the middle of their play and without load; any other difference at the start may be due to the
     unknown initial state. So what else is found there must be in the data after it, too, with the same values.
     """
-    always = known_at_start(request.effects)
+    always = always_at_start(request.effects)
     looked_for = always | at_start(found.discovery, request.effects)
     what = "gears and limits" if looked_for == always else "effects"
     unseen = ended_before(found.document, request.progress.limit_s, f"{what} in the first {FIRST_S:g} s of the data")

@@ -11,10 +11,10 @@ import pytest
 from fmu_didim.discovery import beginning
 from fmu_didim.discovery.beginning import (
     AfterStart,
+    always_at_start,
     at_start,
     is_settled_by_start,
     is_told_later,
-    known_at_start,
     unconfirmed_gears,
     untold_gears,
 )
@@ -49,7 +49,7 @@ def test_of_the_catalogue_those_are_gains_of_a_controller_and_limits() -> None:
 
 
 def test_what_starts_in_a_known_state_and_limits_are_looked_for_where_data_begin() -> None:
-    classes = {EFFECTS[name].class_name for name in known_at_start(EFFECTS)}
+    classes = {EFFECTS[name].class_name for name in always_at_start(EFFECTS)}
     assert classes == {"elasticity", "backlash", "gear_hardening", "transmission_error", "base_tilt", "saturation"}
 
 

@@ -14,15 +14,13 @@ from fmu_didim.data.signals import Array
 from fmu_didim.data.units import known_unit
 from fmu_didim.workflow.init.roles import Guess
 
-UNITS: Mapping[str, float] = {"ms": 1e-3, "us": 1e-6, "ns": 1e-9}
-"""Unit of stamps -> s. Stamps in s need no entry."""
+UNITS = ("ms", "us", "ns")
+"""Of stamps that are not in s."""
 SAME_UNIT = 0.1
 """[1] By which a slope may differ from a unit: velocities that are filtered or late are off by less."""
 IS_INTEGRAL = 0.9
 """[1] Correlation of positions with integrals of velocities, from which the one is the other; joints that stand still
 show noise alone."""
-
-
 FASTEST_S = 1e-4
 """[s] Between rows of a log, at least: in a unit that brings them nearer, it is velocities that have another one, such
 as mrad/s."""
@@ -34,9 +32,11 @@ def unit_by_motion(stamps: Array, columns: Mapping[str, Array], found: Sequence[
     Args:
         columns: name -> (N,) numbers; found: what they are taken for.
     """
-    slopes = [slope for q, dq in _pairs(found) if (slope := _slope(stamps, _si(columns, q), _si(columns, dq)))]
-    for unit, seconds in UNITS.items():
-        if slopes and all(abs(slope / seconds - 1) <= SAME_UNIT for slope in slopes):
+    pairs = ([columns[one.name] * _factor(one.unit) for one in pair] for pair in _pairs(found))
+    slopes = [slope for q, dq in pairs if (slope := _slope(stamps, q, dq))]
+    for unit in UNITS if slopes else ():
+        seconds = _factor(unit)
+        if all(abs(slope / seconds - 1) <= SAME_UNIT for slope in slopes):
             return unit if float(np.median(np.diff(stamps))) * seconds >= FASTEST_S else ""
     return ""
 
@@ -53,9 +53,10 @@ def _pairs(found: Sequence[Guess]) -> list[tuple[Guess, Guess]]:
     ]
 
 
-def _si(columns: Mapping[str, Array], one: Guess) -> Array:
-    known = known_unit(one.unit) if one.unit else None
-    return columns[one.name] * (1.0 if known is None else known.factor)
+def _factor(unit: str) -> float:
+    """To SI; 1 of a unit that is not stated or not known."""
+    known = known_unit(unit) if unit else None
+    return 1.0 if known is None else known.factor
 
 
 def _slope(stamps: Array, q: Array, dq: Array) -> float | None:

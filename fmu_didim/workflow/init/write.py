@@ -238,10 +238,15 @@ def _positions(run: FilesOfRun, joints: int, out: Path) -> dict[str, Any] | None
     for data in (run.torque, run.reference):
         each = [chosen(data.guesses, ["q"], j, single=joints == 1, prefer="measured") for j in range(1, joints + 1)]
         if all(len(meant) == 1 and meant[0].side == "measured" for meant in each):
-            entry = {"file": named_from(out, data.path), **time_entry(data, "q")}
-            entry.pop("time_note", None)
-            return {**entry, "columns": {f"q{j}": _entry(meant) for j, meant in enumerate(each, start=1)}}
+            return _in_one_line(data, out, "q", {f"q{j}": _entry(meant) for j, meant in enumerate(each, start=1)})
     return None
+
+
+def _in_one_line(data: DataFile, out: Path, role: Role, columns: Mapping[str, Any]) -> dict[str, Any]:
+    """The entry of a file where it stands in one line, with no place for a note."""
+    entry = {"file": named_from(out, data.path), **time_entry(data, role), "columns": columns}
+    entry.pop("time_note", None)
+    return entry
 
 
 def _temperature(found: Inventory, run: FilesOfRun, joints: int, out: Path) -> dict[str, Any] | None:
@@ -259,9 +264,7 @@ def _temperature(found: Inventory, run: FilesOfRun, joints: int, out: Path) -> d
             names = {"temperature": _entry(of_all)}
         elif any(len(meant) != 1 for meant in each):
             continue
-        entry = {"file": named_from(out, data.path), **time_entry(data, "temperature")}
-        entry.pop("time_note", None)
-        return {**entry, "columns": names}
+        return _in_one_line(data, out, "temperature", names)
     return None
 
 
