@@ -24,6 +24,7 @@ from fmu_didim.discovery.ladder.facts import new_in
 from fmu_didim.discovery.ladder.motions import MOSTLY_NEW
 from fmu_didim.discovery.progress import Progress
 from fmu_didim.discovery.selection.beside_others import beside_others
+from fmu_didim.discovery.selection.competition import proposal_of
 from fmu_didim.discovery.selection.decide import Options, nearness
 from fmu_didim.discovery.selection.held_out import HELD_OUT, unconfirmed
 from fmu_didim.discovery.selection.rounds import Discovery
@@ -138,13 +139,15 @@ def _on_joint(discovery: Discovery, builder: LoopModelBuilder, options: Options,
         before = _without(builder, final, own)
         named = bic_gain(before, final, sum(builder.cost_in(final, a) for a in own), final.noise)
     ranked = sorted(tried_curves(builder, before, joint), key=lambda one: -one.delta_bic)
-    least = max(options.threshold, named - nearness(named, options) if len(own) > 1 else LEAD_ALONE * named)
-    if not ranked or ranked[0].delta_bic < least:
+    if not ranked or ranked[0].delta_bic < _least(named, own, options):
         tried = _listed([t.effect.variable for t in ranked])
         note = f"Joint {joint}: no curve of {tried} alone explains what remains."
         return Forms(discovery, notes=(note,) if ranked and not own and gap > REMAINDER else ())
+    whole, named = _with_small(discovery, builder, joint, final, named) if own else (final, named)
+    if ranked[0].delta_bic < _least(named, own, options):
+        return Forms(discovery)
     curve = fitted_curve(builder, before, ranked)
-    if curve is None or curve.delta_bic < least:
+    if curve is None or curve.delta_bic < _least(named, own, options):
         return Forms(discovery)
     variable = curve.tried.effect.variable
     is_far, is_ahead = curve.delta_bic > (LEAD if len(own) > 1 else LEAD_ALONE) * named, curve.delta_bic >= named
@@ -158,7 +161,7 @@ def _on_joint(discovery: Discovery, builder: LoopModelBuilder, options: Options,
         text = f"On {_all(own)} a curve of {variable} {told}; what was held out does not have it ({why})."
         doubts = (Diagnostic(FORM_DIFFERS, text, own[0].text),) if own and is_far else ()
         return Forms(discovery, doubts=doubts, notes=(note,) if is_ahead else ())
-    lead, ratio = curve.delta_bic / named if named > 0 else np.inf, held_out_ratio(final, curve.fit, seed=options.seed)
+    lead, ratio = curve.delta_bic / named if named > 0 else np.inf, held_out_ratio(whole, curve.fit, seed=options.seed)
     is_new = _is_other_motion(final.model)
     if own and ratio is not None:
         where = "" if is_new else ", on the motion of the fit, where either may be true"
@@ -179,6 +182,26 @@ def _on_joint(discovery: Discovery, builder: LoopModelBuilder, options: Options,
     refused = (*taken.items(), *discovery.refused)
     discovery = replace(discovery, final=final if taken else discovery.final, steps=kept, refused=refused)
     return Forms(discovery, (replace(curve, instead_of=tuple(taken)),))
+
+
+def _least(named: float, own: Sequence[EffectAtJoint], options: Options) -> float:
+    """The least gain in BIC of a curve that may say something of the effects named on its joint, by theirs."""
+    return max(options.threshold, named - nearness(named, options) if len(own) > 1 else LEAD_ALONE * named)
+
+
+def _with_small(
+    discovery: Discovery, builder: LoopModelBuilder, joint: int, final: Fit, named: float
+) -> tuple[Fit, float]:
+    """The final fit, and the gain in BIC of what was named on a joint, with the best of what is too small for a name
+    there: a curve follows it, too."""
+    for candidate in discovery.small:
+        if candidate.effect_at.joint == joint and builder.has_place(candidate.effect_at, final.model.added_effects):
+            whole = minimise(
+                builder.build(final.model, [proposal_of(candidate)]), final.noise, stopping=Stopping(updates=1)
+            )
+            gain = bic_gain(final, whole, builder.cost_in(whole, candidate.effect_at), final.noise)
+            return (whole, named + gain) if gain > 0 else (final, named)
+    return final, named
 
 
 def _is_other_motion(model: LoopModel) -> bool:

@@ -98,7 +98,7 @@ def shifts_log(fit: Fit) -> bool:
 
 def by_importance(steps: Sequence[Step], fit: Fit, builder: LoopModelBuilder) -> tuple[Step, ...]:
     """The steps of a fit, those first without whose effect its BIC is worst, all else fitted anew; what cannot be
-    simulated without comes before all."""
+    simulated without comes before all, and what is only where another one rests comes after that."""
     if len(steps) < 2:
         return tuple(steps)
 
@@ -109,4 +109,16 @@ def by_importance(steps: Sequence[Step], fit: Fit, builder: LoopModelBuilder) ->
         gone = [a for a in fit.model.added_effects if a not in without.model.added_effects]
         return bic_gain(without, fit, sum(builder.cost_in(fit, a) for a in gone), fit.noise)
 
-    return tuple(sorted(steps, key=explained, reverse=True))
+    return _rests_last(sorted(steps, key=explained, reverse=True), builder)
+
+
+def _rests_last(steps: Sequence[Step], builder: LoopModelBuilder) -> tuple[Step, ...]:
+    """The steps in this order, but where one rests only after the one that rests there."""
+    named = {step.effect_at: i for i, step in enumerate(steps)}
+    rests = {EffectAtJoint(builder.effect(a).rest, a.joint): i for a, i in named.items()}
+
+    def place(step: Step) -> tuple[int, bool]:
+        own, cause = named[step.effect_at], rests.get(step.effect_at, -1)
+        return max(own, cause), cause > own
+
+    return tuple(sorted(steps, key=place))

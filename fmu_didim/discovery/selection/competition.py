@@ -454,7 +454,7 @@ class Competition:
         whole = replace(found, model=replace(found.model, workers=fit.model.workers))
         effect, is_known = builder.effect(effect_at), bool(origin(builder, found, effect_at))
         why = implausible(whole, index, effect, builder.link_values(effect_at.joint))
-        odd = unusual(whole, index, effect)
+        odd = unusual(whole, index, effect, builder.effects)
         return FittedCandidate(
             effect_at, whole, gain, size, share, raw, cost, why, odd, has_minima=effect.has_minima,
             is_measured=bool(effect.given_states), is_known=is_known,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -226,6 +226,17 @@ def objection(candidate: FittedCandidate, fit: Fit, options: Options, *, base: F
         return candidate.implausible
     why = _held_out(candidate, fit, options)
     return "" if why and _may_be_untold(candidate, fit, options) else why
+
+
+def too_small(
+    ranking: Sequence[FittedCandidate], refused: Sequence[tuple[EffectAtJoint, str]], fit: Fit, options: Options, *,
+    base: Fit,
+) -> tuple[FittedCandidate, ...]:  # fmt: skip
+    """The candidates that were refused because they change too little, and for nothing else."""
+    small = {effect_at for effect_at, reason in refused if reason.startswith(TOO_SMALL)}
+    of_any_size = replace(options, smallest_size=options.smallest_gain, smallest_share=0.0, smallest_part=0.0)
+    alone = [c for c in ranking if c.effect_at in small] if small else []
+    return tuple(c for c in alone if not objection(c, fit, of_any_size, base=base))
 
 
 def _held_out(candidate: FittedCandidate, fit: Fit, options: Options) -> str:

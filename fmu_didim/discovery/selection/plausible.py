@@ -22,6 +22,7 @@ from fmu_didim.dynamics.effects import Effect
 from fmu_didim.dynamics.effects.base import SURE
 from fmu_didim.fit.fit import Fit
 from fmu_didim.model.free_parameter import plain_name
+from fmu_didim.model.loop_model import EffectAtJoint
 from fmu_didim.model.motion import joint_reference
 
 UNUSUAL = CATALOGUE(
@@ -103,18 +104,31 @@ def implausible(fit: Fit, index: int, effect: Effect, link: Mapping[str, float])
 def unusual_values(fit: Fit, builder: LoopModelBuilder) -> list[Diagnostic]:
     """The doubts about named effects with values that hardly any machine has."""
     named = enumerate(fit.model.added_effects)
-    told = [(effect_at, unusual(fit, index, builder.effect(effect_at))) for index, effect_at in named]
+    told = [(effect_at, unusual(fit, index, builder.effect(effect_at), builder.effects)) for index, effect_at in named]
     return [Diagnostic(UNUSUAL, f"{text}.", effect_at.text) for effect_at, text in told if text]
 
 
-def unusual(fit: Fit, index: int, effect: Effect) -> str:
-    """Which values of an effect, the one of this index, hardly any machine has, or an empty string."""
+def unusual(fit: Fit, index: int, effect: Effect, effects: Mapping[str, Effect]) -> str:
+    """What hardly any machine has of an effect, the one of this index, in words, or an empty string.
+
+    Args:
+        effects: the catalogue.
+    """
+    if effect.bends and not _is_beside(fit, index, effects[effect.bends]):
+        return f"acts without a {effects[effect.bends].title.lower()}, whose law it bends"
     places, deviations = _amplitudes(fit, index), np.sqrt(np.diag(fit.covariance))
     values, own = ({name: float(of[i]) for name, i in places.items()} for of in (fit.values, deviations))
     touched = _touched(fit, index, effect)
     if touched > MOSTLY_TOUCHED:
         return f"acts at {100 * touched:.0f} % of the positions of the motion: usual is at its end"
     return effect.unusual(values, own)
+
+
+def _is_beside(fit: Fit, index: int, other: Effect) -> bool:
+    """Whether a fit has another effect on the joint of the one of this index, added or in the model from the start."""
+    joint, own = fit.model.added_effects[index].joint, {p.name for p in other.own_parameters}
+    is_added = any(a == EffectAtJoint(other.name, joint) for a in fit.model.added_effects)
+    return is_added or any(plain_name(p.name, joint) in own for p in fit.model.free_parameters if p.effect is None)
 
 
 def _held_by_friction(fit: Fit, index: int, effect: Effect, least: Array) -> str:

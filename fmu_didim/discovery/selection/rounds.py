@@ -27,7 +27,7 @@ from fmu_didim.discovery.selection.candidates import (
     TriedCandidate,
 )
 from fmu_didim.discovery.selection.competition import Competition, proposal_of
-from fmu_didim.discovery.selection.decide import Options, Step, decide, nearness, objection, step_of
+from fmu_didim.discovery.selection.decide import Options, Step, decide, nearness, objection, step_of, too_small
 from fmu_didim.discovery.selection.gears import gear_with_error
 from fmu_didim.discovery.selection.held_out import FAILS_HELD_OUT, held_out_objection
 from fmu_didim.discovery.selection.joints import on_further_joints, shared_remark
@@ -68,7 +68,8 @@ class Discovery:
     Attributes:
         base, final: fits without and with the effects; steps: one for each effect, in the end those first that explain
             most beside all others.
-        refused: candidates of the last round that were not accepted, and why.
+        refused: candidates of the last round that were not accepted, and why; small: those of them that change the
+            torque by too little for a name, against which nothing else speaks, the best first.
         tried: the shortlisted candidates, round by round.
         refitted: shapes of the description that the data contradict, where no effect was found.
     """
@@ -80,6 +81,7 @@ class Discovery:
     tried: tuple[tuple[TriedCandidate, ...], ...] = ()
     ending: Ending = Ending.COMPLETE
     refitted: tuple[Refitted, ...] = ()
+    small: tuple[FittedCandidate, ...] = ()
 
 
 def run_rounds(
@@ -112,6 +114,7 @@ def run_rounds(
     catalogue = SignatureCatalogue(builder, fit, candidates=candidates, progress=progress)
     progress.say("competition of the candidates")
     refused: tuple[tuple[EffectAtJoint, str], ...] = ()
+    small: tuple[FittedCandidate, ...] = ()
     tried: list[tuple[TriedCandidate, ...]] = []
     fruitless = Fruitless()
     rivalry = Rivalry(builder, base, options, progress)
@@ -134,7 +137,7 @@ def run_rounds(
             changed = _otherwise(competition, catalogue, found.ranking, rivalry, steps, checked=fit is looked_at)
             looked_at = fit
             if changed is None:
-                refused = accepted
+                refused, small = accepted, too_small(found.ranking, accepted, fit, options, base=base)
                 ending = Ending.TIME_UP if progress.is_time_up else ending  # what was begun last may have been cut
                 break
             fit, steps = changed
@@ -145,7 +148,7 @@ def run_rounds(
     ordered = by_importance(steps, fit, builder)
     if ending is Ending.COMPLETE:
         ordered = rivalry.told(fit, ordered)
-    return Discovery(base, fit, ordered, refused, tuple(tried), ending)
+    return Discovery(base, fit, ordered, refused, tuple(tried), ending, small=small)
 
 
 def _otherwise(
@@ -433,7 +436,8 @@ def _pair(
     What one lacks where the other is missing moves its size, and its prediction, along another motion.
     """
     whole_fits = (competition.finished(c) for c in ranking if c.delta_bic >= options.threshold)
-    hopeful = list(islice((c for c in whole_fits if _fails_held_out(c, competition.fit, base, options)), PAIRED))
+    failing = (c for c in whole_fits if _fails_held_out(c, competition.fit, base, options))
+    hopeful = sorted(islice(failing, PAIRED), key=lambda c: bool(c.unusual))
     for i, first in enumerate(hopeful):
         beside = Competition(competition.builder, first.fit)
         for second in hopeful[i + 1 :]:

@@ -132,6 +132,8 @@ class Effect(ABC):
             confounded with only where it explains much more.
         stands_for: names of effects that, together on its joint, it may stand for: it is named only where it explains
             more than they do.
+        bends: name of the effect whose law it bends, without which hardly any machine has it; none if it is empty.
+        rest: name of the effect that, on its joint, is where it rests: its own torque at zero; none if it is empty.
         distance: the shape that is the distance over which it builds up after a reversal; none if it is empty.
         frequency: the shape that is the spatial frequency, in rad per rad or m of the joint, at which it repeats and by
             which alone it is known; none if it is empty.
@@ -176,6 +178,8 @@ class Effect(ABC):
     first_order: ClassVar[FirstOrder | None] = None
     is_smooth: ClassVar[bool] = False
     stands_for: ClassVar[tuple[str, ...]] = ()
+    bends: ClassVar[str] = ""
+    rest: ClassVar[str] = ""
     distance: ClassVar[str] = ""
     frequency: ClassVar[str] = ""
     stated: ClassVar[StatedSize | None] = None

@@ -5,13 +5,14 @@ from fmu_didim.dynamics.effects.joint import OperatingRange, Parameter, Surround
 
 
 class CubicSpring(TorqueEffect):
-    """tau_e = kcube q^3, with kcube in N.m/rad3 (N/m3)."""
+    """tau_e = kcube q^3, with kcube in N.m/rad3 (N/m3): what a spring that hardens has beside its linear part."""
 
     name = "cubic_spring"
     title = "Hardening spring"
     equation = "kcube*q^3"
     class_name = "position-dependent load"
     confounded_with = ("spring", "contact_stop", "contact_stop_lower")
+    bends = "spring"
     signature = "Residual that grows towards both ends of the range and does not depend on speed."
     experiment = "A wide range of positions, or the same path with another payload or orientation of the base."
     source = "Nayfeh and Mook: Nonlinear oscillations, 1979 (Duffing's spring)"

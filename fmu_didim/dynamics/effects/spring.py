@@ -17,6 +17,7 @@ class Spring(TorqueEffect):
     experiment = "A wide range of positions, or the same path with another payload or orientation of the base."
     source = "Khalil and Dombre, Modeling, Identification and Control of Robots"
     acts_on_link = True
+    rest = "torque_offset"
     stated = of_peak("a spring")
     own_parameters = (Parameter("k", "stiffness", "stiffness", least=0.0),)
 

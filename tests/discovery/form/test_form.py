@@ -26,6 +26,7 @@ from fmu_didim.fit.base_projection import BaseProjection
 from fmu_didim.fit.gap import Ratio
 from fmu_didim.model.loop_model import EffectAtJoint
 from fmu_didim.results.findings import load_findings
+from tests.discovery.by_hand import candidate_of
 from tests.discovery.helpers import blind_case
 from tests.tools.blind.curves import hidden_function, planted_function, within_band
 
@@ -249,15 +250,24 @@ class Hand:
         self.fit.torque_alone = self.fit
         monkeypatch.setattr(form, "joint_gaps", lambda residual, noise: np.array([given.get("gap", 1.0)]))
         monkeypatch.setattr(form, "minimise", lambda model, noise, **_: SimpleNamespace(model=model, noise=noise))
-        monkeypatch.setattr(form, "bic_gain", lambda *_: given.get("gain", 0.0))
+        monkeypatch.setattr(form, "bic_gain", self.gained)
         monkeypatch.setattr(form, "tried_curves", lambda *_: [self.curve(name, gain) for name, gain in given["curves"]])
         monkeypatch.setattr(form, "fitted_curve", self.fitted)
         monkeypatch.setattr(form, "unconfirmed", lambda *_, **__: given.get("against", ""))
         monkeypatch.setattr(form, "beside_others", lambda *_: (None, False))
-        ratio = given.get("ratio")
-        told = None if ratio is None else Ratio(ratio, 0.5 * ratio, 2 * ratio)
-        monkeypatch.setattr(form, "held_out_ratio", lambda *_, **__: told)
+        monkeypatch.setattr(form, "held_out_ratio", self.ratio)
         monkeypatch.setattr(form, "new_in", lambda _, label: given.get("new", {}).get(label, 1.0))
+
+    def gained(self, before: Any, after: Any, *_: Any) -> float:
+        is_with_small = len(after.model.added_effects) > len(self.named)
+        return float(self.given["small_gain"] if is_with_small else self.given.get("gain", 0.0))
+
+    def ratio(self, before: Any, after: Any, **_: Any) -> Ratio | None:
+        """Of what was named, with what is too small for a name if there is any there."""
+        ratio = self.given.get("ratio")
+        if len(before.model.added_effects) > len(self.named):
+            ratio = self.given.get("ratio_with_small", ratio)
+        return None if ratio is None else Ratio(ratio, 0.5 * ratio, 2 * ratio)
 
     def curve(self, name: str, gain: float) -> Any:
         return SimpleNamespace(
@@ -272,12 +282,17 @@ class Hand:
 
     def run(self) -> Forms:
         steps = tuple(SimpleNamespace(effect_at=a) for a in self.named)
-        discovery = Discovery(self.fit, self.fit, steps, ())  # type: ignore[arg-type]
+        small = tuple(candidate_of("torque_ripple", joint) for joint in self.given.get("small", ()))
+        discovery = Discovery(self.fit, self.fit, steps, (), small=small)  # type: ignore[arg-type]
         builder: Any = SimpleNamespace(
             effect=lambda a: SimpleNamespace(
                 is_of_log=self.given.get("is_of_log", False), is_external=a.effect == "external_force"
             ),
             cost_in=lambda fit, a: 1.0,
+            has_place=lambda a, added: not self.given.get("has_no_place", False),
+            build=lambda model, proposals: SimpleNamespace(
+                added_effects=(*model.added_effects, *(p.effect_at for p in proposals))
+            ),
             without=lambda model, i: SimpleNamespace(
                 added_effects=tuple(a for k, a in enumerate(model.added_effects) if k != i)
             ),
@@ -363,6 +378,31 @@ def test_which_names_are_taken_back(
     assert taken == [name for name in given.get("effects", ()) if name not in left]
     assert [a.effect for a in (curves[0].instead_of if curves else ())] == taken
     assert [a.effect for a in discovery.final.model.added_effects] == left
+
+
+@pytest.mark.parametrize(
+    ("given", "are_kept"),
+    [
+        ({}, False),
+        ({"small": [1], "small_gain": 30.0}, True),  # 125 against 130, and it predicts no better
+        ({"small": [1], "small_gain": 2.0}, False),  # 125 against 102
+        ({"small": [1], "small_gain": -5.0}, False),  # it has gone astray: as if there were none
+        ({"small": [2], "small_gain": 30.0}, False),  # on another joint
+        ({"small": [1], "small_gain": 30.0, "has_no_place": True}, False),
+        # Held-out data decide between the curve and all that there is.
+        ({"small": [1], "small_gain": 20.0, "ratio": 0.9, "ratio_with_small": 1.01}, True),
+        ({"small": [1], "small_gain": 20.0, "ratio": 0.9, "ratio_with_small": 0.98}, False),
+        ({"small": [1], "small_gain": 20.0, "ratio": 0.9, "ratio_with_small": 0.98, "effects": ONE}, True),
+    ],
+)
+def test_a_curve_is_compared_with_what_is_too_small_for_a_name_too(
+    monkeypatch: pytest.MonkeyPatch, given: dict[str, Any], are_kept: bool
+) -> None:
+    """It follows a small ripple beside a spring as well: that it explains more by that is no reason against these."""
+    found = Hand(monkeypatch, **{"effects": TWO, "gain": 100.0, "curves": [("q", 125.0)], **given}).run()
+    assert [s.effect_at.effect for s in found.discovery.steps] == [*given.get("effects", TWO)] * are_kept
+    if "ratio_with_small" in given and found.doubts:
+        assert "1.010 times" in found.doubts[0].text
 
 
 def test_that_no_curve_explains_it_is_said(monkeypatch: pytest.MonkeyPatch) -> None:

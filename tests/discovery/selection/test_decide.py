@@ -21,6 +21,7 @@ from fmu_didim.discovery.selection.decide import (
     nearness,
     objection,
     step_of,
+    too_small,
 )
 from fmu_didim.fit.ending import Ending
 from fmu_didim.fit.gap import gaps, held_out_ratio
@@ -537,3 +538,23 @@ def test_values_of_hardly_any_machine_give_way_to_what_explains_nearly_as_much(
     competition: Any = SimpleNamespace(builder=effects, fit=BEFORE, finished=None)
     found = rounds._judge(competition, BEFORE, Options())([best, other])
     assert isinstance(found, FittedCandidate) and found.effect_at.effect == wanted
+
+
+@pytest.mark.parametrize(
+    ("given", "is_kept"),
+    [
+        ({"change": 0.5}, True),
+        ({"change": 0.5, "share": 0.01}, True),  # a small one explains a small share
+        ({"change": 0.1}, False),
+        ({"change": 0.5, "size": 0.1}, False),
+        ({"change": 0.5, "implausible": "negative"}, False),
+        ({"change": 0.7, "implausible": "negative"}, False),  # refused for something else
+        ({"change": 0.5, "bic": 5.0}, False),
+    ],
+)
+def test_what_is_too_small_for_a_name_alone_is_kept(given: dict[str, Any], is_kept: bool) -> None:
+    candidate, other = candidate_of("ripple", **given), candidate_of("lag", change=0.3, bic=50.0, implausible="odd")
+    reasons = verdict(candidate, other)
+    assert {a.effect for a, _ in reasons} == {"ripple", "lag"}
+    found = too_small((candidate, other), reasons, BEFORE, Options(), base=BASE)
+    assert [c.effect_at.effect for c in found] == ["ripple"] * is_kept

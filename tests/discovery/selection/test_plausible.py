@@ -17,6 +17,8 @@ from fmu_didim.dynamics.effects import EFFECTS
 from fmu_didim.model.free_parameter import FreeParameter
 from fmu_didim.model.loop_model import EffectAtJoint
 
+CATALOGUE = SimpleNamespace(effect=lambda at: EFFECTS[at.effect], effects=EFFECTS)
+
 
 def fit(effect: str, values: dict[str, tuple[float, float]], joint: int = 2) -> Any:
     """A fit with a base parameter and the values and deviations of an effect."""
@@ -127,7 +129,7 @@ def test_a_stop_is_at_the_end_of_the_motion(effect: str, place: float, moved: fl
         "a": SimpleNamespace(reference=Trajectory(time, position[:, None], (Variable("q2", "rad"),)))
     }
     found.model.estimation_labels = ("a",)
-    doubts = unusual_values(found, SimpleNamespace(effect=lambda at: EFFECTS[at.effect]))  # type: ignore[arg-type]
+    doubts = unusual_values(found, CATALOGUE)  # type: ignore[arg-type]
     assert [one.text[: len(told)] for one in doubts] == ([told] if told else [])
 
 
@@ -226,6 +228,37 @@ def test_effects_that_cannot_be_negative_say_so_for_amplitudes_they_have() -> No
     ],
 )
 def test_values_that_hardly_any_machine_has(effect: str, values: dict[str, tuple[float, float]], told: str) -> None:
-    found = unusual_values(fit(effect, values), SimpleNamespace(effect=lambda at: EFFECTS[at.effect]))  # type: ignore[arg-type]
+    found = unusual_values(fit(effect, values), CATALOGUE)  # type: ignore[arg-type]
     assert [one.place for one in found] == ([f"{effect.replace('_', ' ')}, joint 2"] if told else [])
     assert all(one.text.startswith(told) and one.code.severity is DOUBT for one in found)
+
+
+@pytest.mark.parametrize(
+    ("beside", "told"),
+    [
+        ((), True),
+        (("added", 2), False),
+        (("added", 1), True),
+        (("present", 2), False),
+        (("present", 1), True),
+    ],
+)
+def test_a_spring_that_hardens_has_a_linear_part(beside: tuple[Any, ...], told: bool) -> None:
+    """Found before, or in the model from the start, on its joint."""
+    found = fit("cubic_spring", {"kcube": (3.0, 0.1)})
+    if beside:
+        how, joint = beside
+        index = 1 if how == "added" else None
+        found.model.free_parameters.append(FreeParameter(f"k{joint}", "1", "plant", "k", 5.0, 1.0, effect=index))
+        found.values, found.covariance = np.append(found.values, 5.0), np.diag([*np.diag(found.covariance), 0.01])
+        if how == "added":
+            found.model.added_effects = (*found.model.added_effects, EffectAtJoint("spring", joint))
+    doubts = unusual_values(found, CATALOGUE)  # type: ignore[arg-type]
+    wanted = ["acts without a spring or cable stiffness, whose law it bends."] * told
+    assert [one.text for one in doubts] == wanted
+
+
+def test_what_bends_a_law_and_where_one_rests_are_in_the_catalogue() -> None:
+    for effect in EFFECTS.values():
+        for name in filter(None, (effect.bends, effect.rest)):
+            assert len(EFFECTS[name].own_parameters) == len(effect.own_parameters) == 1

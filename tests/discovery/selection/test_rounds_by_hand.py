@@ -14,7 +14,7 @@ from fmu_didim.base.errors import SimulationError
 from fmu_didim.discovery.augmentation.places import Proposal
 from fmu_didim.discovery.progress import Progress
 from fmu_didim.discovery.selection import beside_others, parts, rounds
-from fmu_didim.discovery.selection.beside_others import by_importance, without_superfluous
+from fmu_didim.discovery.selection.beside_others import _rests_last, by_importance, without_superfluous
 from fmu_didim.discovery.selection.candidates import (
     Comparison,
     FittedCandidate,
@@ -800,7 +800,7 @@ def test_effects_are_named_by_what_each_explains_beside_all_others(
         return fit_of(replace(model, own=residual(square)), values=model.start)
 
     monkeypatch.setattr(beside_others, "minimise", minimise)
-    whole, builder = with_effects(*names, square=1.0), Removable(costs=costs)
+    whole, builder = with_effects(*names, square=1.0), Removable(*map(effect_of, names), costs=costs)
     steps = [Step(EffectAtJoint(n, 1), 100.0, 1.0, 0.5, (), {}, {}, None) for n in names]
     if known and None not in squares.values():
         others = ["".join(n for n in names if n != s.effect_at.effect) for s in steps]
@@ -828,5 +828,28 @@ def test_the_fit_before_a_later_effect_does_not_say_what_an_earlier_one_explains
         Step(EffectAtJoint("a", 1), 100.0, 1.0, 0.5, (), {}, {}, None, without=with_effects(square=50.0)),
         Step(EffectAtJoint("b", 1), 100.0, 1.0, 0.5, (), {}, {}, None, without=with_effects("a", square=3.0)),
     ]
-    found = by_importance(steps, with_effects("a", "b", square=1.0), Removable())
+    found = by_importance(steps, with_effects("a", "b", square=1.0), Removable(*map(effect_of, "ab")))
     assert [s.effect_at.effect for s in found] == ["b", "a"]
+
+
+@pytest.mark.parametrize(
+    ("order", "wanted"),
+    [
+        (["torque_offset@1", "spring@1"], ["spring@1", "torque_offset@1"]),
+        (["spring@1", "torque_offset@1"], ["spring@1", "torque_offset@1"]),
+        (["torque_offset@1", "spring@2"], ["torque_offset@1", "spring@2"]),
+        (["torque_offset@1", "stribeck@2", "spring@1"], ["stribeck@2", "spring@1", "torque_offset@1"]),
+        (
+            ["torque_offset@2", "torque_offset@1", "spring@1", "stribeck@2"],
+            ["torque_offset@2", "spring@1", "torque_offset@1", "stribeck@2"],
+        ),
+        (["torque_offset@1"], ["torque_offset@1"]),
+    ],
+)
+def test_where_a_spring_rests_is_named_behind_it(order: list[str], wanted: list[str]) -> None:
+    """However much the constant explains."""
+    places = [EffectAtJoint(name, int(joint)) for name, joint in (one.split("@") for one in order)]
+    steps = [Step(a, 100.0, 1.0, 0.5, (), {}, {}, None) for a in places]
+    builder: Any = Catalogue(effect_of("spring", rest="torque_offset"), *map(effect_of, ("torque_offset", "stribeck")))
+    found = _rests_last(steps, builder)
+    assert [f"{s.effect_at.effect}@{s.effect_at.joint}" for s in found] == wanted
