@@ -142,6 +142,7 @@ def effect_of(name: str, *, class_name: str | None = None, place: str = "joint",
         is_linear=True, shows_on_neighbours=False, is_proposed=True, is_base=False, pre_check=None, neutral={},
         elastic=False, needs_elastic=False, is_external=False, is_shared=False, stands_for=(), has_minima=False,
         given_states=frozenset(), is_stated=False, confounded_with=(), bends="", rest="",
+        simple_form=(),
     )  # fmt: skip
     known["impossible"] = lambda values, deviations, link: ""
     known["unusual"] = lambda values, deviations: ""

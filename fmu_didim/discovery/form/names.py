@@ -18,6 +18,7 @@ import numpy as np
 from fmu_didim.base.diagnostics import CATALOGUE, DOUBT, Diagnostic
 from fmu_didim.base.errors import SimulationError
 from fmu_didim.discovery.augmentation.builder import LoopModelBuilder
+from fmu_didim.discovery.augmentation.places import Proposal
 from fmu_didim.discovery.form.curve import FoundCurve, fitted_curve, tried_curves
 from fmu_didim.discovery.judge import REMAINDER
 from fmu_didim.discovery.ladder.facts import new_in
@@ -143,7 +144,7 @@ def _on_joint(discovery: Discovery, builder: LoopModelBuilder, options: Options,
         tried = _listed([t.effect.variable for t in ranked])
         note = f"Joint {joint}: no curve of {tried} alone explains what remains."
         return Forms(discovery, notes=(note,) if ranked and not own and gap > REMAINDER else ())
-    whole, named = _with_small(discovery, builder, joint, final, named) if own else (final, named)
+    whole, named = _with_small(discovery, builder, options, own, named) if own else (final, named)
     if ranked[0].delta_bic < _least(named, own, options):
         return Forms(discovery)
     curve = fitted_curve(builder, before, ranked)
@@ -190,18 +191,26 @@ def _least(named: float, own: Sequence[EffectAtJoint], options: Options) -> floa
 
 
 def _with_small(
-    discovery: Discovery, builder: LoopModelBuilder, joint: int, final: Fit, named: float
+    discovery: Discovery, builder: LoopModelBuilder, options: Options, own: Sequence[EffectAtJoint], named: float
 ) -> tuple[Fit, float]:
-    """The final fit, and the gain in BIC of what was named on a joint, with the best of what is too small for a name
-    there: a curve follows it, too."""
-    for candidate in discovery.small:
-        if candidate.effect_at.joint == joint and builder.has_place(candidate.effect_at, final.model.added_effects):
-            whole = minimise(
-                builder.build(final.model, [proposal_of(candidate)]), final.noise, stopping=Stopping(updates=1)
-            )
-            gain = bic_gain(final, whole, builder.cost_in(whole, candidate.effect_at), final.noise)
-            return (whole, named + gain) if gain > 0 else (final, named)
-    return final, named
+    """The final fit, and the gain in BIC of what was named on a joint, with what is too small for a name there.
+
+    That is the best of what the last round refused for its size, and what bends the law of an effect that was named: a
+    curve follows these, too.
+    """
+    whole, joint = discovery.final.torque_alone, own[0].joint
+    small = [proposal_of(c) for c in discovery.small if c.effect_at.joint == joint][:1]
+    bent = {a.effect for a in own}
+    bends = [n for n, e in builder.effects.items() if e.bends in bent and n not in options.forbid]
+    small += [Proposal(EffectAtJoint(n, joint), {}) for n in bends if EffectAtJoint(n, joint) not in own]
+    for proposal in small:
+        effect_at, added = proposal.effect_at, whole.model.added_effects
+        if effect_at in added or not (builder.at(effect_at).can_be_added and builder.has_place(effect_at, added)):
+            continue
+        found = minimise(builder.build(whole.model, [proposal]), whole.noise, stopping=Stopping(updates=1))
+        gain = bic_gain(whole, found, builder.cost_in(found, effect_at), whole.noise)
+        whole, named = (found, named + gain) if gain > 0 else (whole, named)
+    return whole, named
 
 
 def _is_other_motion(model: LoopModel) -> bool:

@@ -3,7 +3,8 @@
 A stop bends the torque over the position where it is touched. So does a spring at rest elsewhere than at zero, which is
 a spring and a constant: gravity takes up most of either, and what both leave together is bent. Therefore such effects
 are fitted together before a stop is named. And a stop and a constant make a torque that rises with the position, as a
-spring does: they are fitted together in the place of a spring that was named, once nothing else is found.
+spring does: they are fitted together in the place of a spring that was named, once nothing else is found. A spring and
+a constant are also the simple form of the gravity compensator, whose five values such data seldom tell.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from fmu_didim.discovery.selection.candidates import FittedCandidate
 from fmu_didim.discovery.selection.competition import Competition
 from fmu_didim.discovery.selection.decide import Options, nearness, objection
 from fmu_didim.discovery.selection.held_out import held_out_objection
-from fmu_didim.discovery.selection.plausible import implausible
+from fmu_didim.discovery.selection.plausible import NOT_TOLD, implausible
 from fmu_didim.fit.fit import Fit
 from fmu_didim.fit.gap import bic_gain
 from fmu_didim.model.loop_model import EffectAtJoint
@@ -60,6 +61,22 @@ def parts_instead(
         return (), ""
     name = f"{competition.builder.effect(accepted.effect_at).title} on joint {accepted.effect_at.joint}"
     return parts, AS_WELL.format(name, ahead) if ahead < near else ""
+
+
+def simple_form(
+    competition: Competition, ranking: Sequence[FittedCandidate], accepted: FittedCandidate | None, base: Fit,
+    options: Options,
+) -> FittedCandidate | None:  # fmt: skip
+    """The best candidate whose own form is not told, where effects that are a simple form of it explain as much; none
+    where what is accepted explains nearly as much."""
+    for candidate in ranking:
+        near = nearness(candidate.delta_bic, options)
+        if accepted is not None and candidate.delta_bic - near <= accepted.delta_bic:
+            return None
+        is_untold = candidate.implausible.startswith(NOT_TOLD)
+        if is_untold and parts_instead(competition, candidate, base, options)[0]:
+            return candidate
+    return None
 
 
 def parts_of_named(
@@ -164,8 +181,8 @@ def _missing(competition: Competition, accepted: FittedCandidate, options: Optio
     the other one has had its chance."""
     if accepted.effect_at.effect in options.prefer:
         return []
-    builder, joint = competition.builder, accepted.effect_at.joint
-    parts = [EffectAtJoint(name, joint) for name in builder.effect(accepted.effect_at).stands_for]
+    effect, joint = competition.builder.effect(accepted.effect_at), accepted.effect_at.joint
+    parts = [EffectAtJoint(name, joint) for name in effect.stands_for or effect.simple_form]
     return parts if all(_may_be_added(competition, a, options) for a in parts) else []
 
 

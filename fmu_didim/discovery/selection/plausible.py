@@ -39,6 +39,9 @@ UNTOLD = 3.0
 """[1] Standard deviation over value of all amplitudes of an effect from which not its form explains the data, but
 a limit of it: a gravity compensator of 35 ± 530 000 N.m has imitated an offset."""
 
+NOT_TOLD = "its form is not told"
+"""Beginning of the objection that none of several amplitudes is known."""
+
 MAY_BE_ABSENT = "may be absent"
 """Beginning of the objection that the amplitudes of an effect may all be neutral."""
 
@@ -94,7 +97,7 @@ def implausible(fit: Fit, index: int, effect: Effect, link: Mapping[str, float])
     text = ", ".join(f"{n} = {v:.3g} ± {s:.2g}" for n, v, s in zip(names, values, deviations, strict=True))
     off = values - np.array([effect.neutral.get(name, 0.0) for name in names])
     if len(names) > 1 and np.isfinite(off).all() and (deviations > UNTOLD * np.abs(off)).all():
-        return f"its form is not told: {text}"
+        return f"{NOT_TOLD}: {text}"
     chance = chance_of_none(values, covariance, np.array([effect.neutral.get(name, 0.0) for name in names]))
     if chance > ZERO:
         return f"{MAY_BE_ABSENT}: {text} (p = {chance:.2g})"

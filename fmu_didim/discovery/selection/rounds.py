@@ -32,7 +32,7 @@ from fmu_didim.discovery.selection.gears import gear_with_error
 from fmu_didim.discovery.selection.held_out import FAILS_HELD_OUT, held_out_objection
 from fmu_didim.discovery.selection.joints import on_further_joints, shared_remark
 from fmu_didim.discovery.selection.missing_base import base_before, missing_base
-from fmu_didim.discovery.selection.parts import parts_instead
+from fmu_didim.discovery.selection.parts import parts_instead, simple_form
 from fmu_didim.discovery.selection.plausible import MAY_BE_ABSENT
 from fmu_didim.discovery.selection.pre_check import may_be_promising, pre_check
 from fmu_didim.discovery.selection.refitted import Refitted
@@ -227,6 +227,9 @@ class _Round:
                 return cls(ranking, tried, None, fruitless)
             ranking = tuple(sorted((*ranking, *comparison.ranking), key=lambda c: -c.delta_bic))
             accepted = judge(ranking)
+        named = accepted if isinstance(accepted, FittedCandidate) else None
+        if (untold := simple_form(competition, ranking, named, base, options)) is not None:
+            return cls(ranking, tried, untold, fruitless)
         if not isinstance(accepted, FittedCandidate):
             return cls(ranking, tried, accepted, fruitless)
         first = base_before(

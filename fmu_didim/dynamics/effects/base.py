@@ -132,6 +132,8 @@ class Effect(ABC):
             confounded with only where it explains much more.
         stands_for: names of effects that, together on its joint, it may stand for: it is named only where it explains
             more than they do.
+        simple_form: names of effects that together, on its joint, are a simple form of it: named instead where they
+            explain as much, and where its own form is not told.
         bends: name of the effect whose law it bends, without which hardly any machine has it; none if it is empty.
         rest: name of the effect that, on its joint, is where it rests: its own torque at zero; none if it is empty.
         distance: the shape that is the distance over which it builds up after a reversal; none if it is empty.
@@ -178,6 +180,7 @@ class Effect(ABC):
     first_order: ClassVar[FirstOrder | None] = None
     is_smooth: ClassVar[bool] = False
     stands_for: ClassVar[tuple[str, ...]] = ()
+    simple_form: ClassVar[tuple[str, ...]] = ()
     bends: ClassVar[str] = ""
     rest: ClassVar[str] = ""
     distance: ClassVar[str] = ""

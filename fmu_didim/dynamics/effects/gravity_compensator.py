@@ -29,6 +29,7 @@ class GravityCompensator(TorqueEffect):
     )
     signed = frozenset({"qc"})
     acts_on_link = True
+    simple_form = ("spring", "torque_offset")
     own_parameters = (
         Parameter("Fgc", "N", "pull of the compensator's spring at its reference length, negative where it pushes"),
         Parameter("kgc", "N/m", "stiffness of the compensator's spring", least=0.0),

@@ -12,7 +12,7 @@ from fmu_didim.discovery.progress import Progress
 from fmu_didim.discovery.selection import parts
 from fmu_didim.discovery.selection.competition import Competition
 from fmu_didim.discovery.selection.decide import Options
-from fmu_didim.discovery.selection.parts import parts_instead, parts_of_named
+from fmu_didim.discovery.selection.parts import parts_instead, parts_of_named, simple_form
 from fmu_didim.dynamics.effects import EFFECTS
 from fmu_didim.fit.fit import Fit
 from fmu_didim.model.loop_model import EffectAtJoint
@@ -109,9 +109,49 @@ def test_parts_that_are_impossible_together_are_not_named(monkeypatch: pytest.Mo
     assert parts_instead(Competition(CATALOGUE, base), STOP, base, Options()) == ((), "")
 
 
+COMPENSATED: Any = Catalogue(
+    effect_of("compensator", title="Compensator", simple_form=("spring", "offset")),
+    *map(effect_of, ("spring", "offset")),
+)  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("implausible", "bic", "accepted", "together", "is_taken"),
+    [
+        ("its form is not told: Fgc = 1 ± 10, kgc = 2 ± 30", 1000.0, None, 1010.0, True),
+        ("its form is not told: Fgc = 1 ± 10, kgc = 2 ± 30", 1000.0, None, 985.0, True),
+        ("its form is not told: Fgc = 1 ± 10, kgc = 2 ± 30", 1000.0, None, 970.0, False),  # it explains more
+        # Something else is accepted: this must explain less than the other one, by more than decides nothing.
+        ("its form is not told: Fgc = 1 ± 10, kgc = 2 ± 30", 1000.0, 979.0, 1010.0, True),
+        ("its form is not told: Fgc = 1 ± 10, kgc = 2 ± 30", 1000.0, 981.0, 1010.0, False),
+        ("its form is not told: Fgc = 1 ± 10, kgc = 2 ± 30", 1000.0, 1500.0, 1010.0, False),
+        # Other objections have no simple form as their cause.
+        ("physically impossible: kgc = -3 ± 1 below 0", 1000.0, None, 1010.0, False),
+        ("", 1000.0, None, 1010.0, False),
+    ],
+)
+def test_what_has_a_form_that_is_not_told_is_named_by_its_simple_form(
+    monkeypatch: pytest.MonkeyPatch, implausible: str, bic: float, accepted: float | None, together: float,
+    is_taken: bool,
+) -> None:  # fmt: skip
+    fits = Fits(together)
+    monkeypatch.setattr(Competition, "refit", lambda self, proposal: fits.refit(self, proposal))
+    monkeypatch.setattr(Competition, "assess", lambda self, effect_at, found: fits.assess(self, effect_at, found))
+    monkeypatch.setattr(parts, "bic_gain", lambda *_: fits.together)
+    monkeypatch.setattr(parts, "implausible", lambda *_: "")
+    base = table_fit(100.0)
+    candidate = candidate_of("compensator", bic=bic, implausible=implausible)
+    other = None if accepted is None else candidate_of("lag", bic=accepted)
+    ranking = sorted(filter(None, (candidate, other, candidate_of("drag", bic=5.0))), key=lambda c: -c.delta_bic)
+    found = simple_form(Competition(COMPENSATED, base), ranking, other, base, Options())
+    assert found is (candidate if is_taken else None)
+    if accepted is not None and not is_taken:
+        assert not fits.asked  # nothing is fitted for what decides nothing
+
+
 def test_what_an_effect_stands_for_is_in_the_catalogue() -> None:
-    stand = {name: effect.stands_for for name, effect in EFFECTS.items() if effect.stands_for}
-    assert set(stand) == {"contact_stop", "contact_stop_lower"}
+    stand = {name: e.stands_for or e.simple_form for name, e in EFFECTS.items() if e.stands_for or e.simple_form}
+    assert set(stand) == {"contact_stop", "contact_stop_lower", "gravity_compensator"}
     for named in stand.values():
         assert all(EFFECTS[name].is_proposed and not EFFECTS[name].stands_for for name in named)
 

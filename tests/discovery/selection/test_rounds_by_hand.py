@@ -84,6 +84,7 @@ class ByHand:
         self.contested: list[str] = []
         self.doubted: list[str] = []
         self.gap_is_large = True
+        self.untold: list[FittedCandidate] = []
         self._outcomes, self._checked = list(outcomes), [list(checked), list(again)]
         monkeypatch.setattr(rounds, "may_be_promising", lambda fit: self.gap_is_large)
         for name in ("pre_check", "decide", "minimise", "step_of", "_pair"):
@@ -93,6 +94,7 @@ class ByHand:
         monkeypatch.setattr(rounds, "held_out_objection", lambda *_, **__: "")
         monkeypatch.setattr(rounds, "without_superfluous", self.do_backward)
         monkeypatch.setattr(rounds, "by_importance", lambda steps, fit, builder: tuple(steps))
+        monkeypatch.setattr(rounds, "simple_form", lambda *_: self.untold.pop() if self.untold else None)
         monkeypatch.setattr(rounds, "Competition", self.do_competition)
         monkeypatch.setattr(rounds, "SignatureCatalogue", self.do_catalogue)
 
@@ -234,6 +236,14 @@ def test_effects_are_added_one_after_the_other(monkeypatch: pytest.MonkeyPatch) 
     assert [len(steps) for steps in competition.backward] == [1, 2]
     assert len(competition.catalogues) == 1  # the motion hardly changes
     assert found.refused == ()
+
+
+def test_what_has_a_simple_form_is_taken_where_its_own_is_not_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where nothing else is accepted; a round later nothing is."""
+    competition = ByHand(monkeypatch, (), ())
+    competition.untold = [added("a")]
+    found, said = run()
+    assert [s.effect_at.effect for s in found.steps] == ["a"] and "added: a on joint 1" in said
 
 
 def test_what_an_effect_would_stand_for_is_added_in_its_place(monkeypatch: pytest.MonkeyPatch) -> None:
