@@ -254,11 +254,11 @@ def _judge(
 
 
 def _rivals(competition: Competition, candidate: FittedCandidate) -> frozenset[str]:
-    """Names of the effects of other classes that one is confounded with, if it changes what the case states or has
-    values that hardly any machine has."""
+    """Names of the effects that one is confounded with, if it has values that hardly any machine has; those of other
+    classes, if it changes what the case states."""
     effects, effect = competition.builder.effects, competition.builder.effect(candidate.effect_at)
-    others = effect.confounded_with if effect.is_stated or candidate.unusual else ()
-    return frozenset(n for n in others if n in effects and effects[n].class_name != effect.class_name)
+    others = (n for n in effect.confounded_with if n in effects and (effect.is_stated or candidate.unusual))
+    return frozenset(n for n in others if candidate.unusual or effects[n].class_name != effect.class_name)
 
 
 def _ranked(ranking: Sequence[FittedCandidate], *instead: FittedCandidate) -> tuple[FittedCandidate, ...]:

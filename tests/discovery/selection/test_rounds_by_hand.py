@@ -31,6 +31,7 @@ from fmu_didim.discovery.selection.rounds import (
     _base_instead,
     _beside,
     _candidates,
+    _rivals,
     _with_shapes_held,
     run_rounds,
 )
@@ -236,6 +237,20 @@ def test_effects_are_added_one_after_the_other(monkeypatch: pytest.MonkeyPatch) 
     assert [len(steps) for steps in competition.backward] == [1, 2]
     assert len(competition.catalogues) == 1  # the motion hardly changes
     assert found.refused == ()
+
+
+@pytest.mark.parametrize(
+    ("is_stated", "unusual", "wanted"),
+    [(False, "", ""), (True, "", "c"), (False, "falls with the speed", "bc"), (True, "falls with the speed", "bc")],
+)
+def test_which_effects_an_effect_gives_way_to(is_stated: bool, unusual: str, wanted: str) -> None:
+    """One that no machine has also to one of its own class."""
+    catalogue = Catalogue(
+        effect_of("a", class_name="one", is_stated=is_stated, confounded_with=("b", "c", "not in the catalogue")),
+        effect_of("b", class_name="one"), effect_of("c"), effect_of("d"),
+    )  # fmt: skip
+    competition = cast(Competition, SimpleNamespace(builder=catalogue))
+    assert _rivals(competition, candidate_of("a", unusual=unusual)) == set(wanted)
 
 
 def test_what_has_a_simple_form_is_taken_where_its_own_is_not_told(monkeypatch: pytest.MonkeyPatch) -> None:
