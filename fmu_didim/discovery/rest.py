@@ -1,4 +1,4 @@
-"""Where an effect rests that was found with a constant on its joint.
+"""Where an effect rests that was found with a constant on its joint: both are one cause, if nothing else makes that.
 
 A spring that rests at q_0 is a spring and a constant, k (q - q_0) = k q + c, so that
 
@@ -14,7 +14,6 @@ from collections.abc import Sequence
 import numpy as np
 
 from fmu_didim.discovery.augmentation.builder import LoopModelBuilder
-from fmu_didim.discovery.selection.decide import Step
 from fmu_didim.fit.fit import Fit
 from fmu_didim.model.loop_model import EffectAtJoint
 
@@ -24,16 +23,20 @@ RESTS = (
 )
 
 
-def rest_notes(fit: Fit, steps: Sequence[Step], builder: LoopModelBuilder) -> list[str]:
+def rests(named: Sequence[EffectAtJoint], builder: LoopModelBuilder) -> dict[EffectAtJoint, EffectAtJoint]:
+    """Those of some effects that are no more than where another one of them rests -> that one."""
+    found = ((EffectAtJoint(builder.effect(a).rest, a.joint), a) for a in named)
+    return {constant: effect_at for constant, effect_at in found if constant in named}
+
+
+def rest_notes(fit: Fit, named: Sequence[EffectAtJoint], builder: LoopModelBuilder) -> list[str]:
     """Where effects rest that were named with the constant of their rest, a note for each."""
-    notes, named = [], [step.effect_at for step in steps]
-    for effect_at in named:
-        effect, joint = builder.effect(effect_at), effect_at.joint
-        constant = EffectAtJoint(effect.rest, joint)
-        if constant in named:
-            rest, deviation = _rest(fit, effect_at, constant)
-            title, unit = builder.effect(constant).title.lower(), "rad" if _turns(builder, joint) else "m"
-            notes.append(RESTS.format(effect.title, title, joint, rest, deviation, unit))
+    notes = []
+    for constant, effect_at in rests(named, builder).items():
+        rest, deviation = _rest(fit, effect_at, constant)
+        titles = builder.effect(effect_at).title, builder.effect(constant).title.lower()
+        unit = "rad" if builder.loop.joint_type(effect_at.joint) == "revolute" else "m"
+        notes.append(RESTS.format(*titles, effect_at.joint, rest, deviation, unit))
     return notes
 
 
@@ -44,7 +47,3 @@ def _rest(fit: Fit, effect_at: EffectAtJoint, constant: EffectAtJoint) -> tuple[
     c, k = fit.values[places]
     slope = np.array([-1 / k, c / k**2])
     return float(-c / k), float(np.sqrt(slope @ fit.covariance[np.ix_(places, places)] @ slope))
-
-
-def _turns(builder: LoopModelBuilder, joint: int) -> bool:
-    return builder.loop.joint_type(joint) == "revolute"

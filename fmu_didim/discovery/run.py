@@ -229,7 +229,7 @@ class _Search:
         way = None if is_virtual else other_sampling(of_torque, unshifted, saved=saved, threshold=options.threshold)
         note = [way.text(1 / base.model.experiments[base.model.first].rate_hz)] if way is not None else []
         unsearched = not_widely_searched(builder, discovery, options)
-        rests = rest_notes(discovery.final, discovery.steps, builder)
+        rests = rest_notes(discovery.final, [step.effect_at for step in discovery.steps], builder)
         notes = [*note, *notes, *forms.notes, *rests, *gain_notes(discovery.final, builder), *unsearched]
         document = self.written(discovery, ratio, free, *notes, curves=forms.curves, doubts=forms.doubts)
         return Found(document, discovery, builder, forms.curves)

@@ -28,10 +28,6 @@ def fit(*named: EffectAtJoint, c: float = -6.0, k: float = 20.0) -> Any:
     )  # fmt: skip
 
 
-def steps(*named: EffectAtJoint) -> Any:
-    return [SimpleNamespace(effect_at=a) for a in named]
-
-
 @pytest.mark.parametrize(
     ("constant", "spring", "told"),
     [
@@ -44,7 +40,7 @@ def steps(*named: EffectAtJoint) -> Any:
 )
 def test_where_it_rests_is_said(constant: tuple[str, int], spring: tuple[str, int], told: str) -> None:
     places = EffectAtJoint(*constant), EffectAtJoint(*spring)
-    notes = rest_notes(fit(*places), steps(*places[::-1]), BUILDER)
+    notes = rest_notes(fit(*places), places[::-1], BUILDER)
     assert len(notes) == bool(told) and all(note.endswith(told) for note in notes)
     if told:
         assert notes[0].startswith(f"Spring or cable stiffness and torque offset on joint {constant[1]} are one cause")

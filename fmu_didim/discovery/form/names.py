@@ -4,7 +4,8 @@ Names are taken back where a curve explains far more than all effects that were 
 it. So they are where it explains as much as several of them, or a little more, and predicts held-out data better: what
 together has the form of something else along one motion has it less along another, while effects that are there predict
 better than a curve that follows them all. A single effect that leaves little keeps its name, and several that are left
-a little behind and predict better keep theirs, with the doubt that their form is another one.
+a little behind and predict better keep theirs, with the doubt that their form is another one. A spring and the constant
+of its rest are a single one.
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ from fmu_didim.discovery.judge import REMAINDER
 from fmu_didim.discovery.ladder.facts import new_in
 from fmu_didim.discovery.ladder.motions import MOSTLY_NEW
 from fmu_didim.discovery.progress import Progress
+from fmu_didim.discovery.rest import rests
 from fmu_didim.discovery.selection.beside_others import beside_others
 from fmu_didim.discovery.selection.competition import proposal_of
 from fmu_didim.discovery.selection.decide import Options, nearness
@@ -134,24 +136,25 @@ def _of_machine(builder: LoopModelBuilder, effect_at: EffectAtJoint) -> bool:
 def _on_joint(discovery: Discovery, builder: LoopModelBuilder, options: Options, joint: int) -> Forms:
     final = discovery.final.torque_alone
     own = [s.effect_at for s in discovery.steps if s.effect_at.joint == joint and _of_machine(builder, s.effect_at)]
+    causes = [a for a in own if a not in rests(own, builder)]
     gap = joint_gaps(final.residual, final.noise)[joint - 1]
     before, named = final, 0.0
     if own:
         before = _without(builder, final, own)
         named = bic_gain(before, final, sum(builder.cost_in(final, a) for a in own), final.noise)
     ranked = sorted(tried_curves(builder, before, joint), key=lambda one: -one.delta_bic)
-    if not ranked or ranked[0].delta_bic < _least(named, own, options):
+    if not ranked or ranked[0].delta_bic < _least(named, len(causes), options):
         tried = _listed([t.effect.variable for t in ranked])
         note = f"Joint {joint}: no curve of {tried} alone explains what remains."
         return Forms(discovery, notes=(note,) if ranked and not own and gap > REMAINDER else ())
     whole, named = _with_small(discovery, builder, options, own, named) if own else (final, named)
-    if ranked[0].delta_bic < _least(named, own, options):
+    if ranked[0].delta_bic < _least(named, len(causes), options):
         return Forms(discovery)
     curve = fitted_curve(builder, before, ranked)
-    if curve is None or curve.delta_bic < _least(named, own, options):
+    if curve is None or curve.delta_bic < _least(named, len(causes), options):
         return Forms(discovery)
     variable = curve.tried.effect.variable
-    is_far, is_ahead = curve.delta_bic > (LEAD if len(own) > 1 else LEAD_ALONE) * named, curve.delta_bic >= named
+    is_far, is_ahead = curve.delta_bic > (LEAD if len(causes) > 1 else LEAD_ALONE) * named, curve.delta_bic >= named
     much = "far more" if is_far else "more" if is_ahead else "as much"
     told = f"explains {much}: BIC {curve.delta_bic:.0f} against {named:.0f}"
     if why := unconfirmed(before, curve.fit, seed=options.seed):
@@ -168,7 +171,8 @@ def _on_joint(discovery: Discovery, builder: LoopModelBuilder, options: Options,
         where = "" if is_new else ", on the motion of the fit, where either may be true"
         told = f"{told}; the held-out RMS with it is {ratio.value:.3f} times that with what was named{where}"
     predicts_better = ratio is not None and ratio.value < HELD_OUT and is_new
-    if own and not imitates([builder.effect(a).is_external for a in own], gap, lead, predicts_better=predicts_better):
+    are_external = [builder.effect(a).is_external for a in causes]
+    if own and not imitates(are_external, gap, lead, predicts_better=predicts_better):
         if not is_ahead:
             return Forms(discovery)
         text = f"On {_all(own)} a curve of {variable} {told}."
@@ -185,9 +189,9 @@ def _on_joint(discovery: Discovery, builder: LoopModelBuilder, options: Options,
     return Forms(discovery, (replace(curve, instead_of=tuple(taken)),))
 
 
-def _least(named: float, own: Sequence[EffectAtJoint], options: Options) -> float:
-    """The least gain in BIC of a curve that may say something of the effects named on its joint, by theirs."""
-    return max(options.threshold, named - nearness(named, options) if len(own) > 1 else LEAD_ALONE * named)
+def _least(named: float, causes: int, options: Options) -> float:
+    """The least gain in BIC of a curve that may say something of what was named on its joint, by its gain."""
+    return max(options.threshold, named - nearness(named, options) if causes > 1 else LEAD_ALONE * named)
 
 
 def _with_small(
@@ -234,7 +238,7 @@ def imitates(are_external: Sequence[bool], gap: float, lead: float, *, predicts_
     a single effect of the machine that leaves much.
 
     Args:
-        are_external: of each effect, whether it stands for a torque from outside; gap: in units of the noise, that they
+        are_external: of each cause, whether it stands for a torque from outside; gap: in units of the noise, that they
             leave; lead: gain in BIC of the curve over theirs, of several nearly one or more; predicts_better: whether
             the curve predicts held-out data better than they do.
     """

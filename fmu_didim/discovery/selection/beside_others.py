@@ -16,6 +16,7 @@ import numpy as np
 from fmu_didim.base.errors import SimulationError
 from fmu_didim.discovery.augmentation.builder import LoopModelBuilder
 from fmu_didim.discovery.progress import Progress
+from fmu_didim.discovery.rest import rests
 from fmu_didim.discovery.selection.candidates import FittedCandidate
 from fmu_didim.discovery.selection.decide import Options, Step
 from fmu_didim.fit.fit import Fit
@@ -114,11 +115,12 @@ def by_importance(steps: Sequence[Step], fit: Fit, builder: LoopModelBuilder) ->
 
 def _rests_last(steps: Sequence[Step], builder: LoopModelBuilder) -> tuple[Step, ...]:
     """The steps in this order, but where one rests only after the one that rests there."""
-    named = {step.effect_at: i for i, step in enumerate(steps)}
-    rests = {EffectAtJoint(builder.effect(a).rest, a.joint): i for a, i in named.items()}
+    named = [step.effect_at for step in steps]
+    causes = rests(named, builder)
 
     def place(step: Step) -> tuple[int, bool]:
-        own, cause = named[step.effect_at], rests.get(step.effect_at, -1)
+        own = named.index(step.effect_at)
+        cause = named.index(causes.get(step.effect_at, step.effect_at))
         return max(own, cause), cause > own
 
     return tuple(sorted(steps, key=place))

@@ -446,9 +446,12 @@ def promising_instead(
 
 
 def _may_stand_for_named(builder: LoopModelBuilder, effect_at: EffectAtJoint, fit: Fit) -> bool:
-    """Whether an effect may only stand for what a model has on its joint, as a stop for a spring."""
+    """Whether an effect may only stand for what a model has on its joint, as a stop for a spring, or that is its simple
+    form."""
     named = {a.effect for a in fit.model.added_effects if a.joint == effect_at.joint}
-    return bool(named & set(builder.effect(effect_at).stands_for))
+    effect = builder.effect(effect_at)
+    has_simple = bool(effect.simple_form) and named >= set(effect.simple_form)
+    return has_simple or bool(named & set(effect.stands_for))
 
 
 def _with_in_set(step: Step, rivals: Sequence[tuple[FittedCandidate, float]]) -> Step:

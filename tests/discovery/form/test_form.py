@@ -289,7 +289,9 @@ class Hand:
         discovery = Discovery(self.fit, self.fit, steps, (), small=small)  # type: ignore[arg-type]
         builder: Any = SimpleNamespace(
             effect=lambda a: SimpleNamespace(
-                is_of_log=self.given.get("is_of_log", False), is_external=a.effect == "external_force"
+                is_of_log=self.given.get("is_of_log", False),
+                is_external=a.effect == "external_force",
+                rest="torque_offset" if a.effect == "spring" else "",
             ),
             cost_in=lambda fit, a: 1.0,
             at=lambda a: SimpleNamespace(can_be_added=not self.given.get("is_taken", False)),
@@ -307,6 +309,7 @@ class Hand:
 
 SAME, OTHER = {"b": 0.4}, {"b": 0.5}
 ONE, TWO, OUTSIDE = ("spring",), ("spring", "torque_ripple"), ("external_force",)
+RESTS = ("torque_offset", "spring")
 
 
 @pytest.mark.parametrize(
@@ -359,6 +362,11 @@ ONE, TWO, OUTSIDE = ("spring",), ("spring", "torque_ripple"), ("external_force",
         ({"effects": ONE, "gain": 100.0, "curves": [("q", 149.0)], "gap": 0.7}, [*ONE], True, True),
         ({"effects": ONE, "gain": 100.0, "curves": [("q", 131.0)], "gap": 0.7}, [*ONE], True, True),
         ({"effects": ONE, "gain": 100.0, "curves": [("q", 129.0)], "gap": 0.7}, [*ONE], False, False),
+        # A spring and the constant of its rest are a single one, too; with a ripple they are two.
+        ({"effects": RESTS, "gain": 100.0, "curves": [("q", 129.0)], "ratio": 0.9}, [*RESTS], False, False),
+        ({"effects": RESTS, "gain": 100.0, "curves": [("q", 149.0)], "ratio": 0.9}, [*RESTS], True, True),
+        ({"effects": RESTS, "gain": 100.0, "curves": [("q", 151.0)], "ratio": 0.9}, [], True, False),
+        ({"effects": (*RESTS, "torque_ripple"), "gain": 100.0, "curves": [("q", 121.0)]}, [], True, False),
         # A torque from outside is nothing but its form.
         ({"effects": OUTSIDE, "gain": 100.0, "curves": [("t", 129.0)], "gap": 0.1}, [*OUTSIDE], False, False),
         ({"effects": OUTSIDE, "gain": 100.0, "curves": [("t", 131.0)], "gap": 0.1}, [], True, False),

@@ -466,6 +466,8 @@ def test_the_best_rival_takes_the_place(monkeypatch: pytest.MonkeyPatch) -> None
         (100.0, {"lag": 111.0}, ["lag"]),  # it promises nothing itself: the others can make it
         (100.0, {"slide": 50.0, "lag": 80.0, "rub": 90.0, "gains": 70.0}, ["rub", "lag"]),  # the first two
         (100.0, {"slide": 50.0, "elastic": 90.0}, []),  # it may only stand for the effect that is named
+        (100.0, {"slide": 50.0, "rolls": 90.0}, []),  # that is its simple form
+        (100.0, {"slide": 50.0, "rolls on": 90.0}, ["rolls on"]),  # a part of it alone
     ],
 )
 def test_what_promises_more_in_the_place_of_an_effect(
@@ -474,6 +476,7 @@ def test_what_promises_more_in_the_place_of_an_effect(
     builder: Any = Catalogue(
         effect_of("slide"), effect_of("lag"), effect_of("rub"), effect_of("gains"),
         effect_of("elastic", stands_for=("slide",)),
+        effect_of("rolls", simple_form=("slide",)), effect_of("rolls on", simple_form=("slide", "lag")),
     )  # fmt: skip
     builder.has_place = lambda effect_at, others: True
     without, fit = model_with(), model_with(at("slide"))
