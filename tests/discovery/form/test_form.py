@@ -183,7 +183,9 @@ def test_a_curve_takes_the_name_that_its_user_gives_it(tmp_path: Path) -> None:
     [
         ([False], 0.5, 2.0, False, False),
         ([False], 0.7, 1.45, False, False),
-        ([False], 0.7, 1.55, False, True),
+        ([False], 0.7, 1.55, None, True),
+        ([False], 0.7, 1.55, True, True),
+        ([False], 0.7, 1.55, False, False),  # a ripple beside another one
         ([True], 0.1, 1.35, False, True),
         ([False, False], 0.1, 1.25, False, True),
         ([False, False], 0.7, 1.15, False, False),
@@ -195,7 +197,7 @@ def test_a_curve_takes_the_name_that_its_user_gives_it(tmp_path: Path) -> None:
     ],
 )
 def test_a_single_effect_of_the_machine_that_leaves_little_or_is_near_keeps_its_name(
-    are_external: list[bool], gap: float, lead: float, predicts_better: bool, taken: bool
+    are_external: list[bool], gap: float, lead: float, predicts_better: bool | None, taken: bool
 ) -> None:
     assert imitates(are_external, gap, lead, predicts_better=predicts_better) is taken
 
@@ -359,6 +361,8 @@ RESTS = ("torque_offset", "spring")
         # A single one that leaves little, or is not that far behind, keeps its name, with a doubt.
         ({"effects": ONE, "gain": 100.0, "curves": [("q", 300.0)], "gap": 0.5}, [*ONE], True, True),
         ({"effects": ONE, "gain": 100.0, "curves": [("q", 300.0)], "gap": 0.7}, [], True, False),
+        ({"effects": ONE, "gain": 100.0, "curves": [("q", 300.0)], "gap": 0.7, "ratio": 0.9}, [], True, False),
+        ({"effects": ONE, "gain": 100.0, "curves": [("q", 300.0)], "gap": 0.7, "ratio": 1.02}, [*ONE], True, True),
         ({"effects": ONE, "gain": 100.0, "curves": [("q", 149.0)], "gap": 0.7}, [*ONE], True, True),
         ({"effects": ONE, "gain": 100.0, "curves": [("q", 131.0)], "gap": 0.7}, [*ONE], True, True),
         ({"effects": ONE, "gain": 100.0, "curves": [("q", 129.0)], "gap": 0.7}, [*ONE], False, False),
