@@ -181,19 +181,22 @@ def test_a_curve_takes_the_name_that_its_user_gives_it(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("are_external", "gap", "lead", "predicts_better", "taken"),
     [
-        ([False], 0.5, 2.0, False, False),
-        ([False], 0.7, 1.45, False, False),
+        ([False], 0.5, 2.0, None, False),
+        ([False], 0.7, 1.45, None, False),
         ([False], 0.7, 1.55, None, True),
         ([False], 0.7, 1.55, True, True),
         ([False], 0.7, 1.55, False, False),  # a ripple beside another one
-        ([True], 0.1, 1.35, False, True),
-        ([False, False], 0.1, 1.25, False, True),
-        ([False, False], 0.7, 1.15, False, False),
-        ([False, True, False], 2.0, 1.25, False, True),
-        # Several that also predict held-out data worse.
-        ([False, False], 0.1, 1.01, True, True),
         ([False], 0.7, 1.45, True, False),
         ([False], 0.5, 2.0, True, False),
+        ([True], 0.1, 1.35, None, True),
+        ([True], 0.1, 1.35, False, True),
+        # Several: by far, where held-out data do not tell.
+        ([False, False], 0.1, 1.25, None, True),
+        ([False, False], 0.7, 1.15, None, False),
+        ([False, True, False], 2.0, 1.25, None, True),
+        ([False, False], 0.1, 1.01, True, True),
+        ([False, False], 0.1, 0.99, True, True),
+        ([False, False], 0.7, 2.6, False, False),  # a stop and a ripple beside other ones
     ],
 )
 def test_a_single_effect_of_the_machine_that_leaves_little_or_is_near_keeps_its_name(
@@ -272,7 +275,7 @@ class Hand:
         ratio = self.given.get("ratio")
         if len(before.model.added_effects) > len(self.named):
             ratio = self.given.get("ratio_with_small", ratio)
-        return None if ratio is None else Ratio(ratio, 0.5 * ratio, 2 * ratio)
+        return None if ratio is None else Ratio(ratio, 0.5 * ratio, self.given.get("high", ratio))
 
     def curve(self, name: str, gain: float) -> Any:
         return SimpleNamespace(
@@ -356,7 +359,11 @@ RESTS = ("torque_offset", "spring")
         ({"effects": TWO, "gain": 100.0, "curves": [("q", 99.0)], "ratio": 1.0}, [*TWO], False, False),
         ({"effects": TWO, "gain": 100.0, "curves": [("q", 99.0)], "against": "no"}, [*TWO], False, False),
         ({"effects": ONE, "gain": 100.0, "curves": [("q", 99.0)], "ratio": 0.9}, [*ONE], False, False),
-        ({"effects": TWO, "gain": 100.0, "curves": [("q", 121.0)], "ratio": 1.1}, [], True, False),
+        ({"effects": TWO, "gain": 100.0, "curves": [("q", 300.0)], "ratio": 1.1}, [*TWO], True, True),
+        # Better for certain: the whole interval tells.
+        ({"effects": TWO, "gain": 100.0, "curves": [("q", 300.0)], "ratio": 0.9, "high": 1.01}, [*TWO], True, True),
+        ({"effects": TWO, "gain": 100.0, "curves": [("q", 101.0)], "ratio": 0.9, "high": 1.01}, [*TWO], True, True),
+        ({"effects": ONE, "gain": 100.0, "curves": [("q", 300.0)], "ratio": 0.9, "high": 1.01}, [*ONE], True, True),
         ({"effects": ONE, "gain": 100.0, "curves": [("q", 149.0)], "ratio": 0.9}, [*ONE], True, True),
         # A single one that leaves little, or is not that far behind, keeps its name, with a doubt.
         ({"effects": ONE, "gain": 100.0, "curves": [("q", 300.0)], "gap": 0.5}, [*ONE], True, True),
