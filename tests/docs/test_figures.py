@@ -172,8 +172,10 @@ STATED: Mapping[str, Mapping[str, str]] = {
     },
     "discovery": {
         "longer than noise is (50 ms)": THRESHOLD, "no joint by more than 1 % of its noise": THRESHOLD,
-        "values with a 95 % interval": MEANS, "gains 1.2 times as much": THRESHOLD, "from 1.3 times on": THRESHOLD,
-        "from 1.5 times on": THRESHOLD,
+        "values with a 95 % interval": MEANS, "must gain 1.2 times as much": THRESHOLD,
+        "one that gains 1.5 times as much": THRESHOLD, "several of them, or 1.3 times as much": THRESHOLD,
+        "that gains 1.3 times as much": THRESHOLD,
+        "(the 95 % interval of": MEANS,
         "a 95 % interval of the held-out RMS ratio": MEANS, "at least 0.6 σ in the torque, and 3 % of": THRESHOLD,
         "or within 2 % of its gain": THRESHOLD, "adds 0.6 σ or more": THRESHOLD, "Wald's test, 5 %": THRESHOLD,
         "at 1.5 σ after refitting": MADE, "a gap below 1 σ": "from where cases are judged", "of up to 0.6 σ": MADE,
