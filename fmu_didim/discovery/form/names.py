@@ -149,16 +149,19 @@ def _on_joint(discovery: Discovery, builder: LoopModelBuilder, options: Options,
         tried = _listed([t.effect.variable for t in ranked])
         note = f"Joint {joint}: no curve of {tried} alone explains what remains."
         return Forms(discovery, notes=(note,) if ranked and not own and gap > REMAINDER else ())
-    whole, named = _with_small(discovery, builder, options, own, named) if own else (final, named)
-    if ranked[0].delta_bic < _least(named, len(causes), options):
-        return Forms(discovery)
     curve = fitted_curve(builder, before, ranked)
-    if curve is None or curve.delta_bic < _least(named, len(causes), options):
+    if curve is None:
+        return Forms(discovery)
+    # What is too small for a name is fitted beside both, since a curve may follow it as well.
+    small = _too_small(discovery, builder, options, own) if own else []
+    whole, named = _with(builder, small, final, named)
+    beside, gain = _with(builder, small, curve.fit, curve.delta_bic)
+    if gain < _least(named, len(causes), options):
         return Forms(discovery)
     variable = curve.tried.effect.variable
-    is_far, is_ahead = curve.delta_bic > (LEAD if len(causes) > 1 else LEAD_ALONE) * named, curve.delta_bic >= named
+    is_far, is_ahead = gain > (LEAD if len(causes) > 1 else LEAD_ALONE) * named, gain >= named
     much = "far more" if is_far else "more" if is_ahead else "as much"
-    told = f"explains {much}: BIC {curve.delta_bic:.0f} against {named:.0f}"
+    told = f"explains {much}: BIC {gain:.0f} against {named:.0f}"
     if why := unconfirmed(before, curve.fit, seed=options.seed):
         note = (
             f"Joint {joint}: a curve of {variable} explains most of what was fitted, but not what was held out "
@@ -167,7 +170,7 @@ def _on_joint(discovery: Discovery, builder: LoopModelBuilder, options: Options,
         text = f"On {_all(own)} a curve of {variable} {told}; what was held out does not have it ({why})."
         doubts = (Diagnostic(FORM_DIFFERS, text, own[0].text),) if own and is_far else ()
         return Forms(discovery, doubts=doubts, notes=(note,) if is_ahead else ())
-    lead, ratio = curve.delta_bic / named if named > 0 else np.inf, held_out_ratio(whole, curve.fit, seed=options.seed)
+    lead, ratio = gain / named if named > 0 else np.inf, held_out_ratio(whole, beside, seed=options.seed)
     is_new = _is_other_motion(final.model)
     if own and ratio is not None:
         where = "" if is_new else ", on the motion of the fit, where either may be true"
@@ -184,8 +187,8 @@ def _on_joint(discovery: Discovery, builder: LoopModelBuilder, options: Options,
     left = [step for step in discovery.steps if step.effect_at not in own]
     filled = [s.effect_at for s in left if beside_others(builder, curve.fit, s.effect_at, options)[1]]
     final = _without(builder, before, filled) if filled else before
-    beside = f"beside a curve of {variable} on joint {joint} it explains nothing"
-    taken = {**dict.fromkeys(own, f"a curve of {variable} {told}"), **dict.fromkeys(filled, beside)}
+    nothing = f"beside a curve of {variable} on joint {joint} it explains nothing"
+    taken = {**dict.fromkeys(own, f"a curve of {variable} {told}"), **dict.fromkeys(filled, nothing)}
     kept = tuple(step for step in left if step.effect_at in final.model.added_effects)
     refused = (*taken.items(), *discovery.refused)
     discovery = replace(discovery, final=final if taken else discovery.final, steps=kept, refused=refused)
@@ -197,27 +200,27 @@ def _least(named: float, causes: int, options: Options) -> float:
     return max(options.threshold, named - nearness(named, options) if causes > 1 else LEAD_ALONE * named)
 
 
-def _with_small(
-    discovery: Discovery, builder: LoopModelBuilder, options: Options, own: Sequence[EffectAtJoint], named: float
-) -> tuple[Fit, float]:
-    """The final fit, and the gain in BIC of what was named on a joint, with what is too small for a name there.
-
-    That is the best of what the last round refused for its size, and what bends the law of an effect that was named: a
-    curve follows these, too.
-    """
-    whole, joint = discovery.final.torque_alone, own[0].joint
+def _too_small(
+    discovery: Discovery, builder: LoopModelBuilder, options: Options, own: Sequence[EffectAtJoint]
+) -> list[Proposal]:
+    """What is too small for a name on the joint of what was named: the best of what the last round refused for its
+    size, and what bends the law of an effect that was named."""
+    joint, named = own[0].joint, {a.effect for a in own}
     small = [proposal_of(c) for c in discovery.small if c.effect_at.joint == joint][:1]
-    bent = {a.effect for a in own}
-    bends = [n for n, e in builder.effects.items() if e.bends in bent and n not in options.forbid]
-    small += [Proposal(EffectAtJoint(n, joint), {}) for n in bends if EffectAtJoint(n, joint) not in own]
+    bends = [n for n, e in builder.effects.items() if e.bends in named and n not in named | options.forbid]
+    return [*small, *(Proposal(EffectAtJoint(n, joint), {}) for n in bends)]
+
+
+def _with(builder: LoopModelBuilder, small: Sequence[Proposal], fit: Fit, gain: float) -> tuple[Fit, float]:
+    """A fit and its gain in BIC with those small effects that add to it."""
     for proposal in small:
-        effect_at, added = proposal.effect_at, whole.model.added_effects
+        effect_at, added = proposal.effect_at, fit.model.added_effects
         if effect_at in added or not (builder.at(effect_at).can_be_added and builder.has_place(effect_at, added)):
             continue
-        found = minimise(builder.build(whole.model, [proposal]), whole.noise, stopping=Stopping(updates=1))
-        gain = bic_gain(whole, found, builder.cost_in(found, effect_at), whole.noise)
-        whole, named = (found, named + gain) if gain > 0 else (whole, named)
-    return whole, named
+        found = minimise(builder.build(fit.model, [proposal]), fit.noise, stopping=Stopping(updates=1))
+        more = bic_gain(fit, found, builder.cost_in(found, effect_at), fit.noise)
+        fit, gain = (found, gain + more) if more > 0 else (fit, gain)
+    return fit, gain
 
 
 def _is_other_motion(model: LoopModel) -> bool:

@@ -264,11 +264,13 @@ class Hand:
         monkeypatch.setattr(form, "new_in", lambda _, label: given.get("new", {}).get(label, 1.0))
 
     def gained(self, before: Any, after: Any, *_: Any) -> float:
+        """In BIC: by what was named, or by what is too small for a name beside that or beside the curve."""
+        first, last = (after.model.added_effects[i].effect if after.model.added_effects else "" for i in (0, -1))
+        if first == "curve":
+            return float(self.given.get("beside_curve", -1.0))
         if len(after.model.added_effects) <= len(self.named):
             return float(self.given.get("gain", 0.0))
-        return float(
-            self.given["bent_gain" if after.model.added_effects[-1].effect == "cubic_spring" else "small_gain"]
-        )
+        return float(self.given["bent_gain" if last == "cubic_spring" else "small_gain"])
 
     def ratio(self, before: Any, after: Any, **_: Any) -> Ratio | None:
         """Of what was named, with what is too small for a name if there is any there."""
@@ -286,7 +288,9 @@ class Hand:
         if self.given.get("fails"):
             raise SimulationError("It diverges.", next_step="Change it.")
         gain = self.given.get("in_loop", ranked[0].delta_bic)
-        return FoundCurve(ranked[0], before, before, gain, np.eye(1), ())
+        after: Any = SimpleNamespace(**vars(before))
+        after.model = replace_added(before.model, (EffectAtJoint("curve", 1),))
+        return FoundCurve(ranked[0], before, after, gain, np.eye(1), ())
 
     def run(self) -> Forms:
         steps = tuple(SimpleNamespace(effect_at=a) for a in self.named)
@@ -414,6 +418,8 @@ def test_which_names_are_taken_back(
         ({"small": [2], "small_gain": 30.0}, False),  # on another joint
         ({"small": [1], "small_gain": 30.0, "has_no_place": True}, False),
         ({"small": [1], "small_gain": 30.0, "is_taken": True}, False),
+        ({"small": [1], "small_gain": 30.0, "beside_curve": 35.0}, False),  # 160 against 130: the curve does not follow it
+        ({"small": [1], "small_gain": 30.0, "beside_curve": 5.0}, True),
         # So does what bends the law of what was named.
         ({"bent_gain": 30.0}, True),
         ({"bent_gain": -3.0}, False),
