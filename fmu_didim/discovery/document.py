@@ -17,6 +17,7 @@ from fmu_didim.discovery.harmonics import origin
 from fmu_didim.discovery.judge import answer_of, judged
 from fmu_didim.discovery.localise import force_windows
 from fmu_didim.discovery.request import Request
+from fmu_didim.discovery.rest import part_of
 from fmu_didim.discovery.selection.decide import Step
 from fmu_didim.discovery.selection.refitted import Refitted
 from fmu_didim.discovery.selection.rounds import Discovery, Ending
@@ -178,6 +179,7 @@ def _finding(step: Step, discovery: Discovery, builder: LoopModelBuilder) -> Fin
         ],
         experiment=effect.experiment,
         origin=origin(builder, discovery.final, step.effect_at),
+        part_of=part_of(discovery.final, step.effect_at, [s.effect_at for s in discovery.steps], builder),
         gap={
             label: GapPair(
                 before=_norm(before), after=_norm(step.after[label]),

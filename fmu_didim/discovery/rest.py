@@ -17,10 +17,7 @@ from fmu_didim.discovery.augmentation.builder import LoopModelBuilder
 from fmu_didim.fit.fit import Fit
 from fmu_didim.model.loop_model import EffectAtJoint
 
-RESTS = (
-    "{0} and {1} on joint {2} are one cause if nothing else makes the constant: a spring that rests at "
-    "{3:.3g} ± {4:.2g} {5}."
-)
+RESTS = "{0} on joint {1}, which rests at {2:.3g} ± {3:.2g} {4} then"
 
 
 def rests(named: Sequence[EffectAtJoint], builder: LoopModelBuilder) -> dict[EffectAtJoint, EffectAtJoint]:
@@ -29,15 +26,15 @@ def rests(named: Sequence[EffectAtJoint], builder: LoopModelBuilder) -> dict[Eff
     return {constant: effect_at for constant, effect_at in found if constant in named}
 
 
-def rest_notes(fit: Fit, named: Sequence[EffectAtJoint], builder: LoopModelBuilder) -> list[str]:
-    """Where effects rest that were named with the constant of their rest, a note for each."""
-    notes = []
-    for constant, effect_at in rests(named, builder).items():
-        rest, deviation = _rest(fit, effect_at, constant)
-        titles = builder.effect(effect_at).title, builder.effect(constant).title.lower()
-        unit = "rad" if builder.loop.joint_type(effect_at.joint) == "revolute" else "m"
-        notes.append(RESTS.format(*titles, effect_at.joint, rest, deviation, unit))
-    return notes
+def part_of(fit: Fit, effect_at: EffectAtJoint, named: Sequence[EffectAtJoint], builder: LoopModelBuilder) -> str:
+    """Of which other one of the effects that were named an effect may be a part, and where that rests then, in words;
+    empty if of none."""
+    whole = rests(named, builder).get(effect_at)
+    if whole is None:
+        return ""
+    rest, deviation = _rest(fit, whole, effect_at)
+    unit = "rad" if builder.loop.joint_type(whole.joint) == "revolute" else "m"
+    return RESTS.format(builder.effect(whole).title.lower(), whole.joint, rest, deviation, unit)
 
 
 def _rest(fit: Fit, effect_at: EffectAtJoint, constant: EffectAtJoint) -> tuple[float, float]:

@@ -38,7 +38,6 @@ from fmu_didim.discovery.judge import has_external_torques
 from fmu_didim.discovery.ladder.ladders import contradictions, ladders_of, of_event, of_other_size
 from fmu_didim.discovery.localise import regions_of_fit
 from fmu_didim.discovery.request import Request
-from fmu_didim.discovery.rest import rest_notes
 from fmu_didim.discovery.selection.competition import Competition
 from fmu_didim.discovery.selection.decide import Step
 from fmu_didim.discovery.selection.held_out import unconfirmed
@@ -229,8 +228,7 @@ class _Search:
         way = None if is_virtual else other_sampling(of_torque, unshifted, saved=saved, threshold=options.threshold)
         note = [way.text(1 / base.model.experiments[base.model.first].rate_hz)] if way is not None else []
         unsearched = not_widely_searched(builder, discovery, options)
-        rests = rest_notes(discovery.final, [step.effect_at for step in discovery.steps], builder)
-        notes = [*note, *notes, *forms.notes, *rests, *gain_notes(discovery.final, builder), *unsearched]
+        notes = [*note, *notes, *forms.notes, *gain_notes(discovery.final, builder), *unsearched]
         document = self.written(discovery, ratio, free, *notes, curves=forms.curves, doubts=forms.doubts)
         return Found(document, discovery, builder, forms.curves)
 

@@ -158,6 +158,8 @@ class FindingResult(_Document):
         delta_bic: gain in BIC over the model without it.
         origin: which harmonic it is of the motor that the description states; empty where it is none, or where no motor
             is stated.
+        part_of: of which other finding it may be a part, as a constant is of a spring that rests elsewhere than at
+            zero, and where that rests then; empty if of none.
         ambiguous: effects that these data cannot distinguish from it; of a model alone, where there are any, all of
             them stand here, none is named and ``effect`` is ``undecided``.
         side, signal: where it acts on a model alone.
@@ -182,6 +184,7 @@ class FindingResult(_Document):
     side: Side = ""
     signal: str = ""
     origin: str = ""
+    part_of: str = ""
     ladder: list[RungResult] = Field([], description="where it was seen, and where not yet; empty on a model alone")
 
 

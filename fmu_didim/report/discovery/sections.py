@@ -149,6 +149,8 @@ def _finding(document: FindingsDocument, number: int, finding: FindingResult) ->
     facts = [Fact(p.name, texts.value_line(p), shown="terminal") for p in finding.parameters]
     if finding.origin:
         facts.append(Fact("of the motor", finding.origin))
+    if finding.part_of:
+        facts.append(Fact("may be part of", finding.part_of))
     facts.append(Fact("share of the gap", texts.share_text(finding.share_of_gap)))
     for label, pair in finding.gap.items():
         facts.append(Fact(f"gap, {texts.experiment_name(document, label)}", texts.step_text(pair), shown="page"))

@@ -418,7 +418,10 @@ def test_which_names_are_taken_back(
         ({"small": [2], "small_gain": 30.0}, False),  # on another joint
         ({"small": [1], "small_gain": 30.0, "has_no_place": True}, False),
         ({"small": [1], "small_gain": 30.0, "is_taken": True}, False),
-        ({"small": [1], "small_gain": 30.0, "beside_curve": 35.0}, False),  # 160 against 130: the curve does not follow it
+        (
+            {"small": [1], "small_gain": 30.0, "beside_curve": 35.0},
+            False,
+        ),  # 160 against 130: the curve does not follow it
         ({"small": [1], "small_gain": 30.0, "beside_curve": 5.0}, True),
         # So does what bends the law of what was named.
         ({"bent_gain": 30.0}, True),
