@@ -243,7 +243,7 @@ def imitates(are_external: Sequence[bool], gap: float, lead: float, *, predicts_
 
     Where held-out data on another motion tell, the curve must predict them better. Several effects imitate it then, or
     where nothing tells and it is far ahead; a single effect of the machine does if it is far behind and leaves much. A
-    torque from outside is nothing but its beginning and its end, and imitates any curve that is ahead.
+    torque from outside is nothing but its beginning and its end: it imitates any curve that is far ahead.
 
     Args:
         are_external: of each cause, whether it stands for a torque from outside; gap: in units of the noise, that they
@@ -251,7 +251,8 @@ def imitates(are_external: Sequence[bool], gap: float, lead: float, *, predicts_
             the curve predicts held-out data better for certain, None where these do not tell.
     """
     if len(are_external) > 1:
-        return lead > LEAD if predicts_better is None else predicts_better
+        is_open = predicts_better is None or any(are_external)
+        return predicts_better is True or (is_open and lead > LEAD)
     return any(are_external) or (gap > REMAINDER and lead > LEAD_SURE and predicts_better is not False)
 
 

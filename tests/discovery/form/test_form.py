@@ -197,6 +197,8 @@ def test_a_curve_takes_the_name_that_its_user_gives_it(tmp_path: Path) -> None:
         ([False, False], 0.1, 1.01, True, True),
         ([False, False], 0.1, 0.99, True, True),
         ([False, False], 0.7, 2.6, False, False),  # a stop and a ripple beside other ones
+        ([True, False], 0.6, 1.48, False, True),  # a swell as a torque from outside and a drift
+        ([True, False], 0.6, 1.15, False, False),
     ],
 )
 def test_a_single_effect_of_the_machine_that_leaves_little_or_is_near_keeps_its_name(
