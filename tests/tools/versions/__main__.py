@@ -16,16 +16,19 @@ from __future__ import annotations
 import argparse
 import subprocess
 import sys
-from collections.abc import Callable, Sequence
-from importlib.metadata import distributions
+from collections.abc import Callable, Iterable, Sequence
+from importlib.metadata import Distribution, distributions
 from pathlib import Path
 from tempfile import TemporaryDirectory
+
+from packaging.specifiers import SpecifierSet
 
 from fmu_didim.base.version import __version__
 from tests.tools.versions import sizes, suite, wheels
 from tests.tools.versions.environments import CONSTRAINTS, MissingToolError, normal, with_lowest, with_newest
 
 COMMAND = "python -m tests.tools.versions constraints"
+PYTHON = ".".join(map(str, sys.version_info[:2]))
 NOT_PINNED = frozenset({"pip", "setuptools", "wheel", "fmu-didim"})
 """What comes with an environment, and the package itself."""
 
@@ -41,6 +44,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options, tests = parser.parse_known_args(arguments)
     try:
         if options.what == "constraints":
+            if late := asking_for_more(distributions()):
+                parser.exit(1, f"Install older ones, these need more than Python {PYTHON}.0: {', '.join(late)}\n")
             return write_constraints()
         if options.what == "wheels":
             wheels.record()
@@ -74,14 +79,20 @@ def write_constraints(file: Path = CONSTRAINTS) -> int:
     """Write all packages of this environment with their versions."""
     versions = {normal(d.name): d.version for d in distributions()}
     lines = [f"{name}=={version}" for name, version in sorted(versions.items()) if name not in NOT_PINNED]
-    python = ".".join(map(str, sys.version_info[:2]))
     head = [
-        f"# The versions with which fmu_didim {__version__} was tested on Python {python}. To have the same:",
+        f"# The versions with which fmu_didim {__version__} was tested on Python {PYTHON}. To have the same:",
         "#     pip install -c constraints.txt .",
         f"# Written by  {COMMAND}  in the environment of the tests.",
     ]
     file.write_text("\n".join([*head, *lines]) + "\n", encoding="utf-8")
     return 0
+
+
+def asking_for_more(of: Iterable[Distribution]) -> list[str]:
+    """Packages that ask for a later patch of Python than the first one, which systems may not have: Debian 12 has
+    3.11.2."""
+    asked = {f"{normal(d.name)} {d.version}": d.metadata.get("Requires-Python") or "" for d in of}
+    return sorted(f"{name} ({python})" for name, python in asked.items() if f"{PYTHON}.0" not in SpecifierSet(python))
 
 
 if __name__ == "__main__":

@@ -12,6 +12,7 @@ from collections.abc import Iterator
 from importlib.metadata import version
 from itertools import pairwise
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -20,8 +21,9 @@ from packaging.specifiers import SpecifierSet
 from packaging.version import Version
 
 from tests.conftest import ROOT
+from tests.tools.versions import __main__ as of_versions
 from tests.tools.versions import sizes, suite, wheels
-from tests.tools.versions.__main__ import COMMAND, main, write_constraints
+from tests.tools.versions.__main__ import COMMAND, PYTHON, asking_for_more, main, write_constraints
 from tests.tools.versions.environments import (
     MissingToolError,
     constraints,
@@ -86,6 +88,20 @@ def test_constraints_hold_versions_only_and_name_their_command() -> None:
     assert [line for line in rest if not re.fullmatch(r"[a-z0-9-]+==[0-9][\w.+!]*", line)] == []
     names = [line.partition("==")[0] for line in rest]
     assert names == sorted(set(names)) and len(names) > 50
+
+
+def test_versions_that_ask_for_a_later_patch_of_python_are_not_kept(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The gate could not make its environment with the Python of Debian 12, 3.11.2."""
+    asked = {"old": ">=3.9", "free": None, "late": f">={PYTHON}.5", "first": f">={PYTHON}"}
+    found: Any = [SimpleNamespace(name=n, version="4.1", metadata={"Requires-Python": p}) for n, p in asked.items()]
+    assert asking_for_more(found) == [f"late 4.1 (>={PYTHON}.5)"]
+    monkeypatch.setattr(of_versions, "distributions", lambda: found)
+    monkeypatch.setattr(of_versions, "write_constraints", lambda: pytest.fail("it was written"))
+    with pytest.raises(SystemExit, match="1"):
+        main(["constraints"])
+    assert f"these need more than Python {PYTHON}.0: late 4.1" in capsys.readouterr().err
 
 
 def test_constraints_are_those_of_this_environment(tmp_path: Path) -> None:
