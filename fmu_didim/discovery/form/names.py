@@ -39,9 +39,10 @@ from fmu_didim.model.loop_model import EffectAtJoint, LoopModel
 
 FORM_DIFFERS = CATALOGUE(
     "form-differs", DOUBT, rank=56,
-    meaning="A curve of one variable explains far more than the effect that was named on its joint, though that leaves "
-    "little, or more than several together: an effect has another form than that of the catalogue, or something else "
-    "looks like it. A curve that held-out data refuse is not shown: the fitted log has something that they have not.",
+    meaning="A curve of one variable explains far more than the effect that was named on its joint, or more than "
+    "several together, but that leaves little, or held-out data do not prefer the curve for certain: an effect has "
+    "another form than that of the catalogue, or something else looks like it. A curve that held-out data refuse is "
+    "not shown: the fitted log has something that they have not.",
     next_step="Look at the curve in the report, whose robot description has it in the place of the effect; without "
     "one, at what happened in the fitted log alone.",
 )  # fmt: skip
@@ -138,7 +139,8 @@ def _of_machine(builder: LoopModelBuilder, effect_at: EffectAtJoint) -> bool:
 def _on_joint(discovery: Discovery, builder: LoopModelBuilder, options: Options, joint: int) -> Forms:
     final = discovery.final.torque_alone
     own = [s.effect_at for s in discovery.steps if s.effect_at.joint == joint and _of_machine(builder, s.effect_at)]
-    causes = [a for a in own if a not in rests(own, builder)]
+    constants = rests(own, builder)
+    causes = [a for a in own if a not in constants]
     gap = joint_gaps(final.residual, final.noise)[joint - 1]
     before, named = final, 0.0
     if own:

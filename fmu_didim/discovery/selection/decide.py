@@ -235,8 +235,7 @@ def too_small(
     """The candidates that were refused because they change too little, and for nothing else."""
     small = {effect_at for effect_at, reason in refused if reason.startswith(TOO_SMALL)}
     of_any_size = replace(options, smallest_size=options.smallest_gain, smallest_share=0.0, smallest_part=0.0)
-    alone = [c for c in ranking if c.effect_at in small] if small else []
-    return tuple(c for c in alone if not objection(c, fit, of_any_size, base=base))
+    return tuple(c for c in ranking if c.effect_at in small and not objection(c, fit, of_any_size, base=base))
 
 
 def _held_out(candidate: FittedCandidate, fit: Fit, options: Options) -> str:

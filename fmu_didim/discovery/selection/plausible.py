@@ -22,7 +22,6 @@ from fmu_didim.dynamics.effects import Effect
 from fmu_didim.dynamics.effects.base import SURE
 from fmu_didim.fit.fit import Fit
 from fmu_didim.model.free_parameter import plain_name
-from fmu_didim.model.loop_model import EffectAtJoint
 from fmu_didim.model.motion import joint_reference
 
 UNUSUAL = CATALOGUE(
@@ -130,8 +129,7 @@ def unusual(fit: Fit, index: int, effect: Effect, effects: Mapping[str, Effect])
 def _is_beside(fit: Fit, index: int, other: Effect) -> bool:
     """Whether a fit has another effect on the joint of the one of this index, added or in the model from the start."""
     joint, own = fit.model.added_effects[index].joint, {p.name for p in other.own_parameters}
-    is_added = any(a == EffectAtJoint(other.name, joint) for a in fit.model.added_effects)
-    return is_added or any(plain_name(p.name, joint) in own for p in fit.model.free_parameters if p.effect is None)
+    return any(plain_name(p.name, joint) in own for p in fit.model.free_parameters)
 
 
 def _held_by_friction(fit: Fit, index: int, effect: Effect, least: Array) -> str:

@@ -135,7 +135,8 @@ class Effect(ABC):
         simple_form: names of effects that together, on its joint, are a simple form of it: named instead where they
             explain as much, and where its own form is not told.
         bends: name of the effect whose law it bends, without which hardly any machine has it; none if it is empty.
-        rest: name of the effect that, on its joint, is where it rests: its own torque at zero; none if it is empty.
+        rest: name of the effect that is the constant of its rest, where its own torque is proportional to the position;
+            none if it is empty.
         distance: the shape that is the distance over which it builds up after a reversal; none if it is empty.
         frequency: the shape that is the spatial frequency, in rad per rad or m of the joint, at which it repeats and by
             which alone it is known; none if it is empty.

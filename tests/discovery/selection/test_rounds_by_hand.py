@@ -95,6 +95,7 @@ class ByHand:
         monkeypatch.setattr(rounds, "held_out_objection", lambda *_, **__: "")
         monkeypatch.setattr(rounds, "without_superfluous", self.do_backward)
         monkeypatch.setattr(rounds, "by_importance", lambda steps, fit, builder: tuple(steps))
+        monkeypatch.setattr(rounds, "too_small", lambda *_, **__: ())
         monkeypatch.setattr(rounds, "simple_form", lambda *_: self.untold.pop() if self.untold else None)
         monkeypatch.setattr(rounds, "Competition", self.do_competition)
         monkeypatch.setattr(rounds, "SignatureCatalogue", self.do_catalogue)
