@@ -34,7 +34,7 @@ from fmu_didim.discovery.external_torques.rivals import rivalled
 from fmu_didim.discovery.form.curve import FoundCurve
 from fmu_didim.discovery.form.names import Forms, instead_of_torques, with_curves
 from fmu_didim.discovery.harmonics import motor_notes, not_of_motors
-from fmu_didim.discovery.judge import has_external_torques
+from fmu_didim.discovery.judge import explains_little, has_external_torques
 from fmu_didim.discovery.ladder.ladders import contradictions, ladders_of, of_event, of_other_size
 from fmu_didim.discovery.localise import regions_of_fit
 from fmu_didim.discovery.request import Request
@@ -206,9 +206,7 @@ class _Search:
             discovery = replace(discovery, final=final)
         discovery = replace(discovery, base=base, final=_fully_integrated(base, discovery))
         ratio = held_out_ratio(base, discovery.final, seed=options.seed) if discovery.steps else None
-        tested = discovery.steps and self.torques is None and not any(step.untested for step in discovery.steps)
-        lenience = options.lenience(hits=any(builder.effect(s.effect_at).has_minima for s in discovery.steps))
-        if tested and (why := unconfirmed(base, discovery.final, seed=options.seed, lenience=lenience)):
+        if why := self.objection(discovery):
             discovery, ratio = _withdrawn(discovery, why), None
         forms = Forms(discovery)
         if self.torques is None and discovery.ending is Ending.COMPLETE:
@@ -231,6 +229,16 @@ class _Search:
         notes = [*note, *notes, *forms.notes, *gain_notes(discovery.final, builder), *unsearched]
         document = self.written(discovery, ratio, free, *notes, curves=forms.curves, doubts=forms.doubts)
         return Found(document, discovery, builder, forms.curves)
+
+    def objection(self, discovery: Discovery) -> str:
+        """Why all that was named together is no answer, or an empty string."""
+        if not discovery.steps or self.torques is not None:
+            return ""
+        base, options, final = self.base, self.request.options, discovery.final
+        lenience = options.lenience(hits=any(self.builder.effect(s.effect_at).has_minima for s in discovery.steps))
+        untested = any(step.untested for step in discovery.steps)
+        why = "" if untested else unconfirmed(base, final, seed=options.seed, lenience=lenience)
+        return why or (explains_little(base, final) if discovery.ending is Ending.COMPLETE else "")
 
     def without_torques(self, discovery: Discovery) -> Found | None:
         """What is found without the torques from outside, where the effects that were found beside them have made them

@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fmu_didim.discovery.judge import REMAINDER, REMAINDER_FOLLOWS
+from fmu_didim.discovery.judge import REMAINDER, REMAINDER_FOLLOWS, SMALLEST_WHOLE, explains_little
 from fmu_didim.discovery.request import Request
 from fmu_didim.discovery.run import discover
 from fmu_didim.results.findings import FindingsDocument
+from tests.discovery.by_hand import table_fit
 from tests.tools.verdict.catalogue import NOISE
 from tests.tools.verdict.drawn import nameless
 from tests.tools.verdict.power import along, builder, with_logs
@@ -24,6 +25,26 @@ def answered(seed: int, *, hidden: bool) -> FindingsDocument:
         torques = {label: found[1].torque(found[1].start, label) for label in torques}
     request = Request("drawn", builder("scara").description)
     return discover(with_logs(along("scara", seed), torques, seed, NOISE), request).document
+
+
+ENOUGH = 1 - 1.01 * SMALLEST_WHOLE
+"""Of a squared gap of one, what is left by what explains just enough."""
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "told"),
+    [
+        ([2.0], [1.88], "12 %"),  # a drive gain in the place of a coupling: most is left
+        ([2.0], [1 + ENOUGH], ""),
+        ([17.0, 1.05], [16.9, 1.04], "1 %"),  # the other joint shows nothing that could be explained
+        ([17.0, 3.0], [16.9, 1.2], ""),  # one joint is explained, the other has something else
+        ([1.4], [1.35], ""),  # what is left is as small as clutter
+    ],
+)
+def test_what_explains_the_smaller_part_of_all_is_no_name(before: list[float], after: list[float], told: str) -> None:
+    """Mean squares of the residual of each joint, whose noise is one, without and with what was named."""
+    why = explains_little(table_fit(*before), table_fit(*after))
+    assert why.startswith(f"all that was named explains {told}") if told else why == ""
 
 
 @pytest.mark.gate

@@ -155,7 +155,7 @@ def _on_joint(discovery: Discovery, builder: LoopModelBuilder, options: Options,
     if curve is None:
         return Forms(discovery)
     # What is too small for a name is fitted beside both, since a curve may follow it as well.
-    small = _too_small(discovery, builder, options, own) if own else []
+    small = _small_beside(discovery, builder, options, own) if own else []
     whole, named = _with(builder, small, final, named)
     beside, gain = _with(builder, small, curve.fit, curve.delta_bic)
     if gain < _least(named, len(causes), options):
@@ -202,7 +202,7 @@ def _least(named: float, causes: int, options: Options) -> float:
     return max(options.threshold, named - nearness(named, options) if causes > 1 else LEAD_ALONE * named)
 
 
-def _too_small(
+def _small_beside(
     discovery: Discovery, builder: LoopModelBuilder, options: Options, own: Sequence[EffectAtJoint]
 ) -> list[Proposal]:
     """What is too small for a name on the joint of what was named: the best of what the last round refused for its

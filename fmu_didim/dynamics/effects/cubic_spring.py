@@ -11,7 +11,7 @@ class CubicSpring(TorqueEffect):
     title = "Hardening spring"
     equation = "kcube*q^3"
     class_name = "position-dependent load"
-    confounded_with = ("spring", "contact_stop", "contact_stop_lower")
+    confounded_with = ("spring", "torque_offset", "contact_stop", "contact_stop_lower")
     bends = "spring"
     signature = "Residual that grows towards both ends of the range and does not depend on speed."
     experiment = "A wide range of positions, or the same path with another payload or orientation of the base."

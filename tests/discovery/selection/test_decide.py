@@ -23,6 +23,7 @@ from fmu_didim.discovery.selection.decide import (
     step_of,
     too_small,
 )
+from fmu_didim.dynamics.effects import EFFECTS
 from fmu_didim.fit.ending import Ending
 from fmu_didim.fit.gap import gaps, held_out_ratio
 from fmu_didim.model.free_parameter import LOG, PLANT, FreeParameter
@@ -558,3 +559,10 @@ def test_what_is_too_small_for_a_name_alone_is_kept(given: dict[str, Any], is_ke
     assert {a.effect for a, _ in reasons} == {"ripple", "lag"}
     found = too_small((candidate, other), reasons, BEFORE, Options(), base=BASE)
     assert [c.effect_at.effect for c in found] == ["ripple"] * is_kept
+
+
+@pytest.mark.parametrize("rival", ["spring", "torque_offset", "contact_stop"])
+def test_the_cube_of_a_spring_without_the_spring_gives_way(rival: str) -> None:
+    """As a constant that nothing but the cube hides: along a motion far from zero one follows the other."""
+    competition: Any = SimpleNamespace(builder=Catalogue(*EFFECTS.values()), fit=BEFORE, finished=None)
+    assert rival in rounds._rivals(competition, candidate_of("cubic_spring", unusual="acts without a spring"))
