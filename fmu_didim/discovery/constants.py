@@ -71,7 +71,7 @@ DECIDING = (
     (wide_search, ("PEOPLE", "GENERATIONS", "MOST_STEPS")),
     (beginning, ("SAME_VALUES",)),
     (search, ("STEP_COST", "WEAKEST", "SMALLEST_GAIN", "LEAST")),
-    (judge, ("REMAINDER", "SMALLEST_WHOLE")),
+    (judge, ("REMAINDER", "SMALLEST_WHOLE", "MUCH")),
     (facts, ("OTHER_SPEED", "OTHER_LOAD", "OTHER_GAIN")),
     (motions, ("STRETCH_S", "SAME_MOTION", "MOSTLY_NEW")),
     (evidence, ("VALUE_DIFFERS",)),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fmu_didim.discovery.judge import REMAINDER, REMAINDER_FOLLOWS, SMALLEST_WHOLE, explains_little
+from fmu_didim.discovery.judge import MUCH, REMAINDER, REMAINDER_FOLLOWS, SMALLEST_WHOLE, explains_little
 from fmu_didim.discovery.request import Request
 from fmu_didim.discovery.run import discover
 from fmu_didim.results.findings import FindingsDocument
@@ -27,18 +27,16 @@ def answered(seed: int, *, hidden: bool) -> FindingsDocument:
     return discover(with_logs(along("scara", seed), torques, seed, NOISE), request).document
 
 
-ENOUGH = 1 - 1.01 * SMALLEST_WHOLE
-"""Of a squared gap of one, what is left by what explains just enough."""
-
-
 @pytest.mark.parametrize(
     ("before", "after", "told"),
     [
-        ([2.0], [1.88], "12 %"),  # a drive gain in the place of a coupling: most is left
-        ([2.0], [1 + ENOUGH], ""),
+        ([3.0], [2.0 + 0.76], "12 %"),  # a drive gain in the place of a coupling: most is left
+        ([5.0], [1 + 4 * (1.01 - SMALLEST_WHOLE)], "39 %"),
+        ([5.0], [1 + 4 * (0.99 - SMALLEST_WHOLE)], ""),
         ([17.0, 1.05], [16.9, 1.04], "1 %"),  # the other joint shows nothing that could be explained
         ([17.0, 3.0], [16.9, 1.2], ""),  # one joint is explained, the other has something else
-        ([1.4], [1.35], ""),  # what is left is as small as clutter
+        ([2.1], [1 + 0.99 * MUCH**2], ""),  # what is left is no more than the noise
+        ([2.1], [1 + 1.01 * MUCH**2], "8 %"),
     ],
 )
 def test_what_explains_the_smaller_part_of_all_is_no_name(before: list[float], after: list[float], told: str) -> None:

@@ -56,8 +56,9 @@ REFERENCE_FOREIGN = CATALOGUE(
     meaning="The log does not belong to the reference: neither the simulated torque nor any base parameters along the "
     "reference explain it.",
     next_step="Check which reference was running when this log was taken, and that both start at the same instant "
-    "(torque: {offset_s: ...}). Where the torque stays at its largest value, the drive is at its limit and the machine "
-    "falls behind its reference: leave that motion out, or run it more slowly.",
+    "(torque: {offset_s: ...}). Where the torque stays at its largest value the drive is at its limit, where it grows "
+    "at one end of the motion the machine may run against a stop, and either falls behind its reference: leave that "
+    "motion out, or run it more slowly or less far.",
 )  # fmt: skip
 JOINT_ORDER = CATALOGUE(
     "joint-order", PROBLEM, rank=2,
