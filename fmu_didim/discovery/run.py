@@ -234,11 +234,13 @@ class _Search:
         """Why all that was named together is no answer, or an empty string."""
         if not discovery.steps or self.torques is not None:
             return ""
-        base, options, final = self.base, self.request.options, discovery.final
+        base, final, options = discovery.base, discovery.final, self.request.options
         lenience = options.lenience(hits=any(self.builder.effect(s.effect_at).has_minima for s in discovery.steps))
         untested = any(step.untested for step in discovery.steps)
         why = "" if untested else unconfirmed(base, final, seed=options.seed, lenience=lenience)
-        return why or (explains_little(base, final) if discovery.ending is Ending.COMPLETE else "")
+        if why or discovery.ending is not Ending.COMPLETE:
+            return why
+        return explains_little(discovery, lambda effect_at: self.builder.effect(effect_at).class_name)
 
     def without_torques(self, discovery: Discovery) -> Found | None:
         """What is found without the torques from outside, where the effects that were found beside them have made them
