@@ -30,6 +30,7 @@ TABLES = {
     "discovery_triples": "discovery_triples.csv",
     "discovery_harmonic": "discovery_harmonic.csv",
     "discovery_fresh": "discovery_fresh.csv",
+    "discovery_since": "discovery_since.csv",
 }
 """Figures of blind cases -> the table from which they follow."""
 
