@@ -86,20 +86,21 @@ def explains_little(discovery: Discovery, class_of: Callable[[EffectAtJoint], st
     Args:
         class_of: the class of an effect.
     """
-    base, final = discovery.base, discovery.final
-    part, left = part_of_gap(base, base, final, final.noise), [float(d.value or 0.0) for d in remaining_gaps(final)]
-    if part >= SMALLEST_WHOLE or max(left, default=0.0) <= MUCH:
+    rivals = [
+        (step.effect_at, other) for step in discovery.steps for other, _ in step.ambiguous
+        if other.joint != step.effect_at.joint or class_of(other) != class_of(step.effect_at)
+    ]  # fmt: skip
+    if not rivals:
         return ""
-    for step in discovery.steps:
-        own = step.effect_at
-        for other, _ in step.ambiguous:
-            if other.joint != own.joint or class_of(other) != class_of(own):
-                return (
-                    f"all that was named explains {100 * part:.0f} % of the gap of a joint, less than "
-                    f"{100 * SMALLEST_WHOLE:g} %, and leaves an error larger than the noise; in the place of "
-                    f"{own.text} {other.text} explains as much"
-                )
-    return ""
+    own, rival = rivals[0]
+    base, final = discovery.base, discovery.final
+    part = part_of_gap(base, base, final, final.noise)
+    if part >= SMALLEST_WHOLE or all((gap.value or 0.0) <= MUCH for gap in remaining_gaps(final)):
+        return ""
+    return (
+        f"all that was named explains {100 * part:.0f} % of the gap of a joint, less than {100 * SMALLEST_WHOLE:g} %, "
+        f"and leaves an error larger than the noise; {rival.text} explains as much in the place of {own.text}"
+    )
 
 
 def has_external_torques(model: LoopModel) -> bool:
