@@ -64,14 +64,14 @@ class Order:
 
 def make_order(order: Order) -> None:
     """Make the folders of one plant; the same order gives the same files. A plant that its effects make unstable, so
-    that nothing can be logged of it, is drawn anew."""
+    that nothing can be logged of it or that its loop rings, is drawn anew."""
     rng = np.random.default_rng([order.seed, zlib.crc32("+".join(order.effects).encode())])
     for _ in range(DRAWS):
-        plant, motion, deviation = make_plant(
-            order.effects, rng, level=order.level, robots=order.robots, clutter=order.clutter,
-            one_joint=order.one_joint, reach=order.reach,
-        )  # fmt: skip
         with suppress(SimulationFailedError):
+            plant, motion, deviation = make_plant(
+                order.effects, rng, level=order.level, robots=order.robots, clutter=order.clutter,
+                one_joint=order.one_joint, reach=order.reach,
+            )  # fmt: skip
             return write_cases(order.folders, plant, motion, deviation, rng)
     raise SimulationFailedError(f"no plant of {DRAWS} with {', '.join(order.effects)} could be simulated")
 

@@ -6,6 +6,7 @@ import builtins
 import csv
 import io
 import json
+import zlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -330,6 +331,17 @@ def test_a_harmonic_drive_has_all_its_parts_on_one_joint() -> None:
     assert [h.effect for h in plant.hidden] == list(HARMONIC_DRIVE)
     assert len({h.joint for h in plant.hidden}) == 1
     assert gap(plant, path, deviation).refitted.max() > 1.0
+
+
+@pytest.mark.gate
+def test_a_plant_whose_gear_rings_is_drawn_anew(tmp_path: Path) -> None:
+    """Whatever the hysteresis, the sampled controller makes this gear ring."""
+    seed, what = 9812, "+".join(HARMONIC_DRIVE)
+    with pytest.raises(SimulationFailedError, match="no amplitude of presliding brings its gap near 1"):
+        make_plant(HARMONIC_DRIVE, np.random.default_rng([seed, zlib.crc32(what.encode())]), level=1.5)
+    make_campaign(tmp_path, [what], seeds=range(seed, seed + 1), rates=[20], level=1.5)
+    (truth,) = (yaml.safe_load(path.read_text()) for path in tmp_path.glob("*/truth.yaml"))
+    assert max(truth["gap_after_refit_sigma_rms_per_joint"]["train"]) < 6.0
 
 
 @pytest.mark.gate

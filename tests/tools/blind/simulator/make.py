@@ -32,6 +32,9 @@ NOISE = 0.014
 """Standard deviation of the torque noise, as a part of the RMS torque of its joint."""
 COLOURED, CORRELATION_S = 0.75, 0.011
 """Share of the variance that an AR(1) process carries, and its correlation time; the rest is white."""
+LOUDEST = 2.0
+"""[times the gap that is asked for] A plant that no amplitude brings below this is refused: a gear that rings with the
+sampled controller leaves a hundred deviations of the noise, however stiff it is, and says nothing of the effect."""
 
 
 @dataclass(frozen=True)
@@ -135,10 +138,10 @@ def beside(plant: Plant, motion: Motion, deviation: Array) -> list[float]:
     return sizes
 
 
-def tuned(plant: Plant, item: Hidden, motion: Motion, deviation: Array, level: float) -> Hidden:
+def tuned(plant: Plant, item: Hidden, motion: Motion, deviation: Array, level: float) -> tuple[Hidden, float]:
     """The effect at the amplitude whose refitted gap beside what the plant hides, at its worst joint, is ``level`` (or
-    at its limit)."""
-    best, distance, amplitude, limit = item, np.inf, item.amplitude, item.form.limit
+    at its limit), and that gap: infinite where no amplitude could be simulated."""
+    best, reached, distance, amplitude, limit = item, np.inf, np.inf, item.amplitude, item.form.limit
     below: tuple[float, float] | None = None
     above: tuple[float, float] | None = None
     for _ in range(12):
@@ -151,7 +154,7 @@ def tuned(plant: Plant, item: Hidden, motion: Motion, deviation: Array, level: f
             continue
         error = abs(np.log(size / level))
         if error < distance:
-            best, distance = replace(item, amplitude=amplitude), error
+            best, reached, distance = replace(item, amplitude=amplitude), size, error
         if error < 0.05 or (size < level and amplitude >= limit):
             break
         if size < level:
@@ -164,7 +167,7 @@ def tuned(plant: Plant, item: Hidden, motion: Motion, deviation: Array, level: f
             amplitude = below[0] * (above[0] / below[0]) ** float(np.clip(part, 0.1, 0.9))
         else:
             amplitude = min(amplitude * float(np.clip(level / size, 0.3, 4.0)), limit)
-    return best
+    return best, reached
 
 
 def _surroundings(plant: Plant, motion: Motion, joint: int, rng: np.random.Generator) -> Surroundings:
@@ -193,6 +196,9 @@ def make_plant(
         reach: times the limit of an effect up to which it may grow: the gap of a gain that is off by less than a half
             is mostly below what is judged.
         forms: effect -> another form of it than that of the catalogue of the simulator.
+
+    Raises:
+        SimulationFailedError: no amplitude of an effect brings its gap near that level (:data:`LOUDEST`).
     """
     plant, motion = _steady(rng, effects, robots, clutter)
     design = plant.design
@@ -205,7 +211,12 @@ def make_plant(
         form = makers[effect](rng, _surroundings(plant, motion, joint, rng))
         form = replace(form, limit=reach * form.limit)
         present = replace(plant, hidden=tuple(items) if one_joint else ())
-        items.append(tuned(present, Hidden(effect, joint, form, form.start), motion, deviation, level))
+        item, size = tuned(present, Hidden(effect, joint, form, form.start), motion, deviation, level)
+        if size > LOUDEST * level:
+            raise SimulationFailedError(
+                f"no amplitude of {effect} brings its gap near {level:g} deviations of the noise"
+            )
+        items.append(item)
     return replace(plant, hidden=tuple(items)), motion, deviation
 
 
