@@ -266,9 +266,17 @@ def _of_clock(candidate: FittedCandidate) -> str:
 
 def _simplest(near: Sequence[FittedCandidate], options: Options) -> FittedCandidate:
     """The member of an ambiguous set that the user prefers, else the one with the fewest parameters, those last with
-    values that hardly any machine has."""
+    values that hardly any machine has. Of several with as few the best one, or the one that held-out data surely
+    predict better: a dead zone in which the fitted motion never turns its torque round is a constant there."""
     preferred = [c for name in options.prefer for c in near if c.effect_at.effect == name]
-    return preferred[0] if preferred else min(near, key=lambda c: (bool(c.unusual), c.cost, -c.delta_bic))
+    if preferred:
+        return preferred[0]
+    best, *others = sorted(near, key=lambda c: (bool(c.unusual), c.cost, -c.delta_bic))
+    for other in others:
+        if (bool(other.unusual), other.cost) == (bool(best.unusual), best.cost):
+            ratio = held_out_ratio(best.fit, other.fit, seed=options.seed)
+            best = other if ratio is not None and ratio.high < 1 else best
+    return best
 
 
 def nearness(gain: float, options: Options) -> float:

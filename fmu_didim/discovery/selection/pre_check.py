@@ -14,7 +14,7 @@ from fmu_didim.discovery.augmentation.builder import LoopModelBuilder
 from fmu_didim.discovery.augmentation.places import Proposal
 from fmu_didim.discovery.progress import Progress
 from fmu_didim.discovery.selection.candidates import FittedCandidate
-from fmu_didim.discovery.selection.competition import Competition
+from fmu_didim.discovery.selection.competition import Competition, proposal_of
 from fmu_didim.discovery.selection.decide import Options, Step, nearness, objection, step_of
 from fmu_didim.discovery.selection.held_out import FAILS_HELD_OUT, FEW_BLOCKS
 from fmu_didim.dynamics.effects import PreCheck
@@ -58,6 +58,11 @@ HARDLY_REACHED = (
 )
 NOT_TOLD = "{0}: held-out data do not tell it from {1}; the fitted data do, by a BIC difference of {2:.0f}."
 """Remark on a limit that falls with the speed where held-out data reach it at one speed, or hardly."""
+CONFIRMED_BY_OTHER = (
+    "{0} on joint {1}: held-out data confirm the limit only as {2}, from which they do not tell it; the fitted data "
+    "prefer the constant one by a BIC difference of {3:.0f}."
+)
+"""Remark on a constant limit that explains the fitted data better than one that falls with the speed."""
 
 
 @dataclass(frozen=True)
@@ -126,6 +131,12 @@ def _checked(
     step = step_of(accepted.candidate, found, competition, options)
     if accepted.remark:
         step = replace(step, remark=" ".join(filter(None, (step.remark, accepted.remark))), untested=accepted.untested)
+    other = accepted.told_by_fits
+    if other is not None and all(a != other.effect_at for a, _ in step.ambiguous):
+        behind = accepted.candidate.delta_bic - other.delta_bic
+        step = replace(
+            step, ambiguous=(*step.ambiguous, (other.effect_at, behind)), members=(*step.members, proposal_of(other))
+        )  # fmt: skip
     return step, accepted.candidate.fit
 
 
@@ -153,19 +164,22 @@ def apart(trials: Sequence[Trial], speed: str) -> list[Trial]:
 
 @dataclass(frozen=True)
 class _Judged:
-    """A limit with the objection to it, or a remark on why there is none; whether held-out data tell nothing of it."""
+    """A limit with the objection to it, or a remark on why there is none; whether held-out data tell nothing of it; one
+    that the data do not tell from it though they prefer it."""
 
     candidate: FittedCandidate
     reason: str = ""
     remark: str = ""
     untested: bool = False
+    told_by_fits: FittedCandidate | None = None
 
 
 def _accepted(found: Sequence[FittedCandidate], competition: Competition, options: Options) -> _Judged | None:
     """The limit to add; None where all are refused.
 
     Of each effect the joint counts where it explains most. A limit that falls gives way to a constant one of its joint
-    that explains the data as well, or that held-out data prefer.
+    that explains the data as well, or that held-out data prefer. A constant one that explains the fitted data better
+    need not be confirmed by itself: it is enough that held-out data confirm the other one and do not tell them apart.
     """
     best: dict[str, FittedCandidate] = {}
     for candidate in found:
@@ -177,17 +191,31 @@ def _accepted(found: Sequence[FittedCandidate], competition: Competition, option
     first = allowed[0]
     for other in found:
         if other.effect_at.joint == first.candidate.effect_at.joint and other.cost < first.candidate.cost:
-            simpler = _judged(other, competition, options)
-            ahead = first.candidate.delta_bic - other.delta_bic
-            ratio = held_out_ratio(other.fit, first.candidate.fit, seed=options.seed)
-            if simpler.reason:
-                continue
-            if ahead <= nearness(first.candidate.delta_bic, options) or (ratio is not None and ratio.low > 1):
+            simpler, remark = _instead(first, other, competition, options)
+            if simpler is not None:
                 return simpler
-            if ratio is not None and ratio.high >= 1 and not first.remark:
-                title = competition.builder.effect(other.effect_at).title.lower()
-                first = replace(first, remark=NOT_TOLD.format(first.candidate.effect_at.text, title, ahead))
+            first = replace(first, remark=first.remark or remark)
     return first
+
+
+def _instead(
+    first: _Judged, other: FittedCandidate, competition: Competition, options: Options
+) -> tuple[_Judged | None, str]:
+    """The constant limit that is named in the place of one that falls, or None and a remark on the latter."""
+    falls, simpler = first.candidate, _judged(other, competition, options)
+    ahead, near = falls.delta_bic - other.delta_bic, nearness(falls.delta_bic, options)
+    ratio = held_out_ratio(other.fit, falls.fit, seed=options.seed)
+    titles = [competition.builder.effect(c.effect_at).title for c in (other, falls)]
+    if simpler.reason:
+        is_told = ratio is not None and ratio.high < 1
+        if not simpler.reason.startswith(FAILS_HELD_OUT) or ahead >= -near or is_told:
+            return None, ""
+        remark = CONFIRMED_BY_OTHER.format(titles[0], other.effect_at.joint, titles[1].lower(), -ahead)
+        return _Judged(other, "", remark, told_by_fits=falls), ""
+    if ahead <= near or (ratio is not None and ratio.low > 1):
+        return simpler, ""
+    is_open = ratio is not None and ratio.high >= 1
+    return None, NOT_TOLD.format(falls.effect_at.text, titles[0].lower(), ahead) if is_open else ""
 
 
 def _judged(candidate: FittedCandidate, competition: Competition, options: Options) -> _Judged:

@@ -25,7 +25,7 @@ from fmu_didim.discovery.selection.decide import (
 )
 from fmu_didim.dynamics.effects import EFFECTS
 from fmu_didim.fit.ending import Ending
-from fmu_didim.fit.gap import gaps, held_out_ratio
+from fmu_didim.fit.gap import Ratio, gaps, held_out_ratio
 from fmu_didim.model.free_parameter import LOG, PLANT, FreeParameter
 from fmu_didim.model.loop_model import EffectAtJoint
 from tests.discovery.by_hand import (
@@ -251,6 +251,33 @@ def test_the_simplest_has_the_fewest_parameters_and_then_the_best_fit() -> None:
     assert _simplest(one, Options(prefer=("x", "a", "b"))).effect_at.effect == "a"
     assert _simplest(one, Options(prefer=("b",))).effect_at.effect == "b"
     assert _simplest(one, Options(prefer=("x",))).effect_at.effect == "c"
+
+
+@pytest.mark.parametrize(
+    ("ratio", "cost", "unusual", "chosen"),
+    [
+        ((0.4, 0.3, 0.99), 1.0, "", "b"),
+        ((0.4, 0.3, 1.0), 1.0, "", "a"),  # perhaps
+        ((2.5, 1.2, 3.5), 1.0, "", "a"),
+        (None, 1.0, "", "a"),  # no held-out data
+        ((0.4, 0.3, 0.99), 2.0, "", "a"),  # with more values
+        ((0.4, 0.3, 0.99), 1.0, "k = 9, usual is 0 to 1", "a"),
+    ],
+)
+def test_of_those_as_simple_held_out_data_decide(
+    monkeypatch: pytest.MonkeyPatch, ratio: Any, cost: float, unusual: str, chosen: str
+) -> None:
+    """A dead zone that one motion never leaves is a constant, which led by less: another motion tells them apart."""
+    first, second = candidate_of("a", bic=296.1), candidate_of("b", bic=296.0, cost=cost, unusual=unusual)
+    ratios = {(id(first.fit), id(second.fit)): ratio}
+
+    def between(before: Any, after: Any, *, seed: int) -> Ratio | None:
+        found = ratios[id(before), id(after)]
+        return None if found is None else Ratio(*found)
+
+    monkeypatch.setattr(decide_module, "held_out_ratio", between)
+    assert _simplest([first, second], Options()).effect_at.effect == chosen
+    assert _simplest([first, second], Options(prefer=("b",))).effect_at.effect == "b"
 
 
 def test_of_those_as_good_one_with_usual_values_is_taken() -> None:

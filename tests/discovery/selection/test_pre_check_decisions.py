@@ -382,6 +382,12 @@ Told = tuple[str | None, list[str], bool]
         (100.0, 200.0, None, {"falls": "explains 1 % of the gap"}, ("limit", ["falls"], False)),
         (100.0, 105.0, None, {"limit": "explains 1 % of the gap"}, ("falls", ["limit"], False)),
         (100.0, 105.0, None, {"limit": "explains 1 %", "falls": "explains 1 %"}, (None, [], False)),
+        # A constant one that the fitted data prefer is confirmed as the other one is, where nothing tells them apart.
+        (111.0, 100.0, (0.8, 0.5, 1.2), {"limit": "held-out RMS ratio 1.035"}, ("limit", ["falls"], True)),
+        (111.0, 100.0, None, {"limit": "held-out RMS ratio 1.035"}, ("limit", ["falls"], True)),
+        (109.0, 100.0, (0.8, 0.5, 1.2), {"limit": "held-out RMS ratio 1.035"}, ("falls", ["limit"], False)),
+        (111.0, 100.0, (0.8, 0.7, 0.9), {"limit": "held-out RMS ratio 1.035"}, ("falls", ["limit"], False)),
+        (111.0, 100.0, (0.8, 0.5, 1.2), {"limit": "explains 1 % of the gap"}, ("falls", ["limit"], False)),
     ],
 )
 def test_which_limit_is_named(
@@ -406,7 +412,8 @@ def test_which_limit_is_named(
     assert [s.effect_at.effect for s in steps] == ([] if name is None else [name])
     assert [a.effect for s in steps for a, _ in s.ambiguous] == ambiguous
     assert [bool(s.remark) for s in steps] == ([] if name is None else [remarked])
-    assert not remarked or "held-out data do not tell it from" in steps[0].remark
+    said = "held-out data do not tell it from" if name == "falls" else "they do not tell it; the fitted data prefer"
+    assert not remarked or said in steps[0].remark
     assert check.asked["falls"] == [1]  # where a constant limit is promising it is tried in any case
 
 
