@@ -2,9 +2,11 @@
 
 A stop bends the torque over the position where it is touched. So does a spring at rest elsewhere than at zero, which is
 a spring and a constant: gravity takes up most of either, and what both leave together is bent. Therefore such effects
-are fitted together before a stop is named. And a stop and a constant make a torque that rises with the position, as a
-spring does: they are fitted together in the place of a spring that was named, once nothing else is found. A spring and
-a constant are also the simple form of the gravity compensator, whose five values such data seldom tell.
+are fitted together before a stop is named, and once more when nothing else is found: held-out data may have confirmed
+them as little as anything while something else was missing. And a stop and a constant make a torque that rises with the
+position, as a spring does: they are fitted together in the place of a spring that was named, once nothing else is
+found. A spring and a constant are also the simple form of the gravity compensator, whose five values such data seldom
+tell.
 """
 
 from __future__ import annotations
@@ -41,18 +43,21 @@ class Part:
 
 
 def parts_instead(
-    competition: Competition, accepted: FittedCandidate, base: Fit, options: Options
+    competition: Competition, accepted: FittedCandidate, base: Fit, options: Options, *, again: bool = False
 ) -> tuple[tuple[Part, ...], str]:
     """The effects to add instead of the accepted one, in this order, with a remark; none where it explains more.
 
     They are as good within the BIC difference that decides nothing: each of them is common, what stands for them is
     not.
+
+    Args:
+        again: whether it was named, and all else was found beside it: what of them is in the model stays there.
     """
-    parts = _fitted(competition, _missing(competition, accepted, options))
+    parts = _fitted(competition, _missing(competition, accepted, options, again=again))
     if not parts:
         return (), ""
     whole, last = parts[-1].candidate.fit, parts[-1]
-    gain = _gain_of(competition, parts)
+    gain = gain_of(competition, parts)
     ahead, near = gain - accepted.delta_bic, nearness(accepted.delta_bic, options)
     if ahead < -near or _objected(competition, [p.candidate.effect_at for p in parts], whole, options):
         return (), ""
@@ -83,7 +88,8 @@ def parts_of_named(
     beside: Competition, named: FittedCandidate, catalogue: SignatureCatalogue, base: Fit, options: Options,
     progress: Progress,
 ) -> tuple[Part, ...]:  # fmt: skip
-    """A constant and a stop, say, to name instead of a spring; none where it explains as much.
+    """A constant and a stop, say, to name instead of a spring; none where it explains as much. What stands for others
+    meets these again, which need not explain more.
 
     A spring that rests elsewhere than at zero has a constant, too, and one that hardens is linear besides: they must
     explain more than the spring does with that, by more than what decides nothing.
@@ -93,8 +99,9 @@ def parts_of_named(
         catalogue: the signatures of all candidates.
     """
     builder = beside.builder
-    is_kept = builder.effect(named.effect_at).stands_for or named.effect_at.effect in options.prefer
-    together = [] if is_kept else together_like(builder, named.effect_at)
+    if _stands_for(builder, named.effect_at):
+        return parts_instead(beside, named, base, options, again=True)[0]
+    together = [] if named.effect_at.effect in options.prefer else together_like(builder, named.effect_at)
     if not together or shifts_log(beside.fit) != shifts_log(catalogue.fit):  # its signatures are at other samples
         return ()
     best: tuple[Part, ...] = ()
@@ -105,7 +112,7 @@ def parts_of_named(
     if not best:
         return ()
     whole, last = best[-1].candidate.fit, best[-1]
-    gain = _gain_of(beside, best)
+    gain = gain_of(beside, best)
     least = gain - nearness(gain, options)
     others = [p.candidate.effect_at for p in best[:-1]]
     if least <= named.delta_bic or least <= _gain_with(beside, named, others, catalogue, progress):
@@ -118,7 +125,7 @@ def parts_of_named(
     return best
 
 
-def _gain_of(beside: Competition, parts: Sequence[Part]) -> float:
+def gain_of(beside: Competition, parts: Sequence[Part]) -> float:
     """Gain in BIC of effects together over the model without them."""
     return bic_gain(beside.fit, parts[-1].candidate.fit, sum(p.candidate.cost for p in parts), beside.fit.noise)
 
@@ -134,7 +141,7 @@ def _gain_with(
     for further in (others, *_others_of_its_class(builder, named.effect_at)):
         after = _one_after_the_other(Competition(builder, named.fit), further, catalogue, progress)
         before = _one_after_the_other(beside, [*further, named.effect_at], catalogue, progress)
-        gains += [_gain_of(beside, parts) for parts in ((first, *after) if after else (), before) if parts]
+        gains += [gain_of(beside, parts) for parts in ((first, *after) if after else (), before) if parts]
     return max(gains)
 
 
@@ -176,13 +183,22 @@ def _one_after_the_other(
     return tuple(found)
 
 
-def _missing(competition: Competition, accepted: FittedCandidate, options: Options) -> list[EffectAtJoint]:
-    """The effects that it may stand for; none where it is preferred, or where one of them is in the model or cannot be:
-    the other one has had its chance."""
+def _stands_for(builder: LoopModelBuilder, effect_at: EffectAtJoint) -> tuple[str, ...]:
+    """Names of the effects that, together on its joint, one may stand for, or that are a simple form of it."""
+    effect = builder.effect(effect_at)
+    return tuple(effect.stands_for or effect.simple_form)
+
+
+def _missing(
+    competition: Competition, accepted: FittedCandidate, options: Options, *, again: bool
+) -> list[EffectAtJoint]:
+    """The effects that it may stand for, of one that is named those that are not in the model; none where it is
+    preferred, or where one of them cannot be added: the other one has had its chance."""
     if accepted.effect_at.effect in options.prefer:
         return []
-    effect, joint = competition.builder.effect(accepted.effect_at), accepted.effect_at.joint
-    parts = [EffectAtJoint(name, joint) for name in effect.stands_for or effect.simple_form]
+    known = competition.fit.model.added_effects if again else ()
+    names = _stands_for(competition.builder, accepted.effect_at)
+    parts = [a for a in (EffectAtJoint(name, accepted.effect_at.joint) for name in names) if a not in known]
     return parts if all(_may_be_added(competition, a, options) for a in parts) else []
 
 

@@ -39,7 +39,7 @@ from fmu_didim.discovery.selection.candidates import FittedCandidate, ScreenedCa
 from fmu_didim.discovery.selection.competition import LEADING, Competition, proposal_of
 from fmu_didim.discovery.selection.decide import NEAR_STATED, Options, Step, nearness, objection, step_of
 from fmu_didim.discovery.selection.gears import hardened, hardening_instead, harder, inside_objection, other_gears
-from fmu_didim.discovery.selection.parts import Part, parts_of_named, together_like
+from fmu_didim.discovery.selection.parts import Part, gain_of, parts_of_named, together_like
 from fmu_didim.discovery.selection.plausible import MAY_BE_ABSENT, repeats
 from fmu_didim.discovery.selection.wide_search import searched_widely
 from fmu_didim.fit.fit import Fit
@@ -68,8 +68,8 @@ SIMPLER = "{0} on joint {1} was accepted first; beside all others {2} explains a
 """The same where it is simpler and as good."""
 HARDER = "{0}: beside {1} it explains more than {2} in the place of that."
 """Remark on what acts in a gear in the place of which another one would be named."""
-TOGETHER_INSTEAD = "{0} on joint {1} was accepted first; {2} together explain more in its place, beside all others."
-"""Remark on the first of two effects that are named in the place of one."""
+OTHERS_INSTEAD = "{0} on joint {1} was accepted first; {2} {3} in its place, beside all others."
+"""Remark on the first of those that are named in the place of an effect that may stand for them, or they for it."""
 
 
 class Standing(Enum):
@@ -184,8 +184,8 @@ class Rivalry:
                 if inside is not None:
                     return inside
                 parts = self._parts(fit, step, catalogue)
-                if parts:
-                    return self._with_parts(parts, steps, step)
+                if parts is not None:
+                    return self._with_parts(*parts, steps, step)
                 continue
             inside = self._inside_instead(fit, steps, step, *ahead[0])
             if inside is not None:
@@ -208,22 +208,27 @@ class Rivalry:
             return None
         return Competition(self.builder, without)
 
-    def _parts(self, fit: Fit, step: Step, catalogue: SignatureCatalogue) -> tuple[Part, ...]:
-        """Effects of one joint that an effect may stand for together, looked for once in this model."""
+    def _parts(self, fit: Fit, step: Step, catalogue: SignatureCatalogue) -> tuple[tuple[Part, ...], float] | None:
+        """Effects of one joint that an effect may stand for, or they for it, with their lead in BIC; looked for once in
+        this model."""
         key, is_gear = (frozenset(fit.model.added_effects), step.effect_at), self.builder.effect(step.effect_at).elastic
         asked = is_gear or together_like(self.builder, step.effect_at)
         if key in self.divided or self.progress.is_time_up or not asked:
-            return ()
+            return None
         self.divided.add(key)
         beside = self._beside(fit, step)
         if beside is None:
-            return ()
+            return None
         named = beside.assess(step.effect_at, fit)
-        if is_gear:
-            return hardening_instead(beside, named, self.base, self.options, self.progress)
-        return parts_of_named(beside, named, catalogue, self.base, self.options, self.progress)
+        parts = (
+            hardening_instead(beside, named, self.base, self.options, self.progress) if is_gear
+            else parts_of_named(beside, named, catalogue, self.base, self.options, self.progress)
+        )  # fmt: skip
+        return (parts, gain_of(beside, parts) - named.delta_bic) if parts else None
 
-    def _with_parts(self, parts: Sequence[Part], steps: Sequence[Step], step: Step) -> tuple[Fit, list[Step]]:
+    def _with_parts(
+        self, parts: Sequence[Part], lead: float, steps: Sequence[Step], step: Step
+    ) -> tuple[Fit, list[Step]]:
         """The model and its steps with them in the place of an effect."""
         builder = self.builder
         candidates = [p.candidate for p in parts]
@@ -233,8 +238,11 @@ class Rivalry:
         self.contests[frozenset(candidates[-1].fit.model.added_effects), step.effect_at] = None
         new = [step_of(c, (c,), p.competition, self.options) for c, p in zip(candidates, parts, strict=True)]
         titles = " and ".join(builder.effect(c.effect_at).title.lower() for c in candidates)
+        verb = "together explain" if len(candidates) > 1 else "explains"
+        much = "more" if lead > self.options.threshold else "as much"
         effect = builder.effect(step.effect_at)
-        new[0] = replace(new[0], remark=TOGETHER_INSTEAD.format(effect.title, step.effect_at.joint, titles))
+        remark = OTHERS_INSTEAD.format(effect.title, step.effect_at.joint, titles, f"{verb} {much}")
+        new[0] = replace(new[0], remark=remark)
         others = [replace(s, without=None) for s in steps if s is not step]
         return without_superfluous(builder, candidates[-1].fit, [*others, *new], self.options, self.progress)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, cast
 
 import pytest
 
@@ -107,6 +107,38 @@ def test_parts_that_are_impossible_together_are_not_named(monkeypatch: pytest.Mo
     monkeypatch.setattr(parts, "bic_gain", lambda *_: fits.together)
     monkeypatch.setattr(parts, "implausible", lambda fit, index, effect, link: "no" if effect.name == "offset" else "")
     assert parts_instead(Competition(CATALOGUE, base), STOP, base, Options()) == ((), "")
+
+
+@pytest.mark.parametrize(
+    ("named", "present", "fits", "wanted", "asked"),
+    [
+        ("stop", "", Fits(1100.0), ["offset", "spring"], ["spring", "offset", "spring"]),
+        ("stop", "", Fits(985.0), ["offset", "spring"], ["spring", "offset", "spring"]),  # as good: the common ones
+        ("stop", "", Fits(979.0), [], ["spring", "offset", "spring"]),
+        # A constant that was found beside it stays, and the spring takes its place alone.
+        ("stop", "offset", Fits(985.0), ["spring"], ["spring"]),
+        ("stop", "offset", Fits(979.0), [], ["spring"]),
+        ("stop", "", Fits(alone={"offset": 700.0, "spring": 9.0}), [], ["spring", "offset", "spring"]),
+        ("compensator", "", Fits(985.0), ["offset", "spring"], ["spring", "offset", "spring"]),
+    ],
+)
+def test_what_stands_for_others_meets_them_again_beside_all_that_was_found(
+    monkeypatch: pytest.MonkeyPatch, named: str, present: str, fits: Fits, wanted: list[str], asked: list[str]
+) -> None:
+    """A stop was named for a spring at rest elsewhere, which held-out data did not confirm without friction by the
+    load."""
+    instead(monkeypatch, fits)  # sets what the fits tell
+    fits.asked.clear()
+    builder: Any = Catalogue(
+        effect_of("stop", title="Stop", stands_for=("spring", "offset")),
+        effect_of("compensator", title="Compensator", simple_form=("spring", "offset")),
+        *map(effect_of, ("spring", "offset")),
+    )  # fmt: skip
+    others = table_fit(100.0, added_effects=(EffectAtJoint("lag", 1), *[EffectAtJoint(present, 1)] * bool(present)))
+    candidate, catalogue = candidate_of(named, bic=1000.0, cost=2.0), cast(Any, SimpleNamespace(fit=others))
+    found = parts_of_named(Competition(builder, others), candidate, catalogue, others, Options(), Progress())
+    assert [part.candidate.effect_at.effect for part in found] == wanted
+    assert fits.asked == asked
 
 
 COMPENSATED: Any = Catalogue(
@@ -250,7 +282,8 @@ def test_a_constant_and_a_stop_take_the_place_of_a_spring(
 @pytest.mark.parametrize(
     ("named", "options"),
     [
-        ("stop", {}),  # which has met its parts when it was named
+        ("stop", {"prefer": ("stop",)}),
+        ("stop", {"forbid": frozenset({"offset"})}),
         ("offset", {}),
         ("spring", {"prefer": ("spring",)}),
         ("spring", {"forbid": frozenset({"offset"})}),

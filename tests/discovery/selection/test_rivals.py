@@ -576,11 +576,23 @@ def test_an_error_of_a_gear_that_repeats_as_a_ripple_does(
     assert all("the torque ripple there" in d.text and "acts on the link" in d.text for d in told)
 
 
-def test_two_that_explain_more_together_take_the_place_of_one(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    ("names", "gain", "said_of"),
+    [
+        (("lag", "play"), 111.0, "lag and play together explain more"),
+        (("lag", "play"), 110.0, "lag and play together explain as much"),
+        (("lag",), 95.0, "lag explains as much"),
+        (("lag",), 150.0, "lag explains more"),
+    ],
+)
+def test_others_that_explain_as_much_take_the_place_of_one(
+    monkeypatch: pytest.MonkeyPatch, names: tuple[str, ...], gain: float, said_of: str
+) -> None:
     """Once: the effect that has lost its place does not come back."""
     beside: Any = Beside(monkeypatch, {"slide": 100.0})
-    whole = model_with(at("lag"), at("play"))
-    both = tuple(Part(beside, candidate_of(n, fit=whole)) for n in ("lag", "play"))
+    whole = model_with(*map(at, names))
+    both = tuple(Part(beside, candidate_of(n, fit=whole)) for n in names)
+    monkeypatch.setattr(rivals, "gain_of", lambda beside, parts: gain)
     asked = list[str]()
 
     def parts_of(beside: Any, named: FittedCandidate, *_: Any) -> Any:
@@ -594,7 +606,7 @@ def test_two_that_explain_more_together_take_the_place_of_one(monkeypatch: pytes
     changed = rivalry.instead(fit, [found(at("slide"))], CATALOGUE)
     assert changed is not None
     there, steps = changed
-    assert there is whole and [s.effect_at for s in steps] == [at("lag"), at("play")]
-    assert "Slide on joint 1 was accepted first; lag and play together explain more" in steps[0].remark
-    assert said[-1] == "lag, joint 1 and play, joint 1 instead of slide, joint 1"
+    assert there is whole and [s.effect_at for s in steps] == list(map(at, names))
+    assert steps[0].remark == f"Slide on joint 1 was accepted first; {said_of} in its place, beside all others."
+    assert said[-1] == f"{' and '.join(f'{name}, joint 1' for name in names)} instead of slide, joint 1"
     assert rivalry.instead(fit, [found(at("slide"))], CATALOGUE) is None and asked == ["slide"]
