@@ -113,8 +113,9 @@ class Contest:
 
         What the case states, such as gains of the controller, is not doubted for what it is confounded with unless that
         explains far less, and an effect with values that hardly any machine has gives way to what explains nearly as
-        much, as in the decision of a round; what the user prefers is not replaced. Of two that are one with a value of
-        zero, the simpler one is named where it is as good.
+        much, as in the decision of a round; what the user prefers is not replaced. Of those that are as good the one
+        with the fewest parameters is named, as there. Play is kept, of which the start of a log may tell more, unless
+        the same acts in both gears, so that one is the other with a value of zero.
         """
         return [
             (rival, rival.delta_bic - self.named.delta_bic, self._how(rival, why, options))
@@ -135,7 +136,8 @@ class Contest:
             how = Standing.AHEAD if alike and lead > -NEAR_STATED * named.delta_bic else how
         elif how is Standing.AHEAD and rival.unusual and not named.unusual and gives_way and not far:
             how = Standing.AS_GOOD
-        if self.is_nested and how is Standing.AS_GOOD and not why and rival.cost < named.cost:
+        is_simpler = not why and rival.cost < named.cost and not rival.unusual
+        if how is Standing.AS_GOOD and is_simpler and (self.is_nested or not of_named.has_minima):
             how = Standing.AHEAD
         is_kept = named.effect_at.effect in options.prefer
         return Standing.AS_GOOD if how is Standing.AHEAD and is_kept else how

@@ -242,26 +242,34 @@ def test_why_a_rival_is_named_instead(lead: float, said: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("is_nested", "gain", "cost", "objected", "wanted"),
+    ("named", "is_nested", "gain", "cost", "more", "wanted"),
     [
-        (True, 95.0, 2.0, "", Standing.AHEAD),  # an elastic gear that hardens, where play is of no width
-        (True, 89.0, 2.0, "", Standing.BEHIND),
-        (True, 95.0, 2.0, "held-out RMS ratio 1.1", Standing.BEHIND),
-        (True, 95.0, 4.0, "", Standing.AS_GOOD),  # no simpler
-        (False, 95.0, 2.0, "", Standing.AS_GOOD),
+        ("play", True, 95.0, 2.0, {}, Standing.AHEAD),  # an elastic gear that hardens, where play is of no width
+        ("play", True, 89.0, 2.0, {}, Standing.BEHIND),
+        ("play", True, 95.0, 2.0, {"objected": "held-out RMS ratio 1.1"}, Standing.BEHIND),
+        ("play", True, 95.0, 4.0, {}, Standing.AS_GOOD),  # no simpler
+        ("play", False, 95.0, 2.0, {}, Standing.AS_GOOD),
+        ("slide", False, 95.0, 2.0, {}, Standing.AHEAD),  # a constant where one that settles was named
+        ("slide", False, 104.0, 2.0, {}, Standing.AHEAD),
+        ("slide", False, 89.0, 2.0, {}, Standing.BEHIND),
+        ("slide", False, 95.0, 4.0, {}, Standing.AS_GOOD),
+        ("slide", False, 95.0, 2.0, {"unusual": "k = 9, usual is 0 to 1"}, Standing.AS_GOOD),
+        ("slide", False, 104.0, 2.0, {"objected": ABSENT}, Standing.AS_GOOD),
     ],
 )
-def test_of_gears_in_which_the_same_acts_the_simpler_is_named_where_it_is_as_good(
-    monkeypatch: pytest.MonkeyPatch, is_nested: bool, gain: float, cost: float, objected: str, wanted: Standing
-) -> None:
+def test_of_those_as_good_the_one_with_fewer_values_is_named(
+    monkeypatch: pytest.MonkeyPatch, named: str, is_nested: bool, gain: float, cost: float, more: dict[str, str],
+    wanted: Standing,
+) -> None:  # fmt: skip
     beside: Any = Beside(monkeypatch, {})
-    rival, named = candidate_of("elastic", bic=gain, cost=cost), candidate_of("play", bic=100.0, cost=4.0)
-    held = Contest(beside, named, ((rival, objected),), is_nested=is_nested)
+    rival = candidate_of("elastic", bic=gain, cost=cost, unusual=more.get("unusual", ""))
+    first = candidate_of(named, bic=100.0, cost=4.0)
+    held = Contest(beside, first, ((rival, more.get("objected", "")),), is_nested=is_nested)
     assert [how for _, _, how in held.standings(Options())] == [wanted]
     kept = Standing.AS_GOOD if wanted is Standing.AHEAD else wanted
-    assert [how for _, _, how in held.standings(Options(prefer=("play",)))] == [kept]
-    if wanted is Standing.AHEAD:
-        assert "play explains" not in (text := _remark(named, "Play", "elastic gear", gain - 100.0))
+    assert [how for _, _, how in held.standings(Options(prefer=(named,)))] == [kept]
+    if wanted is Standing.AHEAD and gain < 100:
+        assert "play explains" not in (text := _remark(first, "Play", "elastic gear", gain - 100.0))
         assert text.endswith("elastic gear explains as much in its place, with fewer values.")
 
 
