@@ -98,6 +98,9 @@ def make_campaign(
         clean: plants that hide nothing. triples: plants that hide three effects, drawn from all of the catalogue.
         one_joint: whether the effects of a plant act on one joint. reach: times the limit of an effect up to which it
             may grow.
+
+    Raises:
+        SimulationFailedError: no plant of one of these orders could be simulated; all others have been made.
     """
     first = seeds.start
     kinds = [(tuple(name.split("+")), seed, True) for name in effects for seed in seeds]
@@ -119,9 +122,20 @@ def make_campaign(
         for (what, seed, clutter), number in zip(kinds, numbers, strict=True)
     ]
     if jobs == 1:
-        for order in orders:
-            make_order(order)
+        failed = list(map(_tried, orders))
     else:
         with ProcessPoolExecutor(jobs, mp_context=get_context("spawn")) as pool:
-            list(pool.map(make_order, orders))
+            failed = list(pool.map(_tried, orders))
+    if any(failed):  # all others are there
+        raise SimulationFailedError("; ".join(filter(None, failed)))
     return len(orders) * len(rates)
+
+
+def _tried(order: Order) -> str:
+    """What failed in the making of a plant, or an empty string: a delay and an elastic gear on one joint may not have a
+    stable loop."""
+    try:
+        make_order(order)
+    except SimulationFailedError as error:
+        return f"{order.folders[0][0].name}: {error}"
+    return ""

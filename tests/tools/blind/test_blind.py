@@ -344,6 +344,25 @@ def test_a_plant_whose_gear_rings_is_drawn_anew(tmp_path: Path) -> None:
     assert max(truth["gap_after_refit_sigma_rms_per_joint"]["train"]) < 6.0
 
 
+def test_what_cannot_be_simulated_keeps_no_other_plant_from_being_made(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A delay and an elastic gear on one joint have no stable loop."""
+    made = list[str]()
+
+    def make(order: campaign.Order) -> None:
+        if len(order.effects) > 1:
+            raise SimulationFailedError("no plant of 10 with delay, joint_elasticity could be simulated")
+        made.append(order.folders[0][0].name)
+
+    monkeypatch.setattr(campaign, "make_order", make)
+    with pytest.raises(SimulationFailedError, match=r"b000\d_20hz: no plant of 10 with delay, joint_elasticity"):
+        make_campaign(
+            tmp_path, ["delay+joint_elasticity", "delay", "spring"], seeds=range(1, 2), rates=[20], level=1.5
+        )  # fmt: skip
+    assert len(made) == 2
+
+
 @pytest.mark.gate
 def test_gains_grow_beyond_their_limit_where_that_is_asked_for(tmp_path: Path) -> None:
     """By less than a half they change the torque less than what is judged."""
