@@ -59,8 +59,8 @@ HARDLY_REACHED = (
 NOT_TOLD = "{0}: held-out data do not tell it from {1}; the fitted data do, by a BIC difference of {2:.0f}."
 """Remark on a limit that falls with the speed where held-out data reach it at one speed, or hardly."""
 CONFIRMED_BY_OTHER = (
-    "{0} on joint {1}: held-out data confirm the limit only as {2}, from which they do not tell it; the fitted data "
-    "prefer the constant one by a BIC difference of {3:.0f}."
+    "{0} on joint {1}: held-out data confirm the limit only in its other form, {2}, from which they do not tell it; "
+    "the fitted data prefer the constant one by a BIC difference of {3:.0f}."
 )
 """Remark on a constant limit that explains the fitted data better than one that falls with the speed."""
 
