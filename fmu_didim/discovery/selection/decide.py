@@ -267,13 +267,17 @@ def _of_clock(candidate: FittedCandidate) -> str:
 def _simplest(near: Sequence[FittedCandidate], options: Options) -> FittedCandidate:
     """The member of an ambiguous set that the user prefers, else the one with the fewest parameters, those last with
     values that hardly any machine has. Of several with as few the best one, or the one that held-out data surely
-    predict better: a dead zone in which the fitted motion never turns its torque round is a constant there."""
+    predict better: a dead zone of which the fitted motion reaches one side only is a constant there."""
     preferred = [c for name in options.prefer for c in near if c.effect_at.effect == name]
     if preferred:
         return preferred[0]
-    best, *others = sorted(near, key=lambda c: (bool(c.unusual), c.cost, -c.delta_bic))
+
+    def rank(candidate: FittedCandidate) -> tuple[bool, float]:
+        return bool(candidate.unusual), candidate.cost
+
+    best, *others = sorted(near, key=lambda c: (*rank(c), -c.delta_bic))
     for other in others:
-        if (bool(other.unusual), other.cost) == (bool(best.unusual), best.cost):
+        if rank(other) == rank(best):
             ratio = held_out_ratio(best.fit, other.fit, seed=options.seed)
             best = other if ratio is not None and ratio.high < 1 else best
     return best
@@ -325,6 +329,16 @@ def step_of(
         channels_before=channel_gaps(fit),
         channels_after=channel_gaps(accepted.fit),
     )
+
+
+def with_in_set(step: Step, rivals: Sequence[tuple[FittedCandidate, float]]) -> Step:
+    """The step with rivals in its set that were not there, each with its lead in BIC."""
+    known = {a for a, _ in step.ambiguous}
+    new = [(c, lead) for c, lead in rivals if c.effect_at not in known]
+    return replace(
+        step, ambiguous=(*step.ambiguous, *((c.effect_at, max(-lead, 0.0)) for c, lead in new)),
+        members=(*step.members, *(proposal_of(c) for c, _ in new)),
+    )  # fmt: skip
 
 
 def _remark(

@@ -14,8 +14,8 @@ from fmu_didim.discovery.augmentation.builder import LoopModelBuilder
 from fmu_didim.discovery.augmentation.places import Proposal
 from fmu_didim.discovery.progress import Progress
 from fmu_didim.discovery.selection.candidates import FittedCandidate
-from fmu_didim.discovery.selection.competition import Competition, proposal_of
-from fmu_didim.discovery.selection.decide import Options, Step, nearness, objection, step_of
+from fmu_didim.discovery.selection.competition import Competition
+from fmu_didim.discovery.selection.decide import Options, Step, nearness, objection, step_of, with_in_set
 from fmu_didim.discovery.selection.held_out import FAILS_HELD_OUT, FEW_BLOCKS
 from fmu_didim.dynamics.effects import PreCheck
 from fmu_didim.fit.fit import Fit
@@ -131,12 +131,8 @@ def _checked(
     step = step_of(accepted.candidate, found, competition, options)
     if accepted.remark:
         step = replace(step, remark=" ".join(filter(None, (step.remark, accepted.remark))), untested=accepted.untested)
-    other = accepted.told_by_fits
-    if other is not None and all(a != other.effect_at for a, _ in step.ambiguous):
-        behind = accepted.candidate.delta_bic - other.delta_bic
-        step = replace(
-            step, ambiguous=(*step.ambiguous, (other.effect_at, behind)), members=(*step.members, proposal_of(other))
-        )  # fmt: skip
+    if accepted.other_form is not None:
+        step = with_in_set(step, [(accepted.other_form, accepted.other_form.delta_bic - accepted.candidate.delta_bic)])
     return step, accepted.candidate.fit
 
 
@@ -164,14 +160,14 @@ def apart(trials: Sequence[Trial], speed: str) -> list[Trial]:
 
 @dataclass(frozen=True)
 class _Judged:
-    """A limit with the objection to it, or a remark on why there is none; whether held-out data tell nothing of it; one
-    that the data do not tell from it though they prefer it."""
+    """A limit with the objection to it, or a remark on why there is none; whether held-out data tell nothing of it; the
+    other form of it, which fits worse, but from which held-out data do not tell it."""
 
     candidate: FittedCandidate
     reason: str = ""
     remark: str = ""
     untested: bool = False
-    told_by_fits: FittedCandidate | None = None
+    other_form: FittedCandidate | None = None
 
 
 def _accepted(found: Sequence[FittedCandidate], competition: Competition, options: Options) -> _Judged | None:
@@ -211,7 +207,7 @@ def _instead(
         if not simpler.reason.startswith(FAILS_HELD_OUT) or ahead >= -near or is_told:
             return None, ""
         remark = CONFIRMED_BY_OTHER.format(titles[0], other.effect_at.joint, titles[1].lower(), -ahead)
-        return _Judged(other, "", remark, told_by_fits=falls), ""
+        return _Judged(other, "", remark, other_form=falls), ""
     if ahead <= near or (ratio is not None and ratio.low > 1):
         return simpler, ""
     is_open = ratio is not None and ratio.high >= 1

@@ -37,7 +37,7 @@ from fmu_didim.discovery.selection.beside_others import (
 )
 from fmu_didim.discovery.selection.candidates import FittedCandidate, ScreenedCandidate
 from fmu_didim.discovery.selection.competition import LEADING, Competition, proposal_of
-from fmu_didim.discovery.selection.decide import NEAR_STATED, Options, Step, nearness, objection, step_of
+from fmu_didim.discovery.selection.decide import NEAR_STATED, Options, Step, nearness, objection, step_of, with_in_set
 from fmu_didim.discovery.selection.gears import hardened, hardening_instead, harder, inside_objection, other_gears
 from fmu_didim.discovery.selection.parts import Part, gain_of, parts_of_named, together_like
 from fmu_didim.discovery.selection.plausible import MAY_BE_ABSENT, repeats
@@ -301,7 +301,7 @@ class Rivalry:
                 (c, lead) for c, lead, how in found.standings(self.options)
                 if how is not Standing.BEHIND and is_other(c.effect_at)
             ]  # fmt: skip
-            told.append(_with_in_set(replace(step, rivals=tuple((c.effect_at, lead) for c, lead in left)), left))
+            told.append(with_in_set(replace(step, rivals=tuple((c.effect_at, lead) for c, lead in left)), left))
         return tuple(told)
 
     def _contest(self, fit: Fit, step: Step, catalogue: SignatureCatalogue | None = None) -> Contest | None:
@@ -462,16 +462,6 @@ def _may_stand_for_named(builder: LoopModelBuilder, effect_at: EffectAtJoint, fi
     effect = builder.effect(effect_at)
     has_simple = bool(effect.simple_form) and named >= set(effect.simple_form)
     return has_simple or bool(named & set(effect.stands_for))
-
-
-def _with_in_set(step: Step, rivals: Sequence[tuple[FittedCandidate, float]]) -> Step:
-    """The step with rivals in its set that its round did not have there."""
-    known = {a for a, _ in step.ambiguous}
-    new = [(c, lead) for c, lead in rivals if c.effect_at not in known]
-    return replace(
-        step, ambiguous=(*step.ambiguous, *((c.effect_at, max(-lead, 0.0)) for c, lead in new)),
-        members=(*step.members, *(proposal_of(c) for c, _ in new)),
-    )  # fmt: skip
 
 
 def ambiguities(builder: LoopModelBuilder, steps: Sequence[Step]) -> list[Diagnostic]:

@@ -64,7 +64,7 @@ class Order:
 
 def make_order(order: Order) -> None:
     """Make the folders of one plant; the same order gives the same files. A plant that its effects make unstable, so
-    that nothing can be logged of it or that its loop rings, is drawn anew."""
+    that nothing can be logged of it, or that rings, is drawn anew."""
     rng = np.random.default_rng([order.seed, zlib.crc32("+".join(order.effects).encode())])
     for _ in range(DRAWS):
         with suppress(SimulationFailedError):
@@ -122,16 +122,16 @@ def make_campaign(
         for (what, seed, clutter), number in zip(kinds, numbers, strict=True)
     ]
     if jobs == 1:
-        failed = list(map(_tried, orders))
+        failed = list(map(_failure_of, orders))
     else:
         with ProcessPoolExecutor(jobs, mp_context=get_context("spawn")) as pool:
-            failed = list(pool.map(_tried, orders))
+            failed = list(pool.map(_failure_of, orders))
     if any(failed):  # all others are there
         raise SimulationFailedError("; ".join(filter(None, failed)))
     return len(orders) * len(rates)
 
 
-def _tried(order: Order) -> str:
+def _failure_of(order: Order) -> str:
     """What failed in the making of a plant, or an empty string: a delay and an elastic gear on one joint may not have a
     stable loop."""
     try:
